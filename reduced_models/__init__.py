@@ -5,12 +5,11 @@
 >>> print(model)
 
 Each folder knows those before it. ``records`` are motions of a piston and what they say without a
-law; ``laws`` are its equations with their solutions, ``least_squares`` the residuals of a law on a
-record and their search. ``models`` predict, and are written to files; ``fitting`` makes one of a
-record and a law, ``derived`` one of a bed's equilibria and roots. On these stand ``falls`` (a law
-against records of other falls) and the jobs: ``discovery`` finds a law, ``calibration`` the parameters
-of a scene, ``designs`` a damper, and ``machines`` its use in a machine; ``identification`` goes from a
-source to a report.
+law; ``laws`` are its equations with their solutions. ``models`` predict, and are written to files;
+``fitting`` makes one of a record and a law, ``derived`` one of a bed's equilibria and roots. On these
+stand ``falls`` (a law against records of other falls) and the jobs: ``discovery`` finds a law,
+``calibration`` the parameters of a scene, ``designs`` a damper, and ``machines`` its use in a machine;
+``identification`` goes from a source to a report.
 ``commands`` call all these, and ``jax_setup`` is where JAX is imported.
 """
 

@@ -14,6 +14,7 @@ from .fitting.law_estimator import LawEstimator
 from .fitting.options import FitOptions
 from .fitting.parameter import Parameter
 from .fitting.posterior import sample_posterior
+from .fitting.roll_out import roll_out
 from .identification.comparison import compare
 from .identification.comparison_table import Comparison
 from .identification.identify import identify
@@ -22,7 +23,6 @@ from .laws.catalogue import law_named
 from .laws.law import Law
 from .models.model import ReducedModel, load_model
 from .models.response import law_with_force_input
-from .models.roll_out import roll_out
 from .records import PistonRecord
 from .records.first_guesses import FirstGuesses
 from .records.release import cut_at_release

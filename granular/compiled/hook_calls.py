@@ -23,11 +23,7 @@ from numba.extending import intrinsic
 
 Kernel = Callable[..., Any]
 
-OPTIONS: dict[str, Any] = {
-    "error_model": "numpy",
-    "nogil": True,
-    "forceinline": True,
-}
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "forceinline": True}
 """Options for a user's functions: those of `granular.compiled.compiled` with ``inline``."""
 
 

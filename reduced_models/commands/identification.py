@@ -426,10 +426,10 @@ def compare(options: Any) -> None:
 
 
 def _compare_laws(options: Any) -> None:
+    from reduced_models.fitting.levenberg_marquardt import spent_budget_text, time_budget
     from reduced_models.identification.candidate_laws import CANDIDATES
     from reduced_models.identification.comparison import compare as compare_laws
     from reduced_models.identification.options import check_budget
-    from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, time_budget
     from reduced_models.records.sources import make_directory
 
     check_budget(options.budget)

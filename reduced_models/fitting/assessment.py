@@ -27,6 +27,7 @@ from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
     held_at_zero_remarks,
 )
+from reduced_models.fitting.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
 from reduced_models.fitting.uncertainty import (
     Interval,
     interval_analysis,
@@ -34,9 +35,8 @@ from reduced_models.fitting.uncertainty import (
     small_motion_figures,
     widen_to_linear_intervals,
 )
+from reduced_models.fitting.unknowns import Unknowns
 from reduced_models.laws.linearization import NoSwing
-from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
-from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.harmonic_cycle import HarmonicCycle
 from reduced_models.models.model import ReducedModel

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from reduced_models.fitting.joint_records import Entries, JointRecords
 from reduced_models.fitting.residual_diagnostics import (
     autocorrelation_time,
     fit_autoregression,
     gradient_covariance,
 )
-from reduced_models.least_squares.joint_records import Entries, JointRecords
-from reduced_models.least_squares.residuals import Loss, cost_and_weight, half_cost_curvature
+from reduced_models.fitting.residuals import Loss, cost_and_weight, half_cost_curvature
 from reduced_models.records.derivatives import rounding_step
 
 if TYPE_CHECKING:

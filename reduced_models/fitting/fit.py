@@ -22,6 +22,7 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import CautionWarning, InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.assessment import has_sensor_drift, models_from_fit
+from reduced_models.fitting.joint_records import JointRecords
 from reduced_models.fitting.motion_history import fit_with_histories, is_motion_history, prepend_histories
 from reduced_models.fitting.observations import observed_records, training_data
 from reduced_models.fitting.options import (
@@ -41,12 +42,11 @@ from reduced_models.fitting.problem import (
 )
 from reduced_models.fitting.refinement import SearchResult, fine_grids_over_records, solve_on_verified_grids
 from reduced_models.fitting.residual_diagnostics import random_walk_gain, whiteness_p_value
+from reduced_models.fitting.residuals import BLOWN_UP, LossName, remove_random_walk
 from reduced_models.fitting.search import multistart_search
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law, law_from_text
-from reduced_models.least_squares.joint_records import JointRecords
-from reduced_models.least_squares.residuals import BLOWN_UP, LossName, remove_random_walk
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import SURE
 from reduced_models.records.inputs import INTERPOLATIONS, column_names, has_inputs_besides_time

@@ -13,8 +13,8 @@ from granular.shared.errors import InputError
 from reduced_models.fitting.fit import fit
 from reduced_models.fitting.options import STARTS, TEST_FRACTION
 from reduced_models.fitting.parameter import Parameters
+from reduced_models.fitting.residuals import LossName
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.residuals import LossName
 from reduced_models.models.model import ReducedModel
 
 if TYPE_CHECKING:

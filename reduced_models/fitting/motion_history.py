@@ -17,12 +17,12 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
+from reduced_models.fitting.joint_records import JointRecords
+from reduced_models.fitting.levenberg_marquardt import Bounds
 from reduced_models.fitting.options import Initial
 from reduced_models.fitting.refinement import SearchResult
 from reduced_models.fitting.start_values import acceleration_function
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.joint_records import JointRecords
-from reduced_models.least_squares.levenberg_marquardt import Bounds
 from reduced_models.records.derivatives import fit_local_cubics
 from reduced_models.records.inputs import TIME, column_names, input_column, interpolate_inputs
 

@@ -13,9 +13,9 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError, RecordWarning
 from granular.shared.message_text import quote
 from reduced_models.fitting.problem import TrainingData, split_training_data, weights_and_noise
+from reduced_models.fitting.residuals import LossName
 from reduced_models.fitting.sensor_identifiability import IdentifiableSensor, identifiable_sensor
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.residuals import LossName
 from reduced_models.records.derivatives import noise_level
 from reduced_models.records.inputs import with_stroke_columns
 from reduced_models.records.sensor import Sensor, SensorQuantity, resolve_sensor

@@ -13,8 +13,8 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.parameter import si_number
 from reduced_models.fitting.problem import Intervals
+from reduced_models.fitting.residuals import LOSSES
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.residuals import LOSSES
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation
 from reduced_models.records.sensor import Sensor, SensorQuantity
 

@@ -16,14 +16,14 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, MissingPackageError
 from granular.shared.message_text import quote
+from reduced_models.fitting.joint_records import JointRecords, joint_vector, joint_vector_entries
+from reduced_models.fitting.levenberg_marquardt import Bounds
 from reduced_models.fitting.parameter import check_parameter_names
 from reduced_models.fitting.problem import list_of_records
+from reduced_models.fitting.residuals import record_on_grid, residual_function
+from reduced_models.fitting.roll_out import search_vector_of_model
+from reduced_models.fitting.samples import grid_over_record
 from reduced_models.jax_setup import jax, jax_call
-from reduced_models.least_squares.joint_records import JointRecords, joint_vector, joint_vector_entries
-from reduced_models.least_squares.levenberg_marquardt import Bounds
-from reduced_models.least_squares.residuals import record_on_grid, residual_function
-from reduced_models.least_squares.samples import grid_over_record
-from reduced_models.models.roll_out import search_vector_of_model
 from reduced_models.records.first_guesses import first_guesses
 
 if TYPE_CHECKING:

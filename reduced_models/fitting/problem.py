@@ -12,8 +12,8 @@ import numpy as np
 
 from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import InputError, RecordError
+from reduced_models.fitting.residuals import Loss, LossName
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.residuals import Loss, LossName
 from reduced_models.records.derivatives import noise_level
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.held_out_swings import choose_test_swings

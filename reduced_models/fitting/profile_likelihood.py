@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reduced_models.fitting.covariance import sandwich_covariance
+from reduced_models.fitting.joint_records import JointRecords
+from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.fitting.uncertainty import Interval, intervals_between, search_entry_names
-from reduced_models.least_squares.joint_records import JointRecords
-from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -16,7 +16,11 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
+from reduced_models.fitting.joint_records import JointRecords, joint_vector
+from reduced_models.fitting.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
 from reduced_models.fitting.problem import FitProblem
+from reduced_models.fitting.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
+from reduced_models.fitting.samples import grid_over_record
 from reduced_models.fitting.start_values import (
     append_initial_state,
     fit_to_accelerations,
@@ -26,10 +30,6 @@ from reduced_models.fitting.uncertainty import small_motion_figures
 from reduced_models.laws.linearization import NoSwing
 from reduced_models.laws.solution import Solution, observed_signal, solve_law
 from reduced_models.laws.symmetry import canonical_parameters
-from reduced_models.least_squares.joint_records import JointRecords, joint_vector
-from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
-from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
-from reduced_models.least_squares.samples import grid_over_record
 from reduced_models.records.inputs import STROKE, TIME, StepGrid, has_inputs_besides_time, input_column
 
 if TYPE_CHECKING:

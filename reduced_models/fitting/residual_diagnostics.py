@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from reduced_models.fitting.residuals import remove_random_walk
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.residuals import remove_random_walk
 
 if TYPE_CHECKING:
     from jaxtyping import Float

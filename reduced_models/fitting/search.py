@@ -16,6 +16,19 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
+from reduced_models.fitting.joint_records import (
+    JointRecords,
+    joint_normal_equations,
+    joint_vector,
+    joint_vector_entries,
+)
+from reduced_models.fitting.levenberg_marquardt import (
+    Bounds,
+    Normal,
+    Prior,
+    levenberg_marquardt,
+    promising_starts,
+)
 from reduced_models.fitting.problem import FitProblem, TrainingData
 from reduced_models.fitting.refinement import (
     COARSE_STEPS,
@@ -24,26 +37,13 @@ from reduced_models.fitting.refinement import (
     fine_grids_over_records,
     refine_best_start,
 )
+from reduced_models.fitting.residuals import GriddedRecord, Loss, normal_equations, residual_function
+from reduced_models.fitting.samples import grid_over_record, means_on_grid, samples_on_grid
 from reduced_models.fitting.start_values import scale_unknowns, start_vectors, unknowns_of_data
 from reduced_models.fitting.strokes import stroke_start_vectors
+from reduced_models.fitting.unknowns import Unknowns, theta_bounds
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
-from reduced_models.least_squares.joint_records import (
-    JointRecords,
-    joint_normal_equations,
-    joint_vector,
-    joint_vector_entries,
-)
-from reduced_models.least_squares.levenberg_marquardt import (
-    Bounds,
-    Normal,
-    Prior,
-    levenberg_marquardt,
-    promising_starts,
-)
-from reduced_models.least_squares.residuals import GriddedRecord, Loss, normal_equations, residual_function
-from reduced_models.least_squares.samples import grid_over_record, means_on_grid, samples_on_grid
-from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
 
 _TRIALS, _TOLERANCE = 60, 1e-4  # of all horizons but the last: what lags behind loses its phase

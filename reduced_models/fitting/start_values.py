@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
+from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.fitting.problem import Pairs, TrainingData
+from reduced_models.fitting.unknowns import Unknowns
 from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.law import Law, Starts
 from reduced_models.laws.symmetry import canonical_parameters
-from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
-from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.derivatives import fit_local_cubics
 from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses, spectral_peaks
 from reduced_models.records.inputs import TIME, input_column, interpolate_inputs

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from reduced_models.fitting.joint_records import JointRecords
 from reduced_models.fitting.problem import FitProblem
+from reduced_models.fitting.residuals import residual_function
 from reduced_models.fitting.start_values import parameters_linear_in
-from reduced_models.least_squares.joint_records import JointRecords
-from reduced_models.least_squares.residuals import residual_function
-from reduced_models.least_squares.unknowns import Unknowns
+from reduced_models.fitting.unknowns import Unknowns
 
 if TYPE_CHECKING:
     from jaxtyping import Float

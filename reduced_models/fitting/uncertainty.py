@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reduced_models.fitting.covariance import FitStatistics, marginal_information
+from reduced_models.fitting.unknowns import Unknowns
 from reduced_models.laws.linearization import (
     JUMPS,
     NoSwing,
@@ -21,7 +22,6 @@ from reduced_models.laws.linearization import (
     law_rates,
     small_swing,
 )
-from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.quality import ParameterDirection
 

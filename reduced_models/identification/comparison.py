@@ -29,6 +29,7 @@ from reduced_models.fitting.parameter import (
     is_per_record,
 )
 from reduced_models.fitting.problem import RecordLike, list_of_records
+from reduced_models.fitting.roll_out import RollOut, roll_out
 from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (
     NOISE_TIE,
@@ -43,7 +44,6 @@ from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printout import format_percent
 from reduced_models.models.quality import Quality
-from reduced_models.models.roll_out import RollOut, roll_out
 
 STRONG = 6.0
 """Difference of information criteria from which evidence is strong (Kass & Raftery 1995,

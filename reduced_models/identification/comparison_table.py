@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.message_text import format_factor
 from granular.shared.text_tables import align_columns
+from reduced_models.fitting.roll_out import RollOut
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.printout import (
@@ -18,7 +19,6 @@ from reduced_models.models.printout import (
     record_lines,
     wrap_words,
 )
-from reduced_models.models.roll_out import RollOut
 
 if TYPE_CHECKING:
     import pandas

@@ -13,6 +13,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordWarning, TimeBudgetError
 from granular.shared.message_text import sanitize
+from reduced_models.fitting.levenberg_marquardt import spent_budget_text, time_budget
 from reduced_models.identification.candidate_laws import (
     candidate_force_laws,
     choose_candidate_laws,
@@ -30,7 +31,6 @@ from reduced_models.identification.wells import well_quantities
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.levenberg_marquardt import spent_budget_text, time_budget
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.models.quantities import QuantityWithError

@@ -14,7 +14,7 @@ from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
     random_walk_gain,
 )
-from reduced_models.least_squares.residuals import remove_random_walk
+from reduced_models.fitting.residuals import remove_random_walk
 from reduced_models.models.model import ReducedModel
 
 if TYPE_CHECKING:

@@ -15,7 +15,6 @@ from granular.shared.errors import InputError
 from granular.shared.files import write_json
 from granular.shared.message_text import quote, sanitize
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.sensor_signal import motion_signal
 from reduced_models.models import export, observed, prediction, response, schema
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.harmonic_cycle import HarmonicCycle
@@ -24,6 +23,7 @@ from reduced_models.models.printed_model import PrintedModel
 from reduced_models.models.quality import ParameterDirection, Quality
 from reduced_models.records.inputs import Interpolation
 from reduced_models.records.sensor import Sensor
+from reduced_models.records.sensor_filter import motion_signal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -278,29 +278,6 @@ class ReducedModel(PrintedModel):
 
     def _repr_latex_(self) -> str:
         return f"$${self.fitted_latex}$$"
-
-    def score(self, record: PistonRecord) -> float:
-        """Coefficient of determination R^2 of all heights of a record, predicted as by `roll_out`.
-
-        Parameters
-        ----------
-        record : PistonRecord
-            Record (n,) to predict, with the inputs of the law.
-
-        Returns
-        -------
-        float
-            R^2, at most 1; below 0 where the mean height is nearer, -inf where the law diverges.
-
-        Raises
-        ------
-        RecordError
-            If the record has fewer than 20 samples, does not move, lasts too many periods, has heights
-            or times beyond what can be computed with, or lacks an input of the law.
-        """
-        from reduced_models.models.roll_out import roll_out
-
-        return 1.0 - roll_out(self, record).relative ** 2
 
     def free_decay(self, amplitude: float, periods: float = 10.0) -> PistonRecord:
         """Motion of a piston released from a height above its level of rest; see `response`.

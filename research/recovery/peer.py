@@ -15,9 +15,9 @@ from granular.shared.result_cache import digest
 from reduced_models.fitting.options import STARTS, TEST_FRACTION
 from reduced_models.fitting.problem import split_training_data
 from reduced_models.fitting.start_values import scale_unknowns, start_vectors
+from reduced_models.fitting.unknowns import Unknowns
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.inputs import TIME, input_column
 
 MOST_CALLS = 1500

@@ -78,8 +78,8 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
         Stage(False, (_FORCES, _SMALL, "tests/granular/pairs/test_verlet_list.py")),
         Stage(True, ("tests/physics/test_pair_sum.py", "tests/granular/pairs")),
     ),
-    "reduced_models/least_squares": (
-        Stage(True, ("tests/reduced_models/least_squares",)),
+    "reduced_models/fitting": (
+        Stage(True, ("tests/reduced_models/fitting/test_levenberg_marquardt.py",)),
         Stage(True, ("tests/reduced_models/fitting", "tests/reduced_models/laws/test_laws.py")),
     ),
     "reduced_models": (

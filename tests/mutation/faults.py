@@ -13,7 +13,7 @@ AREAS = {
     "effects": ("granular/effects",),
     "engine": ("granular/engine",),
     "pairs": ("granular/pairs",),
-    "fitting": ("reduced_models/fitting", "reduced_models/least_squares"),
+    "fitting": ("reduced_models/fitting",),
 }
 """Folders that faults are drawn from, by turns."""
 

@@ -10,8 +10,8 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import FitOptions, Law, LawEstimator, ReducedModel, fit, load_model
+from reduced_models.fitting.samples import grid_over_record
 from reduced_models.laws.solution import solve_law
-from reduced_models.least_squares.samples import grid_over_record
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, interpolate_inputs, piecewise_cubics
 
 LAW = Law("driven", "z'' + c*z' + k*z + b*z**3 = g*force", inputs=("force",))

@@ -17,10 +17,10 @@ from reduced_models.fitting.residual_diagnostics import (
     fit_autoregression,
     gradient_covariance,
 )
+from reduced_models.fitting.residuals import _compile_residuals
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.laws import law_named
 from reduced_models.laws.solution import _adaptive_solver, solve_law
-from reduced_models.least_squares.residuals import _compile_residuals
 from reduced_models.records.derivatives import spectral_peak_frequency
 from reduced_models.records.first_guesses import first_guesses
 

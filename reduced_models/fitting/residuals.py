@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
+from reduced_models.fitting.levenberg_marquardt import Normal
+from reduced_models.fitting.samples import Samples, samples_on_grid
+from reduced_models.fitting.sensor_signal import solution_signal
+from reduced_models.fitting.unknowns import Unknowns, physical_values, sensor_values
 from reduced_models.jax_setup import Compiled, jax, jit
 from reduced_models.laws.equation import PROGRAMS, compile_observation, compile_rates, parse_equation
 from reduced_models.laws.solution import hermite_interpolate, solve_on_grid, states_at_samples
-from reduced_models.least_squares.levenberg_marquardt import Normal
-from reduced_models.least_squares.samples import Samples, samples_on_grid
-from reduced_models.least_squares.sensor_signal import solution_signal
-from reduced_models.least_squares.unknowns import Unknowns, physical_values, sensor_values
 from reduced_models.records.inputs import Interpolation, StepGrid
 
 if TYPE_CHECKING:

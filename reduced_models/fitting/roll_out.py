@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
-from reduced_models.least_squares.residuals import BLOWN_UP, record_on_grid
-from reduced_models.least_squares.samples import grid_over_record
-from reduced_models.least_squares.unknowns import Unknowns
+from reduced_models.fitting.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
+from reduced_models.fitting.residuals import BLOWN_UP, record_on_grid
+from reduced_models.fitting.samples import grid_over_record
+from reduced_models.fitting.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.held_out_swings import error_on_swings, find_whole_swings

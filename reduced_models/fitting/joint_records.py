@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
-from reduced_models.least_squares.residuals import GriddedRecord, Selection
-from reduced_models.least_squares.unknowns import Unknowns
+from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
+from reduced_models.fitting.residuals import GriddedRecord, Selection
+from reduced_models.fitting.unknowns import Unknowns
 
 if TYPE_CHECKING:
     from jaxtyping import Float

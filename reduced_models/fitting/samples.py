@@ -8,17 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
+from reduced_models.fitting.sensor_signal import SensorSignalTables, sensor_signal_tables
 from reduced_models.laws.solution import (
     CHUNK,
     count_grid_steps,
     padded_length,
     padded_step_count,
     round_up_to_chunks,
-)
-from reduced_models.least_squares.sensor_signal import (
-    SensorSignalTables,
-    filter_by_sensor,
-    sensor_signal_tables,
 )
 from reduced_models.records.derivatives import is_evenly_sampled
 from reduced_models.records.inputs import (
@@ -30,6 +26,7 @@ from reduced_models.records.inputs import (
     inputs_on_grid,
 )
 from reduced_models.records.sensor import Sensor
+from reduced_models.records.sensor_filter import filter_by_sensor
 
 if TYPE_CHECKING:
     from jaxtyping import Float

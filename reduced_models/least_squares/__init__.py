@@ -1,1 +1,0 @@
-"""Least squares of a law's solution and a record: unknowns, residuals, and the search."""
