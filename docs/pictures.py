@@ -824,7 +824,6 @@ def draw_libraries() -> None:
         "sympy",
         "jax",
         "diffrax",
-        "optimistix",
     )
     empty = min(run_seconds("", {}) for _ in range(3))
     costs = {}

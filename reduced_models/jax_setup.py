@@ -187,7 +187,7 @@ def _processor() -> str | None:
 def _digest_of_surroundings() -> str:
     """Digest of all that a program depends on but its form: sources, versions and settings."""
     digest = hashlib.sha256()
-    versions = [version(name) for name in ("jax", "jaxlib", "diffrax", "equinox", "optimistix", "sympy")]
+    versions = [version(name) for name in ("jax", "jaxlib", "diffrax", "equinox", "sympy")]
     digest.update(f"{versions} {os.environ.get('XLA_FLAGS')} {jax.config.values}".encode())
     package = Path(__file__).parent
     for folder in (package, package.parent / "granular" / "formulas"):

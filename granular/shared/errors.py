@@ -169,7 +169,7 @@ class Interrupted(KeyboardInterrupt):
         self.terminated = terminated
 
 
-_FITS = "diffrax equinox jax jaxlib lineax mpmath optimistix sympy"
+_FITS = "diffrax equinox jax jaxlib mpmath sympy"
 _SIMULATION = "PIL google_crc32c llvmlite loky numba numcodecs pandas tomli_w xarray zarr"
 NEEDED_BY = dict.fromkeys(_FITS.split(), "fits") | dict.fromkeys(_SIMULATION.split(), "simulation")
 """Modules that an installation of one half lacks, with the group of `pyproject.toml` for each."""

@@ -1,9 +1,8 @@
 """Levenberg-Marquardt for many starts side by side, with a prior and bounds.
 
-Steps, and how far they may go, are optimistix's: its damped Newton descent and its trust region,
-on entries that are scaled to a unit diagonal of the normal matrix (Marquardt 1963,
-doi:10.1137/0111030). The loop is stepped from here, so that what is compiled does not depend on
-the law.
+Entries are scaled to a unit diagonal of the normal matrix, and the damping changes tenfold (Marquardt
+1963, doi:10.1137/0111030). The batch is stepped in NumPy: compiling the few operations of a step took
+longer than most searches.
 """
 
 from __future__ import annotations
@@ -16,17 +15,12 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import lineax
 import numpy as np
-import optimistix
 
 from granular.shared.errors import TimeBudgetError
-from reduced_models.jax_setup import jax, jit
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
-
-jnp = jax.numpy
 
 Normal = Callable[[np.ndarray], Any]
 """Map from search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p)."""
@@ -41,14 +35,8 @@ _IN_THE_RUNNING = 4.0  # times the least cost: starts above it are not waited fo
 _LONGEST, _SHORTEST = 1e6, 1e-12  # steps: one over the damping
 _VAIN = 0.01  # of the tolerance: a promise below it is not worth a trial
 _LONG = 1e4  # steps that damping hardly shortens: what they promise is what there is to gain
-_SHARED_STARTS, _SHARED_ENTRIES = 16, 8  # multiples that a batch and its vectors are filled up to
-# A step is taken whenever the cost falls; the damping changes tenfold, as Marquardt's (1963).
-_TRUST: optimistix.ClassicalTrustRegion[Any] = optimistix.ClassicalTrustRegion(
-    high_cutoff=0.25, low_cutoff=0.0, high_constant=10.0, low_constant=0.1
-)
-_DESCENT: optimistix.DampedNewtonDescent[Any] = optimistix.DampedNewtonDescent(
-    linear_solver=lineax.Cholesky()
-)
+_FAR, _NEAR = 10.0, 0.1  # factors of the step's length behind a good trial and a vain one
+_GOOD = 0.25  # of the saving that the quadratic model promises
 
 
 _END: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("end", default=(math.inf, ""))
@@ -124,16 +112,18 @@ def levenberg_marquardt(
         _check_budget()
         theta, cost = best[:2]
         precision = cost[:, None] / prior.samples * prior.precision
-        moved, gain = _padded_call(_next_vectors, best, start, precision, sizes, bounds)
-        moved = np.where(np.isfinite(moved), moved, theta)
+        model = _quadratic_model(best, start, precision)
+        moved, gain = _next_vectors(model, theta, sizes, bounds)
         total = cost + (precision * (theta - start) ** 2).sum(axis=1)
         idle = np.where((gain <= _VAIN * tolerance * total) & (sizes >= _LONG), patience, idle)
         if _starts_have_settled(idle >= patience, wanted, cost, prior.samples):
             break
         trial = _evaluate_point(normal, moved)
         trial_total = trial[1] + (precision * (moved - start) ** 2).sum(axis=1)
-        better, sizes = _padded_call(_judge_steps, best, start, precision, sizes, moved, total, trial_total)
-        sizes = np.clip(sizes, _SHORTEST, _LONGEST)
+        better = trial_total < total
+        good = better & (trial_total - total < _GOOD * _promised_change(model, moved - theta))
+        factors = np.where(good, _FAR, np.where(trial_total <= total, 1.0, _NEAR))
+        sizes = np.clip(factors * sizes, _SHORTEST, _LONGEST)
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
         theta, cost, gradient, matrix = map(functools.partial(_select_rows, better), trial, best)
@@ -160,90 +150,57 @@ def promising_starts(cost: Float[np.ndarray, "s"], samples: float) -> Bool[np.nd
     return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
 
 
-def _padded_call(function: Callable[..., Any], *arguments: Any) -> list[np.ndarray]:
-    """Results of a compiled function, padded so that batches of similar size share its code."""
-    # Padding entries are between equal bounds, zero and zero, where they change no other.
-    starts, entries = arguments[0][0].shape
-    rows = 1 if starts == 1 else _SHARED_STARTS * math.ceil(starts / _SHARED_STARTS)
-    columns = _SHARED_ENTRIES * math.ceil(entries / _SHARED_ENTRIES)
-    sizes = rows, columns, columns
-
-    def fill(array: np.ndarray) -> np.ndarray:
-        result = np.zeros(sizes[: array.ndim])
-        result[tuple(map(slice, array.shape))] = array
-        return result
-
-    results = map(np.asarray, function(*jax.tree.map(fill, arguments)))
-    return [result[tuple(map(slice, (starts, entries)[: result.ndim]))] for result in results]
-
-
 def _evaluate_point(normal: Normal, theta: np.ndarray) -> Point:
     cost, gradient, matrix = map(np.asarray, normal(theta))
     return theta, cost, gradient, matrix
 
 
-def _scale_coefficients(
-    best: Point, start: jax.Array, precision: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Slope and matrix of a search vector's half cost in scaled entries, and their scale."""
+class _QuadraticModel(NamedTuple):
+    """Half cost about search vectors, in entries that are scaled to a unit diagonal."""
+
+    slope: Float[np.ndarray, "s p"]
+    matrix: Float[np.ndarray, "s p p"]
+    scale: Float[np.ndarray, "s p"]
+
+
+def _quadratic_model(
+    best: Point, start: Float[np.ndarray, "s p"], precision: Float[np.ndarray, "s p"]
+) -> _QuadraticModel:
     theta, _, gradient, matrix = best
-    full = jnp.asarray(matrix) + jnp.diag(precision)
-    scale = 1.0 / jnp.sqrt(jnp.maximum(jnp.diag(full), 1e-300))
-    slope = jnp.asarray(gradient) + precision * (theta - start)
-    return scale * slope, full * jnp.outer(scale, scale), scale
+    full = matrix + precision[:, :, None] * np.eye(theta.shape[1])
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(full, axis1=1, axis2=2), 1e-300))
+    slope = scale * (gradient + precision * (theta - start))
+    return _QuadraticModel(slope, full * scale[:, :, None] * scale[:, None, :], scale)
 
 
-def _quadratic_model(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
-    """Cost, slope and matrix at a point, as optimistix takes them."""
-    operator = lineax.MatrixLinearOperator(matrix, lineax.positive_semidefinite_tag)
-    return optimistix.FunctionInfo.EvalGradHessian(half_cost, slope, operator)
-
-
-@jit
-@jax.vmap
 def _next_vectors(
-    best: Point, start: jax.Array, precision: jax.Array, size: jax.Array, bounds: Bounds
-) -> tuple[jax.Array, jax.Array]:
-    """Next search vectors, within the bounds, and what of the cost they promise to save."""
-    theta, cost, *_ = best
-    slope, matrix, scale = _scale_coefficients(best, start, precision)
+    model: _QuadraticModel, theta: Float[np.ndarray, "s p"], sizes: Float[np.ndarray, "s"], bounds: Bounds
+) -> tuple[Float[np.ndarray, "s p"], Float[np.ndarray, "s"]]:
+    """Next search vectors, within the bounds, and the part of the cost that they promise to save."""
+    slope, matrix, scale = model
     resting = (
         ((theta <= bounds.low) & (slope >= 0.0))
         | ((theta >= bounds.high) & (slope <= 0.0))
         | (bounds.low == bounds.high)
     )
-    identity = jnp.eye(len(slope))
-    matrix = jnp.where(resting[:, None] | resting[None, :], identity, matrix)
-    slope = jnp.where(resting, 0.0, slope)
-    point = _quadratic_model(0.5 * cost, slope, matrix)
-    state = _DESCENT.query(slope, point, _DESCENT.init(slope, point))
-    step, _ = _DESCENT.step(size, state)
-    gain = -2.0 * slope @ step - step @ matrix @ step
-    return jnp.clip(theta + scale * step, bounds.low, bounds.high), gain
+    identity = np.eye(theta.shape[1])
+    matrix = np.where(resting[:, :, None] | resting[:, None, :], identity, matrix)
+    slope = np.where(resting, 0.0, slope)
+    damped = matrix + identity / sizes[:, None, None]
+    step = -np.linalg.solve(damped, slope[:, :, None])[:, :, 0]
+    gain = -2.0 * (slope * step).sum(axis=1) - _form(matrix, step)
+    moved = np.clip(theta + scale * step, *bounds)
+    return np.where(np.isfinite(moved), moved, theta), gain
 
 
-@jit
-@jax.vmap
-def _judge_steps(
-    best: Point,
-    start: jax.Array,
-    precision: jax.Array,
-    size: jax.Array,
-    moved: jax.Array,
-    total: jax.Array,
-    trial_total: jax.Array,
-) -> tuple[jax.Array, jax.Array]:
-    """Decide whether steps are accepted, and return the size of the next ones."""
-    slope, matrix, scale = _scale_coefficients(best, start, precision)
-    here = _quadratic_model(0.5 * total, slope, matrix)
-    there = optimistix.FunctionInfo.Eval(0.5 * trial_total)
-    state = _TRUST.init(slope, here)
-    state = type(state)(step_size=size)
-    origin = jnp.zeros_like(slope)
-    length, accepted, _, _ = _TRUST.step(
-        jnp.array(False), origin, (moved - best[0]) / scale, here, there, state
-    )
-    return accepted & (trial_total < total), length
+def _promised_change(model: _QuadraticModel, change: Float[np.ndarray, "s p"]) -> Float[np.ndarray, "s"]:
+    """Change of the cost by changes of the search vectors."""
+    step = change / model.scale
+    return 2.0 * (model.slope * step).sum(axis=1) + _form(model.matrix, step)
+
+
+def _form(matrix: Float[np.ndarray, "s p p"], step: Float[np.ndarray, "s p"]) -> Float[np.ndarray, "s"]:
+    return np.einsum("sp,spq,sq->s", step, matrix, step)
 
 
 def _select_rows(better: np.ndarray, trial: np.ndarray, former: np.ndarray) -> np.ndarray:

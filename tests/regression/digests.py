@@ -37,7 +37,7 @@ WAYS: dict[str, dict[str, Any]] = {
     "friction": {"pairs.method": "direct", "effects.friction": {}},
 }
 QUANTITIES = ("position", "velocity", "piston_height")
-LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "jax", "jaxlib", "diffrax", "optimistix")
+LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "jax", "jaxlib", "diffrax")
 
 
 def surroundings() -> dict[str, str]:
