@@ -412,7 +412,7 @@ class Host(MovingFrameEffect):
 def _check_inclined_side(side: str, others: Mapping[str, Effect], *path: str) -> None:
     """Refuse forces along a side that moves with a further piston, which its balance does not have."""
     walls: Any = others.get("walls")
-    wall = None if walls is None else getattr(walls, side)
+    wall = None if walls is None else walls.wall_of(side)
     if wall is not None and (wall.own is not None or wall.law in ("slab", "discs")):
         raise FieldError(
             f"is not level, and its wall {wall.law!r} pushes along itself; take 'infinite' or "

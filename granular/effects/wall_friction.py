@@ -58,7 +58,7 @@ class WallFriction(DissipativeEffect):
     ) -> None:
         """Check that a side wall is there, whose force is a law of the distance alone."""
         walls: Any = others.get("walls")
-        rubbing = [] if walls is None else [getattr(walls, line.name) for line in _rubbing_lines(cell)]
+        rubbing = [] if walls is None else [walls.wall_of(line.name) for line in _rubbing_lines(cell)]
         if not any(rubbing):
             raise FieldError("there is no side wall to rub at; give effects.walls", "effects", self.key)
         if any(wall is not None and wall.law in ("slab", "discs") for wall in rubbing):

@@ -24,9 +24,9 @@ from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_kernels import WallLaws
 from granular.effects.wall_side import Side
 from granular.effects.wall_slab import SlabWall
-from granular.kernel_data.state import CELL
+from granular.kernel_data.state import CELL, PISTON
 from granular.schema.apparatus import Grains, Piston
-from granular.schema.cell import Cell, SideLine
+from granular.schema.cell import ROUNDING, Cell, Point, SideLine
 from granular.schema.field_kinds import FieldError, FieldKind, NestedSectionKind, at_key, unknown_word_message
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section, quantity, section_field, text_field
@@ -189,11 +189,13 @@ class Walls(ForceEffect):
         """Walls as a table by their sides; `from_plain` makes equal ones of it."""
         return {side: "none" if wall is None else wall.to_plain() for side, wall in self.walls}
 
-    def __getattr__(self, name: str) -> Any:
-        for side, wall in self.__dict__.get("walls", ()):
-            if side == name:
-                return wall
-        raise AttributeError(f"there is no side {name!r}")
+    def wall_of(self, side: str) -> Wall | None:
+        """Wall of a side; None if it is open."""
+        return dict(self.walls).get(side)
+
+    def _inner_section(self, part: str) -> Wall | None:
+        """Wall of a side, by which a dotted key goes on."""
+        return self.wall_of(part)
 
     def resolve_parts(self, grains: Grains, cell: Cell) -> Walls:
         """Return the walls of all sides of the cell, where unnamed ones are rows of the grains' discs."""
@@ -208,18 +210,22 @@ class Walls(ForceEffect):
         result = copy.copy(self)
         object.__setattr__(result, "walls", tuple((side, given.get(side, usual)) for side in sides))
         object.__setattr__(result, "unnamed", tuple(side for side in sides if side not in given))
-        object.__setattr__(result, "has_gap", result._lets_grains_out(cell))
+        object.__setattr__(result, "has_gap", bool(result._ways_out(cell)))
         return result
 
-    def _lets_grains_out(self, cell: Cell) -> bool:
-        """Return whether a slab has a gap, or walls of a polygon that move with it do not meet."""
-        if any(wall.has_gap for _, wall in self.present_walls):
-            return True
-        walled = [
-            line.name for line in cell.lines if line.body == CELL and getattr(self, line.name) is not None
-        ]
-        # Walls in one chain have two free ends, between which the piston or the open top is.
-        return cell.is_polygon and cell.free_ends(walled, 0.0) > 2
+    def _ways_out(self, cell: Cell) -> list[Point]:
+        """Directions in which grains leave through slabs with a gap, and between walls of a polygon."""
+        walled = [(line, wall) for line in cell.lines if (wall := self.wall_of(line.name)) is not None]
+        result = [(-line.normal[0], -line.normal[1]) for line, wall in walled if wall.has_gap]
+        if not cell.is_polygon:
+            return result
+        gaps = cell.gaps([line.name for line, _ in walled if line.body == CELL], 0.0)
+        # The widest one above is the open top, or where the piston is, which may also come from below.
+        filled = next((line.tangent[0] for line, _ in walled if line.body == PISTON), -1.0)
+        gaps.sort(key=lambda way: filled * way[0])
+        if gaps and filled * gaps[-1][0] > 0.0:
+            gaps.pop()
+        return result + [(y, -x) for x, y in gaps]
 
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
@@ -227,14 +233,15 @@ class Walls(ForceEffect):
         """Check that slabs fit the cell and the piston's height, and a pitch the magnets."""
         height = 0.0 if piston is None else piston.height or 0.0
         diameter = grains.species[0].diameter
+        ways_out = self._ways_out(cell)
         for line in cell.lines:
-            wall = getattr(self, line.name)
+            wall = self.wall_of(line.name)
             if wall is not None:
                 with at_key("effects", self.key, line.name):
                     _check_slab(wall, line, height)
                     _check_pitch(wall, diameter)
-                    if cell.is_polygon and self.has_gap:
-                        _check_leaves_opening_free(wall, line)
+                    if cell.is_polygon:
+                        _check_leaves_openings_free(wall, line, ways_out)
 
     @property
     def present_walls(self) -> list[tuple[str, Wall]]:
@@ -263,7 +270,7 @@ def natural_sides(
     """Return sides of the cell with their laws, all open without walls, in natural units."""
     sides = []
     for line in lines:
-        wall = None if walls is None else getattr(walls, line.name)
+        wall = None if walls is None else walls.wall_of(line.name)
         law = None if wall is None else wall.make_kernel_law(context, line)
         sides.append(_natural_side(line, _body_of_side(line, context), law, context.scales))
     return tuple(sides)
@@ -307,9 +314,11 @@ def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
         )
 
 
-def _check_leaves_opening_free(wall: Wall, line: SideLine) -> None:
-    """Check that the force of a wall ends with its side, if its line may cross an opening."""
-    if line.body == CELL and wall.law != "slab" and not line.is_upright:
+def _check_leaves_openings_free(wall: Wall, line: SideLine, ways_out: list[Point]) -> None:
+    """Check that the force of a wall ends with its side, if grains that leave and fall cross its line."""
+    nx, ny = line.normal
+    crossed = any(ny > ROUNDING or nx * x + ny * y < -ROUNDING for x, y in ways_out)
+    if line.body == CELL and wall.law != "slab" and crossed:
         raise FieldError(
             f"{wall.law!r} has no end, and would close the opening of the cell; take 'slab', or let the "
             "sides meet",

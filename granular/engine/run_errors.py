@@ -14,7 +14,7 @@ from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, PISTON, State
 from granular.pairs.disc_near_law import CLOSEST
 from granular.pairs.near_law import closest_over_least
-from granular.schema.cell import SideLine
+from granular.schema.cell import SideLine, piston_wall_key
 from granular.schema.natural_units import Scales
 from granular.shared.errors import (
     EnergyError,
@@ -49,7 +49,7 @@ def misplaced_grain_error(
         return OutsideError(
             f"the piston is {value:.3g} m below the bottom, 0 m is the limit",
             value=value,
-            remedy="give it a wall ('effects.walls.top'), or a path that stays above the bottom",
+            remedy=f"give it a wall ({piston_wall_key(lines)}), or a path that stays above the bottom",
             **common,
         )
     for line, side in zip(lines, constants.acting.sides, strict=True):

@@ -174,7 +174,7 @@ class LammpsDeck(NamedTuple):
         walls = self.scene.effects.walls
         if walls is None:
             return {}
-        result = {side: getattr(walls, side) for side in FACES}
+        result = {side: walls.wall_of(side) for side in FACES}
         if self.scene.piston is None:
             del result["top"]
         return {side: wall.law for side, wall in result.items() if wall is not None}

@@ -25,7 +25,7 @@ from granular.run.engines import NO_TICKS, UNWATCHED
 from granular.run.plan import plan
 from granular.run.run_state import RunState
 from granular.scene.scene import Scene
-from granular.schema.cell import PISTON
+from granular.schema.cell import PISTON, Heights, piston_wall_key
 from granular.schema.sections import find_value
 from granular.shared.errors import InputError, RunError
 from granular.shared.message_text import quote
@@ -44,9 +44,6 @@ of Hertz's stiffness, of two grains that move apart by it, is then 1e-6; its sma
 FLOW = 1e-5
 """Duration of the flow whose difference is the resistance [tau]: rounding over it, 1e-11, is as large as the
 square of decay rates of 5/tau times it, which is neglected."""
-
-Heights = float | np.ndarray | None
-"""Height of the piston [m], and behind it those of further ones; None without a piston."""
 
 _FRICTION = ("friction", "wall_friction")
 
@@ -117,13 +114,16 @@ class BedForces:
         """Positions of the grains [m]."""
         return np.stack([q[: self.grains], q[self._fall]], axis=1)
 
+    def piston_height(self, q: Float[np.ndarray, "q"]) -> float:
+        """Height of the piston, which is given where it is not free [m]."""
+        return self._height if self.piston is None else float(q[self.piston])
+
     def _look(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "columns"]:
         """Have the loop compute all forces, and return its record."""
         state, length = self._run.state, self.length
         state.x[: self.grains] = q[: self.grains] / length
         state.y[: self.grains] = q[self._fall] / length
-        height = self._height if self.piston is None else q[self.piston]
-        state.piston[HEIGHT] = height / length
+        state.piston[HEIGHT] = self.piston_height(q) / length
         state.bodies[PISTON + 1 :, HEIGHT] = q[self.pistons : self.bodies] / length
         try:
             with report_arithmetic_errors_as(_misplaced_grain_error):
@@ -275,7 +275,8 @@ def has_free_piston(scene: Scene) -> bool:
 def check_free_piston(scene: Scene) -> None:
     """Refuse a scene without a free piston."""
     if not has_free_piston(scene):
-        raise InputError("the scene has no free piston; give piston.mass and effects.walls.top")
+        wall = piston_wall_key(scene.cell.lines)
+        raise InputError(f"the scene has no free piston; give piston.mass and {wall}")
 
 
 def rubs_dry(scene: Scene) -> bool:

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.linear.bed_forces import BedForces, Heights, rubs_dry
+from granular.linear.bed_forces import BedForces, rubs_dry
 from granular.linear.pencil import Pencil, make_pencil
 from granular.linear.relaxation import RELAXED, relax
 from granular.protocol.stage import TimedStage
 from granular.run.run_directory import is_run_directory
 from granular.run.simulation import simulate
-from granular.run.trajectory import Trajectory, load_trajectory
+from granular.run.trajectory import Trajectory, frame_heights, load_trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
+from granular.schema.cell import Heights
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -84,6 +85,12 @@ class Equilibrium:
     residual: float
     frictionless: bool
     pencil: Pencil
+
+    @property
+    def heights(self) -> Float[np.ndarray, "p"]:
+        """Heights of the piston, or 0 without one, and of further pistons [m]."""
+        bed = self.pencil.bed
+        return np.array([self.piston_height or 0.0, *self.pencil.at[bed.pistons : bed.bodies]])
 
     @functools.cached_property
     def lowest_stiffness(self) -> Float[np.ndarray, "k"]:
@@ -153,18 +160,16 @@ def equilibrium_from(
     return Equilibrium(
         scene=scene,
         positions=bed.positions(at),
-        piston_height=_height_of_piston(height) if bed.piston is None else float(at[bed.piston]),
+        piston_height=None if scene.piston is None else bed.piston_height(at),
         residual=float(np.abs(bed.forces(at)).max()),
         frictionless=rubs_dry(scene),
         pencil=pencil,
     )
 
 
-def _height_of_piston(height: Heights) -> float | None:
-    return None if height is None else float(np.atleast_1d(height)[0])
-
-
-def settled_state(source: Scene | Trajectory | str | Path) -> tuple[Scene, Float[np.ndarray, "n 2"], Heights]:
+def settled_state(
+    source: Scene | Trajectory | str | Path,
+) -> tuple[Scene, Float[np.ndarray, "n 2"], Float[np.ndarray, "p"]]:
     """Return scene, positions and heights [m] of a run's end, or of a scene's first rest."""
     if not isinstance(source, Trajectory | Scene):
         source = load_trajectory(source) if is_run_directory(Path(source)) else load_scene(source)
@@ -176,15 +181,11 @@ def settled_state(source: Scene | Trajectory | str | Path) -> tuple[Scene, Float
     positions = run.dataset["position"].values[-1]
     if not np.isfinite(positions).all():
         raise InputError(
-            "grains have left the cell; a bed with a gap has no equilibrium: leave out "
-            "effects.walls.bottom.gap_start and gap_end"
+            "grains have left the cell; a bed with a gap has no equilibrium: leave out gap_start and gap_end "
+            "of effects.walls, and let all sides meet"
         )
-    height: Heights = None if run.scene.piston is None else float(run.dataset["frame_height"].values[-1])
-    host = run.scene.effects.host
-    if host is not None and host.pistons:
-        further = [run.dataset[f"{other.name}_displacement"].values[-1] for other in host.pistons]
-        height = np.array([height or 0.0, *further])
-    return source.scene if isinstance(source, Trajectory) else source, positions, height
+    scene = source.scene if isinstance(source, Trajectory) else source
+    return scene, positions, frame_heights(run.scene, run.dataset)[-1]
 
 
 def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:

@@ -232,7 +232,7 @@ def motion_friction(
             f"the scene {scene.name!r} names no friction; give a coefficient, or effects.friction"
         )
     shape, n = static_shape(pencil, piston), pencil.bed.grains
-    loads = evaluate(scene, rest.positions, piston_height=rest.piston_height).normal_load
+    loads = evaluate(scene, rest.positions, piston_height=rest.heights).normal_load
     moving = float(loads @ np.hypot(shape[:n], shape[n : 2 * n]))
     dynamic = 0.0 if friction is None else friction.dynamic
     # The third derivative along the static shape is that of the relaxed energy (the 2n + 1 theorem).

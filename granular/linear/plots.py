@@ -42,7 +42,7 @@ def plot_mode(rest: Equilibrium, shape: Shaped[np.ndarray, "q"], ax: Axes | None
     """
     ax = axes_or_new(ax)
     bed, real = rest.pencil.bed, np.real(shape)
-    draw_bed(ax, rest.scene, rest.positions, rest.piston_height)
+    draw_bed(ax, rest.scene, rest.positions, rest.heights)
     ax.collections[0].set(facecolors=GREY, alpha=0.35)
     moves = bed.positions(real)
     largest = float(np.hypot(*moves.T).max())

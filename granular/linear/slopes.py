@@ -162,7 +162,7 @@ def _relative_change(rest: Equilibrium, key: str) -> float:
 
 def _changed_bed(rest: Equilibrium, key: str, factor: float) -> BedForces:
     bed = BedForces(scaled_parameter(rest.scene, key, factor))
-    bed.coordinates(rest.positions, rest.piston_height)
+    bed.coordinates(rest.positions, rest.heights)
     return bed
 
 

@@ -142,19 +142,19 @@ def interior_force_fluctuation(frame: Frame) -> Float[np.ndarray, "n"]:
 @observable("N", "compressive force on the grain", name="compressive_force")
 def grain_compressive_force(frame: Frame) -> Float[np.ndarray, "n"]:
     """Sum of the magnitudes of the forces of grains and walls on each grain; see `compressive_forces` [N]."""
-    return compressive_forces(frame.scene, frame.positions, frame.piston_height)
+    return compressive_forces(frame.scene, frame.positions, frame.heights)
 
 
 @observable("N/m", "stress of the grain, positive for compression")
 def grain_stress(frame: Frame) -> Float[np.ndarray, "n 2 2"]:
     """Virial stress tensor of each grain over its Voronoi cell; see `grain_stresses` [N/m]."""
-    return grain_stresses(frame.scene, frame.positions, frame.piston_height)
+    return grain_stresses(frame.scene, frame.positions, frame.heights)
 
 
 @observable("N/m", "pressure of the grain")
 def grain_pressure(frame: Frame) -> Float[np.ndarray, "n"]:
     """Half the trace of the virial stress tensor of each grain; see `grain_pressures` [N/m]."""
-    return grain_pressures(frame.scene, frame.positions, frame.piston_height)
+    return grain_pressures(frame.scene, frame.positions, frame.heights)
 
 
 OBSERVABLES: Mapping[str, Callable[[Frame], Value]] = {

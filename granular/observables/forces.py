@@ -17,6 +17,7 @@ from granular.observables.frame import (
 from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces
 from granular.observables.statistics import DipTest, Histogram, dip_test, knuth_histogram
 from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
+from granular.schema.cell import Heights, piston_wall_key
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,14 +28,12 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 
-_WALLS = ("left", "right", "bottom", "piston")
-
-
 def piston_force(run: Trajectory) -> xarray.DataArray:
     """Force of the grains on the piston, upwards, at every record of a run [N, s]."""
     if "piston_force" not in run.dataset:
         raise InputError(
-            f"scene {run.scene.name!r} records no piston force; give it a piston and effects.walls.top"
+            f"scene {run.scene.name!r} records no piston force; give it a piston and "
+            f"{piston_wall_key(run.scene.cell.lines)}"
         )
     return run.dataset["piston_force"]
 
@@ -50,15 +49,16 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
     Returns
     -------
     xarray.DataArray
-        Force on each wall [N], positive outwards, on ``time`` [s] and ``wall``: of left, right, bottom and
-        piston those that act.
+        Force on each wall [N], positive outwards, on ``time`` [s] and ``wall``: the names of
+        sides that are walls, and piston.
 
     Raises
     ------
     InputError
         If no wall acts in the scene.
     """
-    present = [wall for wall in _WALLS if f"{wall}_force" in run.dataset]
+    names = (*(line.name for line in run.scene.cell.lines), "piston")
+    present = [wall for wall in names if f"{wall}_force" in run.dataset]
     if not present:
         raise InputError(f"scene {run.scene.name!r} has no walls; give it effects.walls")
     values = np.stack([run.dataset[f"{wall}_force"].values for wall in present], axis=1)
@@ -102,7 +102,7 @@ def outer_acceleration(scene: Scene, time: float) -> Float[np.ndarray, "2"]:
     return acceleration
 
 
-def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> np.ndarray:
+def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: Heights = None) -> np.ndarray:
     """Sum of the magnitudes of all forces of other grains and of walls on each grain.
 
     De Paula writes it apart from the resulting force (``comPart`` and ``forPart``) and draws its
@@ -172,7 +172,7 @@ def relative_force_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> n
     return fluctuation
 
 
-def grain_virials(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> np.ndarray:
+def grain_virials(scene: Scene, positions: np.ndarray, piston_height: Heights = None) -> np.ndarray:
     """Virial of each grain: sum of branch times force, half for a pair and whole for a wall.
 
     The branch of a pair belongs to both grains, that of a wall to one alone. So the sum over all
@@ -210,7 +210,7 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: float | No
 
 
 def grain_stresses(
-    scene: Scene, positions: np.ndarray, piston_height: float | None = None, cells: VoronoiCells | None = None
+    scene: Scene, positions: np.ndarray, piston_height: Heights = None, cells: VoronoiCells | None = None
 ) -> np.ndarray:
     """Virial stress tensor of each grain: `grain_virials` over the area of its Voronoi cell.
 
@@ -246,7 +246,7 @@ def grain_stresses(
 
 
 def grain_pressures(
-    scene: Scene, positions: np.ndarray, piston_height: float | None = None, cells: VoronoiCells | None = None
+    scene: Scene, positions: np.ndarray, piston_height: Heights = None, cells: VoronoiCells | None = None
 ) -> np.ndarray:
     """Virial pressure of each grain in two dimensions: half the trace of `grain_stresses`.
 
@@ -347,5 +347,5 @@ def force_dip_test(frame: Frame) -> DipTest:
 
 def _interior_compressive_forces(frame: Frame) -> np.ndarray:
     """Compressive forces of the grains with an interior cell (n,) [N]; NaN for the others."""
-    forces = compressive_forces(frame.scene, frame.positions, frame.piston_height)
+    forces = compressive_forces(frame.scene, frame.positions, frame.heights)
     return np.where(voronoi_cells(frame.positions).interior, forces, np.nan)

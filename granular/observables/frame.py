@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from granular.run.trajectory import frame_heights
 from granular.schema.units import unit_size
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
@@ -43,6 +44,8 @@ class Frame(NamedTuple):
         Index of each grain's species.
     diameters, masses : float (n,)
         Diameters [m]; masses [kg].
+    further_heights : float (p,)
+        Heights of further pistons [m].
     """
 
     scene: Scene
@@ -54,6 +57,12 @@ class Frame(NamedTuple):
     species: np.ndarray
     diameters: np.ndarray
     masses: np.ndarray
+    further_heights: np.ndarray = np.empty(0)
+
+    @property
+    def heights(self) -> np.ndarray:
+        """Height of the piston, and behind it those of further ones (1 + p,) [m]."""
+        return np.array([self.piston_height, *self.further_heights])
 
 
 Value = float | np.ndarray | Mapping[Any, "float | np.ndarray"]
@@ -135,13 +144,14 @@ def select_frames(run: Trajectory, start: float, stop: float) -> Int[np.ndarray,
 def frames(run: Trajectory, indices: Sequence[int] | Int[np.ndarray, "f"] | None = None) -> Iterator[Frame]:
     """Yield frames of a run, by their indices."""
     data = run.dataset if indices is None else run.dataset.isel(frame=np.asarray(indices))
-    heights = None if run.scene.piston is None else data["frame_height"].values
     times, velocities, forces = (data[k].values for k in ("frame_time", "velocity", "force"))
     positions = run.scene.cell.wrap_positions(data["position"].values)
     of_grains = data["species"].values, data["diameter"].values, run.scene.grains.masses()
+    heights = frame_heights(run.scene, data)
     for k in range(len(times)):
-        height = float("nan") if heights is None else float(heights[k])
-        yield Frame(run.scene, float(times[k]), positions[k], velocities[k], forces[k], height, *of_grains)
+        height = float("nan") if run.scene.piston is None else float(heights[k, 0])
+        of_frame = positions[k], velocities[k], forces[k], height
+        yield Frame(run.scene, float(times[k]), *of_frame, *of_grains, heights[k, 1:])
 
 
 def frame_at(run: Trajectory, index: int = -1) -> Frame:

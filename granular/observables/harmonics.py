@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.observables.frame import check_series, labelled_columns
+from granular.schema.cell import piston_wall_key
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 
@@ -287,5 +288,6 @@ def _drive_and_response(
         force = driven.mean + driven.amplitude * np.sin(2.0 * np.pi * driven.frequency * since)
         return record.time, force, record.height, "m/N"
     if record.force is None:
-        raise InputError("the run records no piston force; give the scene effects.walls.top")
+        wall = piston_wall_key(run.scene.cell.lines)
+        raise InputError(f"the run records no piston force; give the scene {wall}")
     return record.time, record.height, record.force, "N/m"

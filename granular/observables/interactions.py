@@ -19,7 +19,8 @@ from granular.effects.wall_side import evaluate_wall_forces
 from granular.observables.frame import check_vectors, is_present
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
-from granular.schema.cell import CELL
+from granular.scene.scene import body_of_side
+from granular.schema.cell import Heights
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -81,13 +82,17 @@ def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> It
 
 
 def iterate_wall_forces(
-    scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None = None
+    scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: Heights = None
 ) -> BranchesAndForces:
-    """Evaluate branches (k, m, 2) [m] and forces [N] of the m walls on each grain; positions [m]."""
+    """Evaluate branches (k, m, 2) [m] and forces [N] of the m walls on each grain; positions [m].
+
+    Behind the piston's height are those of further pistons whose sides are walls.
+    """
     positions, here, system = _positions_and_natural_system(scene, positions)
     scales, points = system.scales, positions[here]
     if piston_height is None:
         piston_height = np.nan if scene.piston is None else scene.piston.height
+    heights = np.array([0.0, *np.atleast_1d(piston_height)])
     sides = zip(scene.cell.lines, system.constants.acting.sides, strict=True)
     acting = [(line, side) for line, side in sides if side.law is not None]
     moments, (x, y) = relative_magnetic_moments(scene)[here], np.array(points.T / scales.length)
@@ -97,9 +102,14 @@ def iterate_wall_forces(
         if getattr(law, "species", None) is not None:
             law = law._replace(species=system.species[here])
         pushes, seen = np.zeros((3, len(here))), side._replace(law=law)
-        height = 0.0 if line.body == CELL else piston_height / scales.length
-        evaluate_wall_forces(seen, x, y, height, moments, pushes)
-        branches[:, k] = line.distances(points, piston_height)[:, None] * line.normal
+        body = body_of_side(scene, line)
+        if body >= len(heights):
+            raise InputError(
+                f"side {line.name!r} moves with a further piston; give its height behind the piston's"
+            )
+        evaluate_wall_forces(seen, x, y, heights[body] / scales.length, moments, pushes)
+        distances = line.distances(points - [0.0, heights[body]], 0.0)
+        branches[:, k] = distances[:, None] * line.normal
         forces[:, k] = pushes[:2].T
     return BranchesAndForces(here, branches, forces * scales.force)
 

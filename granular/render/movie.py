@@ -266,5 +266,6 @@ def _interpolate_between(before: Frame, after: Frame, time: float) -> Frame:
         time=time,
         positions=cell.wrap_positions(position),
         velocities=rest * before.velocities + fraction * after.velocities,
+        further_heights=rest * before.further_heights + fraction * after.further_heights,
         forces=rest * interaction_forces(before) + fraction * interaction_forces(after) + inertia,
     )

@@ -13,7 +13,7 @@ from granular.observables.voronoi import cell_polygons, voronoi_cells
 from granular.render.colourings import colour_classes, colouring_by_name
 from granular.run.trajectory import Trajectory
 from granular.scene.bed_drawing import SidePiece, side_pieces
-from granular.scene.scene import Scene
+from granular.scene.scene import Scene, body_of_side
 from granular.schema.cell import CELL, ROUNDING, Point
 from granular.schema.cell import PISTON as PISTON_BODY
 from granular.shared.plotting import COLOURS, GREY, figure_label
@@ -86,7 +86,7 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
     """Draw walls as slabs outside of the cell [mm], and a side without one as a dotted line; top [m]."""
     from matplotlib.patches import Polygon
 
-    pieces, thickness = list(side_pieces(scene, CELL, top, top)), wall_thickness_mm(scene)
+    pieces, thickness = list(side_pieces(scene, CELL, top)), wall_thickness_mm(scene)
     for piece in pieces:
         if piece.walled:
             outside = [_outer_corner(piece, end, pieces, thickness) for end in (piece.end, piece.start)]
@@ -202,12 +202,17 @@ class BedPicture:
         )
         axes.add_collection(self._grains)
         scene = self.run.scene
-        self._piston: list[tuple[Any, np.ndarray]] = []
-        for piece in side_pieces(scene, PISTON_BODY, 0.0, 0.0) if scene.piston is not None else ():
-            outwards = -wall_thickness_mm(scene) * np.array(piece.line.normal)
-            inner = 1e3 * np.array([piece.start, piece.end])
+        self._pistons: list[tuple[Any, np.ndarray, int]] = []
+        for line in scene.cell.lines:
+            body = body_of_side(scene, line)
+            if body == CELL or (body == PISTON_BODY and scene.piston is None):
+                continue
+            start, end = line.ends(0.0, 0.0)
+            outwards = -wall_thickness_mm(scene) * np.array(line.normal)
+            inner = 1e3 * np.array([start, end])
             shape = np.concatenate([inner, inner[::-1] + outwards])
-            self._piston.append((axes.add_patch(Polygon(shape, color=PISTON, zorder=3)), shape))
+            patch = axes.add_patch(Polygon(shape, color=PISTON, zorder=3))
+            self._pistons.append((patch, shape, body - PISTON_BODY))
         title: Any = {"transform": axes.transAxes, "va": "bottom", "color": INK}
         self._when = axes.text(0.0, 1.015, "", ha="left", fontweight="bold", **title)
         self._where = axes.text(1.0, 1.015, "", ha="right", **title)
@@ -279,8 +284,8 @@ class BedPicture:
         self._grains.set_facecolor(colours[here])
         self._when.set_text(f"t = {frame.time:.3f} s" + figure_label(self._stage_label_at(frame.time)))
         self._where.set_text(self._piston_text(frame))
-        for patch, shape in self._piston:
-            patch.set_xy(shape + np.array([0.0, 1e3 * frame.piston_height]))
+        for patch, shape, index in self._pistons:
+            patch.set_xy(shape + np.array([0.0, 1e3 * frame.heights[index]]))
         if self._curve is not None:
             self._curve.show_until(frame.time)
 

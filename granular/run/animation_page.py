@@ -46,9 +46,8 @@ def run_animation_page(
         "velocity": _encode_as_base64(chosen["velocity"].values),
         "stages": [{"name": name, "start": start} for name, start in stages],
         "top": top,
-        "walls": [_piece_ends(piece) for piece in side_pieces(scene, CELL, top, top) if piece.walled],
-        "piston": [_piece_ends(piece) for piece in side_pieces(scene, PISTON, 0.0, 0.0)],
-        **_piston_curves(data),
+        "walls": [_piece_ends(piece) for piece in side_pieces(scene, CELL, top) if piece.walled],
+        **_piston_curves(scene, data),
     }
     return InteractivePage.from_template(TEMPLATE, f"scene {scene.name}", plain, HEIGHT)
 
@@ -57,11 +56,18 @@ def _piece_ends(piece: SidePiece) -> list[list[float]]:
     return [list(piece.start), list(piece.end)]
 
 
-def _piston_curves(data: xarray.Dataset) -> dict[str, Any]:
-    """Time, and height and velocity of the piston; without one the grains' kinetic energy."""
+def _piston_curves(scene: Scene, data: xarray.Dataset) -> dict[str, Any]:
+    """Time, sides and heights of all pistons, and of the first the velocity; else the kinetic energy."""
     every = max(1, -(-data.sizes["time"] // MOST_RECORDS))
     part = data.isel(time=slice(None, None, every))
-    record: dict[str, Any] = {"time": part["time"].values.tolist()}
+    further = () if scene.effects.host is None else scene.effects.host.pistons
+    names = ["piston_height", *(f"{other.name}_displacement" for other in further)]
+    pistons = [
+        ([_piece_ends(piece) for piece in side_pieces(scene, body, 0.0)], part[name].values.tolist())
+        for body, name in enumerate(names, PISTON)
+        if name in part
+    ]
+    record: dict[str, Any] = {"time": part["time"].values.tolist(), "pistons": pistons}
     if "piston_height" not in part:
         return record | {"curve": part["kinetic_energy"].values.tolist(), "phase": None}
     height = part["piston_height"].values

@@ -10,11 +10,11 @@ from granular.engine.far_field_forces import force_with_far_field
 from granular.engine.forces import evaluate_forces
 from granular.engine.new_state import new_measurement, new_state
 from granular.engine.run_errors import report_arithmetic_errors_as
-from granular.kernel_data.state import State
+from granular.kernel_data.state import HEIGHT, State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits, scene_in_natural_units
-from granular.schema.cell import PISTON
+from granular.schema.cell import PISTON, Heights
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 
@@ -49,10 +49,7 @@ class Evaluation:
 
 
 def evaluate(
-    scene: Scene,
-    positions: np.ndarray,
-    velocities: np.ndarray | None = None,
-    piston_height: float | None = None,
+    scene: Scene, positions: np.ndarray, velocities: np.ndarray | None = None, piston_height: Heights = None
 ) -> Evaluation:
     """Return the forces and energies of one arrangement of the scene's grains.
 
@@ -62,8 +59,9 @@ def evaluate(
         Scene whose effects are evaluated.
     positions, velocities : float (n, 2)
         [m], [m/s]; at rest where no velocities are given. n is the scene's number of grains.
-    piston_height : float, optional
-        [m]; the scene's where not given. Without a top wall it does nothing.
+    piston_height : float or float (1 + p,), optional
+        [m]; the scene's where not given. Without a top wall it does nothing. Behind it may be the
+        heights of p further pistons, which are 0 else.
 
     Returns
     -------
@@ -91,14 +89,18 @@ def evaluate(
     speed = _validate_grain_vectors("velocities", velocities, constants.grains)
     if piston_height is None:
         piston_height = 0.0 if scene.piston is None else scene.piston.height
+    host = scene.effects.host
+    further = 0 if host is None else len(host.pistons)
     try:
-        height = float(piston_height)
+        heights = np.atleast_1d(np.asarray(piston_height, dtype=np.float64)) / scales.length
     except (TypeError, ValueError):
-        height = np.nan
-    if not np.isfinite(height):
+        heights = np.array([np.nan])
+    if heights.shape not in ((1,), (1 + further,)) or not np.isfinite(heights).all():
         raise InputError(f"piston_height = {quote(piston_height)}; give a height [m]")
-    start = (coordinates / scales.length, speed / scales.velocity, height / scales.length)
+    start = (coordinates / scales.length, speed / scales.velocity, float(heights[0]))
     state = new_state(*start, constants.acting, METHODS["stormer-verlet"])
+    if len(heights) > 1:
+        state.bodies[-further:, HEIGHT] = heights[1:]
     measurement, energies = new_measurement(state), np.zeros(len(constants.acting.laws))
     with report_arithmetic_errors_as(_misplaced_positions_error):
         outside, potential, kinetic = evaluate_forces(state, constants, measurement, energies)

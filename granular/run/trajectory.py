@@ -327,6 +327,15 @@ def make_trajectory(
     return Trajectory(scene, data, stages, outcome["complete"], path)
 
 
+def frame_heights(scene: Scene, data: xarray.Dataset) -> Float[np.ndarray, "f p"]:
+    """Heights of the piston, or 0 without one, and of `effects.host.pistons` in each frame [m]."""
+    pistons = () if scene.effects.host is None else scene.effects.host.pistons
+    times = data["frame_time"].values, data["time"].values
+    heights = [np.interp(*times, data[f"{other.name}_displacement"].values) for other in pistons]
+    first = 0.0 * times[0] if scene.piston is None else data["frame_height"].values
+    return np.stack([first, *heights], axis=1)
+
+
 def departure_variables(departures: Sequence[Sequence[float]]) -> dict[str, Any]:
     """Variables of grains that have left, from their index, time [s] and place [m], for a dataset."""
     table = np.array(departures, dtype=float).reshape(-1, 4)

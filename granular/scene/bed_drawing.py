@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.scene.scene import Scene, body_of_side
 from granular.schema.cell import CELL, PISTON, Point, SideLine
 from granular.shared.plotting import COLOURS
 
 if TYPE_CHECKING:
     from jaxtyping import Float
     from matplotlib.axes import Axes
-
-    from granular.scene.scene import Scene
 
 
 class SidePiece(NamedTuple):
@@ -26,14 +25,14 @@ class SidePiece(NamedTuple):
     end: Point  # [m]
 
 
-def side_pieces(scene: Scene, body: int, height: float, top: float) -> Iterator[SidePiece]:
-    """Yield the sides of a body, without the gaps in them; height of the piston, and of the picture [m]."""
+def side_pieces(scene: Scene, body: int, top: float) -> Iterator[SidePiece]:
+    """Yield the sides of a body at its height 0, without the gaps in them; top of the picture [m]."""
     walls = scene.effects.walls
     for line in scene.cell.lines:
-        if line.body != body:
+        if body_of_side(scene, line) != body:
             continue
-        wall = None if walls is None else getattr(walls, line.name)
-        (x, y), end = line.ends(height, top)
+        wall = None if walls is None else walls.wall_of(line.name)
+        (x, y), end = line.ends(0.0, top)
         marks = [0.0, float(np.hypot(end[0] - x, end[1] - y))]
         if wall is not None and wall.length is not None:
             marks[1] = min(marks[1], wall.length)
@@ -45,9 +44,9 @@ def side_pieces(scene: Scene, body: int, height: float, top: float) -> Iterator[
 
 
 def draw_bed(
-    axes: Axes, scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: float | None
+    axes: Axes, scene: Scene, positions: Float[np.ndarray, "n 2"], heights: Float[np.ndarray, "p"]
 ) -> None:
-    """Draw the grains to scale, the cell and the piston; positions, piston_height [m]."""
+    """Draw the grains to scale, the cell, the piston and further ones; positions, heights [m]."""
     from matplotlib.collections import EllipseCollection
 
     diameters = 1e3 * scene.grains.diameters()
@@ -63,14 +62,12 @@ def draw_bed(
     )
     axes.add_collection(grains)
     width = 1e3 * scene.cell.width
-    top = piston_height if piston_height is not None else float(positions[:, 1].max())
-    bodies = [(CELL, "#333333", 1.5)]
-    if piston_height is not None:
-        bodies.append((PISTON, COLOURS[1], 3.0))
-    for body, colour, thickness in bodies:
-        for piece in side_pieces(scene, body, top, top):
+    top = float(positions[:, 1].max()) if scene.piston is None else heights[0]
+    for body, height in enumerate([0.0, *heights]):
+        look: Any = {"color": "#333333", "lw": 1.5} if body == CELL else {"color": COLOURS[1], "lw": 3.0}
+        for piece in side_pieces(scene, body, top) if body != PISTON or scene.piston is not None else ():
             x, y = 1e3 * np.transpose([piece.start, piece.end])
-            axes.plot(x, y, color=colour, linewidth=thickness)
+            axes.plot(x, y + 1e3 * height, **look)
     style_as_map(axes)
     axes.set_xlim(-0.01 * width, 1.01 * width)
     axes.set_ylim(-0.01 * width, 1e3 * top + 0.02 * width)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -14,7 +15,7 @@ from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_positions_and_velocities
 from granular.schema.apparatus import Grains, Output, Piston
-from granular.schema.cell import PISTON, Cell
+from granular.schema.cell import PISTON, Cell, SideLine, piston_wall_key
 from granular.schema.field_kinds import (
     FieldError,
     NestedSectionKind,
@@ -261,14 +262,14 @@ class Scene(Section):
             return False
         height = 0.0 if self.piston is None else self.piston.height
         names = [line.name for line in self.cell.lines]
-        return not self.cell.is_polygon or not self.cell.free_ends(names, height)
+        return not self.cell.is_polygon or not self.cell.gaps(names, height)
 
     @property
     def has_piston_wall(self) -> bool:
         """True where a side that moves with the piston is a wall, which grains push."""
         walls = self.effects.walls
         return walls is not None and any(
-            line.body == PISTON and getattr(walls, line.name) is not None for line in self.cell.lines
+            line.body == PISTON and walls.wall_of(line.name) is not None for line in self.cell.lines
         )
 
     def _check_pair_method(self) -> None:
@@ -340,7 +341,9 @@ class Scene(Section):
                 and (stage.needs_piston_mass or stage.ends_at_force)
             ):
                 raise FieldError(
-                    "the piston must be a wall that grains push (effects.walls.top)", "protocol", stage.name
+                    f"the piston must be a wall that grains push ({piston_wall_key(self.cell.lines)})",
+                    "protocol",
+                    stage.name,
                 )
 
     def replace(self, **changes: Any) -> Scene:
@@ -385,7 +388,7 @@ class Scene(Section):
                 for name in others:
                     section.pop(name, None)
         for key, value in changes.items():
-            _set_nested_key(plain, key.split("."), value)
+            _set_nested_key(plain, key.split("."), copy.deepcopy(value))
         return Scene.from_plain(plain)
 
     @classmethod
@@ -485,6 +488,13 @@ class Scene(Section):
             First 16 hexadecimal digits of the SHA-256 of its plain data.
         """
         return digest(self.to_plain(), 16)  # 64 bits: of a million scenes two clash with a chance of 3e-8
+
+
+def body_of_side(scene: Scene, line: SideLine) -> int:
+    """Body that a side moves with: the cell, the piston, or from 2 on `effects.host.pistons` in order."""
+    pistons = () if scene.effects.host is None else scene.effects.host.pistons
+    names = [other.side for other in pistons]
+    return PISTON + 1 + names.index(line.name) if line.name in names else line.body
 
 
 def _first_species_diameter(plain: Mapping[str, Any]) -> float | None:

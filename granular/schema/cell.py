@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections import Counter
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -24,6 +23,9 @@ ROUNDING = 1e-9
 """Part of the cell's width by which rounding may move a corner."""
 
 Point = tuple[float, float]
+
+Heights = float | np.ndarray | None
+"""Height of the piston [m], and behind it those of further ones; None without a piston."""
 
 
 class CellSide(Section):
@@ -48,6 +50,8 @@ class CellSide(Section):
         """Check that there are two ends."""
         if len(set(self.ends)) != 2 or len(self.ends) != 2:
             raise FieldError("must hold two different points, [[x, y], [x, y]]", "ends")
+        if self.name in ("piston", "host"):
+            raise FieldError(f"{self.name!r} names another force of a run; give another name", "name")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,18 +68,12 @@ class SideLine:
     @property
     def label(self) -> str:
         """Name of the side in messages."""
-        names = {"bottom": "the bottom", "top": "the piston"}
-        return names.get(self.name, f"the {self.name} wall")
+        return "the piston" if self.body == PISTON else f"the {self.name} wall"
 
     @property
     def is_level(self) -> bool:
         """True if the side is horizontal."""
         return abs(self.normal[0]) < ROUNDING
-
-    @property
-    def is_upright(self) -> bool:
-        """True if the side is vertical."""
-        return abs(self.normal[1]) <= ROUNDING
 
     def origin(self, height: float) -> Point:
         """Point from which places along the side count, with the piston at a height [m]."""
@@ -195,13 +193,15 @@ class Cell(Section):
             )
         self.check_convex(None)
 
-    def free_ends(self, names: Collection[str], height: float) -> int:
-        """Count the ends of sides of a polygon at which no other of them ends; height of the piston [m]."""
-        grid = 100.0 * ROUNDING * self.width
-        lines = [line for line in self.lines if line.name in names]
-        ends = [end for line in lines for end in line.ends(height, 0.0)]
-        counts = Counter((round(x / grid), round(y / grid)) for x, y in ends)
-        return sum(count == 1 for count in counts.values())
+    def gaps(self, names: Collection[str], height: float) -> list[Point]:
+        """Ways over the gaps between neighbours among sides of a polygon; height of the piston [m]."""
+        ends = np.array([line.ends(height, 0.0) for line in self.lines if line.name in names])
+        if not len(ends):
+            return []
+        x, y = (ends.mean(axis=1) - ends.mean(axis=(0, 1))).T
+        ends = ends[np.argsort(np.arctan2(y, x))]
+        ways = np.roll(ends[:, 0], -1, axis=0) - ends[:, 1]
+        return [(x, y) for x, y in ways.tolist() if math.hypot(x, y) > 100.0 * ROUNDING * self.width]
 
     def check_convex(self, height: float | None) -> None:
         """Check that all corners lie inside all sides; of the cell, or with the piston at a height [m]."""
@@ -227,6 +227,12 @@ class Cell(Section):
         if self.is_polygon:
             del plain["width"]
         return plain
+
+
+def piston_wall_key(lines: tuple[SideLine, ...]) -> str:
+    """Key of the wall that moves with the piston, for messages."""
+    names = [line.name for line in lines if line.body == PISTON]
+    return f"effects.walls.{names[0]}" if names else "a side with body = 'piston' in cell.sides"
 
 
 def _line_between_ends(side: CellSide) -> SideLine:

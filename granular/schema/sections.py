@@ -166,6 +166,10 @@ class Section:
     def validate(self) -> None:
         """Check what no single field can; raise `FieldError`."""
 
+    def _inner_section(self, part: str) -> Any:
+        """Part by which a dotted key goes on; None if there is none."""
+        return getattr(self, part, None)
+
     @classmethod
     def key_names(cls) -> tuple[str, ...]:
         """Names of the fields, in their order.
@@ -253,4 +257,4 @@ def _find_inner_section(section: Any, part: str) -> Any:
         indexed = {str(index): item for index, item in enumerate(section)}
         named = {str(getattr(item, "name", "")): item for item in section}
         return (indexed | named).get(part)
-    return getattr(section, part, None) if isinstance(section, Section) else None
+    return section._inner_section(part) if isinstance(section, Section) else None

@@ -125,8 +125,8 @@ def slopes_over_beds(
 
 def settled_beds(
     scene: Scene, beds: int, *, out: str | Path | None = None, progress: bool = True
-) -> list[tuple[Scene, Float[np.ndarray, "n 2"], float | None]]:
-    """Return scene, positions and height [m] at the equilibrium of each bed of `slopes_over_beds`."""
+) -> list[tuple[Scene, Float[np.ndarray, "n 2"], Float[np.ndarray, "p"]]]:
+    """Return scene, positions and heights [m] at the equilibrium of each bed of `slopes_over_beds`."""
     first, folder = scene.arrangement.seed, toolkit_cache_folder()
     seeds = range(first, first + beds)
     settling = scene.replace(**settling_changes(scene, COARSE_REST))
@@ -146,12 +146,12 @@ def settled_beds(
             raise InputError(f"the bed of arrangement.seed = {seed} has no equilibrium: {outcome['error']}")
         state = outcome["figures"]
         started = scene.replace(**{"arrangement.seed": seed})
-        result.append((started, np.array(state["positions"]), state["height"]))
+        result.append((started, np.array(state["positions"]), np.array(state["height"])))
     return result
 
 
-@keep_measure_name("granular.studies.bed_slopes:equilibrium_state#1")
+@keep_measure_name("granular.studies.bed_slopes:equilibrium_state#2")
 def equilibrium_state(run: Trajectory) -> Mapping[str, Any]:
-    """Positions and height [m] at the equilibrium next to a run's end."""
+    """Positions and heights [m] at the equilibrium next to a run's end."""
     rest = equilibrium(run)
-    return {"positions": rest.positions.tolist(), "height": rest.piston_height}
+    return {"positions": rest.positions.tolist(), "height": rest.heights.tolist()}

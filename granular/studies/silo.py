@@ -179,7 +179,7 @@ def with_opening(scene: Scene, width: float) -> Scene:
     scene : Scene
         Scene whose cell has two free ends at the height 0.
     width : float
-        Distance of these ends [m]; 0 closes the silo.
+        Distance of these ends [m]; 0 closes the silo. The other ends of both sides stay.
 
     Returns
     -------
@@ -189,13 +189,21 @@ def with_opening(scene: Scene, width: float) -> Scene:
     Raises
     ------
     InputError
-        If the scene has no such opening.
+        If the scene has no such opening, or one of that width does not lie between these other ends.
     """
-    ends = [tuple(end) for line in scene.cell.lines for end in line.ends(0.0, 0.0) if scene.cell.is_polygon]
+    floors = [line.ends(0.0, 0.0) for line in scene.cell.lines if scene.cell.is_polygon]
+    ends = [end for floor in floors for end in floor]
     free = sorted(end for end in ends if ends.count(end) == 1 and end[1] == 0.0)
     if len(free) != 2:
         raise InputError(f"scene {scene.name!r} is no silo: give cell.sides with one opening at the height 0")
     middle = 0.5 * (free[0][0] + free[1][0])
+    far = [end[0] for floor in floors if {*floor} & {*free} for end in {*floor} - {*free}]
+    limit = 2.0 * min(abs(x - middle) for x in far)
+    if not 0.0 <= width < limit:
+        raise InputError(
+            f"an opening of {width:g} m must be at least 0 m and less than {limit:g} m, the room between the "
+            "other ends of its sides; give another width, or longer sides"
+        )
     moved = {end: (middle + sign * 0.5 * width, 0.0) for end, sign in zip(free, (-1.0, 1.0), strict=True)}
     sides = scene.to_plain()["cell"]["sides"]
     for side in sides:
@@ -245,6 +253,7 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
         raise InputError(f"openings = {list(openings)} m; give one or more, each above 0 m")
     if starts < 1:
         raise InputError(f"starts = {starts}; give 1 or more")
+    with_opening(scene, max(openings))
     flows = [
         [_measured_flow(run) for run in _discharges(scene, openings, seed, progress)]
         for seed in range(1, starts + 1)

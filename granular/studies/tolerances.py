@@ -399,7 +399,7 @@ class _Bed:
         try:
             scene = move_parts(rest.scene, self._parts, by)
             wider = np.array([scene.cell.width / rest.scene.cell.width, 1.0])
-            after = equilibrium_from(scene, rest.positions * wider, rest.piston_height, rest.pencil)
+            after = equilibrium_from(scene, rest.positions * wider, rest.heights, rest.pencil)
             root = refine_root(after.pencil, require_free_piston(rest), self._root.s)
         except InputError as error:
             moved = [f"{part.key} by {b:+.2g}" for part, b in zip(self._parts, by, strict=True) if b]

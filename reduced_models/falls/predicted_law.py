@@ -249,7 +249,7 @@ def _unknown_keys(scene: Scene) -> Iterator[str]:
         yield "cell.sides, and no cell.width"
     walls = scene.effects.walls
     for line in scene.cell.lines:
-        key, wall = f"effects.walls.{line.name}", None if walls is None else getattr(walls, line.name)
+        key, wall = f"effects.walls.{line.name}", None if walls is None else walls.wall_of(line.name)
         if wall is None:
             yield f"{key} = 'none'"
         elif wall.own is not None:

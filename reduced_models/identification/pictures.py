@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
+from granular.run.trajectory import frame_heights
 from granular.scene.bed_drawing import draw_bed
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, figure_label, line_style
@@ -272,11 +273,11 @@ def _add_bed_section(page: HtmlPage, run: Trajectory) -> None:
     page.add_section("The bed before and after")
     data, scene = run.dataset, run.scene
     tallest = float(data["frame_height"][[0, -1]].max()) if scene.piston else scene.cell.width
+    heights = frame_heights(scene, data)
     height = min(4.0, 3.1 * tallest / scene.cell.width + 1.0)
     with figure(1, 2, height=height, size=READABLE) as (drawing, pair):
         for axes, k, when in zip(pair, (0, -1), ("before", "after"), strict=True):
-            top = float(data["frame_height"][k]) if scene.piston is not None else None
-            draw_bed(axes, scene, data["position"][k].values, top)
+            draw_bed(axes, scene, data["position"][k].values, heights[k])
             axes.set_title(f"{when}, t = {float(data['frame_time'][k]):.4g} s")
         page.add_figure(drawing, "The grains to scale; the piston is the thick line.")
     lines = [_stage_row(stage) for stage in run.stages]

@@ -141,11 +141,12 @@ def release_stages(scene: Scene) -> tuple[Mapping[str, Any], ...]:
 def rest_of(run: Trajectory) -> Equilibrium:
     """Equilibrium next to the end of a run's first stage."""
     from granular.linear.equilibrium import equilibrium_from
+    from granular.run.trajectory import frame_heights
 
     times = run.dataset["frame_time"].values
     frame = int(np.argmin(np.abs(times - run.stages[0].end)))
-    height = float(run.dataset["frame_height"].values[frame])
-    return equilibrium_from(run.scene, run.dataset["position"].values[frame], height)
+    positions = run.dataset["position"].values[frame]
+    return equilibrium_from(run.scene, positions, frame_heights(run.scene, run.dataset)[frame])
 
 
 def read_parts_of_source(

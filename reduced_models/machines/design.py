@@ -126,10 +126,9 @@ class DamperDesign:
                 f"law {1e3 * self.peak:.3g} mm ({100.0 * off:+.0f} %)."
             ]
         state = settled_state(self.scene.replace(**_HELD_STILL))
-        assert isinstance(state[2], float)
         return workshop_sheet(
             self.scene,
-            state[2],
+            float(state[2][0]),
             lambda: equilibrium_from(*state),
             amplitude=self.stroke,
             title=f"Workshop sheet: damper of {self.mass:.3g} kg",

@@ -30,7 +30,7 @@ def rescaled(out: Path) -> Iterator[Plain]:
     for mass in MASSES:
         loaded = scene.replace(**{"piston.mass": mass})
         rest = equilibrium_from(loaded, positions, height)
-        positions, height = rest.positions, rest.piston_height or 0.0
+        positions, height = rest.positions, rest.heights
         for factor in FACTORS:
             other = rescale(loaded, factor * loaded.cell.width)
             yield figures(equilibrium_from(other, factor * positions, factor * height))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,17 +32,22 @@ GAP = dict.fromkeys("abcdf", "slab") | {"e": {"law": "slab", "gap_start": "2 D",
 ROW = ("experimental", "infinite", "slab", {"law": "discs", "pitch": "1.3 D"})
 
 
-def polygon(corners: np.ndarray, names: str = "abcdefgh") -> list[dict[str, Any]]:
+def polygon(corners: np.ndarray, names: Sequence[str] = "abcdefgh") -> list[dict[str, Any]]:
     """Sides of a closed polygon with these corners [m], counter-clockwise."""
     ends = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     return [{"name": name, "ends": pair} for name, pair in zip(names, ends.tolist(), strict=False)]
 
 
-def hexagon() -> list[dict[str, Any]]:
-    """A hexagon with sides of 12 D, turned by 11 degrees, in the first quadrant."""
+def hexagon_corners() -> np.ndarray:
+    """Corners of a hexagon with sides of 12 D, turned by 11 degrees, in the first quadrant [m]."""
     angle = np.radians(60.0 * np.arange(6) + 11.0)
     corners = 12.0 * D * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return polygon(corners - corners.min(axis=0))
+    return np.asarray(corners - corners.min(axis=0))
+
+
+def hexagon() -> list[dict[str, Any]]:
+    """Sides of that hexagon."""
+    return polygon(hexagon_corners())
 
 
 def held_in(sides: list[dict[str, Any]], walls: dict[str, Any], places: Any, **changes: Any) -> Scene:
@@ -315,10 +321,77 @@ def test_variable_steps_follow_a_turned_cell() -> None:
 SQUARE = D * np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]])
 
 
+def with_hole(lid: str) -> list[dict[str, Any]]:
+    """A square of 9 D with a hole of 3 D in its floor, and a lid of the cell or the piston."""
+    sides = polygon(SQUARE, "aecd")
+    sides[0]["ends"][1][0] = 3.0 * D
+    sides.insert(1, {"name": "b", "ends": [[6.0 * D, 0.0], [9.0 * D, 0.0]]})
+    if lid == "piston":
+        sides[3] |= {"ends": [[9.0 * D, 0.0], [0.0, 0.0]], "body": "piston"}
+    return sides
+
+
+@pytest.mark.parametrize("lid", ["cell", "piston"])
+def test_a_hole_in_the_floor_under_a_lid_lets_grains_out(lid: str) -> None:
+    walls = {"a": "slab", "b": "slab", "e": "infinite", "c": "infinite", "d": "infinite"}
+    more = {"piston": {"height": "9 D"}} if lid == "piston" else {}
+    scene = held_in(with_hole(lid), walls, [[4.5 * D, 4.5 * D]], **more)
+    walls_there = scene.effects.walls
+    assert walls_there is not None
+    assert walls_there.has_gap
+    assert not scene.has_closed_walls
+    with pytest.raises(SceneError, match=r"walls\.a\.law: 'infinite' has no end, and would close"):
+        scene.replace(**{"effects.walls.a": "infinite"})
+
+
+def test_an_open_top_or_a_floor_that_is_the_piston_is_no_hole() -> None:
+    box = polygon(SQUARE)
+    floor = [{**box[0], "body": "piston", "ends": [[0.0, -D], [9.0 * D, -D]]}, *box[1:]]
+    for sides, changes in ((box, {"effects.walls.c": "none"}), (floor, {"piston": {"height": D}})):
+        scene = held_in(sides, dict.fromkeys("abcd", "infinite"), [[4.5 * D, 4.5 * D]], **changes)
+        assert scene.effects.walls is not None
+        assert not scene.effects.walls.has_gap
+
+
+def test_a_window_in_an_upright_wall_wants_slabs_there() -> None:
+    sides = polygon(SQUARE, "abcd")
+    sides[1]["ends"][1][1] = 4.0 * D
+    sides.insert(2, {"name": "e", "ends": [[9.0 * D, 6.0 * D], [9.0 * D, 9.0 * D]]})
+    walls = {"a": "slab", "b": "slab", "e": "slab", "c": "infinite", "d": "infinite"}
+    scene = held_in(sides, walls, [[4.5 * D, 4.5 * D]])
+    with pytest.raises(SceneError, match=r"walls\.e\.law: 'infinite' has no end"):
+        scene.replace(**{"effects.walls.e": "infinite"})
+
+
+def test_sides_may_have_any_names() -> None:
+    names = ("key", "rank", "walls", "has_gap", "to_plain")
+    sides = polygon(hexagon_corners()[:5])
+    for side, name in zip(sides, names, strict=True):
+        side["name"] = name
+    scene = held_in(sides, dict.fromkeys(names, "infinite"), [hexagon_corners()[:5].mean(axis=0)])
+    again = Scene.from_plain(scene.to_plain())
+    assert again == scene
+    assert all(wall.law == "infinite" for _, wall in again.effects.walls.present_walls)  # type: ignore[union-attr]
+    assert scene.replace(**{"effects.walls.key": "none"}).effects.walls.wall_of("key") is None  # type: ignore[union-attr]
+
+
+def test_messages_name_the_wall_of_the_piston() -> None:
+    box = polygon(SQUARE, ["a", "b", "press", "d"])
+    box[2] |= {"ends": [[9.0 * D, 0.0], [0.0, 0.0]], "body": "piston"}
+    free = [{"kind": "free", "name": "fall", "duration": 0.1}]
+    changes = {"piston": {"height": "9 D", "mass": 1.0}, "protocol": free}
+    walls = dict.fromkeys("abd", "infinite")
+    place = [[4.5 * D, 4.5 * D]]
+    assert held_in(box, {**walls, "press": "infinite"}, place, **changes).has_piston_wall
+    with pytest.raises(SceneError, match=r"grains push \(effects\.walls\.press\)"):
+        held_in(box, {**walls, "press": "none"}, place, **changes)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"cell.sides": polygon(SQUARE[::-1])}, "a cell is convex"),
+        ({"cell.sides.0.name": "piston"}, "'piston' names another force of a run"),
         ({"cell.sides": polygon(SQUARE + D)}, "shift all corners by -0.006, -0.006 m"),
         ({"cell.width": "9 D"}, "follows from the sides"),
         ({"cell.sides": [{"name": "a", "ends": [[0.0, 0.0]]}]}, "two different points"),

@@ -240,7 +240,7 @@ def test_a_kink_at_a_ratio_of_a_wall_s_parameters_compiles() -> None:
     """SymPy leaves the derivative of sign(1 - w/l) as it is, where l may be zero."""
     law = {"energy": "a*abs(1 - w/l)", "a": "2 uJ", "l": "1 D"}
     scene = load_scene("bed").replace(**{"effects.walls.left": law})
-    functions = scene.effects.walls.left.own.definition.functions
+    functions = scene.effects.walls.wall_of("left").own.definition.functions
     for w in (0.5, 1.5):
         assert functions["energy"]((2.0, 1.0), w) == pytest.approx(1.0)
         assert functions["force"]((2.0, 1.0), w) == pytest.approx(2.0 if w < 1.0 else -2.0)

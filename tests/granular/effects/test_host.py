@@ -383,3 +383,44 @@ def test_a_further_piston_takes_no_force_along_an_inclined_side(effects: dict[st
     scene = load_scene("bed")
     with pytest.raises(SceneError, match=words):
         scene.replace(**{f"effects.{key}": value for key, value in effects.items()}, **{"effects.host": host})
+
+
+@pytest.mark.filterwarnings("ignore:the energy ledger")
+def test_ledger_of_two_pistons_over_two_stages_closes_and_resumes(tmp_path: Path) -> None:
+    """Compiled: a bed on a floor on a spring, whose piston is pushed to and fro and then driven."""
+    floor = {"name": "floor", "mass": 0.3, "side": "bottom", "drag": 3.0}
+    host = {
+        "mount": "base",
+        "pistons": [floor],
+        "springs": [{"upper": "floor", "stiffness": 2000.0, "preload": 8.0, "damping": 1.0}],
+    }
+    plain = {
+        "grains": {"count": 12, "species": [{"diameter": "6 mm"}]},
+        "cell": {"width": "8 D"},
+        "piston": {"height": "8 D", "mass": 0.2, "drag": 6.0},
+        "effects": {
+            "dipole": True,
+            "walls": True,
+            "gravity": True,
+            "drag": {"coefficient": 0.2},
+            "host": host,
+        },
+        "arrangement": {"height": "7 D"},
+        "protocol": [
+            {"name": "push", "kind": "push", "amplitude": 1.0, "frequency": 20.0, "duration": 0.1},
+            {"name": "drive", "kind": "oscillate", "amplitude": 1e-3, "frequency": 9.0, "duration": 0.1},
+        ],
+        "output": {"scalars": 2e-3, "frames": 0.05},
+    }
+    pistons = Scene.from_plain(plain)
+    coarse, fine = (run(pistons, dt) for dt in (2e-4, 1e-4))
+    off_coarse, off_fine = (float(one.settings()["ledger_residual"]) for one in (coarse, fine))
+    assert off_fine < 0.27 * off_coarse < 1e-4
+    assert np.ptp(coarse.dataset["floor_displacement"].values) > 1e-3
+    for stop in (0.03, 0.12, 0.2):
+        parts = simulate(
+            pistons, dt=2e-4, t_end=stop, out=tmp_path / "run", resume=stop > 0.03, progress=False
+        )
+    for name in coarse.dataset:
+        whole, again = coarse.dataset[name].values, parts.dataset[name].values
+        np.testing.assert_array_equal(again, whole, strict=True, err_msg=str(name))

@@ -38,7 +38,7 @@ def test_a_grain_behind_a_wall_without_a_gap_is_told(small_bed: Scene) -> None:
         run.state.y[0] = -1.5
         error = run.misplaced_grain_error("shorten dt")
         assert isinstance(error, OutsideError)
-        assert "m behind the bottom, 0 m is the limit" in str(error)
+        assert "m behind the bottom wall, 0 m is the limit" in str(error)
 
 
 def test_a_grain_in_a_row_of_discs_asks_for_a_softer_impact(small_bed: Scene) -> None:

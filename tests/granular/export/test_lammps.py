@@ -326,7 +326,15 @@ def test_shaking_agrees(small_bed: Scene, tmp_path: Path) -> None:
     assert np.abs(off).max() < 3e-6 * scene.grains.species[0].diameter
 
 
+SIDE = [{"name": "slope", "ends": [[0.0, 1.0], [1.0, 0.0]]}]
+FLOOR = {"mount": "base", "pistons": [{"name": "floor", "mass": 1.0, "side": "bottom"}]}
 REFUSED: dict[str, tuple[dict[str, object], str]] = {
+    "polygon": (
+        {"cell": {"sides": SIDE}, "effects.walls": {"slope": "infinite"}, "piston": None}
+        | {"protocol": [{"kind": "hold", "name": "wait", "duration": 1.0}]},
+        "cell.sides cannot be exported to LAMMPS",
+    ),
+    "further piston": ({"effects.host": FLOOR}, "effects.host cannot be exported to LAMMPS"),
     "friction": ({"effects.friction": {}}, "effects.friction cannot be exported"),
     "contact": ({"effects.contact.modulus": 1e9}, "effects.contact cannot be exported"),
     "gradient": ({"effects.gradient.x": 1e-3}, "effects.gradient cannot be exported"),

@@ -74,6 +74,8 @@ def test_opening_has_the_width_that_is_asked_for_and_closes() -> None:
     assert ends[2][0][0] + ends[1][1][0] == pytest.approx(20.0 * D)
     assert scene.effects.walls.has_gap  # type: ignore[union-attr]
     assert not with_opening(scene, 0.0).effects.walls.has_gap  # type: ignore[union-attr]
+    with pytest.raises(InputError, match=r"opening of 0\.12 m must be .* less than 0\.12 m, the room"):
+        silo(scene, [2.0 * D, 20.0 * D])
     with pytest.raises(InputError, match="is no silo"):
         with_opening(load_scene("bed"), D)
 

@@ -1,0 +1,185 @@
+"""Heights of further pistons, and inclined sides, in all that reads a run or an equilibrium of them."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import gsd.hoomd
+import meshio
+import numba
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from granular import Scene, evaluate, simulate
+from granular.export import to_extxyz, to_gsd, to_vtk
+from granular.linear import motion_friction, slopes
+from granular.linear.equilibrium import equilibrium, equilibrium_from
+from granular.observables.frame import frame_at
+from granular.observables.interactions import iterate_wall_forces
+from granular.render import picture
+from granular.run.trajectory import Trajectory
+from granular.scene.bed_drawing import draw_bed
+from granular.shared.errors import InputError
+from granular.studies.bed_slopes import equilibrium_state
+from granular.studies.tolerance_parts import read_parts
+from granular.studies.tolerances import tolerances_at
+
+pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
+
+D = 6e-3
+
+
+def scene_of(sides: list[dict[str, Any]], places: list[list[float]], **changes: Any) -> Scene:
+    """Dipoles in a cell of infinite walls, under a free piston of 0.2 kg."""
+    plain = {
+        "grains": {"count": len(places), "species": [{"diameter": D}]},
+        "cell": {"sides": sides},
+        "piston": {"height": 8.0 * D, "mass": 0.2, "drag": 6.0},
+        "effects": {
+            "dipole": True,
+            "walls": {side["name"]: side.pop("law", "infinite") for side in sides},
+            "gravity": True,
+            "drag": {"coefficient": 0.2},
+        },
+        "arrangement": {"positions": places},
+        "protocol": [{"name": "settle", "kind": "free", "duration": 0.6}],
+        "output": {"scalars": 2e-3, "frames": 0.1},
+    }
+    return Scene.from_plain(plain).replace(**changes)
+
+
+def box(names: str = "lbrt") -> list[dict[str, Any]]:
+    wide, tall = 8.0 * D, 30.0 * D
+    ends = [[[0.0, tall], [0.0, 0.0]], [[0.0, 0.0], [wide, 0.0]], [[wide, 0.0], [wide, tall]]]
+    ends.append([[wide, 0.0], [0.0, 0.0]])
+    sides: list[dict[str, Any]] = [{"name": n, "ends": e} for n, e in zip(names, ends, strict=True)]
+    sides[3]["body"] = "piston"
+    return sides
+
+
+GRID = [[(1.2 + 2.5 * i + 0.4 * j) * D, (1.5 + 2.0 * j) * D] for j in range(3) for i in range(3)]
+FLOOR = {
+    "mount": "base",
+    "pistons": [{"name": "floor", "mass": 0.3, "side": "b", "drag": 20.0}],
+    "springs": [{"upper": "floor", "stiffness": 2000.0, "preload": 8.0}],
+}
+
+
+@pytest.fixture(scope="module")
+def two_pistons() -> Trajectory:
+    """A settled bed on a floor that a spring bears 2 mm above its start."""
+    return simulate(scene_of(box(), GRID, **{"effects.host": FLOOR}), dt=4e-4, progress=False)
+
+
+def test_wall_forces_are_taken_apart_at_the_height_of_each_piston(two_pistons: Trajectory) -> None:
+    frame, scene = frame_at(two_pistons), two_pistons.scene
+    assert frame.heights[1] == two_pistons.dataset["floor_displacement"].values[-1]
+    assert frame.heights[1] > 1e-3
+    parts = iterate_wall_forces(scene, frame.positions, frame.heights)
+    whole = evaluate(scene, frame.positions, piston_height=frame.heights)
+    outwards = [
+        -parts.forces[:, k].sum(axis=0) @ -np.array(line.normal) for k, line in enumerate(scene.cell.lines)
+    ]
+    np.testing.assert_allclose(list(whole.wall_forces.values()), outwards, rtol=1e-12)
+    record = two_pistons.dataset
+    np.testing.assert_allclose(whole.wall_forces["b"], record["b_force"].values[-1], rtol=1e-9)
+    places = frame.positions[:, 1] - frame.heights[1]
+    np.testing.assert_allclose(parts.branches[:, 1, 1], places, rtol=1e-12)
+    with pytest.raises(InputError, match="'b' moves with a further piston; give its height"):
+        iterate_wall_forces(scene, frame.positions, frame.piston_height)
+    with pytest.raises(InputError, match="piston_height = "):
+        evaluate(scene, frame.positions, piston_height=[0.05, 0.0, 0.0])  # type: ignore[arg-type]
+
+
+def test_pictures_show_each_piston_at_its_height(two_pistons: Trajectory) -> None:
+    frame, scene = frame_at(two_pistons), two_pistons.scene
+    axes = Figure().subplots()
+    draw_bed(axes, scene, frame.positions, frame.heights)
+    levels = {round(float(line.get_ydata()[0]), 9) for line in axes.lines if np.ptp(line.get_ydata()) == 0.0}
+    assert levels == {round(1e3 * float(height), 9) for height in frame.heights}
+    drawn = picture.BedPicture(two_pistons, "species", (0.0, 1.0), 8.0 * D)
+    drawn.show_frame(frame)
+    inner = [float(np.min(patch.get_xy()[:2, 1])) for patch, *_ in drawn._pistons]
+    np.testing.assert_allclose(sorted(inner), sorted(1e3 * frame.heights))
+    (text,) = re.findall(r'type="application/json">(.*)</script>', two_pistons.animate().page)
+    (lid, heights), (floor, further) = json.loads(text)["pistons"]
+    assert lid == [[[8.0 * D, 0.0], [0.0, 0.0]]]
+    assert floor == [[[0.0, 0.0], [8.0 * D, 0.0]]]
+    assert (heights[-1], further[-1]) == tuple(frame.heights)
+
+
+def test_slopes_and_tolerances_start_at_the_height_of_each_piston(two_pistons: Trajectory) -> None:
+    rest = equilibrium(two_pistons)
+    np.testing.assert_allclose(rest.heights, frame_at(two_pistons).heights, rtol=0.02)
+    state = equilibrium_state(two_pistons)
+    again = equilibrium_from(two_pistons.scene, np.array(state["positions"]), np.array(state["height"]))
+    np.testing.assert_allclose(again.heights, rest.heights, atol=1e-12)
+    keys = ("piston.mass", "grains.remanence")
+    found = slopes(rest, keys)
+    np.testing.assert_allclose(found.values[:, 0], by_differences(rest, keys), rtol=1e-4)
+    moved = tolerances_at([rest], read_parts(rest.scene, {"piston.mass": "0.1%"}))
+    np.testing.assert_allclose(moved.slopes[0, 0], found.values[0], rtol=1e-3, atol=1e-4)
+    assert motion_friction(rest, static=0.1).load > 0.0
+
+
+def by_differences(rest: Any, keys: tuple[str, ...], step: float = 1e-4) -> list[float]:
+    """Slope d ln (rest) / d ln (number) by equilibria of the changed scenes."""
+    result = []
+    for key in keys:
+        heights = []
+        for sign in (1.0, -1.0):
+            number = rest.scene.piston.mass if key == "piston.mass" else rest.scene.grains.remanence
+            changed = rest.scene.replace(**{key: number * (1.0 + sign * step)})
+            after = equilibrium_from(changed, rest.positions, rest.heights)
+            heights.append(np.log(after.piston_height))
+        result.append((heights[0] - heights[1]) / (2.0 * step))
+    return result
+
+
+def test_slopes_of_a_bed_on_inclined_sides_are_those_of_changed_beds() -> None:
+    """A piston on magnets between two sides of 30 and 45 degrees and a short floor."""
+    tall, wide = 8.0 * D, 4.0 * D
+    left, right = tall / np.tan(np.pi / 4.0), tall / np.tan(np.pi / 6.0)
+    corners = [[0.0, tall], [left, 0.0], [left + wide, 0.0], [left + wide + right, tall]]
+    sides: list[dict[str, Any]] = [
+        {"name": name, "ends": [corners[k], corners[k + 1]]} for k, name in enumerate(("l", "b", "r"))
+    ]
+    sides.append({"name": "t", "ends": [[left + wide, 0.0], [left, 0.0]], "body": "piston"})
+    middle = left + 0.5 * wide
+    places = [[middle + (1.7 * i + 0.3 * j) * D, (1.5 + 1.6 * j) * D] for j in range(2) for i in (-1, 0, 1)]
+    scene = scene_of(sides, places, **{"piston.height": 6.0 * D})
+    rest = equilibrium(simulate(scene, dt=4e-4, progress=False))
+    assert rest.is_stable
+    keys = ("piston.mass", "grains.remanence")
+    np.testing.assert_allclose(slopes(rest, keys).values[:, 0], by_differences(rest, keys), rtol=1e-4)
+
+
+def test_exports_hold_the_grains_of_a_polygon(tmp_path: Path) -> None:
+    """A hole in the floor lets three grains out, which the files leave out from then on."""
+    sides = box()
+    sides[1] |= {"law": "slab", "ends": [[0.0, 0.0], [1.5 * D, 0.0]]}
+    sides[2:2] = [{"name": "c", "law": "slab", "ends": [[6.5 * D, 0.0], [8.0 * D, 0.0]]}]
+    hold = [{"name": "fall", "kind": "hold", "duration": 0.2}]
+    scene = scene_of(sides, GRID, **{"effects.walls.t": "none", "piston": None, "protocol": hold})
+    run = simulate(scene, dt=4e-4, progress=False)
+    data = run.dataset
+    here = np.isfinite(data["position"].values[..., 0])
+    counts = here.sum(axis=1).tolist()
+    assert counts[0] == 9 > counts[-1]
+    last, places = len(counts) - 1, data["position"].values[-1][here[-1]]
+    lines = to_extxyz(run, tmp_path / "out.xyz").read_text(encoding="utf-8").splitlines()
+    rows = np.array([line.split()[1:3] for line in lines[-counts[-1] :]], dtype=float)
+    np.testing.assert_array_equal(rows, places)
+    assert f'Lattice="{8.0 * D:.17g} 0 0' in lines[1]
+    with gsd.hoomd.open(str(to_gsd(run, tmp_path / "out.gsd"))) as file:
+        assert [frame.particles.N for frame in file] == counts
+        np.testing.assert_array_equal(file[last].log["particles/position"][:, :2], places)
+        half = 0.5 * np.array(file[last].configuration.box[:2])
+        assert (np.abs(file[last].particles.position[:, :2]) <= half).all()
+    meshes = [meshio.read(path) for path in to_vtk(run, tmp_path / "vtk")[1:]]
+    assert [len(mesh.points) for mesh in meshes] == counts
+    np.testing.assert_array_equal(meshes[-1].points[:, :2], places)
