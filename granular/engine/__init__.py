@@ -18,8 +18,8 @@ and one of its ticks, here of twelve steps and with a far field that acts at mos
 step
     The least advance: the kicks and drifts of a method, one after another. Verlet's method is
     half a kick (velocities, positions stand still), a drift (positions, velocities stand still),
-    the forces at the new positions, and the other half of the kick (`time_step`, `grain_kicks`, `piston`,
-    `forces`; Runge-Kutta methods in `runge_kutta`).
+    the forces at the new positions, and the other half of the kick (`time_step`, `bodies`,
+    `forces`).
 tick
     Some steps and a *look* at the bed after the last of them: the forces of that step are computed
     in a *measuring pass*, which sums the energies, the stiffness and the least distance as well.

@@ -32,13 +32,12 @@ import math
 from typing import TYPE_CHECKING
 
 from granular.compiled import Array, compiled
-from granular.compiled.hook_calls import sum_of_hooks
+from granular.compiled.hook_calls import call_last_hook, sum_of_hooks
 from granular.effects.body_table import BodyLaw, BodyScratch, bed_momentum, link_force
 from granular.effects.excitation import evaluate_excitation, excitation_during_kick
 from granular.effects.slide import drag_flow_coefficients, slide
 from granular.effects.wall_kernels import force_on_body
-from granular.engine.grain_kicks import kick_grains
-from granular.kernel_data.compensated_summation import compensated_sum
+from granular.kernel_data.compensated_summation import add_to_velocity, compensated_sum
 from granular.kernel_data.constants import BodyResistance
 from granular.kernel_data.state import (
     CELL,
@@ -57,6 +56,45 @@ from granular.protocol.piston_motion import TABLE, Motion, driven_height_and_vel
 
 if TYPE_CHECKING:
     from jaxtyping import Float
+
+
+@compiled(inline=True)
+def _kick_by_forces(
+    rounding: Array | None, dt: float, state: State, count: int, masses: Array | None
+) -> None:
+    if masses is None:
+        for i in range(count):
+            add_to_velocity(rounding, state, i, dt * state.fx[i], dt * state.fy[i])
+    else:
+        for i in range(count):
+            gain = dt / masses[i]
+            add_to_velocity(rounding, state, i, gain * state.fx[i], gain * state.fy[i])
+
+
+@compiled(inline=True)
+def _kick_without_effects(dt: float, bed: Bed, opens_step: bool) -> int:
+    state, constants = bed.state, bed.constants
+    _kick_by_forces(state.rounding, dt, state, constants.grains, constants.masses)
+    return 0
+
+
+_kick = call_last_hook("kick", "dt bed opens_step", _kick_without_effects)
+_flow = sum_of_hooks("damp_velocities", "dt bed opens_step")
+_flow_back = sum_of_hooks("damp_velocities", "dt bed opens_step", backward=True)
+
+
+@compiled(inline=True)
+def kick_grains(dt: float, bed: Bed, opens_step: bool) -> None:
+    """Change the velocities of the grains by ``dt`` [tau] under the present forces."""
+    state, constants = bed.state, bed.constants
+    laws = constants.acting.laws
+    if opens_step:
+        _kick(laws, state.workspaces, dt, bed, opens_step)
+        _flow(laws, state.workspaces, dt, bed, opens_step)
+    else:
+        _flow_back(laws, state.workspaces, dt, bed, opens_step)
+        _kick(laws, state.workspaces, dt, bed, opens_step)
+
 
 upward_acceleration = sum_of_hooks("upward_acceleration", "time", 0.0)
 """Upward acceleration of all that has a mass, at a time [tau]."""

@@ -6,10 +6,9 @@
 from granular.linear.friction import MotionFriction, motion_friction
 from granular.linear.modes import NormalModes, normal_modes
 from granular.linear.response import dynamic_stiffness, transmissibility
-from granular.linear.roots import Root, piston_roots
+from granular.linear.roots import Root, piston_roots, root_of_steps
 from granular.linear.slopes import Slopes, slopes
 from granular.linear.small_motions import SmallMotions, small_motions
-from granular.linear.step_root import root_of_steps
 
 __all__ = [
     "MotionFriction",

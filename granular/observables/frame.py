@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from granular.run.trajectory import frame_heights
 from granular.schema.units import unit_size
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
@@ -143,6 +142,8 @@ def select_frames(run: Trajectory, start: float, stop: float) -> Int[np.ndarray,
 
 def frames(run: Trajectory, indices: Sequence[int] | Int[np.ndarray, "f"] | None = None) -> Iterator[Frame]:
     """Yield frames of a run, by their indices."""
+    from granular.run.trajectory import frame_heights
+
     data = run.dataset if indices is None else run.dataset.isel(frame=np.asarray(indices))
     times, velocities, forces = (data[k].values for k in ("frame_time", "velocity", "force"))
     positions = run.scene.cell.wrap_positions(data["position"].values)

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from granular.compiled import compiled, entry
-from granular.effects import drag, friction_law
+from granular.effects import drag, friction
 from granular.pairs.direct_vector_loops import reproducible_sum
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_a_kernel_for_kernels_says_so_to_python() -> None:
-    with pytest.raises(TypeError, match=r"effects\.friction_law\.velocity_factor_after_friction is a kernel"):
-        friction_law.velocity_factor_after_friction(1.0, 2.0)
+    with pytest.raises(TypeError, match=r"effects\.friction\.velocity_factor_after_friction is a kernel"):
+        friction.velocity_factor_after_friction(1.0, 2.0)
 
 
 def test_entry_makes_a_form_that_python_can_call() -> None:
     values = np.arange(16.0)
     assert entry(reproducible_sum)(values) == values.sum()
-    assert entry(friction_law.velocity_factor_after_friction)(1.0, 2.0) == 0.0
+    assert entry(friction.velocity_factor_after_friction)(1.0, 2.0) == 0.0
     assert drag.drag_flow_coefficients(1.0, 0.0)[0] == 1.0  # is an entry, and a kernel for kernels
 
 

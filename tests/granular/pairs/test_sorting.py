@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from granular.compiled import entry
-from granular.pairs.sorting import sort_by_value
+from granular.pairs.stripes import sort_by_value
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 9, 10, 100, 721])
