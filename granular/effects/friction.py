@@ -223,19 +223,21 @@ def _kick_fast_grain(
     flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opens_step: bool
 ) -> tuple[float, float, float, float]:
     """Kick and drag, then friction, or in the reverse order in the kick that closes a step."""
-    rubbed, left = 0.0, 1.0
+    rubbed = 0.0
     if not opens_step:
-        speed = vector_length(vx, vy)
-        left = velocity_factor_after_friction(speed, loss)
-        vx, vy = vx * left, vy * left
-        rubbed = 0.5 * speed * speed * (1.0 - left * left)
+        vx, vy, rubbed = _rub(vx, vy, loss)
     vx, vy, dragged = move_with_drag(flow, vx, vy, ax, ay)
     if opens_step:
-        speed = vector_length(vx, vy)
-        left = velocity_factor_after_friction(speed, loss)
-        vx, vy = vx * left, vy * left
-        rubbed = 0.5 * speed * speed * (1.0 - left * left)
+        vx, vy, rubbed = _rub(vx, vy, loss)
     return vx, vy, dragged, rubbed
+
+
+@compiled(inline=True)
+def _rub(vx: float, vy: float, loss: float) -> tuple[float, float, float]:
+    """Velocity after friction, and the energy that it takes of a mass of 1."""
+    speed = vector_length(vx, vy)
+    left = velocity_factor_after_friction(speed, loss)
+    return vx * left, vy * left, 0.5 * speed * speed * (1.0 - left * left)
 
 
 @compiled

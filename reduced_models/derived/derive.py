@@ -22,7 +22,7 @@ from granular.linear.equilibrium import Equilibrium, equilibrium
 from granular.linear.roots import MASS_FRACTION, Root, modal_coordinate, piston_roots, require_free_piston
 from granular.protocol.driven_piston_stages import Lift
 from granular.run.piston_record import PistonRecord
-from granular.run.trajectory import Trajectory
+from granular.run.trajectory import Trajectory, frame_heights
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, RecordError
 from reduced_models.derived.continuation import HeldState, Instability, follow_piston, held_state
@@ -267,7 +267,9 @@ def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root)
     frame = int(np.searchsorted(data["frame_time"].values, start + 1e-9, side="right")) - 1
     record = run.piston(stage)
     assert record.velocity is not None
-    away = bed.coordinates(data["position"].values[frame], float(record.height[0])) - rest.pencil.at
+    heights = frame_heights(run.scene, data)[frame]
+    heights[0] = record.height[0]
+    away = bed.coordinates(data["position"].values[frame], heights) - rest.pencil.at
     if np.abs(away).max() > REARRANGED * bed.length:
         return float(record.height[0]), float(record.velocity[0])
     velocity = np.zeros(bed.size)
