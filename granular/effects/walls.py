@@ -28,7 +28,6 @@ from granular.kernel_data.state import CELL, PISTON
 from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import ROUNDING, Cell, Point, SideLine
 from granular.schema.field_kinds import FieldError, FieldKind, NestedSectionKind, at_key, unknown_word_message
-from granular.schema.natural_units import Scales
 from granular.schema.sections import Section, quantity, section_field, text_field
 from granular.shared.message_text import quote
 
@@ -239,7 +238,12 @@ class Walls(ForceEffect):
             if wall is not None:
                 with at_key("effects", self.key, line.name):
                     _check_slab(wall, line, height)
-                    _check_pitch(wall, diameter)
+                    # 1e-12: rounding of a pitch that is written as one diameter.
+                    if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
+                        raise FieldError(
+                            f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m",
+                            "pitch",
+                        )
                     if cell.is_polygon:
                         _check_leaves_openings_free(wall, line, ways_out)
 
@@ -254,11 +258,6 @@ class Walls(ForceEffect):
         own = [wall.own for _, wall in self.present_walls if wall.own is not None]
         return tuple(source for law in own for source in law.user_code_digests)
 
-    @property
-    def has_slab(self) -> bool:
-        """True where a wall is a slab."""
-        return any(wall.law == "slab" for _, wall in self.present_walls)
-
     def make_kernel_law(self, context: EffectContext) -> WallLaws:
         """Make the sides that the compiled loop takes, with their laws, in natural units."""
         return WallLaws(natural_sides(self, context, context.cell.lines))
@@ -268,24 +267,15 @@ def natural_sides(
     walls: Walls | None, context: EffectContext, lines: tuple[SideLine, ...]
 ) -> tuple[Side, ...]:
     """Return sides of the cell with their laws, all open without walls, in natural units."""
-    sides = []
+    host, sides = context.effects.get("host"), []
+    bodies = {} if host is None else host.bodies_of_sides()
     for line in lines:
         wall = None if walls is None else walls.wall_of(line.name)
         law = None if wall is None else wall.make_kernel_law(context, line)
-        sides.append(_natural_side(line, _body_of_side(line, context), law, context.scales))
+        (x, y), (nx, ny), (tx, ty) = line.point, line.normal, line.tangent
+        offset, begin = (nx * x + ny * y) / context.scales.length, (tx * x + ty * y) / context.scales.length
+        sides.append(Side(nx, ny, offset, tx, ty, begin, bodies.get(line.name, line.body), law))
     return tuple(sides)
-
-
-def _body_of_side(line: SideLine, context: EffectContext) -> int:
-    """Row of the body that a side moves with."""
-    host = context.effects.get("host")
-    return line.body if host is None else host.bodies_of_sides().get(line.name, line.body)
-
-
-def _natural_side(line: SideLine, body: int, law: Any, scales: Scales) -> Side:
-    (x, y), (nx, ny), (tx, ty) = line.point, line.normal, line.tangent
-    offset, begin = (nx * x + ny * y) / scales.length, (tx * x + ty * y) / scales.length
-    return Side(nx, ny, offset, tx, ty, begin, body, law)
 
 
 def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
@@ -324,9 +314,3 @@ def _check_leaves_openings_free(wall: Wall, line: SideLine, ways_out: list[Point
             "sides meet",
             "law",
         )
-
-
-def _check_pitch(wall: Wall, diameter: float) -> None:
-    # 1e-12: rounding of a pitch that is written as one diameter.
-    if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
-        raise FieldError(f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", "pitch")

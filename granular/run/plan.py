@@ -412,7 +412,7 @@ def _method_refusals(scene: Scene, method: Method) -> Iterator[str]:
         yield f"{run} {drifting[0]!r}, which acts within the drift; {verlet}"
     if method.variable and scene.cell.periods is not None:
         yield f"cannot run a periodic cell: its steps follow grains, not their images; {verlet}"
-    if method.variable and walls is not None and walls.has_slab:
+    if method.variable and walls and any(wall.law == "slab" for _, wall in walls.present_walls):
         yield f"{run} a slab, past whose ends grains may come behind it; {verlet}"
 
 
