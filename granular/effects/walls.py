@@ -26,7 +26,7 @@ from granular.effects.wall_side import Side
 from granular.effects.wall_slab import SlabWall
 from granular.kernel_data.state import CELL, PISTON
 from granular.schema.apparatus import Grains, Piston
-from granular.schema.cell import ROUNDING, Cell, Point, SideLine
+from granular.schema.cell import Cell, Point, SideLine
 from granular.schema.field_kinds import FieldError, FieldKind, NestedSectionKind, at_key, unknown_word_message
 from granular.schema.sections import Section, quantity, section_field, text_field
 from granular.shared.message_text import quote
@@ -209,10 +209,10 @@ class Walls(ForceEffect):
         result = copy.copy(self)
         object.__setattr__(result, "walls", tuple((side, given.get(side, usual)) for side in sides))
         object.__setattr__(result, "unnamed", tuple(side for side in sides if side not in given))
-        object.__setattr__(result, "has_gap", bool(result._ways_out(cell)))
+        object.__setattr__(result, "has_gap", bool(result._exits(cell)))
         return result
 
-    def _ways_out(self, cell: Cell) -> list[Point]:
+    def _exits(self, cell: Cell) -> list[Point]:
         """Directions in which grains leave through slabs with a gap, and between walls of a polygon."""
         walled = [(line, wall) for line in cell.lines if (wall := self.wall_of(line.name)) is not None]
         result = [(-line.normal[0], -line.normal[1]) for line, wall in walled if wall.has_gap]
@@ -221,7 +221,7 @@ class Walls(ForceEffect):
         gaps = cell.gaps([line.name for line, _ in walled if line.body == CELL], 0.0)
         # The widest one above is the open top, or where the piston is, which may also come from below.
         filled = next((line.tangent[0] for line, _ in walled if line.body == PISTON), -1.0)
-        gaps.sort(key=lambda way: filled * way[0])
+        gaps.sort(key=lambda gap: filled * gap[0])
         if gaps and filled * gaps[-1][0] > 0.0:
             gaps.pop()
         return result + [(y, -x) for x, y in gaps]
@@ -232,20 +232,15 @@ class Walls(ForceEffect):
         """Check that slabs fit the cell and the piston's height, and a pitch the magnets."""
         height = 0.0 if piston is None else piston.height or 0.0
         diameter = grains.species[0].diameter
-        ways_out = self._ways_out(cell)
+        exits = self._exits(cell)
         for line in cell.lines:
             wall = self.wall_of(line.name)
             if wall is not None:
                 with at_key("effects", self.key, line.name):
                     _check_slab(wall, line, height)
-                    # 1e-12: rounding of a pitch that is written as one diameter.
-                    if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
-                        raise FieldError(
-                            f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m",
-                            "pitch",
-                        )
+                    _check_pitch(wall, diameter)
                     if cell.is_polygon:
-                        _check_leaves_openings_free(wall, line, ways_out)
+                        _check_leaves_openings_free(wall, line, exits)
 
     @property
     def present_walls(self) -> list[tuple[str, Wall]]:
@@ -304,13 +299,17 @@ def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
         )
 
 
-def _check_leaves_openings_free(wall: Wall, line: SideLine, ways_out: list[Point]) -> None:
+def _check_leaves_openings_free(wall: Wall, line: SideLine, exits: list[Point]) -> None:
     """Check that the force of a wall ends with its side, if grains that leave and fall cross its line."""
-    nx, ny = line.normal
-    crossed = any(ny > ROUNDING or nx * x + ny * y < -ROUNDING for x, y in ways_out)
-    if line.body == CELL and wall.law != "slab" and crossed:
+    if line.body == CELL and wall.law != "slab" and any(line.is_crossed(*out) for out in exits):
         raise FieldError(
             f"{wall.law!r} has no end, and would close the opening of the cell; take 'slab', or let the "
             "sides meet",
             "law",
         )
+
+
+def _check_pitch(wall: Wall, diameter: float) -> None:
+    # 1e-12: rounding of a pitch that is written as one diameter.
+    if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
+        raise FieldError(f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", "pitch")

@@ -75,6 +75,11 @@ class SideLine:
         """True if the side is horizontal."""
         return abs(self.normal[0]) < ROUNDING
 
+    def is_crossed(self, x: float, y: float) -> bool:
+        """Return whether grains that leave in a direction, and fall then, cross the line of the side."""
+        nx, ny = self.normal
+        return ny > ROUNDING or nx * x + ny * y < -ROUNDING
+
     def origin(self, height: float) -> Point:
         """Point from which places along the side count, with the piston at a height [m]."""
         return (self.point[0], self.point[1] + (height if self.body == PISTON else 0.0))
@@ -194,14 +199,14 @@ class Cell(Section):
         self.check_convex(None)
 
     def gaps(self, names: Collection[str], height: float) -> list[Point]:
-        """Ways over the gaps between neighbours among sides of a polygon; height of the piston [m]."""
+        """Vectors over the gaps between neighbours among sides of a polygon; height of the piston [m]."""
         ends = np.array([line.ends(height, 0.0) for line in self.lines if line.name in names])
         if not len(ends):
             return []
         x, y = (ends.mean(axis=1) - ends.mean(axis=(0, 1))).T
         ends = ends[np.argsort(np.arctan2(y, x))]
-        ways = np.roll(ends[:, 0], -1, axis=0) - ends[:, 1]
-        return [(x, y) for x, y in ways.tolist() if math.hypot(x, y) > 100.0 * ROUNDING * self.width]
+        gaps = np.roll(ends[:, 0], -1, axis=0) - ends[:, 1]
+        return [(x, y) for x, y in gaps.tolist() if math.hypot(x, y) > 100.0 * ROUNDING * self.width]
 
     def check_convex(self, height: float | None) -> None:
         """Check that all corners lie inside all sides; of the cell, or with the piston at a height [m]."""
