@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from granular.run.trajectory import frame_heights
 from granular.scene.bed_drawing import draw_bed
 from granular.shared.html_pages import HtmlPage, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, figure_label, line_style
@@ -270,6 +269,8 @@ def add_run_sections(page: HtmlPage, run: Trajectory) -> None:
 
 
 def _add_bed_section(page: HtmlPage, run: Trajectory) -> None:
+    from granular.run.trajectory import frame_heights
+
     page.add_section("The bed before and after")
     data, scene = run.dataset, run.scene
     tallest = float(data["frame_height"][[0, -1]].max()) if scene.piston else scene.cell.width
