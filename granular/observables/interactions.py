@@ -19,7 +19,7 @@ from granular.effects.wall_side import evaluate_wall_forces
 from granular.observables.frame import check_vectors, is_present
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
-from granular.scene.scene import body_of_side
+from granular.scene.bed_drawing import body_of_side
 from granular.schema.cell import Heights
 from granular.shared.errors import InputError
 

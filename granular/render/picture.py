@@ -12,8 +12,8 @@ from granular.observables.frame import Frame, is_present
 from granular.observables.voronoi import cell_polygons, voronoi_cells
 from granular.render.colourings import colour_classes, colouring_by_name
 from granular.run.trajectory import Trajectory
-from granular.scene.bed_drawing import SidePiece, side_pieces
-from granular.scene.scene import Scene, body_of_side
+from granular.scene.bed_drawing import SidePiece, body_of_side, side_pieces
+from granular.scene.scene import Scene
 from granular.schema.cell import CELL, ROUNDING, Point
 from granular.schema.cell import PISTON as PISTON_BODY
 from granular.shared.plotting import COLOURS, GREY, figure_label

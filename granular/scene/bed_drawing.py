@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.scene.scene import Scene, body_of_side
 from granular.schema.cell import CELL, PISTON, Point, SideLine
 from granular.shared.plotting import COLOURS
 
 if TYPE_CHECKING:
     from jaxtyping import Float
     from matplotlib.axes import Axes
+
+    from granular.scene.scene import Scene
 
 
 class SidePiece(NamedTuple):
@@ -23,6 +24,13 @@ class SidePiece(NamedTuple):
     walled: bool  # not open
     start: Point  # [m]
     end: Point  # [m]
+
+
+def body_of_side(scene: Scene, line: SideLine) -> int:
+    """Body that a side moves with: the cell, the piston, or from 2 on `effects.host.pistons` in order."""
+    pistons = () if scene.effects.host is None else scene.effects.host.pistons
+    names = [other.side for other in pistons]
+    return PISTON + 1 + names.index(line.name) if line.name in names else line.body
 
 
 def side_pieces(scene: Scene, body: int, top: float) -> Iterator[SidePiece]:

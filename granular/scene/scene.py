@@ -15,7 +15,7 @@ from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_positions_and_velocities
 from granular.schema.apparatus import Grains, Output, Piston
-from granular.schema.cell import PISTON, Cell, SideLine, piston_wall_key
+from granular.schema.cell import PISTON, Cell, piston_wall_key
 from granular.schema.field_kinds import (
     FieldError,
     NestedSectionKind,
@@ -488,13 +488,6 @@ class Scene(Section):
             First 16 hexadecimal digits of the SHA-256 of its plain data.
         """
         return digest(self.to_plain(), 16)  # 64 bits: of a million scenes two clash with a chance of 3e-8
-
-
-def body_of_side(scene: Scene, line: SideLine) -> int:
-    """Body that a side moves with: the cell, the piston, or from 2 on `effects.host.pistons` in order."""
-    pistons = () if scene.effects.host is None else scene.effects.host.pistons
-    names = [other.side for other in pistons]
-    return PISTON + 1 + names.index(line.name) if line.name in names else line.body
 
 
 def _first_species_diameter(plain: Mapping[str, Any]) -> float | None:
