@@ -75,8 +75,7 @@ def start_values(
         drawn = _random_draws(law, guess, random, _DRAWS, bounds)
         for name in drive_frequencies(law):
             if name not in _fixed_by_bounds(bounds):
-                peaks = spectral_peaks(record.time, record.height)
-                drawn[:, law.parameters.index(name)] = random.choice(peaks, _DRAWS)
+                _draw_wave_frequencies(drawn[:, law.parameters.index(name)], record, random)
         draws = _fit_draws_to_accelerations(law, guess, record, drawn, bounds)
     if law.observations:
         _fit_parameters_of_observations(law, guess, record, draws, _fixed_by_bounds(bounds))
@@ -142,6 +141,19 @@ def drive_frequencies(law: Law) -> tuple[str, ...]:
     waves = [wave for rate in parsed.rates for wave in rate.atoms(sympy.sin, sympy.cos)]
     slopes = {str(wave.args[0].diff(time)) for wave in waves}
     return tuple(name for name in law.parameters if name in slopes)
+
+
+def _draw_wave_frequencies(
+    values: Float[np.ndarray, "d"], record: PistonRecord, random: np.random.Generator
+) -> None:
+    """Set frequencies to lines of the record's spectrum, to distances of two of them, or leave them."""
+    # A drive is a line of its own; a wave that multiplies the coordinate parts its lines by its frequency.
+    peaks = spectral_peaks(record.time, record.height)
+    apart = np.abs(random.choice(peaks, len(values)) - random.choice(peaks, len(values)))
+    way = np.arange(len(values)) % 3
+    values[way == 0] = random.choice(peaks, len(values))[way == 0]
+    chosen = (way == 1) & (apart > 0.0)
+    values[chosen] = apart[chosen]
 
 
 def fit_to_accelerations(

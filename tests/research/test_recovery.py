@@ -13,7 +13,7 @@ from granular.shared.errors import InputError
 from research.recovery import peer, runner
 from research.recovery.__main__ import CAMPAIGN
 from research.recovery.silverbox import silverbox
-from research.recovery.systems import SEEDS, SYSTEMS, clean_motion, law_of_system, made_record
+from research.recovery.systems import REACHED, SEEDS, SYSTEMS, clean_motion, law_of_system, made_record
 from research.recovery.text import recovery_markdown, recovery_text
 
 
@@ -58,6 +58,14 @@ def test_the_guide_shows_what_the_command_writes(monkeypatch: pytest.MonkeyPatch
     found = CAMPAIGN.committed()
     assert CAMPAIGN.different(found) == []
     assert CAMPAIGN.different({**found, "reached": 0}) == ["docs/results/real-records.md: table"]
+
+
+def test_a_wave_that_multiplies_the_coordinate_is_found() -> None:
+    """Its frequency is no line of the spectrum, it parts the lines of the motion; 10 % of noise."""
+    system = next(k for k, item in enumerate(SYSTEMS) if item.name == "parametric")
+    fitted = runner._fitted(runner.Case(system, 0.1, 0))
+    assert fitted["ratio"] <= REACHED
+    assert fitted["agree"] > 0.1
 
 
 def test_what_is_done_is_found_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
