@@ -32,7 +32,7 @@ from granular.readers.sheet_interpretation import (
     spread_rounded_times,
 )
 from granular.readers.workbook import MAX_BYTES as MAX_WORKBOOK_BYTES
-from granular.readers.workbook import read_workbook, refuse_old_workbook
+from granular.readers.workbook import is_old_workbook, read_workbook
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, RecordWarning, SceneError
 from granular.shared.files import report_read_errors as reading_file
@@ -142,7 +142,8 @@ def _read_bytes(path: Path, max_bytes: int) -> bytes:
 
 def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
     """Read the table of a text file, in any of the encodings that instruments write."""
-    refuse_old_workbook(content)
+    if is_old_workbook(content):  # as many programs call their tables of text, too
+        return read_workbook(content, options)
     if universal := _UNIVERSAL.match(content):
         raise RecordError(
             f"is a universal file (data set {universal[1].decode()}), which is not read; write its motion as "
@@ -199,6 +200,7 @@ BINARY = {
     ".pq": PARQUET,
     ".xlsx": _WORKBOOK,
     ".xlsm": _WORKBOOK,
+    ".xlsb": _WORKBOOK,
     ".ods": _WORKBOOK,
     ".tdms": FileFormat(read_tdms),
     ".mat": FileFormat(read_matlab),

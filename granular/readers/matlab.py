@@ -3,40 +3,26 @@
 from __future__ import annotations
 
 import io
-import struct
-import zlib
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from granular.readers.column_headers import TIME, guess_column_role, parse_header
+from granular.readers.limited_process import read_within_limits
 from granular.readers.read_options import ReadOptions
 from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote
 
-_MAX_UNPACKED = 512 * 2**20
-_MAX_ELEMENTS, _MAX_DEPTH = 100_000, 50
-"""Limits of a variable: parts of structures and cells, and their depth within each other."""
-_HEAD, _COMPRESSED, _MATRIX = 128, 15, 14
-"""Bytes before the first variable of a file of version 5 to 7, and types of its elements."""
+Vectors = dict[str, Any]
+"""Arrays of numbers, and structures of such, by name; a text for anything else."""
 
 
 def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
     """Read the vectors of one length in a MATLAB file of version 4 to 7."""
-    import scipy.io
-
-    with report_parsing_errors("a MATLAB file"):
-        _check_unpacked_size(content)
-        try:
-            loaded = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
-        except NotImplementedError:
-            raise RecordError(
-                "is of MATLAB's version 7.3, which is not read; save it with save(..., '-v7')"
-            ) from None
-    variables = {name: value for name, value in loaded.items() if not name.startswith("__")}
-    variables = dict(options.select_table(variables, "variable"))
+    every: Vectors = read_within_limits(list_variables, content)
+    variables = dict(options.select_table(every, "variable"))
     vectors = _numeric_vectors(variables)
     lengths = [len(values) for values in vectors.values()]
     length = max(lengths, key=lengths.count, default=0)
@@ -59,47 +45,26 @@ def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
     return Sheet(columns, None, any(column.name for column in columns), "MATLAB file")
 
 
-def _check_unpacked_size(content: bytes) -> None:
-    """Refuse what unpacks to far more; a file of version 4 is as long as what it holds."""
-    order = {b"IM": "<", b"MI": ">"}.get(content[_HEAD - 2 : _HEAD])
-    if order is None:
-        return
-    offset, unpacked = _HEAD, 0
-    while offset + 8 <= len(content):
-        kind, size = struct.unpack_from(f"{order}II", content, offset)
-        element = content[offset : offset + 8 + size]
-        if kind == _COMPRESSED:
-            element = zlib.decompressobj().decompress(element[8:], _MAX_UNPACKED - unpacked + 1)
-        unpacked += len(element)
-        if unpacked > _MAX_UNPACKED:
+def list_variables(content: bytes) -> Vectors:
+    """Variables of a file that hold numbers, and the names of the others."""
+    import scipy.io
+
+    with report_parsing_errors("a MATLAB file"):
+        try:
+            loaded = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
+        except NotImplementedError:
             raise RecordError(
-                f"unpacks to more than {_MAX_UNPACKED // 2**20} MB, the limit; "
-                "save time and height alone, or sample less often"
-            )
-        if _is_nested_too_deeply(element, order):
-            raise RecordError(
-                f"a structure or cell array in it has more than {_MAX_ELEMENTS} "
-                f"parts, or they are more than {_MAX_DEPTH} deep; save time and height as vectors"
-            )
-        offset += 8 + size
+                "is of MATLAB's version 7.3, which is not read; save it with save(..., '-v7')"
+            ) from None
+        return {name: _numbers_in(value) for name, value in loaded.items() if not name.startswith("__")}
 
 
-def _is_nested_too_deeply(content: bytes, order: str) -> bool:
-    """Return True for an element with too many others in it, or nested too deeply."""
-    count, stack = 0, [(0, len(content))]
-    while stack:
-        offset, end = stack.pop()
-        while offset + 8 <= end:
-            kind, size = struct.unpack_from(f"{order}II", content, offset)
-            count += 1
-            if count > _MAX_ELEMENTS or len(stack) > _MAX_DEPTH:
-                return True
-            first, small = (offset + 8, kind >> 16)  # of a small element the content stands in its tag
-            offset = first if small else first + -(-size // 8) * 8
-            if kind == _MATRIX:
-                stack.append((offset, end))
-                offset, end = first, min(end, first + size)
-    return False
+def _numbers_in(value: Any) -> Any:
+    if isinstance(value, dict):  # a structure
+        return {name: _numbers_in(item) for name, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return value if value.dtype.kind in "iufc" else f"of the type {value.dtype}"
+    return np.asarray(value) if isinstance(value, int | float | complex) else str(value)
 
 
 def _sampling_times(variables: Mapping[str, Any], length: int) -> Column:

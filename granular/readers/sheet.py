@@ -65,7 +65,7 @@ def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iter
     """Turn errors of any kind, from a library that reads a file, into one line."""
     try:
         yield
-    except RecordError:
+    except (RecordError, MemoryError):  # the latter ends the process that reads
         raise
     except ImportError:
         raise RecordError(

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import datetime
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.readers import workbook
 from granular.readers.file_formats import read_sheet
 from granular.readers.read_options import ReadOptions
 from granular.shared.errors import RecordError
@@ -83,20 +81,33 @@ def test_a_cell_without_a_value_is_lost(tmp_path: Path) -> None:
     assert record.time.tolist() == [0.0, 1.0, 3.0, 4.0, 5.0]
 
 
-def test_limits_hold_for_all_sheets_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_hold_for_all_sheets_together(tmp_path: Path) -> None:
     openpyxl = pytest.importorskip("openpyxl")
-    book = openpyxl.Workbook()
+    book = openpyxl.Workbook(write_only=True)
     for name in ("a", "b"):
         sheet = book.create_sheet(name)
         sheet.append(["time", "height"])
         for k in range(20):
             sheet.append([k, np.sin(k)])
+        sheet.append([None] * 16000)
+        for _ in range(110):
+            sheet.append([])
+        sheet.append([*[None] * 15999, 1.0])
     book.save(tmp_path / "a.xlsx")
-    assert len(PistonRecord.from_file(tmp_path / "a.xlsx", sheet="b")) == 20
-    most = workbook._SizeLimit(512, 2 * 21 * 5)
-    monkeypatch.setitem(workbook._PARTS, "xl/worksheets/", most)
-    with pytest.raises(RecordError, match=r"sheet3\.xml in it, and those before, hold more than"):
+    with pytest.raises(RecordError, match="sheet 'b' reaches to row 133 and column 16000; at most 4194304"):
+        PistonRecord.from_file(tmp_path / "a.xlsx", sheet="a")
+
+
+FAR = "9" * 20
+LONG_CELL = ['<row><c t="inlineStr"><is><t>', "a" * 2**20, "</t></is></c></row>"]
+ROWS = [f'<row r="{row}"><c r="A{row}"><v>1</v></c></row>' for row in ("1", FAR)]
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"), [(ROWS, "2048 MB or 20 s"), (LONG_CELL, "a cell holds 1048576 letters")]
+)
+def test_a_workbook_that_no_program_writes_is_one_line(rows: list[str], words: str, tmp_path: Path) -> None:
+    xlsx(tmp_path / "a.xlsx", rows)
+    with pytest.raises(RecordError, match=words) as caught:
         PistonRecord.from_file(tmp_path / "a.xlsx")
-    with zipfile.ZipFile(tmp_path / "a.xlsx") as archive:
-        parts = {info.filename for info in archive.infolist()}
-    assert "xl/worksheets/sheet3.xml" in parts
+    assert "\n" not in str(caught.value)

@@ -106,6 +106,22 @@ def excel(path: Path) -> None:
 
 
 @form(
+    "book.xls",
+    after="Excel 97 to 2003, as phyphox may write it, by xlwt",
+    source="https://learn.microsoft.com/en-us/openspecs/windows_protocols/ms-cfb/",
+)
+def old_excel(path: Path) -> None:
+    import xlwt
+
+    book = xlwt.Workbook()
+    sheet = book.add_sheet("run 7")
+    for row, cells in enumerate([("time [s]", "height [mm]"), *zip(TIME, 1e3 * HEIGHT, strict=True)]):
+        for column, cell in enumerate(cells):
+            sheet.write(row, column, cell if isinstance(cell, str) else float(cell))
+    book.save(path)
+
+
+@form(
     "book.ods",
     after="LibreOffice, by odfpy",
     source="https://docs.oasis-open.org/office/OpenDocument/v1.3/os/part3-schema/OpenDocument-v1.3-os-part3-schema.html",

@@ -45,10 +45,10 @@ REFUSED = {
         "only the acceleration 'Linear Acceleration y'",
         "https://github.com/emmermarcell/phyphox_measurements/blob/HEAD/meresek/2_3sarok2.csv",
     ),
-    "an old workbook": Refused(
+    "a broken workbook": Refused(
         "phyphox.xls",
         b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(504),
-        r"Excel 97 to 2003 .* save it as \.xlsx or CSV",
+        "cannot be read as a workbook: .*save it anew, or as CSV",
         "https://learn.microsoft.com/en-us/openspecs/windows_protocols/ms-cfb/",
     ),
     "volts": Refused(
