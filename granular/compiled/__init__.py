@@ -52,8 +52,8 @@ def compiled(*, parallel: bool = ..., inline: bool = ...) -> Callable[[F], F]: .
 def compiled(function: Any = None, *, parallel: bool = False, inline: bool = False) -> Any:
     """Compile a kernel that other kernels call.
 
-    Multiplications and additions may fuse; nothing else is reordered, so a result depends neither
-    on the number of threads nor on what is recorded.
+    No operation is reordered or fused with another, so a result depends neither on the number of
+    threads, nor on what is recorded, nor on the order in which kernels are put into their callers.
 
     Parameters
     ----------
