@@ -235,13 +235,15 @@ def _calibration_from_search(
 ) -> Calibration:
     position = ended.centre.position + (ended.estimate.step if ended.settled else 0.0)
     values = simulator.scene_changes(position)
+    simulated, scatter = map(math.exp, ended.centre.mean), np.sqrt(np.diag(ended.scatter))
+    columns = (wanted.values.tolist(), simulated, wanted.errors.tolist(), scatter.tolist())
     return Calibration(
         parameters=tuple(
             _calibrated_value(parameter_, k, values[parameter_.key], ended, shift, confidence)
             for k, parameter_ in enumerate(simulator.parameters)
         ),
         confidence=confidence,
-        matches=_feature_matches(wanted, ended),
+        matches=tuple(map(FeatureMatch, wanted.names, *columns)),
         undetermined=undetermined_directions(
             [parameter_.key for parameter_ in simulator.parameters], ended.estimate.information
         ),
@@ -283,12 +285,6 @@ def _calibrated_value(
         scatter=math.sqrt(scatter),
         step=None if shift is None else abs(float(estimate.gain[k] @ shift)),
     )
-
-
-def _feature_matches(wanted: RecordFeatures, ended: GaussNewtonResult) -> tuple[FeatureMatch, ...]:
-    simulated, scatter = map(math.exp, ended.centre.mean), np.sqrt(np.diag(ended.scatter))
-    columns = (wanted.values.tolist(), simulated, wanted.errors.tolist(), scatter.tolist())
-    return tuple(map(FeatureMatch, wanted.names, *columns))
 
 
 def _weak_direction_notes(keys: list[str], information: Float[np.ndarray, "p p"]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -47,14 +48,15 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
     centre = points[0]
     slopes = np.stack([(point.logs - centre.logs) / STRIDE for point in points[1:]], axis=2)
     radius = RADIUS
-    for _ in range(MOST_MOVES):
+    for move in itertools.count():
         scatter = _scatter_covariance(points)
         estimate = linear_estimate(centre, slopes, scatter, wanted)
         deviations = np.sqrt(np.diag(estimate.noise + estimate.scatter))
         short = np.clip(_SETTLED * deviations, _LEAST_STEP, _LINEAR)
         # Along a direction that is hardly known, a short step of the logarithms may move features by much.
-        if (np.abs(estimate.step) <= short).all() and (np.abs(estimate.moved) <= _SETTLED).all():
-            return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), True)
+        settled = (np.abs(estimate.step) <= short).all() and (np.abs(estimate.moved) <= _SETTLED).all()
+        if settled or move == MOST_MOVES:
+            break
         step = estimate.step * min(1.0, radius / float(np.abs(estimate.step).max()))
         trial = simulator.simulate_points([centre.position + step])[0]
         if trial.failure:
@@ -67,9 +69,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
         better = _normalised_distance(trial, wanted, scatter) < _normalised_distance(centre, wanted, scatter)
         radius = min(RADIUS, 2.0 * radius) if better else 0.25 * float(np.abs(step).max())
         centre = trial if better else centre
-    scatter = _scatter_covariance(points)
-    estimate = linear_estimate(centre, slopes, scatter, wanted)
-    return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), False)
+    return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), bool(settled))
 
 
 def _scatter_covariance(points: Sequence[SimulatedPoint]) -> np.ndarray:

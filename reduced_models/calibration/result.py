@@ -168,32 +168,15 @@ class Calibration:
         page = HtmlPage(f"Scene {self.scene.name!r} calibrated", "; ".join(map(str, self.parameters)))
         for note in (*map(str, self.undetermined), *self.notes):
             page.add_warning(note)
-        page.add_table(
-            (
-                "number",
-                "value",
-                "unit",
-                f"{100 * self.confidence:g} % interval",
-                "before",
-                "noise [%]",
-                "random starts [%]",
-                "step [%]",
-            ),
-            [
-                (
-                    parameter.key,
-                    f"{parameter.value:.6g}",
-                    parameter.unit,
-                    f"{parameter.interval[0]:.6g} to {parameter.interval[1]:.6g}",
-                    f"{parameter.start:.6g}",
-                    *(
-                        "" if part is None else f"{100 * part:.2g}"
-                        for part in (parameter.noise, parameter.scatter, parameter.step)
-                    ),
-                )
-                for parameter in self.parameters
-            ],
-        )
+        rows = []
+        for item in self.parameters:
+            (low, high), parts = item.interval, (item.noise, item.scatter, item.step)
+            errors = ("" if part is None else f"{100 * part:.2g}" for part in parts)
+            interval = f"{low:.6g} to {high:.6g}"
+            rows.append((item.key, f"{item.value:.6g}", item.unit, interval, f"{item.start:.6g}", *errors))
+        interval = f"{100 * self.confidence:g} % interval"
+        head = ("number", "value", "unit", interval, "before", "noise [%]", "random starts [%]", "step [%]")
+        page.add_table(head, rows)
         page.add_figure(self.plot(), "The record, the simulations, and their features.")
         page.add_section("The scene")
         page.add_preformatted(self.scene.to_toml())

@@ -39,21 +39,20 @@ from reduced_models.commands.records import (
     load_records,
     parse_reading_options,
     print_result_and_report_path,
+    repeated_option,
 )
 
 if TYPE_CHECKING:
     from granular.run.piston_record import PistonRecord
     from reduced_models.fitting.parameter import Parameter
 
-LAWS = option(
+LAWS = repeated_option(
     "--law",
     dest="laws",
-    action="append",
     metavar="LAW",
     help="law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" "
     "(repeatable); if not given, all that a quick first fit does not rule out",
 )
-NOT_POLISHED = "the choice was not polished; see the other candidates"
 
 INPUT = option(
     "--input",
@@ -136,7 +135,7 @@ def identify(options: Any) -> None:
     result = identify_source(
         source,
         options.out,
-        laws=None if options.laws is None else parse_laws(options.laws, records),
+        laws=parse_laws(options.laws, records) if options.laws else None,
         discovery=options.discover,
         mass=None if options.mass is None else si_value(options.mass, "kg"),
         options=IdentifyOptions(options.budget, not options.no_checks, parts=parts),
@@ -168,34 +167,22 @@ def _planned_source(source: Any, options: Any) -> Any:
     SOURCES,
     option("--law", default="linear", metavar="LAW", help="name or equation"),
     option("--laws", action="store_true", help="list the laws that can be fitted by their names"),
-    option(
-        "--own",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="parameter that each record has for itself (repeatable)",
-    ),
-    option(
+    repeated_option("--own", metavar="NAME", help="parameter that each record has for itself (repeatable)"),
+    repeated_option(
         "--bound",
         dest="bounds",
-        action="append",
-        default=[],
         metavar="NAME=LOW:HIGH",
         help="lowest and highest value of a parameter, in SI or as '0.1 m:20 cm' (repeatable)",
     ),
-    option(
+    repeated_option(
         "--fix",
         dest="fixed",
-        action="append",
-        default=[],
         metavar="NAME=VALUE",
         help="parameter that keeps its value, in SI or as '12 cm' (repeatable)",
     ),
-    option(
+    repeated_option(
         "--start",
         dest="start_values",
-        action="append",
-        default=[],
         metavar="NAME=VALUE",
         help="value about which a parameter is looked for first, in SI or as '12 cm' (repeatable)",
     ),
@@ -300,26 +287,20 @@ def parse_parameters(
     option(
         "--method", default="auto", help="auto (sindy and operon side by side), sindy, pysindy, operon, pysr"
     ),
-    option(
+    repeated_option(
         "--library",
-        action="append",
-        default=[],
         metavar="NAME",
         help="terms to choose from: auto (default: those that the record speaks for), physical, "
         "polynomial, trigonometric, rational, dry friction, contact, driven (repeatable); "
         "memory: with a hidden state, for beds that yield or relax",
     ),
-    option(
+    repeated_option(
         "--terms",
-        action="append",
-        default=[],
         metavar="TERM",
         help="a term of your own in z, z', the input and the time t, as 'sin(z)' or 'sin(w*t)' (repeatable)",
     ),
-    option(
+    repeated_option(
         "--functions",
-        action="append",
-        default=[],
         metavar="NAME",
         help="what symbolic regression may use next to sums and products: sin, exp, max, / (repeatable)",
     ),
@@ -382,7 +363,8 @@ def discover(options: Any) -> None:
     }
     print_result(plain, text, options.json)
     if options.out is not None and model is None:
-        raise InputError(f"no model was written to {options.out}: {result.best.note or NOT_POLISHED}")
+        why = result.best.note or "the choice was not polished; see the other candidates"
+        raise InputError(f"no model was written to {options.out}: {why}")
 
 
 @command(
@@ -390,13 +372,7 @@ def discover(options: Any) -> None:
     "judge laws by their test errors",
     SOURCES,
     LAWS,
-    option(
-        "--test-records",
-        action="append",
-        default=[],
-        metavar="SOURCE",
-        help="record that no fit sees (repeatable)",
-    ),
+    repeated_option("--test-records", metavar="SOURCE", help="record that no fit sees (repeatable)"),
     TEST_FRACTION,
     STARTS,
     BUDGET,

@@ -99,9 +99,10 @@ examples:
 )
 def export_model(options: Any) -> None:
     """Write a saved model as code."""
+    from granular.scene.loading import scene_names
     from reduced_models.models.model import load_model
 
-    if _is_scene_name(options.model):
+    if options.model in scene_names() or Path(options.model).suffix == ".toml":
         what = _export_scene(options)
     else:
         if options.port is None:
@@ -110,12 +111,6 @@ def export_model(options: Any) -> None:
         model = load_model(options.model)
         what = model.export(options.out, port=options.port, fmi=options.fmi, **given)
     print_result({"file": options.out, "what": what}, f"{what}: {options.out}", options.json)
-
-
-def _is_scene_name(name: str) -> bool:
-    from granular.scene.loading import scene_names
-
-    return name in scene_names() or Path(name).suffix == ".toml"
 
 
 def _export_scene(options: Any) -> str:

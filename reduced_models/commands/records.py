@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, option, option_group, print_result
+from granular.commands.console import Option, command, option, option_group, print_result
 from granular.commands.options import OUTPUT
 from granular.readers.read_options import ALL
 from granular.shared.errors import CautionWarning, InputError, SceneError
@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from granular.readers.read_options import ReadOptions
     from granular.run.piston_record import PistonRecord
 
+
+def repeated_option(*names: str, **settings: Any) -> Option:
+    """Declare an option that may be given several times."""
+    return option(*names, action="append", default=[], **settings)
+
+
 A_SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
 SOURCES = option("sources", nargs="*", metavar="SOURCE", help=A_SOURCE)
 
@@ -26,10 +32,8 @@ _PAIRS = re.compile(r",(?=[^,=]+=)")
 """Commas between pairs, and not in a heading as it stands in a file."""
 
 READING = option_group(
-    option(
+    repeated_option(
         "--columns",
-        action="append",
-        default=[],
         metavar="ROLE=NAME,...",
         help="which column is time, height (or angle; or stroke, where it is prescribed and the force "
         "is measured), velocity, force, acceleration, base_height, base_acceleration, or an input that "
@@ -46,22 +50,17 @@ READING = option_group(
         help="only the samples between these times [s]; ':' for all, also those before a release, "
         "which are left out otherwise",
     ),
-    option(
+    repeated_option(
         "--scale",
         metavar="[COLUMN=]SCALE",
-        action="append",
         help="calibration of the height, or of a COLUMN, such as '2.4894 +- 0.003 mm/V' (repeatable)",
     ),
-    option(
-        "--zero",
-        metavar="[COLUMN=]VALUE",
-        action="append",
-        help="the column's number at the height 0: '2.513 V' (repeatable)",
+    repeated_option(
+        "--zero", metavar="[COLUMN=]VALUE", help="the column's number at the height 0: '2.513 V' (repeatable)"
     ),
-    option(
+    repeated_option(
         "--calibration",
         metavar="[COLUMN=]FILE",
-        action="append",
         help="instead of a scale, a file of points with the columns raw, value and uncertainty, "
         "through which a straight line is laid (repeatable)",
     ),
@@ -116,10 +115,10 @@ def parse_reading_options(options: Any) -> ReadOptions:
     )
 
 
-def _parse_by_column(option: str, items: Sequence[str] | None) -> dict[str, str] | None:
+def _parse_by_column(option: str, items: Sequence[str]) -> dict[str, str] | None:
     """Read texts with a column's name before them, or that of the height without."""
     result: dict[str, str] = {}
-    for item in items or ():
+    for item in items:
         column, equals, text = item.rpartition("=")
         name = column.strip() if equals else "height"
         if not name:
@@ -154,15 +153,15 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
         is_record_file,
         load_record,
         open_source,
+        options_with_description,
         read_releases,
-        stated_release_number,
     )
 
     said = parse_reading_options(options)
     records: list[PistonRecord] = []
     for source in sources:
         path = Path(source)
-        if is_record_file(path) and stated_release_number(path, said) == ALL:
+        if is_record_file(path) and options_with_description(path, said).release == ALL:
             records += read_releases(path, **said.to_plain())
         else:
             records.append(load_record(open_source(source, said), not options.quiet))

@@ -196,6 +196,7 @@ def derive(
     instabilities = tuple(end for _, end in (below, above) if end is not None)
     if len(states) < 3:
         raise InputError(f"the bed is not stable {1e3 * reach / count:.2g} mm off; give a smaller reach")
+    small = {"height": height, "period": 1.0 / root.frequency, "damping_ratio": root.damping_ratio}
     law, values, accuracy = polynomial_law(states, len(below[0]), order)
     model = DerivedModel(
         law=law,
@@ -203,7 +204,7 @@ def derive(
         intervals=_exact(values),
         confidence=0.95,
         initial=(states[-1].height, 0.0),
-        at_rest=_small_motion(height, root),
+        at_rest=AtRest(height, small["period"], small["damping_ratio"], _exact(small)),
         quality=Quality(0.0, 0.0, None, (), 0, 0, 0, 0.0),
         domain={"height": (states[0].height, states[-1].height)},
         notes=_notes(rest, root, instabilities),
@@ -220,13 +221,20 @@ def derive(
             model.quality, residual=error.rms, relative=error.relative, samples=error.samples
         )
         model = dataclasses.replace(model, error=error, quality=quality)
+    low, high = (1e3 * end for end in model.domain["height"])
+    ending = "" if instabilities else ", without an instability"
     lines = [
         f"derived from the scene {rest.scene.name}: nothing is fitted to a motion",
-        f"piston held at {len(states)} heights, {_range_text(model)}",
+        f"piston held at {len(states)} heights, from {low:.5g} to {high:.5g} mm{ending}",
         f"polynomials: {accuracy}; mass that moves {states[len(below[0])].mass:.5g} kg",
         f"backbone: {_backbone_text(model)}",
-        *([] if model.error is None else [_error_text(model.error)]),
     ]
+    if model.error is not None:
+        lines.append(
+            f"against the run, {CYCLES} cycles from the second extreme: error "
+            f"{format_percent(model.error.relative)} of the rms displacement, mean shift "
+            f"{1e6 * model.error.mean_shift:.2g} um"
+        )
     data = f"equilibria and roots of the scene {rest.scene.name}"
     return dataclasses.replace(model, provenance={"data": data, "record": "\n".join(lines)})
 
@@ -279,12 +287,6 @@ def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root)
     return float(rest.pencil.at[piston] + 2.0 * part.real), 2.0 * (part * root.s).real
 
 
-def _small_motion(height: float, root: Root) -> AtRest:
-    figures = (height, 1.0 / root.frequency, root.damping_ratio)
-    names = ("height", "period", "damping_ratio")
-    return AtRest(*figures, intervals=_exact(dict(zip(names, figures, strict=True))))
-
-
 def _exact(values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     """Intervals of values that have no error."""
     return {name: (value, value) for name, value in values.items()}
@@ -308,11 +310,6 @@ def _notes(rest: Equilibrium, root: Root, instabilities: Sequence[Instability]) 
     return tuple(notes)
 
 
-def _range_text(model: DerivedModel) -> str:
-    low, high = (1e3 * height for height in model.domain["height"])
-    return f"from {low:.5g} to {high:.5g} mm" + ("" if model.instabilities else ", without an instability")
-
-
 def _backbone_text(model: DerivedModel) -> str:
     assert model.at_rest is not None
     reach = min(abs(end - model.at_rest.height) for end in model.domain["height"])
@@ -322,11 +319,4 @@ def _backbone_text(model: DerivedModel) -> str:
         for amplitude, frequency, ratio in zip(
             curve.amplitude, curve.frequency, curve.damping_ratio, strict=True
         )
-    )
-
-
-def _error_text(error: MotionError) -> str:
-    return (
-        f"against the run, {CYCLES} cycles from the second extreme: error {format_percent(error.relative)} "
-        f"of the rms displacement, mean shift {1e6 * error.mean_shift:.2g} um"
     )

@@ -20,21 +20,6 @@ SHOWN_EVERY = 5
 """Every fifth sample of the motion is kept for its picture."""
 
 
-def fit_motion_figures(motion: PistonRecord) -> dict[str, float]:
-    """Frequency [Hz], damping ratio, misfit and the law's lam [1/s], k1 [1/s^2], k2, k3 after the release."""
-    from reduced_models.fitting.fit import fit
-
-    with warnings.catch_warnings(action="ignore"):
-        model = fit(motion, law=LAW, test_fraction=0.0, starts=STARTS)
-    resting = model.at_rest
-    return {
-        "frequency": float("nan") if resting is None else 1.0 / resting.period,
-        "damping_ratio": float("nan") if resting is None else resting.damping_ratio,
-        **{name: model.parameters[name] for name in ("lam", "k1", "k2", "k3")},
-        "misfit": model.quality.relative,
-    }
-
-
 def _least_gap(run: Trajectory) -> float:
     from scipy.spatial.distance import pdist
 
@@ -64,10 +49,18 @@ def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
 
 def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
     """Figures of a run's check, and its motion, times [s] and heights [m], for a picture."""
+    from reduced_models.fitting.fit import fit
+
     motion = PistonRecord.from_columns(columns["motion"])
+    with warnings.catch_warnings(action="ignore"):
+        model = fit(motion, law=LAW, test_fraction=0.0, starts=STARTS)
+    resting = model.at_rest
     return {
         **{name: value for name, value in columns.items() if name != "motion"},
-        **fit_motion_figures(motion),
+        "frequency": float("nan") if resting is None else 1.0 / resting.period,
+        "damping_ratio": float("nan") if resting is None else resting.damping_ratio,
+        **{name: model.parameters[name] for name in ("lam", "k1", "k2", "k3")},
+        "misfit": model.quality.relative,
         "times": motion.time[::SHOWN_EVERY].tolist(),
         "heights": motion.height[::SHOWN_EVERY].tolist(),
     }

@@ -278,28 +278,18 @@ class Design:
                 ("height of rest [D]", "", "rest_height", DIAMETER),
             )
         ]
-        page.add_table(
-            ("", "wanted", "expected", *(f"random start {check.seed}" for check in self.checks)),
-            [
-                *rows,
-                (
-                    "least gap at rest, over contact",
-                    "",
-                    "",
-                    *(format_number(c.rest_gap) for c in self.checks),
-                ),
-                ("error of the energy ledger", "", "", *(format_number(c.ledger, 2) for c in self.checks)),
-            ],
-        )
+        rows += [
+            ("least gap at rest, over contact", "", "", *(format_number(c.rest_gap) for c in self.checks)),
+            ("error of the energy ledger", "", "", *(format_number(c.ledger, 2) for c in self.checks)),
+        ]
+        starts = (f"random start {check.seed}" for check in self.checks)
+        page.add_table(("", "wanted", "expected", *starts), rows)
+        sizes = "grains of 6 and 3.6 mm" if chosen.small_share else "grains of 6 mm"
         page.add_table(
             ("number", "value", "unit"),
             [
                 ("mass of the piston", format_number(chosen.mass), "kg"),
-                (
-                    "grains of 6 mm" if not chosen.small_share else "grains of 6 and 3.6 mm",
-                    str(chosen.grains),
-                    "",
-                ),
+                (sizes, str(chosen.grains), ""),
                 ("fraction of small grains", format_number(chosen.small_share), ""),
                 ("width of the cell", format_number(self.scene.cell.width), "m"),
                 ("drag of a large grain", format_number(chosen.drag), "kg/s"),

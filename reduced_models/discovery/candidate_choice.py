@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.shared.message_text import format_factor
 from reduced_models.discovery.result import CandidateEquation, pareto_front
-from reduced_models.discovery.structure_proposals import ProposedStructures
+from reduced_models.discovery.structure_proposals import ProposedStructures, candidate_from_terms
 from reduced_models.discovery.subset_selection import EquationScorer, normalise_columns, score_terms
 from reduced_models.discovery.terms import AnyTerm, replace_numbers_by_symbols, sort_terms, structure_text
 
@@ -84,7 +84,7 @@ def _add_pruned_candidates(
     for candidate in candidates:  # which grows: what is left may have such terms as well
         needed = _needed_terms(candidate, proposed.scorer)
         if needed:
-            simpler = proposed.study.candidate_of_sum(score_terms(proposed.scorer, needed))
+            simpler = proposed.study.candidate(candidate_from_terms(score_terms(proposed.scorer, needed)))
             if not _has_same_structure(simpler, candidates):
                 candidates.append(polish(simpler))
     return candidates

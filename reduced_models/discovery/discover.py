@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
@@ -160,14 +159,14 @@ def discover(
         search = SymbolicSearch("pysr" if used == "pysr" else "operon", functions, options.effort, seed)
     with stage_reporter("discover", wanted=options.progress) as now:
         now("libraries")
-        subject = _choose_terms(given, libraries, target, degree, texts, input, options.line)
+        studies, line, note = _choose_terms(given, libraries, target, degree, texts, input, options.line)
         now("sparse sums of terms" if search is None else "symbolic regression")
-        proposed = propose_structures(subject.studies, used, search)
+        proposed = propose_structures(studies, used, search)
         open_terms = proposed.study.open_terms
 
         def polish_one(candidate: CandidateEquation) -> CandidateEquation:
             now(f"fit of {candidate.left_side} = {candidate.expression.evalf(3)}"[:_LINE])
-            return polish_candidate(candidate, given, subject.line, input, seed, open_terms)
+            return polish_candidate(candidate, given, line, input, seed, open_terms)
 
         front, chosen = polish_and_choose_candidate(
             proposed,
@@ -180,10 +179,10 @@ def discover(
     rivals = open_terms.with_chosen_values(proposed.candidates, front[chosen])
     sure = weigh_structure_evidence(front[chosen], rivals, proposed.scorer, seed, front)
     notes = (
-        subject.note,
-        *(memory_notes(proposed.groups) if len(subject.studies) > 1 else ()),
+        note,
+        *(memory_notes(proposed.groups) if len(studies) > 1 else ()),
         *_notes_on_records(given, input, target, notes_on_candidate(front[chosen], proposed.scorer)),
-        *(note for model in front[chosen].models for note in model.notes),
+        *(words for model in front[chosen].models for words in model.notes),
         "" if sure is None else sure.rival_note,
         "" if used == method else _NO_OPERON,
     )
@@ -191,18 +190,10 @@ def discover(
         _method_description(used, libraries, target),
         tuple(front),
         chosen,
-        subject.line,
-        tuple(note for note in dict.fromkeys(notes) if note),
+        line,
+        tuple(words for words in dict.fromkeys(notes) if words),
         {} if sure is None else sure.criterion_increases,
     )
-
-
-class _Subject(NamedTuple):
-    """Terms to choose from, with the integrals in the z that they mean."""
-
-    studies: list[Study]
-    line: HeightLine
-    note: str = ""
 
 
 def _choose_terms(
@@ -213,8 +204,8 @@ def _choose_terms(
     texts: Sequence[str],
     column: str | None,
     wanted: HeightLine | None,
-) -> _Subject:
-    """Terms of a library, own ones, and those whose numbers are to be found."""
+) -> tuple[list[Study], HeightLine, str]:
+    """Terms of a library, own ones, and those whose numbers are to be found; their z; a note on both."""
     left_side = _LEFT_SIDES[target]
 
     def integrals(line: HeightLine) -> WeakForm:
@@ -224,12 +215,14 @@ def _choose_terms(
         return observed_weak_form(target, records, motions)
 
     if target == "height":
-        return _Subject([Study(integrals(HeightLine()), (Term(0),), left_side)], HeightLine())
+        return [Study(integrals(HeightLine()), (Term(0),), left_side)], HeightLine(), ""
     if libraries == (MEMORY,):
         studies = hidden_state_studies(integrals(HeightLine()), texts, left_side)
-        return _Subject(studies, HeightLine())
+        return studies, HeightLine(), ""
     plain, opened = split_parametric_terms(texts, column, column_names(records[0]))
-    line, automatic = wanted or _automatic_line(records, libraries, texts), libraries == (AUTO,)
+    # Own terms and libraries other than the usual mean the height.
+    automatic, usual = libraries == (AUTO,), not texts and libraries in ((AUTO,), (PHYSICAL,))
+    line = wanted or (normalising_line(records) if usual else HeightLine())
     drive = OpenTerms() if "w" in opened.names else split_parametric_terms(_DRIVE, None, ())[1]
     filled = ParametricTerms()
     if automatic and target == "acceleration":
@@ -251,7 +244,7 @@ def _choose_terms(
     known = proposal.terms
     for item in (drive if proposal.driven else OpenTerms(), opened):
         known = (*known, *filled.fit_open_terms(item, proposal.weak, known))
-    return _Subject([Study(proposal.weak, known, left_side, open_terms=filled)], proposal.line, proposal.note)
+    return [Study(proposal.weak, known, left_side, open_terms=filled)], proposal.line, proposal.note
 
 
 def _notes_on_records(
@@ -266,15 +259,6 @@ def _notes_on_records(
     if not others or column is not None or target != "acceleration" or simulated:
         return tuple(said)
     return (*said, _UNUSED.format(", ".join(map(sanitize, others))))
-
-
-def _automatic_line(
-    records: Sequence[PistonRecord], libraries: Sequence[str], terms: Sequence[str]
-) -> HeightLine:
-    """Line from z to the height; own terms and libraries other than the usual mean the height."""
-    if terms or libraries not in ((AUTO,), (PHYSICAL,)):
-        return HeightLine()
-    return normalising_line(records)
 
 
 def _installed_method(method: Method, functions: str | Sequence[str]) -> Method:

@@ -16,7 +16,7 @@ import numpy as np
 
 from granular.formulas import FormulaError, parse, variable_names
 from granular.formulas.algebra import sympy_expression
-from granular.shared.errors import InputError
+from granular.shared.errors import import_extra
 
 if TYPE_CHECKING:
     import sympy
@@ -46,15 +46,9 @@ def search_expressions_with_operon(
     """Find expressions for a target by pyoperon's genetic programming."""
     # The front of error against length, numbers by least squares (Burlacu, Kronberger & Kommenda 2020,
     # doi:10.1145/3377929.3398099). Its default noise of 1 would pick too short expressions.
-    try:
-        from pyoperon.sklearn import SymbolicRegressor
-    except ImportError:
-        raise InputError(
-            "method 'operon' needs pyoperon, which is not installed; install it with: "
-            "pip install 'granular-damper[discover]'"
-        ) from None
+    sklearn = import_extra("pyoperon.sklearn", "method 'operon'", "discover")
     samples = scale_samples(inputs, target)
-    search = SymbolicRegressor(
+    search = sklearn.SymbolicRegressor(
         allowed_symbols=",".join(("add", "sub", "mul", "constant", "variable", *functions)),
         objectives=["r2", "length"],
         optimizer_iterations=_ITERATIONS,
@@ -81,30 +75,23 @@ class ScaledSamples:
     sizes: Mapping[str, float]  # rms of each variable, in the order of the columns
     target_size: float
 
-    def restore_units(self, expression: sympy.Expr) -> sympy.Expr:
-        """Expression of a search in the variables' own names and units."""
-        import sympy
-
-        back = {
-            name: sympy.Symbol(own, real=True) / size
-            for name, (own, size) in zip(self.names, self.sizes.items(), strict=True)
-        }
-        # By name, since searches differ in what they assume of their symbols.
-        symbols = {
-            free_symbol: back[free_symbol.name]
-            for free_symbol in expression.free_symbols
-            if free_symbol.name in back
-        }
-        return sympy.Float(self.target_size) * expression.xreplace(symbols)
-
     def parse_expressions(self, texts: Iterable[str]) -> list[sympy.Expr]:
         """Expressions that a search wrote, in the variables' own names and units."""
+        import sympy
+
+        own = {
+            name: sympy.Symbol(variable, real=True) / size
+            for name, (variable, size) in zip(self.names, self.sizes.items(), strict=True)
+        }
         expressions = []
         for text in texts:
             with contextlib.suppress(FormulaError):
                 tree = parse(text)
                 if {item.name for item in variable_names(tree)} <= set(self.names):
-                    expressions.append(self.restore_units(sympy_expression(tree)))
+                    # By name, since searches differ in what they assume of their symbols.
+                    expression = sympy_expression(tree)
+                    symbols = {symbol: own[symbol.name] for symbol in expression.free_symbols}
+                    expressions.append(sympy.Float(self.target_size) * expression.xreplace(symbols))
         return expressions
 
 

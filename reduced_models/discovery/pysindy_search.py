@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from granular.shared.errors import InputError
+from granular.shared.errors import import_extra
 from reduced_models.discovery.terms import AnyTerm, MotionState
-from reduced_models.discovery.weak_form import EDGE, SmoothedMotion
+from reduced_models.discovery.weak_form import SmoothedMotion
 
 _THRESHOLDS = np.geomspace(1e-3, 0.5, 24)  # of a term's share, over the size of z''
 
@@ -21,14 +21,8 @@ def find_supports_with_pysindy(
     # As in PySINDy's guide: states (z, z') with their derivatives, inputs, the terms as a library of its own
     # making, sequentially thresholded least squares (Brunton, Proctor & Kutz 2016,
     # doi:10.1073/pnas.1517384113), whose threshold is scanned.
-    try:
-        import pysindy
-    except ImportError:
-        raise InputError(
-            "method 'pysindy' needs PySINDy, which is not installed; install it with: "
-            "pip install 'granular-damper[discover]'"
-        ) from None
-    inner = [_without_ends(motion) for motion in motions]
+    pysindy = import_extra("pysindy", "method 'pysindy'", "discover")
+    inner = [motion.inner for motion in motions]
     data = {
         "x": [np.stack([motion.smooth, motion.velocity], axis=1) for motion in inner],
         "t": [motion.time for motion in inner],
@@ -45,18 +39,6 @@ def find_supports_with_pysindy(
             model.fit(**data)
         supports.append(np.flatnonzero(model.coefficients()[1]).tolist())
     return supports
-
-
-def _without_ends(motion: SmoothedMotion) -> SmoothedMotion:
-    edge = int(EDGE * len(motion.time))
-    rows = slice(edge, len(motion.time) - edge)
-    return motion._replace(
-        time=motion.time[rows],
-        smooth=motion.smooth[rows],
-        velocity=motion.velocity[rows],
-        acceleration=motion.acceleration[rows],
-        drive=None if motion.drive is None else motion.drive[rows],
-    )
 
 
 def _drive(motion: SmoothedMotion) -> np.ndarray:

@@ -44,15 +44,10 @@ class CandidateEquation:
         """Polished model of the first record, a ReducedModel; None where there is none."""
         return self.models[0] if self.models else None
 
-    @property
-    def terms(self) -> dict[AnyTerm, float] | None:
-        """Terms of the equation with their coefficients, a dict; None where it is no sum of terms."""
-        return None if self._terms is None else dict(self._terms)
-
     @functools.cached_property
-    def _terms(self) -> dict[AnyTerm, float] | None:
-        """Terms with their coefficients, taken apart once: that takes milliseconds a term."""
-        return split_terms(self.expression)
+    def terms(self) -> Mapping[AnyTerm, float] | None:
+        """Terms of the equation with their coefficients; None where it is no sum of terms."""
+        return split_terms(self.expression)  # once: that takes milliseconds a term
 
     @property
     def text(self) -> str:

@@ -35,7 +35,7 @@ from reduced_models.discovery.terms import (
     split_terms,
     state_symbols,
 )
-from reduced_models.discovery.weak_form import EDGE, SmoothedMotion, WeakForm
+from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
@@ -71,10 +71,6 @@ class Study:
     left_side: str = "z''"  # or "force", or "height" for a formula of the time
     hidden_state: ScaledHiddenState | None = None  # that the terms have as their input
     open_terms: ParametricTerms = dataclasses.field(default_factory=ParametricTerms)
-
-    def candidate_of_sum(self, scored: ScoredTerms) -> CandidateEquation:
-        """Candidate of a scored sum of the terms."""
-        return self.candidate(candidate_from_terms(scored))
 
     def candidate(self, candidate: CandidateEquation) -> CandidateEquation:
         """Candidate for these motions: numbers in its terms and its hidden state cost what others do."""
@@ -145,7 +141,7 @@ def _sparse_subsets(study: Study, method: str) -> list[np.ndarray]:
 def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: Study) -> list[CandidateEquation]:
     """Candidates of sums, the best one first; one without the hidden state is one without memory."""
     candidates = [
-        study.candidate_of_sum(item)
+        study.candidate(candidate_from_terms(item))
         for item in ranked
         if study.hidden_state is None or any(term.has_input for term in item.terms)
     ]
@@ -180,7 +176,9 @@ def propose_symbolic_candidates(
     if excess is not None:
         scorer = dataclasses.replace(scorer, excess=excess)
         ranked = score_again(ranked, scorer)
-    candidates = [candidate_from_terms(item) for item in _unique_subsets(ranked)]
+    unique = {frozenset(item.terms): item for item in reversed(ranked)}  # two searches may propose one
+    best_first = sorted(unique.values(), key=lambda item: item.criterion)
+    candidates = [candidate_from_terms(item) for item in best_first]
     candidates += [left for item, parts in sums if parts is None for left in _prune_expression(item, scorer)]
     return candidates, scorer
 
@@ -206,12 +204,6 @@ def _prune_expression(expression: sympy.Expr, scorer: EquationScorer) -> list[Ca
     return candidates
 
 
-def _unique_subsets(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:
-    """Each subset once, though two searches propose it."""
-    unique = {frozenset(candidate.terms): candidate for candidate in reversed(ranked)}
-    return sorted(unique.values(), key=lambda item: item.criterion)
-
-
 def _find_motion_expressions(study: Study, search: SymbolicSearch) -> list[sympy.Expr]:
     import sympy
 
@@ -234,9 +226,8 @@ def _search_samples(
     motion: SmoothedMotion, left_side: str, motions: int, own: Sequence[CustomTerm]
 ) -> dict[str, np.ndarray]:
     """Return the samples of one of so many motions for a symbolic regression, away from its ends."""
-    edge = int(EDGE * len(motion.time))
-    inner = len(motion.time) - 2 * edge
-    rows = slice(edge, edge + inner, max(1, math.ceil(inner * motions / _MOST_POINTS)))
+    motion = motion.inner
+    every = max(1, math.ceil(len(motion.time) * motions / _MOST_POINTS))
     samples = {"target": motion.acceleration}
     if left_side == "height":
         samples[TIME] = motion.time
@@ -250,7 +241,7 @@ def _search_samples(
         if motion.drive is not None:
             samples["u"] = motion.drive
         samples |= {f"own{k}": item.values(motion.smooth_state) for k, item in enumerate(own)}
-    return {name: values[rows] for name, values in samples.items()}
+    return {name: values[::every] for name, values in samples.items()}
 
 
 def candidate_from_terms(scored_terms: ScoredTerms) -> CandidateEquation:

@@ -42,10 +42,6 @@ class EquationScorer:
     excess: float  # squares over the noise with all terms: above 1 if the law is not in it
     library_size: int
 
-    def squares_from_misfit(self, misfit: float, count: int) -> float:
-        """Sum of squares of whitened residuals, from an equation's misfit."""
-        return misfit**2 * max(1, len(self.whitening) - count)
-
     def misfit_from_squares(self, squares: float, count: int) -> float:
         """Misfit of an equation, from the sum of squares of its whitened residuals."""
         return math.sqrt(squares / max(1, len(self.whitening) - count))
@@ -67,15 +63,11 @@ def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationSc
 
 def score_again(ranked: Iterable[ScoredTerms], scorer: EquationScorer) -> list[ScoredTerms]:
     """Scored subsets by the criterion of a scorer in another unit, the best one first."""
-    again = [
-        dataclasses.replace(
-            item,
-            criterion=scorer.information_criterion(
-                scorer.squares_from_misfit(item.misfit, len(item.terms)), len(item.terms)
-            ),
-        )
-        for item in ranked
-    ]
+    again = []
+    for item in ranked:
+        count = len(item.terms)
+        squares = item.misfit**2 * max(1, len(scorer.whitening) - count)
+        again.append(dataclasses.replace(item, criterion=scorer.information_criterion(squares, count)))
     return sorted(again, key=lambda item: item.criterion)
 
 

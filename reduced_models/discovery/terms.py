@@ -136,15 +136,6 @@ class CustomTerm:
         return evaluate_expression(_term_derivative(self.expression, 1), state)
 
 
-def make_custom_term(expression: sympy.Expr) -> CustomTerm:
-    """Term of an exact expression, with the operands of max and min in one order."""
-    return CustomTerm(expression.replace(_is_min_or_max, _sort_operands))
-
-
-def _is_min_or_max(expression: sympy.Basic) -> bool:
-    return type(expression).__name__ in ("max", "min")
-
-
 def _sort_operands(extreme: sympy.Expr) -> sympy.Expr:
     """Maximum or minimum, each of its operands once, in one order."""
     from sympy import default_sort_key
@@ -323,7 +314,8 @@ def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
                 return None
             if rest.free_symbols - set(motion_symbols()):
                 return None
-            terms = {make_custom_term(rest): float(coefficient)}
+            sorted_rest = rest.replace(lambda item: type(item).__name__ in ("max", "min"), _sort_operands)
+            terms = {CustomTerm(sorted_rest): float(coefficient)}
         for term, value in terms.items():
             coefficients[term] = coefficients.get(term, 0.0) + value
     return {term: value for term, value in coefficients.items() if value != 0.0}

@@ -39,8 +39,7 @@ _LEAST_SAMPLES = 8  # in a bump
 # whitening would blow up.
 _RANK = 1e-10
 
-EDGE = 0.02
-"""Fraction of a record at each end where derivatives are poor."""
+_EDGE = 0.02  # fraction of a record at each end where derivatives are poor
 
 
 class SmoothedMotion(NamedTuple):
@@ -66,6 +65,14 @@ class SmoothedMotion(NamedTuple):
         """The state with the estimate of z."""
         return MotionState(self.smooth, self.velocity, self.drive, self.time)
 
+    @property
+    def inner(self) -> SmoothedMotion:
+        """The motion without its ends, where derivatives are poor."""
+        edge = int(_EDGE * len(self.time))
+        rows = slice(edge, len(self.time) - edge)
+        columns: Any = (value[rows] if isinstance(value, np.ndarray) else value for value in self)
+        return SmoothedMotion(*columns)
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MotionIntegrals:
@@ -85,6 +92,7 @@ class MotionIntegrals:
     slope: Any
     curvature: Any
     target: Float[np.ndarray, "r"]
+    white_noise: float | None = None
 
     def term_integrals(self, term: AnyTerm) -> Float[np.ndarray, "r"]:
         """Integrals of a term against the bumps.
@@ -141,6 +149,8 @@ class MotionIntegrals:
             A row for each bump, a column for each sample [1/s].
         """
         motion, weights = self.motion, self.curvature
+        if self.white_noise is not None:
+            return self.bump * (self.white_noise / motion.noise)
         for term, value in zip(terms, coefficients, strict=True):
             if term.is_total_derivative:
                 weights = weights + value * self.slope.multiply(term.height_factor(motion.z))
@@ -283,7 +293,7 @@ def estimate_motion(record: PistonRecord, line: HeightLine, drive: str | None = 
         acceleration=smooth.acceleration / line.scale,
         drive=None if drive is None else input_column(record, drive),
         noise=max(smooth.record_noise, _FLOOR * swing) / size,
-        acceleration_noise=max(smooth.noise.acceleration, _FLOOR * swing) / size,
+        acceleration_noise=max(smooth.acceleration_noise, _FLOOR * swing) / size,
         period=guess.period,
     )
 
@@ -296,17 +306,6 @@ def normalising_line(records: Sequence[PistonRecord]) -> HeightLine:
     if abs(guess.rest) <= guess.amplitude:
         return HeightLine()
     return HeightLine(guess.rest, guess.amplitude)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class WhiteNoiseIntegrals(MotionIntegrals):
-    """Integrals with errors that are white noise of what an equation gives; see `MotionIntegrals`."""
-
-    deviation: float  # of the noise, in the target's unit
-
-    def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]) -> Any:
-        """Compute the derivatives of the weak residuals by that noise, in units of the motion's."""
-        return self.bump * (self.deviation / self.motion.noise)
 
 
 def observed_weak_form(
@@ -325,7 +324,8 @@ def observed_weak_form(
             )
         noise = max(noise_level(values, record.time), _FLOOR * float(values.std()))
         motion = part.motion._replace(acceleration=values, acceleration_noise=noise, noise=noise)
-        parts.append(_with_white_noise(part, motion, np.asarray(part.bump @ values)))
+        integrals = np.asarray(part.bump @ values)
+        parts.append(dataclasses.replace(part, motion=motion, target=integrals, white_noise=noise))
     return WeakForm(tuple(parts))
 
 
@@ -333,12 +333,6 @@ def white_noise_weak_form(weak: WeakForm) -> WeakForm:
     """Weak form of z'' whose errors are white noise of z'', as large as in its estimate."""
     # Weights by the noise of heights count the quickest errors most. A simulated bed has no noise, and an
     # equation that is off by more than it is weighed by something else.
-    return WeakForm(tuple(_with_white_noise(part, part.motion, part.target) for part in weak.parts))
-
-
-def _with_white_noise(
-    part: MotionIntegrals, motion: SmoothedMotion, target: Float[np.ndarray, "r"]
-) -> WhiteNoiseIntegrals:
-    return WhiteNoiseIntegrals(
-        motion, part.bump, part.slope, part.curvature, target, motion.acceleration_noise
+    return WeakForm(
+        tuple(dataclasses.replace(part, white_noise=part.motion.acceleration_noise) for part in weak.parts)
     )

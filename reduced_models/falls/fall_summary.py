@@ -24,6 +24,7 @@ from reduced_models.falls.predicted_law import (
     OutsideRangeWarning,
     accelerated_mass,
     affine_drag,
+    mass_and_gravity,
     predict_bed_parameters,
 )
 from reduced_models.laws.equation import compile_rates
@@ -157,10 +158,8 @@ def whole_fall(
 def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float | None) -> FallSummary:
     from scipy.integrate import simpson
 
-    piston, gravity = scene.piston, scene.effects.gravity
+    piston, (mass, gravity) = scene.piston, mass_and_gravity(scene)
     assert piston is not None
-    assert piston.mass is not None
-    assert gravity is not None
     start = piston.height if height is None else float(height)
     if not values["rest"] < start < math.inf:
         raise InputError(
@@ -171,7 +170,7 @@ def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float
     numbers = [values[name] for name in LAW.parameters]
     z, v, w = solve_law(LAW, times, start, 0.0, numbers, start - values["rest"]).states.T
     acceleration = np.asarray(compile_rates(LAW.equation, (), "numpy")(z, v, w, *numbers)[0])
-    force = piston.mass * (gravity.acceleration + acceleration)
+    force = mass * (gravity + acceleration)
     stress = values["weight"] * (values["rest"] / z) ** values["power"] * w
     powers = np.stack([2.0 * values["lam"] * v**2, -stress * v])
     losses = accelerated_mass(scene, values) * simpson(powers, x=times)

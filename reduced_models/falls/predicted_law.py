@@ -53,11 +53,9 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.falls.lattice_pressure import POWER, PressedLattice, lattice_under_pressure
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing, small_swing
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.records.inputs import Interpolation
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene
@@ -91,20 +89,8 @@ class OutsideRangeWarning(UserWarning):
     """A law is used where nothing was measured."""
 
 
-@dataclasses.dataclass(frozen=True)
 class PredictedLaw(FittedLaw):
     """A law whose numbers follow from a scene; `FittedLaw` tells of attributes and methods."""
-
-    parameters: Mapping[str, float]
-    initial: tuple[float, float]
-    at_rest: AtRest | None
-    provenance: Mapping[str, str]
-    law: Law = LAW
-    domain: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    input_interpolation: Interpolation = "spline"
-    angle: bool = False
-    conventions: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 def predict(scene: Scene) -> PredictedLaw:
@@ -155,29 +141,34 @@ def predict(scene: Scene) -> PredictedLaw:
     >>> round(law.at_rest.height, 4), round(law.at_rest.damping_ratio, 3)  # [m]
     (0.0587, 0.037)
     """
-    piston = scene.piston
-    friction = 0.0 if piston is None else piston.friction
-    if piston is not None and piston.mass is not None and friction:
-        values = predict_bed_parameters(scene.replace(**{"piston.friction": 0.0}), refuse_outside_range=False)
-        values["friction"] = friction / accelerated_mass(scene, values)
-        # A piston that sticks has no small swing.
-        return PredictedLaw(values, (piston.height, 0.0), None, {"from": f"the scene {scene.name}"}, RUBBING)
-    values = predict_bed_parameters(scene, refuse_outside_range=False)
+    piston, law, at_rest = scene.piston, LAW, None
+    friction = 0.0 if piston is None or piston.mass is None else piston.friction
+    smooth = scene.replace(**{"piston.friction": 0.0}) if friction else scene
+    values = predict_bed_parameters(smooth, refuse_outside_range=False)
     assert piston is not None
-    swing = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
-    at_rest = None
-    if not isinstance(swing, NoSwing):
-        at_rest = AtRest(swing.z, swing.period, swing.damping_ratio, {})
-    return PredictedLaw(values, (piston.height, 0.0), at_rest, {"from": f"the scene {scene.name}"})
+    if friction:  # a piston that sticks has no small swing
+        law, values["friction"] = RUBBING, friction / accelerated_mass(scene, values)
+    else:
+        swing = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
+        if not isinstance(swing, NoSwing):
+            at_rest = AtRest(swing.z, swing.period, swing.damping_ratio, {})
+    provenance = {"from": f"the scene {scene.name}"}
+    return PredictedLaw(law, values, (piston.height, 0.0), at_rest, provenance=provenance)
 
 
 def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
     """Mass that the accelerations of a predicted law belong to [kg]."""
+    mass, gravity = mass_and_gravity(scene)
+    return WEIGHT * mass * gravity / values["weight"]
+
+
+def mass_and_gravity(scene: Scene) -> tuple[float, float]:
+    """Mass of a piston that falls [kg], and the acceleration by gravity [m/s^2]."""
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None
     assert gravity is not None
-    return WEIGHT * piston.mass * gravity.acceleration / values["weight"]
+    return piston.mass, gravity.acceleration
 
 
 def affine_drag(scene: Scene) -> float:
@@ -262,11 +253,7 @@ def _unknown_keys(scene: Scene) -> Iterator[str]:
 
 def lattice_at_rest(scene: Scene) -> PressedLattice:
     """Lattice of a scene's grains under the weight of its piston."""
-    piston, gravity, scales = scene.piston, scene.effects.gravity, Scales.from_grains(scene.grains)
-    assert piston is not None
-    assert piston.mass is not None
-    assert gravity is not None
-    weight = piston.mass * gravity.acceleration
+    weight, scales = math.prod(mass_and_gravity(scene)), Scales.from_grains(scene.grains)
     return lattice_under_pressure(scene.grains, weight * scales.length / (scales.force * scene.cell.width))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -16,13 +16,7 @@ from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.discovery.subset_selection import score_subsets
 from reduced_models.discovery.terms import Term, physical_library_terms
-from reduced_models.discovery.weak_form import (
-    SmoothedMotion,
-    WeakForm,
-    estimate_motion,
-    normalising_line,
-    weak_form,
-)
+from reduced_models.discovery.weak_form import WeakForm, estimate_motion, normalising_line, weak_form
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.force_laws import FORCE_LAWS
@@ -70,18 +64,15 @@ class CandidateLaws(NamedTuple):
     def exclusion_texts(self) -> tuple[str, ...]:
         """Sentences, one a law that is not fitted, with its misfit over the least one."""
         least, fitted = max(self.screening.least_misfit, 1.0), {law.name for law in self.laws}
-        return tuple(
-            f"{name} was not fitted: {self._exclusion_reason(misfit / least)}; "
-            f"--law {name} fits it all the same"
-            for name, misfit in self.screening.misfits.items()
-            if name not in fitted
-        )
-
-    def _exclusion_reason(self, misfit_ratio: float) -> str:
-        if misfit_ratio > _BEYOND_WORDS:
-            return f"it cannot describe {'heights about zero' if self.contains_zero else 'such a motion'}"
-        excess = format_factor(misfit_ratio)
-        return f"at a glance it leaves {excess} times what the best law leaves (limit {HOPELESS:g})"
+        texts = []
+        for name, misfit in self.screening.misfits.items():
+            excess = format_factor(misfit / least)
+            why = f"at a glance it leaves {excess} times what the best law leaves (limit {HOPELESS:g})"
+            if misfit / least > _BEYOND_WORDS:
+                why = f"it cannot describe {'heights about zero' if self.contains_zero else 'such a motion'}"
+            if name not in fitted:
+                texts.append(f"{name} was not fitted: {why}; --law {name} fits it all the same")
+        return tuple(texts)
 
 
 def choose_candidate_laws(
@@ -214,9 +205,7 @@ class LawScreening:
     @property
     def other_terms_fit_better(self) -> bool:
         """True where all terms of a discovery's library fit the record clearly better than any law."""
-        return max(self.library_misfit, 1.0) < CLEARLY_LESS * self.least_misfit and math.isfinite(
-            self.least_misfit
-        )
+        return max(self.library_misfit, 1.0) < CLEARLY_LESS * self.least_misfit < math.inf
 
 
 def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawScreening:
@@ -242,22 +231,6 @@ def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawSc
     return LawScreening(misfits, math.sqrt(scorer.excess))
 
 
-def _rate_along_motion(
-    law: Law, motion: SmoothedMotion, line: HeightLine
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a law's accelerations along a motion, in the units of the integrals, by its parameters."""
-    # The law holds for the height, and the integrals are of the displacement in amplitudes.
-    z, v = line.height(motion.z), line.scale * motion.velocity
-    field = compile_rates(law.equation, (), "numpy")
-
-    def rate(values: np.ndarray) -> np.ndarray:
-        with np.errstate(all="ignore"):
-            accelerations = np.nan_to_num(field(z, v, *values)[0] / line.scale, nan=_LARGEST)
-        return np.broadcast_to(np.clip(accelerations, -_LARGEST, _LARGEST), z.shape)
-
-    return rate
-
-
 def _law_misfit(
     law: Law, weak: WeakForm, whitening: np.ndarray, guess: FirstGuesses, line: HeightLine
 ) -> float:
@@ -265,7 +238,9 @@ def _law_misfit(
     from scipy.optimize import least_squares
 
     (part,) = weak.parts
-    rate = _rate_along_motion(law, part.motion, line)
+    # The law holds for the height, and the integrals are of the displacement in amplitudes.
+    z, v = line.height(part.motion.z), line.scale * part.motion.velocity
+    field = compile_rates(law.equation, (), "numpy")
     target = whitening @ weak.target
     if law.start is None or len(target) < len(law.parameters) + _FEWEST_ROWS:
         return math.inf
@@ -278,7 +253,10 @@ def _law_misfit(
 
         def left(x: np.ndarray, units: np.ndarray = units) -> np.ndarray:
             values = units * np.where(logarithmic, np.exp(np.clip(x, -50.0, 50.0)), 1.0 + x)
-            return np.asarray(target - whitening @ (bump @ rate(values)))
+            with np.errstate(all="ignore"):
+                rates = np.nan_to_num(field(z, v, *values)[0] / line.scale, nan=_LARGEST)
+            limited = np.broadcast_to(np.clip(rates, -_LARGEST, _LARGEST), z.shape)
+            return np.asarray(target - whitening @ (bump @ limited))
 
         result = least_squares(left, np.zeros(len(units)), x_scale="jac", max_nfev=_EVALUATIONS)
         freedom = max(1, len(target) - len(units))

@@ -139,19 +139,19 @@ def compare(
 def compare_on_further_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
     """Comparison whose models are judged on further records that no fit has seen."""
     # A law that diverges within the first period, which tells the initial state, is one that cannot predict.
-    rows = [_score_on_further_records(row, test_records) for row in table.rows if not row.failure]
+    rows = []
+    for row in table.rows:
+        if row.failure:
+            continue
+        roll_outs = list(row.records)
+        for record in test_records:
+            try:
+                roll_outs.append(roll_out(row.models[0], record))
+            except InputError:
+                roll_outs.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
+        error, spread = _total_test_error(row.models, roll_outs)
+        rows.append(dataclasses.replace(row, records=tuple(roll_outs), error=error, standard_error=spread))
     return _rank_rows([*rows, *(row for row in table.rows if row.failure)], rows)
-
-
-def _score_on_further_records(row: ComparisonRow, test_records: Sequence[PistonRecord]) -> ComparisonRow:
-    roll_outs = list(row.records)
-    for record in test_records:
-        try:
-            roll_outs.append(roll_out(row.models[0], record))
-        except InputError:
-            roll_outs.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
-    error, spread = _total_test_error(row.models, roll_outs)
-    return dataclasses.replace(row, records=tuple(roll_outs), error=error, standard_error=spread)
 
 
 def _total_test_error(models: Sequence[ReducedModel], roll_outs: Sequence[RollOut]) -> tuple[float, float]:

@@ -189,23 +189,14 @@ class Comparison:
             and the others are empty.
         """
         aic, bic = min(row.aic for row in self.rows), min(row.bic for row in self.rows)
-        lines = []
+        lines: list[tuple[str, ...]] = []
         for row in self.rows:
-            if row.failure:
-                empty = [""] * (len(self.header) - 2)
-                lines.append((row.name, row.failure, *empty))
-                continue
-            lines.append(
-                (
-                    row.name,
-                    str(row.parameters),
-                    format_percent(row.error, row.standard_error),
-                    *(self._errors_by_part(row) if row.records else ()),
-                    f"{row.aic - aic:+.1f}",
-                    f"{row.bic - bic:+.1f}",
-                    str(row.divergence_count),
-                )
-            )
+            cells = [row.failure, *[""] * (len(self.header) - 2)]
+            if not row.failure:
+                cells = [str(row.parameters), format_percent(row.error, row.standard_error)]
+                cells += self._errors_by_part(row) if row.records else ()
+                cells += [f"{row.aic - aic:+.1f}", f"{row.bic - bic:+.1f}", str(row.divergence_count)]
+            lines.append((row.name, *cells))
         return lines
 
     @staticmethod

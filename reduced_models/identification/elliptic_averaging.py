@@ -31,40 +31,37 @@ _MOST_LOST = 0.5
 """Fraction of the amplitude that drag may take in the record; with more, no function is given."""
 
 
-def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotion | None:
+class SolvedMotion(NamedTuple):
+    """The elliptic motion with which a fitted cubic law starts."""
+
+    model: ReducedModel
+    motion: EllipticMotion
+    lost: float  # fraction of the amplitude that drag takes in the record
+
+    @property
+    def text(self) -> str:
+        """Sentence that the law and the elliptic function are one motion."""
+        start = "" if self.lost < 0.01 else f" at the start (drag takes {100 * self.lost:.2g} % of the swing)"
+        return (
+            f"The motion of {self.model.law.name}{start} is {self.motion.text()}, with m = k^2: Jacobi's "
+            f"{self.motion.function} solves this law, so the elliptic motion and the law are one "
+            "motion, not two."
+        )
+
+
+def solve_elliptic_motion(model: ReducedModel, duration: float) -> SolvedMotion | None:
     """Elliptic motion with which a fitted cubic law starts, where drag takes little; duration [s]."""
     # Jacobi's functions solve the law without drag (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch.
     # 3).
     spring = _symmetric_cubic_spring(model)
-    if spring is None or _lost_amplitude_fraction(spring, duration) > _MOST_LOST:
+    if spring is None or (lost := 1.0 - math.exp(-spring[0] * duration)) > _MOST_LOST:
         return None
-    motion = elliptic_motion(spring.k, spring.beta, spring.rest, *model.initial)
-    return motion if motion is not None and motion.m >= _BENT else None
+    motion = elliptic_motion(*spring[1:], *model.initial)
+    return SolvedMotion(model, motion, lost) if motion is not None and motion.m >= _BENT else None
 
 
-def elliptic_motion_text(motion: EllipticMotion, model: ReducedModel, duration: float) -> str:
-    """Sentence that a fitted cubic law and an elliptic function are one motion; duration [s]."""
-    spring = _symmetric_cubic_spring(model)
-    lost = 0.0 if spring is None else _lost_amplitude_fraction(spring, duration)
-    start = "" if lost < 0.01 else f" at the start (drag takes {100 * lost:.2g} % of the swing)"
-    return (
-        f"The motion of {model.law.name}{start} is {motion.text()}, with m = k^2: Jacobi's "
-        f"{motion.function} solves this law, so the elliptic motion and the law are one "
-        "motion, not two."
-    )
-
-
-class _CubicSpring(NamedTuple):
-    """z'' + 2 decay z' + k (z - rest) + beta (z - rest)^3 = 0."""
-
-    decay: float  # [1/s]
-    k: float  # [1/s^2]
-    beta: float  # [1/(m^2 s^2)]
-    rest: float  # [m]
-
-
-def _symmetric_cubic_spring(model: ReducedModel) -> _CubicSpring | None:
-    """Cubic spring that a law is, under whatever name; None for other laws."""
+def _symmetric_cubic_spring(model: ReducedModel) -> tuple[float, float, float, float] | None:
+    """Decay, k, beta and rest of a law z'' + 2 decay z' + k (z - rest) + beta (z - rest)^3 = 0."""
     import sympy
 
     law = model.law
@@ -88,12 +85,7 @@ def _symmetric_cubic_spring(model: ReducedModel) -> _CubicSpring | None:
     away = z0 - rest
     if abs(skew) > _SKEW * max(abs(inner * away), abs(third * away**3), abs(v0) * math.sqrt(abs(inner))):
         return None
-    return _CubicSpring(-0.5 * cubic.get((0, 1), 0.0), -inner, -third, rest)
-
-
-def _lost_amplitude_fraction(spring: _CubicSpring, duration: float) -> float:
-    """Fraction of the amplitude that the drag takes in so many seconds."""
-    return 1.0 - math.exp(-spring.decay * duration)
+    return -0.5 * cubic.get((0, 1), 0.0), -inner, -third, rest
 
 
 class EllipticAveraging(NamedTuple):

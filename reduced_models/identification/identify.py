@@ -252,8 +252,7 @@ def _add_check_outcomes(
         own, no_own = measure_own_swing(record, order[0])
     duration = float(record.time[-1] - record.time[0])
     figures, parameters, own, failed = add_check_errors(figures, own, model, mass, duration, checks)
-    failures = dict.fromkeys((*checks.failures, *failed))
-    notes = tuple(f"the check with {entry.what} failed: {entry.cause}" for entry in failures)
+    notes = tuple(dict.fromkeys((*checks.failures, *failed)))
     for note in notes:
         warnings.warn(note, CautionWarning, stacklevel=3)
     models = tuple(

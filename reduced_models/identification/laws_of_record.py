@@ -23,6 +23,7 @@ from reduced_models.identification.candidate_laws import (
 )
 from reduced_models.identification.comparison import compare, law_name, merge_comparisons
 from reduced_models.identification.comparison_table import Comparison
+from reduced_models.identification.derived_figures import FREQUENCY
 from reduced_models.identification.measured_swing import MeasuredSwing, measure_swing
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
@@ -106,10 +107,8 @@ def compare_laws_of_record(
                     wanted.append(discovered.model)
                 if comparison is not None:
                     comparison = merge_comparisons(comparison, compare(record, wanted[-1], starts=starts))
-            except TimeBudgetError as spent:
-                left_out += (f"discovery by {discovery}: {spent}",)
             except InputError as cause:
-                if comparison is None:  # what was asked for
+                if comparison is None and not isinstance(cause, TimeBudgetError):  # what was asked for
                     raise
                 left_out += (f"discovery by {discovery}: {cause}",)
             clock.lap(f"discovery by {discovery}")
@@ -153,7 +152,10 @@ def _laws_to_fit(
 ) -> tuple[list[Any], tuple[str, ...], str | None]:
     """Laws to fit, why others are not, and the method of a discovery that a glance calls for."""
     if laws is not None:
-        return [_add_drive_to_law(law, record, drive) for law in laws], (), None
+        if drive is None:
+            return list(laws), (), None
+        driven = {name: driven_law(LAWS[name], record, drive) for name in LAWS if name in laws}
+        return [driven.get(law, law) if isinstance(law, str) else law for law in laws], (), None
     if record.measured == "force":
         fitting = candidate_force_laws([record])
         others = (law for law in FORCE_LAWS.values() if law not in fitting)
@@ -204,13 +206,6 @@ def _compare_without_spikes(
     return sound, second
 
 
-def _add_drive_to_law(law: str | Law, record: PistonRecord, drive: str | None) -> str | Law:
-    """Law that is asked for; one of the package's is driven, where a drive is named."""
-    if drive is not None and isinstance(law, str) and law in LAWS:
-        return driven_law(LAWS[law], record, drive)
-    return law
-
-
 def _collect_notes(
     record: PistonRecord, run: Trajectory | None, comparison: Comparison, models: Sequence[ReducedModel]
 ) -> tuple[str, ...]:
@@ -228,14 +223,14 @@ def _collect_notes(
 
 def _frequency_error_notes(figures: Sequence[QuantityWithError]) -> tuple[str, ...]:
     """Doubt of a frequency that a record tells worse than is usual in a laboratory."""
-    for figure in figures:
-        error = figure.total_error / figure.value if figure.value else math.inf
-        if figure.name == "natural frequency" and _OPEN < error < math.inf:
-            return (
-                f"noise and few swings leave the natural frequency uncertain by {100.0 * error:.2g} %; "
-                "record a larger motion, more swings, or more samples of each",
-            )
-    return ()
+    figure = next((item for item in figures if item.name == FREQUENCY), None)
+    if figure is None or not figure.value or not _OPEN < figure.total_error / figure.value < math.inf:
+        return ()
+    return (
+        f"noise and few swings leave the natural frequency uncertain by "
+        f"{100.0 * figure.total_error / figure.value:.2g} %; "
+        "record a larger motion, more swings, or more samples of each",
+    )
 
 
 def _suggest_next_steps(

@@ -49,49 +49,39 @@ class MeasuredSwing:
     units: EngineeringUnits
 
     @property
-    def greatest_differences(self) -> tuple[float, float]:
-        """Greatest relative differences of the law's frequency and damping ratio from the record's."""
-        frequency, damping = (max(row[k][0] for row in self._relative_differences) for k in (0, 1))
-        return frequency, damping
-
-    @property
     def law_agrees(self) -> bool:
         """True where the law swings as the record does, at all amplitudes that are shown."""
-        return self.law is not None and all(
-            difference <= max(limit, error)
-            for row in self._relative_differences
-            for (difference, error), limit in zip(row, (_FREQUENCY, _DAMPING), strict=True)
-        )
+        if self.law is None:
+            return False
+        differences, errors = self._relative_differences
+        return bool((differences <= np.maximum((_FREQUENCY, _DAMPING), errors)).all())
 
     @property
-    def _relative_differences(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-        """Relative differences and errors of frequency and damping ratio, at each amplitude."""
+    def _relative_differences(self) -> tuple[np.ndarray, np.ndarray]:
+        """Relative differences (n, 2) of frequency and damping ratio at each amplitude, and their errors."""
         assert self.law is not None
-        rows = []
-        for size in self.amplitudes:
-            own, law = self.record.interpolate_at(size), self.law.interpolate_at(size)
-            scale = abs(own.damping_ratio) or math.inf
-            rows.append(
-                (
-                    (abs(law.frequency / own.frequency - 1.0), own.frequency_error / own.frequency),
-                    (abs(law.damping_ratio - own.damping_ratio) / scale, own.damping_error / scale),
-                )
-            )
-        return rows
+        own, law = (
+            np.array([curve.interpolate_at(size) for size in self.amplitudes])
+            for curve in (self.record, self.law)
+        )
+        scale = np.abs(own[:, 1:3])
+        scale[scale == 0.0] = np.inf
+        return np.abs(law[:, 1:3] - own[:, 1:3]) / scale, own[:, 3:] / scale
 
     @property
     def agreement_text(self) -> str:
         """Sentence that says whether the law agrees with the record, and by how much not."""
         if self.law is None:
             return f"the law, {self.law_name}, contradicts the record: by it nothing swings"
+        differences, _ = self._relative_differences
         if self.law_agrees:
             frequency, damping = (
-                f"{_round_up_bound(100.0 * value):g} %" for value in self.greatest_differences
+                f"{_round_up_bound(100.0 * value):g} %" for value in differences.max(axis=0)
             )
             return (
                 f"the law, {self.law_name}, agrees (frequency within {frequency}, damping within {damping})"
             )
-        k = int(np.argmax([row[1][0] + row[0][0] for row in self._relative_differences]))
+        k = int(differences.sum(axis=1).argmax())
         law = self.law.interpolate_at(self.amplitudes[k])
         return (
             f"the law, {self.law_name}, contradicts the record: at {self.amplitude_text(k)} it has "
@@ -276,20 +266,10 @@ def _frequency_and_damping(
     figures = []
     for size in amplitudes:
         swing, where = own.interpolate_at(size), f" at {format_amplitude(size, units)}"
-        figures += [
-            QuantityWithError(
-                f"frequency{where}",
-                "f",
-                "Hz",
-                swing.frequency / math.tau,
-                {"fit": swing.frequency_error / math.tau},
-            ),
-            QuantityWithError(
-                f"damping ratio{where}",
-                "ζ",
-                "%",
-                100.0 * swing.damping_ratio,
-                {"fit": 100.0 * swing.damping_error},
-            ),
-        ]
+        for name, symbol, unit, scale, value, error in (
+            ("frequency", "f", "Hz", 1.0 / math.tau, swing.frequency, swing.frequency_error),
+            ("damping ratio", "ζ", "%", 100.0, swing.damping_ratio, swing.damping_error),
+        ):
+            parts = {"fit": scale * error}
+            figures.append(QuantityWithError(f"{name}{where}", symbol, unit, scale * value, parts))
     return tuple(figures)

@@ -18,8 +18,7 @@ from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.identification.wells import LOWER_WELL
 from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
 from reduced_models.models.model import OPEN, ReducedModel
-from reduced_models.models.observed import measured_and_lawful_cycles
-from reduced_models.models.printed_model import swing_noun
+from reduced_models.models.observed import CYCLE_COLUMNS, cycle_rows
 from reduced_models.models.printout import error_sources_text, figure_rows, parameter_text
 from reduced_models.models.quantities import (
     DAMPING_RATIO,
@@ -80,7 +79,8 @@ def add_answer(
     if rows:
         page.add_table(("", "", "value", ""), rows)
     elif model.law.prescribed:
-        add_cycles(page, model)
+        if model.cycles:
+            page.add_table(CYCLE_COLUMNS, cycle_rows(model))
     else:
         page.add_warning(f"No oscillation about an equilibrium: {model.no_swing}.")
     add_equations(page, model)
@@ -91,33 +91,6 @@ def add_answer(
     page.add_paragraph(f"{model.law.name}: {', '.join(values)}")
     if rows:  # behind the last ± that it is true of
         page.add_paragraph(f"{capitalise(error_sources_text(figures, model.confidence))}.")
-
-
-def add_cycles(page: HtmlPage, model: ReducedModel) -> None:
-    """Add the cycles of a force as measured, with those of the law."""
-    if not model.cycles:
-        return
-    rows = []
-    for cycle, law in measured_and_lawful_cycles(model):
-        for kind, item in (("measured", cycle), ("law", law)):
-            if item is not None:
-                stiffness, damping, energy = item.errors
-                cells = ((item.energy, energy), (item.stiffness, stiffness), (item.damping, damping))
-                start = (f"{1e3 * item.amplitude:.4g}", f"{item.frequency / (2.0 * math.pi):.4g}", kind)
-                rows.append((*start, *(_cell_with_error(*pair) for pair in cells)))
-    head = (
-        "amplitude [mm]",
-        "frequency [Hz]",
-        "",
-        "loss per cycle [J]",
-        "stiffness [N/m]",
-        "damping [N s/m]",
-    )
-    page.add_table(head, rows)
-
-
-def _cell_with_error(value: float, error: float) -> str:
-    return f"{value:.4g}" + (f" ± {error:.2g}" if math.isfinite(error) and error > 0.0 else "")
 
 
 def add_source_section(page: HtmlPage, source: RecordSource | None) -> None:
@@ -143,30 +116,22 @@ def add_swing_section(
     if not figures:
         return
     page.add_section("Frequency, damping, stiffness and equilibrium by the model")
-    page.add_table(
-        ("figure", "symbol", "value", "unit"),
-        [
-            (
-                figure.label if figure.name == LEVEL else figure.name,
-                figure.symbol,
-                figure.table_cell,
-                figure.unit,
-            )
-            for figure in figures
-        ],
-    )
+    rows = []
+    for figure in figures:
+        name = figure.label if figure.name == LEVEL else figure.name
+        rows.append((name, figure.symbol, figure.table_cell, figure.unit))
+    page.add_table(("figure", "symbol", "value", "unit"), rows)
     page.add_paragraph(_swing_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
     if len(known) > 1:
         page.add_paragraph("The error behind ± is numerical, the root of the sum of squares of its sources:")
-        page.add_table(
-            ("figure", *known, "unit"),
-            [
-                (figure.name, *(_format_error_part(figure.parts.get(name)) for name in known), figure.unit)
-                for figure in figures
-                if figure.symbol not in _FOLLOWING
-            ],
-        )
+        errors = []
+        for figure in figures:
+            if figure.symbol not in _FOLLOWING:
+                parts = (figure.parts.get(name) for name in known)
+                cells = ("" if value is None else format_number(value, 2) for value in parts)
+                errors.append((figure.name, *cells, figure.unit))
+        page.add_table(("figure", *known, "unit"), errors)
     page.add_paragraph(" ".join(_MEANING_OF_PARTS[name].format(100 * model.confidence) for name in known))
     if averaging:
         page.add_paragraph(f"{capitalise(averaging)}.")
@@ -185,17 +150,14 @@ _MEANING_OF_PARTS = {
 }
 
 
-def _format_error_part(value: float | None) -> str:
-    return "" if value is None else format_number(value, 2)
-
-
 def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None) -> str:
     if any(figure.name == LOWER_WELL for figure in figures):
         return (
             f"From the fit of {model.law.name}, without damping: frequencies in the wells are those of small "
             "motions, the other is that of the motion from the record's start."
         )
-    words = f"Of the {swing_noun(model)} about rest, from the fit of {model.law.name}. "
+    small = "small " * (model.at_rest is None or model.at_rest.equivalent is None)
+    words = f"Of the {small}swing about rest, from the fit of {model.law.name}. "
     names = {figure.name for figure in figures}
     words += "The natural frequency is that without damping. "
     if DAMPING_RATIO in names:
@@ -270,15 +232,11 @@ def add_law_section(page: HtmlPage, model: ReducedModel, remark: str) -> None:
         ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"), _parameter_rows(model)
     )
     # Open directions have the signs of their parameters as formulas have them.
-    powers = [
-        {parameter_symbol(name): power for name, power in product.powers.items()}
-        for product in model.undetermined
-    ]
-    undetermined_directions = [
-        str(dataclasses.replace(product, powers=named))
-        for product, named in zip(model.undetermined, powers, strict=True)
-    ]
-    for note in (*undetermined_directions, *model.notes):
+    directions = []
+    for product in model.undetermined:
+        named = {parameter_symbol(name): power for name, power in product.powers.items()}
+        directions.append(str(dataclasses.replace(product, powers=named)))
+    for note in (*directions, *model.notes):
         page.add_warning(f"{capitalise(note)}.")
     page.add_paragraph(_fit_quality_text(model))
 

@@ -82,7 +82,7 @@ def _add_curves_and_residuals(
     curves: Iterable[tuple[str, np.ndarray, Any]],
     *,
     label: str = "record",
-    difference: _DrawnCoordinate,
+    difference: _DrawnCoordinate | None = None,
     tested: Sequence[tuple[float, float]] = (),
     height: float = 6.2,
     legend: bool = True,
@@ -91,6 +91,7 @@ def _add_curves_and_residuals(
     shown, time = _coordinate_axis(record), record.time - record.time[0]
     with figure(2, 1, height=height, **_STACKED) as (drawing, (top, bottom)):
         signal = record.signal
+        difference = difference or residual_axis(record.measured, angle=record.angle)
         seen = _break_at_gaps(*downsample(time, shown.scale * signal))
         top.plot(*seen, color=GREY, linewidth=3.0, label=label)
         for name, values, look in curves:
@@ -124,7 +125,6 @@ def add_record_section(page: HtmlPage, record: PistonRecord, best: ReducedModel)
         f"shaded, {best.quality.test_swings_text}, by fits that have not seen it.",
         record,
         [(best.law.name, best.simulate_signal(record), {})],
-        difference=residual_axis(record.measured, angle=record.angle),
         tested=best.quality.test_swings,
         height=6.0,
         legend=False,
@@ -141,7 +141,6 @@ def add_fits_section(
         "The fits of all laws, and what they leave over.",
         record,
         [(model.law.name, model.simulate_signal(record), line_style(k)) for k, model in enumerate(models)],
-        difference=residual_axis(record.measured, angle=record.angle),
         tested=best.quality.test_swings,
         height=6.0 + 0.15 * len(models),
     )
@@ -181,19 +180,12 @@ def add_higher_lift_section(page: HtmlPage, lift: PistonRecord, table: Compariso
         "The same scene with a lift three times as high. Each law starts from height and velocity "
         "that the first period tells; all the rest is its prediction."
     )
-    page.add_table(
-        ("law", "error [% of rms displacement]", "times the best"),
-        [
-            (
-                name,
-                format_number(100.0 * score.relative, 3),
-                format_number(score.relative / max(best, 1e-300), 3),
-            )
-            if math.isfinite(score.relative)
-            else (name, "diverges", "")
-            for score, name in ranked
-        ],
-    )
+    rows = []
+    for score, name in ranked:
+        ratio, error = score.relative / max(best, 1e-300), 100.0 * score.relative
+        finite = (format_number(error, 3), format_number(ratio, 3))
+        rows.append((name, *(finite if math.isfinite(error) else ("diverges", ""))))
+    page.add_table(("law", "error [% of rms displacement]", "times the best"), rows)
     _add_curves_and_residuals(
         page,
         "The other lift, and what the best laws predict of it.",

@@ -20,8 +20,8 @@ from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.derived_figures import FREQUENCY, DerivedFigures
 from reduced_models.identification.elliptic_averaging import (
     EllipticAveraging,
+    SolvedMotion,
     average_elliptically,
-    elliptic_motion_text,
     solve_elliptic_motion,
 )
 from reduced_models.identification.measured_swing import MeasuredSwing
@@ -30,7 +30,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic_motion import EllipticMotion
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.observed import cycle_table
+from reduced_models.models.observed import cycle_lines
 from reduced_models.models.printout import caution_lines, figure_lines, record_lines, wrap_words
 from reduced_models.models.quantities import DAMPING_RATIO, ERROR_SOURCES, LEVEL, QuantityWithError
 from reduced_models.records.sources import describe_record, time_step_text
@@ -122,20 +122,14 @@ class Identification:
     @property
     def elliptic_motion(self) -> EllipticMotion | None:
         """The elliptic motion of the best law, or of one as good, that is a symmetric cubic spring."""
-        pair = self._elliptic_model_and_motion
-        return None if pair is None else pair[1]
+        return None if self._solved_motion is None else self._solved_motion.motion
 
     @functools.cached_property
-    def _elliptic_model_and_motion(self) -> tuple[ReducedModel, EllipticMotion] | None:
-        for model in (self.best, self.comparison.model_tied_with_best(DUFFING.name)):
-            if model is not None and (motion := solve_elliptic_motion(model, self._duration)) is not None:
-                return model, motion
-        return None
-
-    @property
-    def _duration(self) -> float:
-        """Duration of the record [s]."""
-        return float(self.record.time[-1] - self.record.time[0])
+    def _solved_motion(self) -> SolvedMotion | None:
+        duration = float(self.record.time[-1] - self.record.time[0])
+        models = (self.best, self.comparison.model_tied_with_best(DUFFING.name))
+        solved = (solve_elliptic_motion(model, duration) for model in models if model is not None)
+        return next((motion for motion in solved if motion is not None), None)
 
     @functools.cached_property
     def elliptic_averaging(self) -> EllipticAveraging | None:
@@ -166,9 +160,8 @@ class Identification:
     def verdict_on_laws(self) -> str:
         """Sentences of the verdict without falls: on the comparison, an unseen lift and the residuals."""
         words = [self.comparison.verdict]
-        if self._elliptic_model_and_motion is not None:
-            model, motion = self._elliptic_model_and_motion
-            words.append(elliptic_motion_text(motion, model, self._duration))
+        if self._solved_motion is not None:
+            words.append(self._solved_motion.text)
         if self.lift is not None:
             words.append(higher_lift_verdict(self.comparison))
         tests = self.residuals.get(self.best.law.name)
@@ -225,7 +218,7 @@ class Identification:
         amplitude = f"peaks do not tell: {self.no_own}" if self.own is None else self.own.range_text
         figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
         if model.law.prescribed:
-            figures = [f"  {line}" for line in cycle_table(model)]
+            figures = cycle_lines(model)
         start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]
         for words in self._derived_texts:
             start += [part for line in words.splitlines() for part in wrap_words(line, "")]

@@ -66,22 +66,15 @@ class RunCheck(NamedTuple):
     factor: float = 0.0  # of another time step: error of the step used, over the change by the other one
 
 
-class CheckFailure(NamedTuple):
-    """Why a check has no record."""
-
-    what: str
-    cause: str
-
-
 class CheckOutcomes(NamedTuple):
     """Records of further runs of a scene, and laws judged on its falls."""
 
     step_check: RunCheck | None
     derived: DerivedFigures | None  # without a run by another step
-    runs: tuple[tuple[str, PistonRecord | CheckFailure], ...]  # by another step, then from other starts
+    runs: tuple[tuple[str, PistonRecord | None], ...]  # by another step, then from other starts
     lift: PistonRecord | None
     falls: DropScores | None
-    failures: tuple[CheckFailure, ...]
+    failures: tuple[str, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -226,7 +219,7 @@ class SceneChecks:
         started = self._background.submit_cases(self._scene, cases, self._settings)
         return list(zip(checks, started, strict=True))
 
-    def _derive_figures(self, run: Trajectory) -> tuple[DerivedFigures | None, list[CheckFailure]]:
+    def _derive_figures(self, run: Trajectory) -> tuple[DerivedFigures | None, list[str]]:
         """Derive the figures of the bed at rest, and start the other lift from there."""
         begin, derived, failures = {}, None, []
         if self._release:
@@ -235,7 +228,7 @@ class SceneChecks:
                 derived = derive_figures(run, rest)
                 begin = release_from(rest, self._release)
             except GranularError as error:
-                failures.append(CheckFailure("equilibrium", str(error)))
+                failures.append(_failure_text("equilibrium", str(error)))
             self._lift = self._start_lift(begin)
         return derived, failures
 
@@ -253,7 +246,7 @@ class SceneChecks:
 
     def wait_for_outcomes(self, run: Trajectory, progress: bool) -> CheckOutcomes:
         """Run what depends on the scene's own run, wait for all, and score the laws of its fall."""
-        derived, doubts = self._derive_figures(run)
+        derived, failures = self._derive_figures(run)
         step_check = choose_step_check(run) if derived is None or derived.step_errors is None else None
         other = [] if step_check is None else self._start_runs([step_check])
         fall = self._fall
@@ -261,64 +254,53 @@ class SceneChecks:
         fits = [call.result() for call in reversed(self._fall_fits)][::-1]
         order = [*other, *self._starts, *self._lift, *drops]
         outcomes = self._background.wait_for_outcomes([case for _, case in order], TITLE, progress)
-        every = [_records_of_case(*pair) for pair in zip(order, outcomes, strict=True)]
+        every = []
+        for (check, _), outcome in zip(order, outcomes, strict=True):
+            try:
+                every.append(_motions_of_case(outcome))
+            except RecordError as cause:
+                every.append({})
+                failures.append(_failure_text(check.what, str(cause)))
         motions = iter(every)
         changed, starts, lifts, others = (
             [next(motions) for _ in group] for group in (other, self._starts, self._lift, drops)
         )
-        failures = doubts + [motion for motion in every if isinstance(motion, CheckFailure)]
         scores = None
         if fall is not None:
-            again = [_fall_of_same_duration(fall, motion) for motion in starts]
-            labels = [check.what for check, _ in drops]
-            labels += [check.what.removeprefix("random ") for check, _ in self._starts]
+            duration = float(fall.time[-1] - fall.time[0])
             unseen = {
-                label: record
-                for label, record in zip(labels, [*map(_main_record, others), *again], strict=True)
-                if isinstance(record, PistonRecord)
+                check.what: motion[RECORD] for (check, _), motion in zip(drops, others, strict=True) if motion
             }
+            for (check, _), motion in zip(self._starts, starts, strict=True):
+                if motion:
+                    again = motion.get(FALL, motion[RECORD])
+                    unseen[check.what.removeprefix("random ")] = _cut_to_duration(again, duration)
             try:
                 scores = score_fitted_laws(fall, fits, unseen, _height_after_fall(run))
             except InputError as cause:
-                failures.append(CheckFailure("other falls", str(cause)))
-        lifted = [record for record in map(_main_record, lifts) if isinstance(record, PistonRecord)]
+                failures.append(_failure_text("other falls", str(cause)))
         return CheckOutcomes(
             step_check=step_check,
             derived=derived,
             runs=tuple(
-                (check.what, _main_record(motion))
+                (check.what, motion.get(RECORD))
                 for (check, _), motion in zip([*other, *self._starts], [*changed, *starts], strict=True)
             ),
-            lift=lifted[0] if lifted else None,
+            lift=next((motion[RECORD] for motion in lifts if motion), None),
             falls=scores,
             failures=tuple(failures),
         )
 
 
-def _records_of_case(
-    started: tuple[RunCheck, BackgroundCase], outcome: Mapping[str, Any]
-) -> dict[str, PistonRecord] | CheckFailure:
-    """Motions of `piston_record_columns` in a further run, or why there are none."""
-    what = started[0].what
+def _failure_text(what: str, cause: str) -> str:
+    return f"the check with {what} failed: {cause}"
+
+
+def _motions_of_case(outcome: Mapping[str, Any]) -> dict[str, PistonRecord]:
+    """Motions of `piston_record_columns` in a further run."""
     if outcome["error"] is not None:
-        return CheckFailure(what, " ".join(outcome["error"].split()))
-    try:
-        return {name: PistonRecord.from_columns(columns) for name, columns in outcome["figures"].items()}
-    except RecordError as error:
-        return CheckFailure(what, str(error))
-
-
-def _main_record(motion: dict[str, PistonRecord] | CheckFailure) -> PistonRecord | CheckFailure:
-    return motion if isinstance(motion, CheckFailure) else motion[RECORD]
-
-
-def _fall_of_same_duration(
-    fall: PistonRecord, motion: dict[str, PistonRecord] | CheckFailure
-) -> PistonRecord | CheckFailure:
-    """Fall with which a further run begins, for as long as that of the scene's own."""
-    if isinstance(motion, CheckFailure):
-        return motion
-    return _cut_to_duration(motion.get(FALL, motion[RECORD]), float(fall.time[-1] - fall.time[0]))
+        raise RecordError(" ".join(outcome["error"].split()))
+    return {name: PistonRecord.from_columns(columns) for name, columns in outcome["figures"].items()}
 
 
 def add_check_errors(
@@ -328,17 +310,23 @@ def add_check_errors(
     mass: float | None,
     duration: float,
     outcomes: CheckOutcomes,
-) -> tuple[
-    tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], MeasuredSwing | None, list[CheckFailure]
-]:
+) -> tuple[tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], MeasuredSwing | None, list[str]]:
     """Return figures, parameters and own swing with errors of step and start, as far as there are runs."""
     # By the same law over the same duration [s], so that what differs is the run.
     check, derived = outcomes.step_check, outcomes.derived
     every = (*figures, *model.parameter_quantities())
-    fits = [
-        _quantities_of_further_run(what, swing, duration, model, mass, every) for what, swing in outcomes.runs
-    ]
-    refitted = [None if isinstance(outcome, CheckFailure) else outcome for outcome in fits]
+    refitted: list[Sequence[QuantityWithError] | None] = []
+    read: list[Sequence[QuantityWithError] | None] = []
+    failed = []
+    for what, swing in outcomes.runs:
+        motion = None if swing is None else _cut_to_duration(swing, duration)
+        try:
+            refitted.append(None if motion is None else _quantities_by_law(motion, model, mass, every))
+        except GranularError as cause:
+            refitted.append(None)
+            failed.append(_failure_text(what, str(cause)))
+        both = None if motion is None or measured is None else quantities_at_amplitudes(motion, measured)
+        read.append(both)
 
     def with_errors(
         known: Sequence[QuantityWithError], others: Sequence[Sequence[QuantityWithError] | None]
@@ -352,14 +340,7 @@ def add_check_errors(
         return add_step_and_start_errors(known, [derived.step_error(figure) for figure in known], *others)
 
     if measured is not None:
-        read = [
-            None
-            if isinstance(swing, CheckFailure)
-            else quantities_at_amplitudes(_cut_to_duration(swing, duration), measured)
-            for _, swing in outcomes.runs
-        ]
         measured = dataclasses.replace(measured, figures=with_errors(measured.figures, read))
-    failed = [outcome for outcome in fits if isinstance(outcome, CheckFailure)]
     every = with_errors(every, refitted)
     return every[: len(figures)], every[len(figures) :], measured, failed
 
@@ -369,31 +350,21 @@ def _cut_to_duration(record: PistonRecord, duration: float) -> PistonRecord:
     return record.between(start, start + duration * (1.0 + 1e-9))
 
 
-def _quantities_of_further_run(
-    what: str,
-    record: PistonRecord | CheckFailure,
-    duration: float,
-    model: ReducedModel,
-    mass: float | None,
-    reference: Sequence[QuantityWithError],
-) -> Sequence[QuantityWithError] | CheckFailure:
+def _quantities_by_law(
+    record: PistonRecord, model: ReducedModel, mass: float | None, reference: Sequence[QuantityWithError]
+) -> tuple[QuantityWithError, ...]:
     """Figures of a further run's record, by the law of a model."""
-    if isinstance(record, CheckFailure):
-        return record
-    try:
-        with warnings.catch_warnings(action="ignore"):
-            again = fit(
-                _cut_to_duration(record, duration),
-                model.law,
-                starts=model.quality.starts,
-                test_fraction=0.0,
-                parameters=given_line_parameters(model),
-            )
-    except GranularError as error:
-        return CheckFailure(what, str(error))
+    with warnings.catch_warnings(action="ignore"):
+        again = fit(
+            record,
+            model.law,
+            starts=model.quality.starts,
+            test_fraction=0.0,
+            parameters=given_line_parameters(model),
+        )
     figures = (*swing_quantities(again, model.angle, mass), *again.parameter_quantities())
     if [figure.symbol for figure in figures] != [figure.symbol for figure in reference]:
-        return CheckFailure(what, "its fit has no such figures")
+        raise InputError("its fit has no such figures")
     return figures
 
 

@@ -11,41 +11,21 @@ import numpy as np
 from reduced_models.laws.linearization import SmallSwing, law_rates, small_swing
 from reduced_models.models.at_rest import engineering_units
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.prediction import parameter_value, with_changed_value
+from reduced_models.models.prediction import errors_of_figures
 from reduced_models.models.quantities import QuantityWithError
 
 LOWER_WELL = "lower well"
 _POINTS = 401  # of the range of heights, between which equilibria are looked for
-_STEP = 0.01  # of a standard deviation, by which a fitted number is moved
-_LEAST_STEP = 1e-6  # of the number itself
 _TRIES = 8  # doublings of the time in which the motion must come back
-_HELD = 1e-9  # standard deviation, over the value, below which a number is given
 
 
 def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
     """Two wells [mm or degrees], their frequencies, and that of a motion over both [Hz]; or nothing."""
-    from scipy.stats import norm
-
     figures = _well_figures(model)
-    if figures is None or not len(model.covariance):
+    errors = None if figures is None else errors_of_figures(model, _well_figures, figures)
+    if figures is None or errors is None or not len(model.covariance):
         return ()
     units = engineering_units(model.angle, None)
-    names = model.covariance_names
-    deviations = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
-    slopes = np.zeros((len(figures), len(names)))
-    for k, (name, deviation) in enumerate(zip(names, deviations, strict=True)):
-        value = parameter_value(model, name)
-        if deviation <= _HELD * abs(value):
-            continue
-        step = max(_STEP * deviation, _LEAST_STEP * abs(value))
-        above, below = (
-            _well_figures(with_changed_value(model, name, value + side * step)) for side in (1.0, -1.0)
-        )
-        if above is None or below is None:
-            return ()
-        slopes[:, k] = (above - below) / (2.0 * step)
-    variance = np.einsum("ij,jk,ik->i", slopes, model.covariance, slopes)
-    errors = float(norm.ppf(0.5 + 0.5 * model.confidence)) * np.sqrt(np.maximum(variance, 0.0))
     size = f"{units.scale * figures[5]:.3g} {units.length}"
     rows = (
         (LOWER_WELL, "z1", units.length, units.scale),

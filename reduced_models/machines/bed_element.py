@@ -74,11 +74,11 @@ def bed_force_port(scene: Scene) -> ForcePort:
     }
     at_rest = AtRest(system.rest, math.tau / swing.omega, swing.lam / swing.omega, {})
     model = PredictedLaw(
+        ANNEALING_BED,
         values,
         (system.rest, 0.0),
         at_rest,
-        {"data": f"none, from the scene {scene.name}"},
-        ANNEALING_BED,
+        provenance={"data": f"none, from the scene {scene.name}"},
         hidden={"q": ORDER},
     )
     return ForcePort(model, system.moving, load)

@@ -220,7 +220,13 @@ def design_for(
     proposal = DamperDesign(best, response, alone, ideal, stroke, damper_mass(best), outside)
     wanted = bool(outside) if simulate is None else simulate
     if outside:
-        _warn_outside_range(proposal, wanted)
+        words = f"{outside}; it expects {1e3 * proposal.peak:.3g} mm at the peak"
+        if wanted:
+            words += (
+                f"; simulating {POINTS} frequencies of {DURATION:g} s with "
+                f"{best.grains.count} grains: simulate=False leaves that out"
+            )
+        warnings.warn(words, OutsideRangeWarning, stacklevel=2)
     if not wanted:
         return proposal
     started = time.perf_counter()
@@ -246,16 +252,6 @@ def _outside_range_text(stroke: float) -> str:
         f"the piston swings {stroke:.2g} D by the law, {beyond} than the {RANGE[0]:g} to "
         f"{RANGE[1]:g} D in which it was compared with simulations"
     )
-
-
-def _warn_outside_range(proposal: DamperDesign, wanted: bool) -> None:
-    words = f"{proposal.outside}; it expects {1e3 * proposal.peak:.3g} mm at the peak"
-    if wanted:
-        words += (
-            f"; simulating {POINTS} frequencies of {DURATION:g} s with "
-            f"{proposal.scene.grains.count} grains: simulate=False leaves that out"
-        )
-    warnings.warn(words, OutsideRangeWarning, stacklevel=3)
 
 
 def _candidate_dampers(host: Host, excitation: Excitation, limit: float, magnets: str) -> Iterator[Scene]:

@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.host_structure import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
@@ -37,6 +36,7 @@ from reduced_models.falls.predicted_law import (
     affine_drag,
     has_rows,
     lattice_at_rest,
+    mass_and_gravity,
     predict_bed_parameters,
 )
 from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
@@ -96,20 +96,18 @@ class CoupledSystem(NamedTuple):
     def from_bed_scene(cls, scene: Scene) -> CoupledSystem:
         """Equation of a scene's bed, on a host that nothing moves."""
         still = scene.replace(**{"effects.host": "none"})
-        parameters, piston, gravity = predict_bed_parameters(still), scene.piston, scene.effects.gravity
-        assert piston is not None
-        assert piston.mass is not None
+        parameters, (mass, gravity) = predict_bed_parameters(still), mass_and_gravity(still)
         lattice = lattice_at_rest(still)
         softer, factor, _ = ROWS if has_rows(still) else (0.0, 1.0, 1.0)
         return cls(
             host=math.inf,
             stiffness=0.0,
             damping=0.0,
-            piston=piston.mass,
+            piston=mass,
             bed=float(scene.grains.masses().sum()),
             moving=accelerated_mass(still, parameters),
             drag=affine_drag(scene),
-            gravity=0.0 if gravity is None else gravity.acceleration,
+            gravity=gravity,
             rest=parameters["rest"],
             modulus=factor * MODULUS * lattice.relative_shear_modulus,
             power=lattice.power + softer,
@@ -122,14 +120,12 @@ class CoupledSystem(NamedTuple):
         spring = self.piston * self.gravity / self.rest * stiffness
         return LinearSwing(math.sqrt(spring / self.moving), 0.5 * self.drag / self.moving)
 
-    def linear_response(
-        self, frequencies: Sequence[float], force: float, swing: LinearSwing | None = None
-    ) -> Complex[np.ndarray, "f"]:
+    def linear_response(self, frequencies: Sequence[float], force: float) -> Complex[np.ndarray, "f"]:
         """Displacement (f,) [m] of the host with a linear law for the bed; frequencies [Hz], force [N]."""
         omega = math.tau * np.asarray(frequencies, dtype=np.float64)
         own = self.stiffness + 1j * omega * self.damping
         own = own - omega**2 * (self.host + self.piston + self.bed)
-        linear = self.small_swing if swing is None else swing
+        linear = self.small_swing
         bed = self.moving * (linear.omega**2 + 2j * omega * linear.lam - omega**2)
         coupled = self.piston + 0.5 * self.bed
         return np.asarray(force / (own - (omega**2 * coupled) ** 2 / bed))
@@ -237,8 +233,10 @@ def predicted_response(
     """
     host = scene.effects.host
     law = CoupledSystem.from_host_scene(scene)
+    if force is None and host is not None and host.excitation is not None:
+        force = host.excitation.force
     if force is None:
-        force = _host_force(host)
+        raise InputError("the host is under no force; give one [N]")
     response = solve_host_response(law, frequencies, force)
     diameter = scene.grains.species[0].diameter
     stroke = float(response.stroke[int(response.displacement.argmax())]) / diameter
@@ -251,13 +249,6 @@ def predicted_response(
             stacklevel=2,
         )
     return dataclasses.replace(response, outside=outside)
-
-
-def _host_force(host: Host | None) -> float:
-    force = None if host is None or host.excitation is None else host.excitation.force
-    if force is None:
-        raise InputError("the host is under no force; give one [N]")
-    return force
 
 
 def solve_host_response(law: CoupledSystem, frequencies: Sequence[float], force: float) -> PredictedResponse:

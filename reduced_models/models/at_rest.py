@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
+from reduced_models.models.plain_data import Interval, Size, SizeOrInfinity
 from reduced_models.models.printout import figure_lines
 from reduced_models.models.quantities import DAMPING_RATIO, EQUIVALENT_FRICTION, LEVEL, QuantityWithError
 from reduced_models.records.envelope import PeakDamping
@@ -28,10 +29,10 @@ _STEP = 1e-4  # of a number, by which it is changed to see what follows from it
 class EquivalentDamping:
     """Damping that small swings do not show, by the energy that harmonic cycles dissipate."""
 
-    amplitude: float  # [m]
+    amplitude: Size  # [m]
     tenth_ratio: float  # fraction of critical damping at a tenth of the largest swing
     friction: float  # [m/s^2]
-    intervals: Mapping[str, tuple[float, float]]
+    intervals: Mapping[str, Interval]
     own: bool = False  # the friction is the coefficient of the law's own sign(z')
 
     @property
@@ -62,13 +63,12 @@ class AtRest:
     """
 
     height: float
-    period: float
+    period: Size
     damping_ratio: float
-    intervals: Mapping[str, tuple[float, float]]
+    intervals: Mapping[str, Interval]
     equivalent: EquivalentDamping | None = None
     peaks: PeakDamping | None = None
-    calibration: Mapping[str, float] = dataclasses.field(default_factory=dict)
-
+    calibration: Mapping[str, SizeOrInfinity] = dataclasses.field(default_factory=dict)
     angle: bool = False
 
     def to_series(self) -> pandas.Series[float]:
@@ -159,8 +159,9 @@ def _damping_of_small_swing(rest: AtRest) -> list[QuantityWithError]:
     quantities = [quantity(DAMPING_RATIO, "zeta", "%", lambda *at: 100.0 * at[2])]
     if 0.0 < rest.damping_ratio < _UNDERDAMPED:
         quantities += [
-            quantity("damped frequency", "fd", "Hz", lambda _, *at: damped_frequency(*at)),
-            quantity("logarithmic decrement", "delta", "", lambda *at: _logarithmic_decrement(at[2])),
+            # sqrt(1 - zeta^2)/T and 2 pi zeta/sqrt(1 - zeta^2) (Inman 2014, ch. 1)
+            quantity("damped frequency", "fd", "Hz", lambda *at: _slowdown(at[2]) / at[1]),
+            quantity("logarithmic decrement", "delta", "", lambda *at: math.tau * at[2] / _slowdown(at[2])),
             quantity("quality factor", "Q", "", lambda *at: 0.5 / at[2]),
         ]
     return quantities
@@ -175,20 +176,19 @@ def _damping_at_two_amplitudes(
         for size in (equivalent.amplitude, equivalent.tenth_of_greatest_swing)
     )
 
-    def quantity(
-        name: str, symbol: str, unit: str, scale: float, value: float, key: str
-    ) -> QuantityWithError:
+    def quantity(name: str, symbol: str, unit: str, scale: float, key: str) -> QuantityWithError:
         low, high = equivalent.intervals[key]
-        return QuantityWithError(name, symbol, unit, scale * value, {"fit": 0.5 * scale * (high - low)})
+        value = scale * getattr(equivalent, key)
+        return QuantityWithError(name, symbol, unit, value, {"fit": 0.5 * scale * (high - low)})
 
-    quantities = [_quantity_with_propagated_errors(rest, wide, "zeta", "%", lambda *at: 100.0 * at[2])]
-    quantities.append(quantity(narrow, "zeta", "%", 100.0, equivalent.tenth_ratio, "tenth_ratio"))
+    quantities = [
+        _quantity_with_propagated_errors(rest, wide, "zeta", "%", lambda *at: 100.0 * at[2]),
+        quantity(narrow, "zeta", "%", 100.0, "tenth_ratio"),
+    ]
     quantities = [figure for figure in quantities if figure.value < 100.0 * _UNDERDAMPED]
-    symbol = "F" if equivalent.own else EQUIVALENT_FRICTION
     if equivalent.friction > 0.0:
-        quantities.append(
-            quantity("friction", symbol, units.friction, units.inertia, equivalent.friction, "friction")
-        )
+        symbol = "F" if equivalent.own else EQUIVALENT_FRICTION
+        quantities.append(quantity("friction", symbol, units.friction, units.inertia, "friction"))
     return quantities
 
 
@@ -213,11 +213,6 @@ def _quantity_with_propagated_errors(
     return QuantityWithError(name, symbol, unit, function(*at), parts)
 
 
-def damped_frequency(period: float, ratio: float) -> float:
-    """Frequency [Hz] of a damped linear motion, sqrt(1 - zeta^2)/T (Inman 2014, ch. 1); period [s]."""
-    return math.sqrt(1.0 - ratio**2) / period
-
-
-def _logarithmic_decrement(ratio: float) -> float:
-    """Logarithm of two amplitudes a period apart."""
-    return 2.0 * math.pi * ratio / math.sqrt(1.0 - ratio**2)
+def _slowdown(ratio: float) -> float:
+    """Damped over natural frequency."""
+    return math.sqrt(1.0 - ratio**2)

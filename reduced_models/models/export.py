@@ -6,14 +6,10 @@ FMUs have files of their own.
 
 from __future__ import annotations
 
-import keyword
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
-from granular.formulas import MAX_CHARACTERS
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.message_text import quote, sanitize
@@ -27,25 +23,29 @@ from reduced_models.models.ports import (
     port_modelica_source,
     port_python_source,
 )
-from reduced_models.models.source_code import c_source, matlab_source, modelica_source
+from reduced_models.models.source_code import (
+    c_source,
+    docstring_lines,
+    matlab_source,
+    modelica_source,
+    prepare_law_for_export,
+    python_expression,
+)
 
-_TEMPLATE = '''"""The law {name}, fitted: {equation}
-
-Source of the law: {source}. Data: {data}.
-Domain: heights from {low:.6g} to {high:.6g} m.
+_TEMPLATE = '''"""{comments}
 """
 
 import numpy
 
 PARAMETERS = {parameters}
-INITIAL = {initial}  # height [m], velocity [m/s]{hidden_note}
+INITIAL = {initial}
 
 
 def rates(state, {inputs}parameters=PARAMETERS):
-    """Time derivatives of the state: height [m], velocity [m/s]{hidden_words}."""
-    height, velocity{hidden_names} = state
+    """Time derivatives of the state."""
+    {states} = state
     {names} = (parameters[name] for name in {name_list})
-    return numpy.array([velocity, {acceleration}{hidden_rates}])
+    return numpy.array([{rates}])
 
 
 def simulate(times, state=INITIAL, {inputs_default}steps=8):
@@ -65,72 +65,29 @@ def simulate(times, state=INITIAL, {inputs_default}steps=8):
 '''
 
 
-_TAKEN = frozenset(re.findall(r"[A-Za-z_]\w*", _TEMPLATE))
-
-
 def numpy_source(model: FittedLaw) -> str:
     """Python source of a stand-alone module: rates and a solver, or the force along a prescribed stroke."""
     if model.law.prescribed:
         return port_python_source(force_port(model, None))
-    import sympy
-    from sympy.printing.numpy import NumPyPrinter
-
-    law, parsed = model.law, model.law.parsed_equation
-    doprint = NumPyPrinter({"fully_qualified_modules": True}).doprint
-    safe = _python_names((*law.parameters, *law.hidden, *law.inputs))
-    symbols = {sympy.Symbol(name): sympy.Symbol(other) for name, other in safe.items()}
-    symbols |= {parsed.symbol_z: sympy.Symbol("height"), parsed.symbol_v: sympy.Symbol("velocity")}
-    own, hidden, inputs = (
-        [safe[name] for name in names] for names in (law.parameters, law.hidden, law.inputs)
-    )
-    low, high = model.domain.get("height", (-np.inf, np.inf))
+    parts, names = prepare_law_for_export(model), model.law.parameters
 
     def at(position: str) -> str:
-        return "".join(f", {name}({position})" for name in inputs)
-
-    def code(expression: sympy.Expr) -> str:
-        return str(doprint(expression.xreplace(symbols)))
+        return "".join(f", {name}({position})" for name in parts.inputs)
 
     return _TEMPLATE.format(
-        name=_escape_docstring(law.name),
-        equation=_escape_docstring(law.equation),
-        source=_escape_docstring(law.source or "own"),
-        data=_escape_docstring(model.provenance.get("data", "unknown")),
-        low=low,
-        high=high,
-        parameters=repr({name: float(value) for name, value in model.all_parameters.items()}),
-        initial=repr(
-            (*map(float, model.initial), *(float(model.hidden.get(name, 0.0)) for name in law.hidden))
-        ),
-        hidden_note="".join(f", {name}" for name in hidden),
-        hidden_words="".join(f", {name}" for name in hidden),
-        hidden_names="".join(f", {name}" for name in hidden),
-        inputs="".join(f"{name}, " for name in inputs),
-        inputs_default="".join(f"{name}=lambda t: 0.0, " for name in inputs),
-        names=", ".join(own) + ("," if len(own) == 1 else ""),
-        name_list=repr(law.parameters),
-        acceleration=code(parsed.acceleration),
-        hidden_rates="".join(f", {code(rate)}" for rate in parsed.hidden.values()),
+        comments=docstring_lines(parts.comments),
+        parameters=repr(dict(zip(names, parts.values, strict=True))),
+        initial=repr(parts.initial),
+        inputs="".join(f"{name}, " for name in parts.inputs),
+        inputs_default="".join(f"{name}=lambda t: 0.0, " for name in parts.inputs),
+        states=", ".join(parts.states),
+        names="".join(f"{name}, " for name in parts.parameters).rstrip(),
+        name_list=repr(names),
+        rates=", ".join(map(python_expression, parts.state_rates)),
         at_0=at("now"),
         at_half=at("now + 0.5 * step"),
         at_1=at("now + step"),
     )
-
-
-def _python_names(names: Sequence[str]) -> dict[str, str]:
-    """Names for Python code: those that it has itself get an underscore."""
-    result: dict[str, str] = {}
-    for name in names:
-        other = name
-        while keyword.iskeyword(other) or other in _TAKEN or (other != name and other in names):
-            other += "_"
-        result[name] = other
-    return result
-
-
-def _escape_docstring(words: str) -> str:
-    """Text that can stand in a docstring, whatever it holds."""
-    return sanitize(words, MAX_CHARACTERS).replace("\\", "\\\\").replace('"', "'")
 
 
 def equations_text(model: FittedLaw) -> str:
@@ -203,8 +160,7 @@ def write_code(model: FittedLaw | ForcePort, path: Path, fmi: int = 2) -> str:
     if path.suffix not in SOURCES:
         known = ", ".join([*SOURCES, ".fmu"])
         raise InputError(f"{sanitize(path)} ends in {quote(path.suffix)}; give one of {known}")
-    port = isinstance(model, ForcePort)
-    named = path.suffix in (".m", ".mo") or (port and path.suffix == ".c")
+    named = path.suffix in (".m", ".mo") or (isinstance(model, ForcePort) and path.suffix == ".c")
     if named and (_NAME.fullmatch(path.stem) is None or path.stem in _WORDS):
         raise InputError(
             f"{quote(path.name)} cannot be a function's name; give letters, digits and underscores"
@@ -212,9 +168,9 @@ def write_code(model: FittedLaw | ForcePort, path: Path, fmi: int = 2) -> str:
     what, source, port_source = SOURCES[path.suffix]
     if not isinstance(model, ForcePort):
         write_text(path, source(model, path.stem))
-        return what
-    write_text(path, port_source(model, path.stem))
-    if path.suffix == ".c":
-        write_text(path.with_suffix(".h"), port_c_sources(model, path.stem)[0])
-        return f"{what} with its header"
+    else:
+        write_text(path, port_source(model, path.stem))
+        if path.suffix == ".c":
+            write_text(path.with_suffix(".h"), port_c_sources(model, path.stem)[0])
+            what += " with its header"
     return what

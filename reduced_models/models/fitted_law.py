@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import re
@@ -26,7 +27,7 @@ from reduced_models.laws.linearization import (
 from reduced_models.laws.printing import latex, round_equation, round_expression, round_significant
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.harmonic_cycle import HarmonicCycle
-from reduced_models.models.quality import Quality
+from reduced_models.models.plain_data import Interval, Lines, Size
 from reduced_models.records.inputs import TIME, Interpolation, input_column
 from reduced_models.records.sensor import Sensor
 
@@ -43,6 +44,7 @@ _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
 """Least width of an interval: that of a noiseless record, or of what a law fixes."""
 
 
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class FittedLaw:
     """A law with numbers, as a `ReducedModel` has it; the attributes are those of the model.
 
@@ -69,20 +71,19 @@ class FittedLaw:
     parameters: Mapping[str, float]
     initial: tuple[float, float]
     at_rest: AtRest | None
-    domain: Mapping[str, tuple[float, float]]
-    provenance: Mapping[str, str]
-    hidden: Mapping[str, float]
-    input_interpolation: Interpolation
-    angle: bool
-    conventions: Mapping[str, float]
-    quality: Quality
-    sensor: Sensor | None
-    covariance: np.ndarray
-    covariance_names: tuple[str, ...]
-    quantile: float
-    intervals: Mapping[str, tuple[float, float]]
+    intervals: Mapping[str, Interval] = dataclasses.field(default_factory=dict)
+    domain: Mapping[str, Interval] = dataclasses.field(default_factory=dict)
+    provenance: Mapping[str, Lines] = dataclasses.field(default_factory=dict)
+    hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    input_interpolation: Interpolation = "spline"
+    angle: bool = False
+    conventions: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    sensor: Sensor | None = None
     observation: str = ""
     cycles: tuple[HarmonicCycle, ...] = ()
+    covariance_names: tuple[str, ...] = ()
+    covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    quantile: Size = 1.96
 
     @property
     def all_parameters(self) -> dict[str, float]:

@@ -22,16 +22,11 @@ from granular.shared.errors import InputError
 from granular.shared.files import write_atomically
 from granular.shared.version import __version__
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.ports import (
-    ForcePort,
-    c_local_variables,
-    port_c_sources,
-    port_jacobian,
-    prepare_port_for_export,
-)
+from reduced_models.models.ports import ForcePort, port_c_sources, port_jacobian, prepare_port_for_export
 from reduced_models.models.source_code import (
     c_array_initialiser,
-    c_expression,
+    c_assignments,
+    c_local_variables,
     c_source,
     prepare_law_for_export,
 )
@@ -115,10 +110,8 @@ static const double model_start_inputs[] = {{ {c_array_initialiser([0.0] * len(p
     names = (model.coordinate, "velocity", *parts.hidden)
     units = (model.unit, f"{model.unit}/s", *("" for _ in parts.hidden))
     variables = _variables(
-        [
-            (name, value, unit, "output")
-            for name, value, unit in zip(names, parts.initial, units, strict=True)
-        ],
+        "output",
+        list(zip(names, parts.initial, units, strict=True)),
         [(name, 0.0, "") for name in parts.inputs],
         [(name, value, "") for name, value in zip(parts.parameters, parts.values, strict=True)],
         (),
@@ -131,10 +124,7 @@ def _port_contents(port: ForcePort) -> FmuContents:
     parts, slopes = prepare_port_for_export(port), port_jacobian(prepare_port_for_export(port))
     rest = port.model.initial[0] if port.model.at_rest is None else port.model.at_rest.height
     start = [rest, 0.0, *(0.0 for _ in parts.law.inputs)]
-    rows = "".join(
-        f"    rows[{k}] = {c_expression(slope)};\n"
-        for k, slope in enumerate(slope for row in slopes or () for slope in row)
-    )
+    rows = c_assignments("rows", (slope for row in slopes or () for slope in row))
     glue = f"""
 #define MODEL_START model_start
 #define MODEL_JACOBIAN {int(slopes is not None)}
@@ -152,7 +142,8 @@ static void model_jacobian(const double *parameters, const double *states, const
 {rows}}}
 """
     variables = _variables(
-        [(name, value, "", "local") for name, value in zip(parts.states, parts.start, strict=True)],
+        "local",
+        [(name, value, "") for name, value in zip(parts.states, parts.start, strict=True)],
         list(zip(parts.inputs, start, ("m", "m/s", *("" for _ in parts.law.inputs)), strict=True)),
         list(zip(parts.parameters, parts.values, parts.units, strict=True)),
         (("force", "N"),),
@@ -163,33 +154,26 @@ static void model_jacobian(const double *parameters, const double *states, const
 
 
 def _variables(
-    states: Sequence[tuple[str, float, str, str]],
+    causality: str,
+    states: Sequence[tuple[str, float, str]],
     inputs: Sequence[tuple[str, float, str]],
     parameters: Sequence[tuple[str, float, str]],
     outputs: Sequence[tuple[str, str]],
 ) -> tuple[FmuVariable, ...]:
-    """Variables, each with its start and unit; of states with their causality."""
-    result = [
-        FmuVariable(name, k, causality, "continuous", start, unit=unit)
-        for k, (name, start, unit, causality) in enumerate(states)
-    ]
-    result += [
-        FmuVariable(f"der({name})", _RATES + k, "local", "continuous", None, k)
-        for k, (name, *_) in enumerate(states)
-    ]
-    result += [
-        FmuVariable(name, _INPUTS + k, "input", "continuous", start, unit=unit)
-        for k, (name, start, unit) in enumerate(inputs)
-    ]
-    result += [
-        FmuVariable(name, _PARAMETERS + k, "parameter", "tunable", start, unit=unit)
-        for k, (name, start, unit) in enumerate(parameters)
-    ]
-    result += [
-        FmuVariable(name, _OUTPUTS + k, "output", "continuous", None, unit=unit)
-        for k, (name, unit) in enumerate(outputs)
-    ]
-    return tuple(result)
+    """Variables, each with its start and unit; of states and their rates with their causality."""
+    rates = [(f"der({name})", None, "") for name, *_ in states]
+    groups: tuple[tuple[int, str, str, Sequence[tuple[str, float | None, str]]], ...] = (
+        (0, causality, "continuous", states),
+        (_RATES, "local", "continuous", rates),
+        (_INPUTS, "input", "continuous", inputs),
+        (_PARAMETERS, "parameter", "tunable", parameters),
+        (_OUTPUTS, "output", "continuous", [(name, None, unit) for name, unit in outputs]),
+    )
+    return tuple(
+        FmuVariable(name, first + k, role, variability, start, k if first == _RATES else None, unit)
+        for first, role, variability, rows in groups
+        for k, (name, start, unit) in enumerate(rows)
+    )
 
 
 def _compile_library(source: str, version: int) -> tuple[str, str, bytes]:
@@ -243,18 +227,9 @@ def _model_description_2(contents: FmuContents, guid: str) -> str:
         return f"    <{tag}>{items}</{tag}>\n" if items else ""
 
     outputs, rates, unknown = _model_structure(contents)
-    return f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="{NAME}" guid="{guid}"
-    description={quoteattr(contents.about)}
-    generationTool="granular-damper {__version__}" variableNamingConvention="structured">
-{kinds}{_unit_definitions()}  <DefaultExperiment startTime="0.0" stopTime="{_STEPS * contents.step!r}"/>
-  <ModelVariables>
-{"".join(map(line, contents.variables))}  </ModelVariables>
-  <ModelStructure>
-{group("Outputs", outputs)}{group("Derivatives", rates)}{group("InitialUnknowns", unknown)}\
-  </ModelStructure>
-</fmiModelDescription>
-"""
+    structure = group("Outputs", outputs) + group("Derivatives", rates) + group("InitialUnknowns", unknown)
+    variables = "".join(map(line, contents.variables))
+    return _document(contents, f'fmiVersion="2.0" guid="{guid}"', kinds, variables, structure)
 
 
 def _model_description_3(contents: FmuContents, guid: str) -> str:
@@ -268,7 +243,7 @@ def _model_description_3(contents: FmuContents, guid: str) -> str:
     )
 
     def line(variable: FmuVariable) -> str:
-        more = _number_attributes(variable) + _initial_attribute(variable, ("input",))
+        more = _number_attributes(variable) + _initial_attribute(variable, ("input", "independent"))
         if variable.state is not None:
             more += f' derivative="{variable.state}"'
         return (
@@ -282,23 +257,27 @@ def _model_description_3(contents: FmuContents, guid: str) -> str:
     structure = "".join(
         f'    <{tag} valueReference="{variable.reference}"/>\n' for tag, which in groups for variable in which
     )
+    time = FmuVariable("time", _TIME, "independent", "continuous", None)
+    variables = "".join(map(line, (time, *contents.variables)))
+    return _document(contents, f'fmiVersion="3.0" instantiationToken="{guid}"', kinds, variables, structure)
+
+
+def _document(contents: FmuContents, version: str, kinds: str, variables: str, structure: str) -> str:
+    """Text of a modelDescription.xml, of parts that are those of a version."""
+    units = "".join(f'    <Unit name="{name}"><BaseUnit {base}/></Unit>\n' for name, base in _UNITS.items())
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="3.0" modelName="{NAME}" instantiationToken="{guid}"
+<fmiModelDescription {version} modelName="{NAME}"
     description={quoteattr(contents.about)}
     generationTool="granular-damper {__version__}" variableNamingConvention="structured">
-{kinds}{_unit_definitions()}  <DefaultExperiment startTime="0.0" stopTime="{_STEPS * contents.step!r}"/>
+{kinds}  <UnitDefinitions>
+{units}  </UnitDefinitions>
+  <DefaultExperiment startTime="0.0" stopTime="{_STEPS * contents.step!r}"/>
   <ModelVariables>
-    <Float64 name="time" valueReference="{_TIME}" causality="independent" variability="continuous"/>
-{"".join(map(line, contents.variables))}  </ModelVariables>
+{variables}  </ModelVariables>
   <ModelStructure>
 {structure}  </ModelStructure>
 </fmiModelDescription>
 """
-
-
-def _unit_definitions() -> str:
-    lines = "".join(f'    <Unit name="{name}"><BaseUnit {base}/></Unit>\n' for name, base in _UNITS.items())
-    return f"  <UnitDefinitions>\n{lines}  </UnitDefinitions>\n"
 
 
 def _number_attributes(variable: FmuVariable) -> str:

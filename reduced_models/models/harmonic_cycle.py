@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from reduced_models.models.plain_data import SizeOrUnknown
+
 
 class HarmonicCycle(NamedTuple):
     """A harmonic cycle: of a motion per kilogram, of a force on a prescribed stroke in newtons.
@@ -27,7 +29,7 @@ class HarmonicCycle(NamedTuple):
     stiffness: float
     damping: float
     energy: float
-    errors: tuple[float, ...] = (0.0, 0.0, 0.0)
+    errors: tuple[SizeOrUnknown, ...] = (0.0, 0.0, 0.0)
     measured: int = 0
 
     @property

@@ -14,14 +14,11 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import write_json
 from granular.shared.message_text import quote, sanitize
-from reduced_models.laws.law import Law
 from reduced_models.models import export, observed, prediction, response, schema
-from reduced_models.models.at_rest import AtRest
 from reduced_models.models.harmonic_cycle import HarmonicCycle
+from reduced_models.models.plain_data import annotations_of, plain_value
 from reduced_models.models.ports import GRAVITY, force_port
 from reduced_models.models.printed_model import PrintedModel
-from reduced_models.models.quality import ParameterDirection, Quality
-from reduced_models.records.inputs import Interpolation
 from reduced_models.records.sensor import Sensor
 from reduced_models.records.sensor_filter import motion_signal
 
@@ -93,31 +90,6 @@ class ReducedModel(PrintedModel):
     qualities : mapping of str to Quality
         Quality of the fit to further columns that the law observes.
     """
-
-    law: Law
-    parameters: Mapping[str, float]
-    intervals: Mapping[str, tuple[float, float]]
-    confidence: float
-    initial: tuple[float, float]
-    at_rest: AtRest | None
-    quality: Quality
-    undetermined: tuple[ParameterDirection, ...] = ()
-    domain: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    provenance: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    input_interpolation: Interpolation = "spline"
-    covariance_names: tuple[str, ...] = ()
-    covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
-    no_swing: str = ""
-    angle: bool = False
-    sensor: Sensor | None = None
-    untold: tuple[str, ...] = ()
-    conventions: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    observation: str = ""
-    quantile: float = 1.96
-    cycles: tuple[HarmonicCycle, ...] = ()
-    qualities: Mapping[str, Quality] = dataclasses.field(default_factory=dict)
 
     @property
     def correlation(self) -> np.ndarray:
@@ -214,9 +186,7 @@ class ReducedModel(PrintedModel):
         level = self.confidence if confidence is None else confidence
         if not 0.0 < level < 1.0:
             raise InputError(f"confidence = {level}; give a fraction between 0 and 1")
-        height, spread = prediction.predict_with_deviations(
-            self, self.covariance, self.covariance_names, t, inputs
-        )
+        height, spread = prediction.predict_with_deviations(self, t, inputs)
         width = float(norm.ppf(0.5 + 0.5 * level)) * spread
         noise = max(self.quality.noise, self.quality.residual)
         times = np.asarray(t, dtype=np.float64)
@@ -360,9 +330,9 @@ class ReducedModel(PrintedModel):
         return response.frequency_response(self, force, frequencies, largest)
 
     @property
-    def faster_modes(self) -> tuple[response.FasterMode, ...]:
+    def faster_modes(self) -> tuple[prediction.FasterMode, ...]:
         """Modes of small oscillations above that of ``at_rest``, of a law with several coordinates."""
-        return response.faster_modes(self, self.covariance, self.covariance_names, self.quantile)
+        return prediction.faster_modes(self)
 
     @property
     def numpy_source(self) -> str:
@@ -453,39 +423,12 @@ class ReducedModel(PrintedModel):
         dict
             The attributes in their units, with equation and LaTeX; ends of intervals may be infinite.
         """
+        fields = [name for name in annotations_of(ReducedModel) if name != "law"]
         return {
             "format": schema.FORMAT,
-            "law": self.law.name,
-            "equation": self.law.equation,
+            **schema.law_to_plain(self.law),
             "latex": self.fitted_latex,
-            "parameters": dict(self.parameters),
-            "units": dict(self.law.units),
-            "positive": list(self.law.positive),
-            "source": self.law.source,
-            "intervals": {name: list(pair) for name, pair in self.intervals.items()},
-            "confidence": self.confidence,
-            "initial": list(self.initial),
-            "at_rest": None if self.at_rest is None else dataclasses.asdict(self.at_rest),
-            "quality": dataclasses.asdict(self.quality),
-            "undetermined": [dataclasses.asdict(direction) for direction in self.undetermined],
-            "domain": {name: list(pair) for name, pair in self.domain.items()},
-            "notes": list(self.notes),
-            "inputs": list(self.law.inputs),
-            "resolution": self.law.resolution,
-            "provenance": dict(self.provenance),
-            "hidden": dict(self.hidden),
-            "input_interpolation": self.input_interpolation,
-            "covariance_names": list(self.covariance_names),
-            "covariance": self.covariance.tolist(),
-            "no_swing": self.no_swing,
-            "angle": self.angle,
-            "sensor": None if self.sensor is None else dataclasses.asdict(self.sensor),
-            "untold": list(self.untold),
-            "conventions": dict(self.conventions),
-            "observation": self.observation,
-            "quantile": self.quantile,
-            "cycles": [item._asdict() for item in self.cycles],
-            "qualities": {name: dataclasses.asdict(item) for name, item in self.qualities.items()},
+            **{name: plain_value(getattr(self, name)) for name in fields},
         }
 
     def save(self, path: str | Path) -> None:
@@ -522,27 +465,7 @@ class ReducedModel(PrintedModel):
         InputError
             If the data are not those of a model, or the equation cannot be read.
         """
-        data = schema.check_plain_model(plain)
-        at_rest = data["at_rest"]
-        same = ("parameters", "intervals", "confidence", "domain", "provenance", "hidden", "angle")
-        return cls(
-            **{name: data[name] for name in (*same, "input_interpolation", "no_swing")},
-            law=schema.law_from_plain(data),
-            initial=(data["initial"][0], data["initial"][1]),
-            at_rest=None if at_rest is None else schema.at_rest_from_plain(at_rest),
-            quality=schema.quality_from_plain(data["quality"]),
-            undetermined=tuple(ParameterDirection(**direction) for direction in data["undetermined"]),
-            notes=tuple(data["notes"]),
-            covariance_names=tuple(data["covariance_names"]),
-            covariance=np.reshape(data["covariance"], 2 * (len(data["covariance"]),)),
-            sensor=None if data["sensor"] is None else Sensor(**data["sensor"]),
-            untold=tuple(data["untold"]),
-            conventions=data["conventions"],
-            observation=data["observation"],
-            quantile=data["quantile"],
-            cycles=tuple(map(schema.cycle_from_plain, data["cycles"])),
-            qualities={name: schema.quality_from_plain(item) for name, item in data["qualities"].items()},
-        )
+        return cls(**schema.fields_from_plain(plain, ReducedModel))
 
 
 def load_model(path: str | Path) -> ReducedModel:

@@ -12,9 +12,11 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
+from granular.shared.text_tables import align_columns
 from reduced_models.laws.solution import observed_signal, solve_law
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.harmonic_cycle import HarmonicCycle
+from reduced_models.models.prediction import errors_of_figures
 from reduced_models.records.derivatives import derivatives
 from reduced_models.records.inputs import STROKE, input_column, with_stroke_columns
 
@@ -25,10 +27,17 @@ if TYPE_CHECKING:
 
 _NODES, _TURNS = 400, 3
 """Samples of a harmonic cycle, and cycles after which hidden states are taken to repeat."""
-_STEP = 1e-5  # of a parameter, over its standard deviation, for slopes
 _ALIKE = 0.05  # relative difference of amplitudes and frequencies of cycles that are one row
 _NEAR = 0.1  # distance of their centres, over the amplitude
 _MOST_ROWS = 12
+CYCLE_COLUMNS = (
+    "amplitude [mm]",
+    "frequency [Hz]",
+    "",
+    "loss per cycle [J]",
+    "stiffness [N/m]",
+    "damping [N s/m]",
+)
 
 
 def simulate_observation(model: FittedLaw, record: PistonRecord) -> Float[np.ndarray, "n"]:
@@ -91,24 +100,21 @@ def force_cycle(
     time = np.arange(_TURNS * _NODES + 1) * (2.0 * math.pi / (_NODES * frequency))
     wave, turn = np.sin(frequency * time), np.cos(frequency * time)
     stroke = PistonRecord(time, middle + amplitude * wave, velocity=amplitude * frequency * turn)
-    count = len(model.law.parameters)
-    spread = np.sqrt(np.maximum(np.diag(model.covariance)[:count], 0.0))
-    values = np.array([model.parameters[name] for name in model.law.parameters])
-    still = [0.0] * len(model.law.hidden)
-    signals = [_signal_with_values(model, stroke, list(values), still)]
-    for step in np.diag(_STEP * spread):
-        moved = list(values + step)
-        signals.append(_signal_with_values(model, stroke, moved, still) if step.any() else signals[0])
-    forces = np.stack(signals, axis=1)[-_NODES:]
     last = slice(-_NODES, None)
-    stiffness = 2.0 / (_NODES * amplitude) * (wave[last] @ forces)
-    damping = 2.0 / (_NODES * amplitude * frequency) * (turn[last] @ forces)
-    figures = np.stack([stiffness, damping, math.pi * frequency * amplitude**2 * damping])
-    slopes = (figures[:, 1:] - figures[:, :1]) / np.where(spread > 0.0, _STEP * spread, np.inf)
-    variance = np.einsum("ij,jk,ik->i", slopes, model.covariance[:count, :count], slopes)
-    errors = model.quantile * np.sqrt(np.maximum(variance, 0.0))
-    stiff, damp, energy = map(float, figures[:, 0])
-    return HarmonicCycle(amplitude, frequency, middle, stiff, damp, energy, tuple(map(float, errors)))
+
+    def figures(model: FittedLaw) -> np.ndarray:
+        still, values = [0.0] * len(model.law.hidden), list(model.all_parameters.values())
+        force = _signal_with_values(model, stroke, values, still)[last]
+        stiffness = 2.0 / (_NODES * amplitude) * (wave[last] @ force)
+        damping = 2.0 / (_NODES * amplitude * frequency) * (turn[last] @ force)
+        return np.array([stiffness, damping, math.pi * frequency * amplitude**2 * damping])
+
+    here = figures(model)
+    errors = errors_of_figures(model, figures, here)
+    assert errors is not None
+    stiffness, damping, energy = map(float, here)
+    sure = tuple(map(float, errors))
+    return HarmonicCycle(amplitude, frequency, middle, stiffness, damping, energy, sure)
 
 
 def measured_and_lawful_cycles(model: FittedLaw) -> list[tuple[HarmonicCycle, HarmonicCycle | None]]:
@@ -120,26 +126,27 @@ def measured_and_lawful_cycles(model: FittedLaw) -> list[tuple[HarmonicCycle, Ha
     ]
 
 
-def cycle_table(model: FittedLaw) -> list[str]:
-    """Cycles of the force as measured, with those of the law, as lines."""
+def cycle_rows(model: FittedLaw) -> list[tuple[str, ...]]:
+    """Cells of the cycles of the force as measured, with those of the law, below `CYCLE_COLUMNS`."""
     rows = []
-    for cycle, law in measured_and_lawful_cycles(model):
-        hertz = cycle.frequency / (2.0 * math.pi)
-        rows.append(_cycle_row(cycle, f"{cycle.amplitude:13.3g} {hertz:14.4g}", "measured"))
-        if law is not None:
-            rows.append(_cycle_row(law, " " * 28, "law"))
-    head = f"{'amplitude [m]':>13} {'frequency [Hz]':>14} {'':8} {'loss per cycle [J]':>22}"
-    return [f"{head} {'stiffness [N/m]':>22} {'damping [N s/m]':>22}", *rows] if rows else []
+    for measured_and_lawful in measured_and_lawful_cycles(model):
+        for kind, cycle in zip(("measured", "law"), measured_and_lawful, strict=True):
+            if cycle is not None:
+                stiffness, damping, energy = cycle.errors
+                pairs = ((cycle.energy, energy), (cycle.stiffness, stiffness), (cycle.damping, damping))
+                cells = (
+                    f"{value:.4g}" + (f" ± {error:.2g}" if math.isfinite(error) and error > 0.0 else "")
+                    for value, error in pairs
+                )
+                start = (f"{1e3 * cycle.amplitude:.4g}", f"{cycle.frequency / (2.0 * math.pi):.4g}", kind)
+                rows.append((*start, *cells))
+    return rows
 
 
-def _cycle_row(cycle: HarmonicCycle, start: str, kind: str) -> str:
-    figures = (cycle.energy, cycle.stiffness, cycle.damping)
-    stiffness, damping, energy = cycle.errors
-    pairs = (
-        f"{value:.4g}" + (f" +- {error:.2g}" if math.isfinite(error) else "")
-        for value, error in zip(figures, (energy, stiffness, damping), strict=True)
-    )
-    return f"{start} {kind:8} " + " ".join(f"{pair:>22}" for pair in pairs)
+def cycle_lines(model: FittedLaw) -> list[str]:
+    """Lines of the cycles of the force, if there are any."""
+    rows = cycle_rows(model)
+    return [f"  {line}" for line in align_columns([CYCLE_COLUMNS, *rows]).splitlines()] if rows else []
 
 
 def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray]) -> tuple[HarmonicCycle, ...]:
@@ -148,7 +155,12 @@ def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray])
     every = [row for pair in zip(records, forces, strict=True) for row in _cycles_of_record(*pair)]
     groups: list[list[np.ndarray]] = []
     for row in every:
-        alike = [group for group in groups if _are_alike(group[0], row)]
+        alike = [
+            group
+            for group in groups
+            if abs(group[0][2] - row[2]) < _NEAR * group[0][0]
+            and np.allclose(group[0][:2], row[:2], rtol=_ALIKE, atol=0.0)
+        ]
         if alike:
             alike[0].append(row)
         else:
@@ -163,12 +175,6 @@ def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray])
             HarmonicCycle(amplitude, frequency, centre, stiffness, damping, energy, errors, len(rows))
         )
     return tuple(sorted(cycles))
-
-
-def _are_alike(cycle: np.ndarray, other: np.ndarray) -> bool:
-    """Return whether two cycles have one amplitude, frequency and centre."""
-    near = abs(cycle[2] - other[2]) < _NEAR * cycle[0]
-    return bool(near) and np.allclose(cycle[:2], other[:2], rtol=_ALIKE, atol=0.0)
 
 
 def _cycles_of_record(record: PistonRecord, force: np.ndarray) -> list[np.ndarray]:

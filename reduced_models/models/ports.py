@@ -11,21 +11,28 @@ hidden states of the law are the element's own; the masses stay with the bodies 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from granular.shared.errors import InputError
 from reduced_models.laws.equation import rate_derivatives
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.source_code import (
+    C_ADVANCE,
+    C_MATHS,
+    MATLAB_NAME,
     LawForExport,
+    array_element_names,
     c_array_initialiser,
+    c_assignments,
     c_expression,
+    c_local_variables,
+    docstring_lines,
     escape_comment,
     matlab_expression,
     modelica_expression,
-    modelica_unit,
+    modelica_parts,
     prepare_law_for_export,
+    python_expression,
     replace_steps_by_signs,
 )
 
@@ -36,6 +43,7 @@ DERIVED = "derived"
 """Name of the laws that `derive` finds."""
 GRAVITY = 9.8
 """[m/s^2], that of the packaged scenes, where nothing else is given."""
+_PYTHON_NAME = "    {name} = {array}[{index}]\n"
 _PYTHON = '''\
 """The bed as an element: its force on a piston, by height and velocity over the cell.
 
@@ -86,17 +94,8 @@ void {name}_rates(const double *parameters, const double *states, const double *
 void {name}_advance(const double *parameters, double *states, const double *inputs, double time);
 #endif
 """
-_BODY = """\
-
-#include <math.h>
-
-#ifndef M_PI
-#define M_PI 3.14159265358979323846
-#endif
-#ifndef M_E
-#define M_E 2.71828182845904523536
-#endif
-
+_BODY = """
+{maths}
 const double {name}_parameters[] = {{ {parameters} }};
 const double {name}_start[] = {{ {start} }};
 const double {name}_longest_step = {step};
@@ -111,25 +110,7 @@ void {name}_rates(const double *parameters, const double *states, const double *
 {{
 {locals}    (void)rates;
 {rates}}}
-
-void {name}_advance(const double *parameters, double *states, const double *inputs, double time)
-{{
-    const int steps = time > 0.0 ? (int)ceil(time / {name}_longest_step) : 0;
-    const double step = steps ? time / steps : 0.0;
-    double slopes[4][{guard}_STATES + 1], middle[{guard}_STATES + 1];
-    for (int n = 0; n < steps; n++) {{  /* Runge and Kutta's method of fourth order */
-        for (int stage = 0; stage < 4; stage++) {{
-            const double part = stage == 0 ? 0.0 : stage == 3 ? step : 0.5 * step;
-            for (int k = 0; k < {guard}_STATES; k++)
-                middle[k] = states[k] + (stage ? part * slopes[stage - 1][k] : 0.0);
-            {name}_rates(parameters, middle, inputs, slopes[stage]);
-        }}
-        for (int k = 0; k < {guard}_STATES; k++)
-            states[k] += step / 6.0 * (slopes[0][k] + 2.0 * slopes[1][k] + 2.0 * slopes[2][k]
-                                       + slopes[3][k]);
-    }}
-}}
-"""
+{advance}"""
 _MATLAB = """\
 function [force, rates] = {name}(height, velocity, states, inputs, parameters)
 {comments}
@@ -210,14 +191,14 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
     ]
     mass, load = sympy.symbols("mass load")
     motion = {sympy.Symbol("z"): sympy.Symbol("height"), sympy.Symbol("z_first"): sympy.Symbol("velocity")}
-    force = mass * law.acceleration + load
-    meaning = (
-        "force = mass z'' + load, of the bed on the piston: the masses of piston and cell are those of the"
-    )
-    meaning += " bodies on both sides."
     if model.law.prescribed:
         force, meaning = law.acceleration, "force is that which moves the coordinate upwards."
-    if not model.law.prescribed:
+    else:
+        force = mass * law.acceleration + load
+        meaning = (
+            "force = mass z'' + load, of the bed on the piston: the masses of piston and cell are those of "
+            "the bodies on both sides."
+        )
         numbers += [("mass", port.mass, "kg"), ("load", port.load, "N")]
     words = (*law.comments[:3], escape_comment(meaning))
     return PortForExport(
@@ -255,23 +236,6 @@ def port_jacobian(parts: PortForExport) -> list[list[sympy.Expr]] | None:
     return [flat[k : k + len(by)] for k in range(0, len(flat), len(by))]
 
 
-def _array_element_locals(groups: Mapping[str, Sequence[str]], line: str, first: int = 0) -> str:
-    """Lines that name each number of some arrays, which count from ``first``."""
-    return "".join(
-        line.format(name=name, array=array, index=first + k)
-        for array, names in groups.items()
-        for k, name in enumerate(names)
-    )
-
-
-def c_local_variables(parts: PortForExport) -> str:
-    """Lines of C that name what the expressions name."""
-    groups = {"inputs": parts.inputs, "parameters": parts.parameters, "states": parts.states}
-    named = _array_element_locals(groups, "    const double {name} = {array}[{index}];\n")
-    silent = " ".join(f"(void){name};" for name in (*parts.inputs, *parts.parameters, *parts.states))
-    return f"{named}    (void)states; {silent}\n"
-
-
 def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
     """Header and source in C99 of a bed, all declared names with the given name in front."""
     parts = prepare_port_for_export(port)
@@ -291,7 +255,9 @@ def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
         "start": c_array_initialiser(parts.start),
         "locals": c_local_variables(parts),
         "force": c_expression(force),
-        "rates": "".join(f"    rates[{k}] = {c_expression(rate)};\n" for k, rate in enumerate(rates)),
+        "rates": c_assignments("rates", rates),
+        "maths": C_MATHS,
+        "advance": C_ADVANCE.format(linkage="", name=name, guard=name.upper()),
     }
     return _HEADER.format(**words), _BODY.format(**words)
 
@@ -307,7 +273,8 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
     """MATLAB and Octave source of a function of that name, as a block of Simulink takes it."""
     parts = prepare_port_for_export(port)
     force, *rates = map(matlab_expression, parts.outputs)
-    groups = {"inputs": parts.law.inputs, "parameters": parts.parameters, "states": parts.states}
+    lines = array_element_names(parts.law, ("inputs",), MATLAB_NAME, 1)
+    lines += array_element_names(parts, ("parameters", "states"), MATLAB_NAME, 1)
     return _MATLAB.format(
         name=name,
         comments="\n".join(f"% {line}" for line in parts.comments),
@@ -315,7 +282,7 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
         start="; ".join(map(repr, parts.start)),
         names=", ".join(_names_with_units(parts)),
         parameters="; ".join(map(repr, parts.values)),
-        locals=_array_element_locals(groups, "  {name} = {array}({index});\n", 1),
+        locals=lines,
         force=force,
         rates="; ".join(rates),
     )
@@ -323,19 +290,16 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
 
 def port_python_source(port: ForcePort) -> str:
     """Python source of a module with the force and the rates, which needs NumPy alone."""
-    from sympy.printing.numpy import NumPyPrinter
-
     parts = prepare_port_for_export(port)
-    doprint = NumPyPrinter({"fully_qualified_modules": True}).doprint
-    force, *rates = map(doprint, parts.outputs)
-    lines = [f"    {name} = inputs[{k}]\n" for k, name in enumerate(parts.law.inputs)]
-    lines += [f'    {name} = parameters["{name}"]\n' for name in parts.parameters]
-    lines += [f"    {name} = states[{k}]\n" for k, name in enumerate(parts.states)]
+    force, *rates = map(python_expression, parts.outputs)
+    lines = array_element_names(parts.law, ("inputs",), _PYTHON_NAME)
+    lines += "".join(f'    {name} = parameters["{name}"]\n' for name in parts.parameters)
+    lines += array_element_names(parts, ("states",), _PYTHON_NAME)
     return _PYTHON.format(
-        comments="\n".join(line.replace('"', "'") for line in parts.comments),
+        comments=docstring_lines(parts.comments),
         parameters=repr(dict(zip(parts.parameters, parts.values, strict=True))),
         start=repr(parts.start),
-        locals="".join(lines),
+        locals=lines,
         force=force,
         rates=", ".join(rates),
     )
@@ -347,22 +311,14 @@ def port_modelica_source(port: ForcePort, name: str) -> str:
 
     parts = prepare_port_for_export(port)
     flange = {sympy.Symbol("height"): sympy.Symbol("s_rel"), sympy.Symbol("velocity"): sympy.Symbol("v_rel")}
-    force, *rates = (modelica_expression(output.xreplace(flange)) for output in parts.outputs)
-    rows = zip(parts.parameters, parts.values, parts.units, strict=True)
+    force, *rates = (output.xreplace(flange) for output in parts.outputs)
     return _MODELICA.format(
         name=name,
-        comments="\n".join(f"  // {line}" for line in parts.comments),
-        parameters="\n".join(
-            f'  parameter Real {symbol}(unit = "{modelica_unit(unit)}") = {value!r};'
-            for symbol, value, unit in rows
-        ),
-        inputs="".join(f"  input Real {symbol};\n" for symbol in parts.law.inputs),
-        hidden="".join(
-            f"  Real {symbol}(start = {value!r}, fixed = true);\n"
-            for symbol, value in zip(parts.states, parts.start, strict=True)
-        ),
-        force=force,
-        rates="".join(
-            f"  der({symbol}) = {rate};\n" for symbol, rate in zip(parts.states, rates, strict=True)
+        force=modelica_expression(force),
+        **modelica_parts(
+            parts.comments,
+            zip(parts.parameters, parts.values, parts.units, strict=True),
+            parts.law.inputs,
+            zip(parts.states, parts.start, rates, strict=True),
         ),
     )

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from granular.shared.errors import InputError
+from reduced_models.laws.linearization import NoSwing, small_swing
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.response import free_decay
 
@@ -21,6 +22,9 @@ M = TypeVar("M", bound=FittedLaw)
 _STEP = 1e-3  # of a standard deviation, for slopes
 _STRAIGHT = 0.05  # of what a step changes: the motion bends no more within it
 _ERROR = 1e-8  # of the motion's size: the solver's error is below it
+_FIGURE_STEP = 0.01  # of a standard deviation, by which a number behind figures is moved
+_LEAST_STEP = 1e-6  # of the number itself
+_HELD = 1e-9  # standard deviation, over the value, below which a number is given
 _ROUNDS = 60  # tenfold shorter steps, before a direction is given up
 
 
@@ -33,6 +37,15 @@ class PredictionBand(NamedTuple):
     high: Float[np.ndarray, "n"]  # [m]
     noise: float  # [m]
     confidence: float
+
+
+class FasterMode(NamedTuple):
+    """A further mode of small oscillations, with the half-widths of its intervals."""
+
+    frequency: float  # [Hz]
+    damping_ratio: float
+    frequency_error: float
+    damping_ratio_error: float
 
 
 def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
@@ -52,19 +65,17 @@ def with_changed_value(model: M, name: str, value: float) -> M:
         for part in ("parameters", "conventions"):
             if name in (known := getattr(model, part)):
                 changes = {part: {**known, name: value}}
-    changed: M = dataclasses.replace(cast("Any", model), **changes)
-    return changed
+    return dataclasses.replace(model, **changes)
 
 
 def predict_with_deviations(
     model: M,
-    covariance: Float[np.ndarray, "p p"],  # of the names, in products of SI units
-    names: Sequence[str],
     times: Float[np.ndarray, "n"],
     inputs: Mapping[str, Float[np.ndarray, "n"]] | None,  # at the times
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Return heights [m] at times [s] from the fitted start on, and standard deviations by a covariance."""
+    """Return heights [m] at times [s] from the fitted start on, and standard deviations by the covariance."""
     # One direction of the correlation matrix at a time: their variances add.
+    covariance, names = model.covariance, model.covariance_names
     if not names:
         raise InputError("the model has no covariance; fit it to a record")
     here = model.simulate(times, inputs=inputs).height
@@ -114,6 +125,45 @@ def parameter_value(model: FittedLaw, name: str) -> float:
     """Value of a parameter, or of the start, by its name."""
     known = {**model.all_parameters, "height": model.initial[0], "velocity": model.initial[1]}
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
+
+
+def errors_of_figures(
+    model: M, figures: Callable[[M], Float[np.ndarray, "k"] | None], here: Float[np.ndarray, "k"]
+) -> Float[np.ndarray, "k"] | None:
+    """Half-widths of the intervals of figures of a model, by linear error propagation; None if some fail."""
+    deviations = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
+    slopes = np.zeros((len(here), len(deviations)))
+    for k, (name, deviation) in enumerate(zip(model.covariance_names, deviations, strict=True)):
+        value = parameter_value(model, name)
+        if deviation <= _HELD * abs(value):
+            continue
+        step = max(_FIGURE_STEP * deviation, _LEAST_STEP * abs(value))
+        above, below = (figures(with_changed_value(model, name, value + side * step)) for side in (1.0, -1.0))
+        if above is None or below is None:
+            return None
+        slopes[:, k] = (above - below) / (2.0 * step)
+    variance = np.einsum("ij,jk,ik->i", slopes, model.covariance, slopes)
+    return np.asarray(model.quantile * np.sqrt(np.maximum(variance, 0.0)))
+
+
+def faster_modes(model: FittedLaw) -> tuple[FasterMode, ...]:
+    """Modes above the slowest, of a law with several coordinates."""
+    rest = model.at_rest
+    if rest is None or not model.law.other_coordinates:
+        return ()
+
+    def figures(model: FittedLaw) -> np.ndarray | None:
+        swing = small_swing(model.law, list(model.all_parameters.values()), rest.height)
+        if isinstance(swing, NoSwing):
+            return None
+        return np.array([figure for period, ratio in swing.faster for figure in (1.0 / period, ratio)])
+
+    here = figures(model)
+    errors = None if here is None else errors_of_figures(model, figures, here)
+    if here is None or errors is None:
+        return ()
+    pairs = zip(here.reshape(-1, 2), errors.reshape(-1, 2), strict=True)
+    return tuple(FasterMode(*map(float, (*mode, *error))) for mode, error in pairs)
 
 
 def plot_model(

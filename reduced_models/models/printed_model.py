@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 
 from reduced_models.models.at_rest import quantities_at_rest
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.observed import cycle_table
+from reduced_models.models.observed import cycle_lines
+from reduced_models.models.plain_data import Probability
+from reduced_models.models.prediction import faster_modes
 from reduced_models.models.printout import (
     caution_lines,
     equation_lines,
@@ -17,8 +19,7 @@ from reduced_models.models.printout import (
     wrap_words,
 )
 from reduced_models.models.quality import ParameterDirection, Quality
-from reduced_models.models.quantities import LEVEL, QuantityWithError, parameter_quantities
-from reduced_models.models.response import faster_modes
+from reduced_models.models.quantities import LEVEL, QuantityWithError
 from reduced_models.records.sensor import sensor_report_lines
 
 _COLLOCATION = {
@@ -28,16 +29,17 @@ _COLLOCATION = {
 }
 
 
+@dataclasses.dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PrintedModel(FittedLaw):
     """A law with numbers and their errors, as it is printed; the attributes are those of `ReducedModel`."""
 
-    intervals: Mapping[str, tuple[float, float]]
-    confidence: float
-    undetermined: tuple[ParameterDirection, ...]
-    notes: tuple[str, ...]
-    no_swing: str
-    untold: tuple[str, ...]
-    qualities: Mapping[str, Quality]
+    confidence: Probability
+    quality: Quality
+    undetermined: tuple[ParameterDirection, ...] = ()
+    notes: tuple[str, ...] = ()
+    no_swing: str = ""
+    untold: tuple[str, ...] = ()
+    qualities: Mapping[str, Quality] = dataclasses.field(default_factory=dict)
 
     def __str__(self) -> str:
         figures = swing_quantities(self, self.angle, None)
@@ -55,7 +57,7 @@ class PrintedModel(FittedLaw):
             relative = self.quality.zero_drift * self.quality.relative / max(self.quality.residual, 1e-300)
             size += f", {format_percent(relative)} {self.rms_noun}"
             lines.append(f"  drift of the record's zero: {size}, fitted as a random walk")
-        for mode in faster_modes(self, self.covariance, self.covariance_names, self.quantile):
+        for mode in faster_modes(self):
             lines.append(
                 f"  further mode: {mode.frequency:.5g} ± {mode.frequency_error:.2g} Hz, damping ratio "
                 f"{100.0 * mode.damping_ratio:.4g} ± {100.0 * mode.damping_ratio_error:.2g} %"
@@ -64,8 +66,7 @@ class PrintedModel(FittedLaw):
             lines.append(f"  residual of {name}: {format_percent(quality.relative)} of its rms")
         lines += [f"  {direction}" for direction in self.undetermined]
         lines += sensor_report_lines(self.sensor, self.untold)
-        if self.cycles:
-            lines += [f"  {line}" for line in cycle_table(self)]
+        lines += cycle_lines(self)
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")
             lines.append(
@@ -100,10 +101,14 @@ class PrintedModel(FittedLaw):
 
     def parameter_quantities(self) -> tuple[QuantityWithError, ...]:
         """Parameters that the record tells, with errors of the fit."""
-        known = {name: value for name, value in self.parameters.items() if name not in self.untold}
-        return parameter_quantities(
-            known, self.intervals, {name: self.unit_of_parameter(name) for name in known}
-        )
+        quantities = []
+        for name, value in self.parameters.items():
+            if name in self.untold:
+                continue
+            (low, high), unit = self.intervals[name], self.unit_of_parameter(name)
+            parts = {"fit": 0.5 * (high - low)}
+            quantities.append(QuantityWithError(name, name, "" if unit == "1" else unit, value, parts))
+        return tuple(quantities)
 
     def equation_lines(self, parameters: Sequence[QuantityWithError] | None = None) -> list[str]:
         """Lines of the equation, the meaning of z, and parameters, by default with errors of the fit."""
@@ -121,9 +126,3 @@ def swing_quantities(model: PrintedModel, angle: bool, mass: float | None) -> tu
         return ()
     figures = quantities_at_rest(dataclasses.replace(rest, angle=angle), mass)
     return tuple(figure for figure in figures if figure.name != LEVEL or "level" not in model.untold)
-
-
-def swing_noun(model: PrintedModel) -> str:
-    """Noun for the swing that a model's figures are of."""
-    rest = model.at_rest
-    return "small swing" if rest is None or rest.equivalent is None else "swing"

@@ -39,8 +39,12 @@ def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None)
     """Label, symbol, value with error, and remark of each printed figure; mass [kg]."""
     known = {figure.name: figure for figure in figures}
     ratios = [name for name in known if name.startswith(DAMPING_RATIO)]
-    remarks = {"natural frequency": _damped_frequency_text(known), "stiffness": _damping_text(known, mass)}
-    remarks |= {name: _damping_ratio_text(known[name]) for name in ratios}
+    remarks = {name: _damping_ratio_text(known[name]) for name in ratios}
+    if (damping := known.get("damping")) is not None:
+        of_mass = "" if mass is None else f" (for {mass:.4g} kg)"
+        remarks["stiffness"] = f"damping c {damping.text_with_error}{of_mass}"
+    if (damped := known.get("damped frequency")) is not None:
+        remarks["natural frequency"] = f"damped {_format_derived(damped)} Hz"
     rows = [
         [known[name].label, known[name].symbol, known[name].text_with_error, remarks.get(name, "")]
         for name in ("natural frequency", *ratios, "friction", "stiffness", LEVEL)
@@ -76,18 +80,6 @@ def figure_lines(
     if any(figure.total_error for figure in figures):
         lines.append(f"  {error_sources_text(figures, confidence)}")
     return lines
-
-
-def _damped_frequency_text(known: dict[str, QuantityWithError]) -> str:
-    damped = known.get("damped frequency")
-    return "" if damped is None else f"damped {_format_derived(damped)} Hz"
-
-
-def _damping_text(known: dict[str, QuantityWithError], mass: float | None) -> str:
-    damping = known.get("damping")
-    if damping is None:
-        return ""
-    return f"damping c {damping.text_with_error}" + ("" if mass is None else f" (for {mass:.4g} kg)")
 
 
 def _damping_ratio_text(ratio: QuantityWithError) -> str:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Annotated
+
+from reduced_models.models.plain_data import Interval, Probability, Size, SizeOrInfinity, TextForm
 
 SURE = 1e-4
 """Probability below which residuals are not taken for white noise."""
@@ -16,7 +19,7 @@ class ParameterDirection:
     """A direction in which the parameters can move without the data noticing."""
 
     powers: Mapping[str, float]  # joint change of the parameters: each as t to this power
-    spread: float  # standard deviation of log t that the data leave
+    spread: Size  # standard deviation of log t that the data leave
 
     @property
     def is_undetermined(self) -> bool:
@@ -83,28 +86,28 @@ class Quality:
         Their slow power, over what white noise of the same power has there.
     """
 
-    residual: float
-    relative: float
-    test_error: float | None
-    test_swings: Sequence[tuple[float, float]]
+    residual: Size
+    relative: Size
+    test_error: SizeOrInfinity | None
+    test_swings: Sequence[Interval]
     starts: int
     converged: int
     samples: int
-    solver_error: float
-    test_error_at_rest: float | None = None
-    test_standard_error: float | None = None
-    shifts: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    noise: float = 0.0
-    correlation: float = 1.0
-    collocation: str = "none"
-    whiteness: float = 1.0
-    signs: float = 1.0
+    solver_error: Size
+    test_error_at_rest: Size | None = None
+    test_standard_error: Size | None = None
+    shifts: Mapping[str, Size] = dataclasses.field(default_factory=dict)
+    noise: Size = 0.0
+    correlation: Size = 1.0
+    collocation: Annotated[str, TextForm(choices=("none", "same", "worse", "better"))] = "none"
+    whiteness: Probability = 1.0
+    signs: Probability = 1.0
     lag: float = 0.0
-    slow: float = 0.0
-    swinging: float = 0.0
-    drift: float = 1.0
+    slow: Size = 0.0
+    swinging: Size = 0.0
+    drift: Size = 1.0
     rounded: bool = False  # no residual exceeds the steps of a sensor that rounds
-    zero_drift: float = 0.0  # range of a fitted drift of the record's zero [m]
+    zero_drift: Size = 0.0  # range of a fitted drift of the record's zero [m]
 
     @property
     def has_structured_residuals(self) -> bool:

@@ -62,7 +62,7 @@ class QuantityWithError(NamedTuple):
         """Text of the value, its total error and its unit, with the decimals that the error is worth."""
         value, error = format_fixed(self.value, self.decimals), self.total_error
         if error < 0.5 * 10.0**-self.decimals:  # of a law, or of a record without noise
-            return f"{format_shortest(self.value)} {self.unit}".rstrip()
+            return f"{self.value:.6g} {self.unit}".rstrip()
         if not math.isfinite(error):
             return f"{value} {self.unit}".rstrip() + " (not determined)"
         width = f"{error:.2g}" if "e" in value else f"{round(error, self.decimals):.{max(0, self.decimals)}f}"
@@ -104,11 +104,6 @@ def format_fixed(value: float, digits: int) -> str:
     return f"{round(value, digits):.{max(0, digits)}f}"
 
 
-def format_shortest(value: float) -> str:
-    """Return a number that is given and not measured, with at most six digits."""
-    return f"{value:.6g}"
-
-
 def format_interval(low: float, high: float, digits: int) -> str:
     """Interval with so many decimals, rounded outwards: what is in it is in the printed one."""
     last = 10.0**-digits
@@ -118,19 +113,6 @@ def format_interval(low: float, high: float, digits: int) -> str:
     if round(high, digits) < high - slack:
         high = round(high, digits) + last
     return f"{format_fixed(low, digits)} to {format_fixed(high, digits)}"
-
-
-def parameter_quantities(
-    values: Mapping[str, float], intervals: Mapping[str, tuple[float, float]], units: Mapping[str, str]
-) -> tuple[QuantityWithError, ...]:
-    """Parameters in their units, with half their intervals for errors."""
-    plain = {name: unit for name, unit in units.items() if unit != "1"}
-    return tuple(
-        QuantityWithError(
-            name, name, plain.get(name, ""), value, {"fit": 0.5 * (intervals[name][1] - intervals[name][0])}
-        )
-        for name, value in values.items()
-    )
 
 
 def add_step_and_start_errors(

@@ -18,13 +18,11 @@ from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
-    NoSwing,
     Rates,
     centre_cycles,
     harmonic_coefficients,
     harmonic_cycles,
     law_rates,
-    small_swing,
 )
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.harmonic_cycle import HarmonicCycle
@@ -35,17 +33,7 @@ if TYPE_CHECKING:
 # Over five decades: neighbours are 5 % apart, and roots between them are interpolated in logarithms.
 _AMPLITUDES = 240
 _PER_PERIOD = 64
-_SLOPE_STEP = 1e-6  # of a parameter
 _OBSERVATION_OR_RATE = re.compile(r"\s*[^\W\d]\w*'?\s*=")
-
-
-class FasterMode(NamedTuple):
-    """A further mode of small oscillations, with the half-widths of its intervals."""
-
-    frequency: float  # [Hz]
-    damping_ratio: float
-    frequency_error: float
-    damping_ratio_error: float
 
 
 class SteadyAmplitudes(NamedTuple):
@@ -64,35 +52,6 @@ def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> Pis
     time = np.linspace(0.0, periods * period, max(2, math.ceil(periods * _PER_PERIOD) + 1))
     still = {name: np.zeros_like(time) for name in model.law.inputs}
     return model.simulate(time, height + amplitude, 0.0, still)
-
-
-def faster_modes(
-    model: FittedLaw, covariance: np.ndarray, names: tuple[str, ...], quantile: float
-) -> tuple[FasterMode, ...]:
-    """Modes above the slowest, of a law with several coordinates; covariance of the names, in their units."""
-    values, rest = np.array(list(model.all_parameters.values())), model.at_rest
-    if rest is None or not model.law.other_coordinates:
-        return ()
-
-    def figures(values: np.ndarray) -> np.ndarray | None:
-        swing = small_swing(model.law, list(values), rest.height)
-        if isinstance(swing, NoSwing):
-            return None
-        return np.array([figure for period, ratio in swing.faster for figure in (1.0 / period, ratio)])
-
-    here = figures(values)
-    if here is None or not len(here):
-        return ()
-    slopes = np.zeros((len(here), len(names)))
-    for k, name in enumerate(model.law.parameters):
-        step = _SLOPE_STEP * max(abs(values[k]), 1e-300) * (np.arange(len(values)) == k)
-        above, below = figures(values + step), figures(values - step)
-        if above is not None and below is not None and name in names:
-            slopes[:, names.index(name)] = (above - below) / (2.0 * step[k])
-    errors = quantile * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
-    return tuple(
-        FasterMode(*map(float, (*here[k : k + 2], *errors[k : k + 2]))) for k in range(0, len(here), 2)
-    )
 
 
 def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:

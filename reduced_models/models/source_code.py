@@ -6,9 +6,10 @@ All are made of the same parts: safe names, expressions, and plain comments.
 from __future__ import annotations
 
 import math
+import re
 import unicodedata
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.formulas import MAX_CHARACTERS
 from granular.shared.message_text import sanitize
@@ -26,14 +27,26 @@ class LawForExport(NamedTuple):
     """A model's law with names that code in any language can have."""
 
     parameters: tuple[str, ...]
-    hidden: tuple[str, ...]
+    states: tuple[str, ...]  # z, z_first, hidden ones
     inputs: tuple[str, ...]
     acceleration: sympy.Expr  # the force along a prescribed stroke
-    rates: tuple[sympy.Expr, ...]
+    rates: tuple[sympy.Expr, ...]  # of the hidden states
     values: tuple[float, ...]
     initial: tuple[float, ...]
     step: float  # [s]
     comments: tuple[str, ...]  # ASCII, a line each, nothing that could end a comment
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """Names of the hidden states."""
+        return self.states[2:]
+
+    @property
+    def state_rates(self) -> tuple[sympy.Expr, ...]:
+        """Rates of all states."""
+        import sympy
+
+        return (sympy.Symbol("z_first"), self.acceleration, *self.rates)
 
 
 def prepare_law_for_export(model: FittedLaw) -> LawForExport:
@@ -43,23 +56,16 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
     law, parsed = model.law, model.law.parsed_equation
     columns = [name for name in law.inputs if name not in STROKE]
     columns += ["acceleration"] * (STROKE[2] in law.inputs)
-    groups = [
-        (law.parameters, ascii_names("p_", law.parameters)),
-        (law.hidden, ascii_names("h_", law.hidden)),
-        (columns, ascii_names("u_", columns)),
-    ]
-    symbols = {
-        sympy.Symbol(name): sympy.Symbol(safe)
-        for names, result in groups
-        for name, safe in zip(names, result, strict=True)
-    }
+    parameters, hidden = ascii_names("p_", law.parameters), ascii_names("h_", law.hidden)
+    inputs = ascii_names("u_", columns)
+    pairs = zip((*law.parameters, *law.hidden, *columns), (*parameters, *hidden, *inputs), strict=True)
+    symbols = {sympy.Symbol(name): sympy.Symbol(safe) for name, safe in pairs}
 
     def plain(expression: sympy.Expr) -> sympy.Expr:
         return replace_steps_by_signs(expression.xreplace(symbols))
 
     if law.prescribed:
         symbols[sympy.Symbol("z_second")] = sympy.Symbol("u_acceleration")
-    (_, parameters), (_, hidden), (_, inputs) = groups
     period = 1.0 if model.at_rest is None else model.at_rest.period
     period = min([period, *(2.0 * math.pi / cycle.frequency for cycle in model.cycles)])
     low, high = model.domain.get("height", (float("nan"), float("nan")))
@@ -77,7 +83,7 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
     ]
     return LawForExport(
         parameters=parameters,
-        hidden=hidden,
+        states=("z", "z_first", *hidden),
         inputs=inputs,
         acceleration=plain(parsed.observations[model.observation] if law.prescribed else parsed.acceleration),
         rates=tuple(plain(rate) for rate in parsed.hidden.values()),
@@ -120,11 +126,20 @@ def escape_comment(words: str) -> str:
     return plain.replace("\\", "/").replace("??", "? ?").replace("*/", "* /").replace("/*", "/ *")
 
 
-_C = """\
-{comments}
+def docstring_lines(comments: Iterable[str]) -> str:
+    """Comments as lines of a docstring in Python, which nothing in them ends."""
+    return "\n".join(line.replace('"', "'") for line in comments)
 
+
+def python_expression(expression: sympy.Expr) -> str:
+    """Expression in Python, by functions of NumPy."""
+    from sympy.printing.numpy import NumPyPrinter
+
+    return str(NumPyPrinter({"fully_qualified_modules": True}).doprint(expression))
+
+
+C_MATHS = """\
 #include <math.h>
-#include <stddef.h>
 
 #ifndef M_PI
 #define M_PI 3.14159265358979323846
@@ -132,47 +147,44 @@ _C = """\
 #ifndef M_E
 #define M_E 2.71828182845904523536
 #endif
+"""
+C_ADVANCE = """
+{linkage}void {name}_advance(const double *parameters, double *states, const double *inputs, double time)
+{{
+    const int steps = time > 0.0 ? (int)ceil(time / {name}_longest_step) : 0;
+    const double step = steps ? time / steps : 0.0;
+    double slopes[4][{guard}_STATES + 1], middle[{guard}_STATES + 1];
+    for (int n = 0; n < steps; n++) {{  /* Runge and Kutta's method of fourth order */
+        for (int stage = 0; stage < 4; stage++) {{
+            const double part = stage == 0 ? 0.0 : stage == 3 ? step : 0.5 * step;
+            for (int k = 0; k < {guard}_STATES; k++)
+                middle[k] = states[k] + (stage ? part * slopes[stage - 1][k] : 0.0);
+            {name}_rates(parameters, middle, inputs, slopes[stage]);
+        }}
+        for (int k = 0; k < {guard}_STATES; k++)
+            states[k] += step / 6.0 * (slopes[0][k] + 2.0 * slopes[1][k] + 2.0 * slopes[2][k]
+                                       + slopes[3][k]);
+    }}
+}}
+"""
+_C = """\
+{comments}
 
-enum {{ MODEL_STATES = {states}, MODEL_INPUTS = {inputs}, MODEL_PARAMETERS = {count} }};
+#include <stddef.h>
+{maths}
+enum {{ MODEL_STATES = {count}, MODEL_INPUTS = {inputs}, MODEL_PARAMETERS = {parameter_count} }};
 
 static const double model_parameters[] = {{ {parameters} }};
 static const double model_initial[] = {{ {initial} }};
 static const double model_longest_step = {step};  /* [s] */
 
 /* Time derivatives of a state; inputs may be NULL where the law has none. */
-static void model_rates(const double *parameters, const double *state, const double *inputs,
+static void model_rates(const double *parameters, const double *states, const double *inputs,
                         double *rates)
 {{
-    const double z = state[0], z_first = state[1];
-{locals}    (void)z; (void)z_first; (void)parameters; (void)inputs;
-    rates[0] = state[1];
-    rates[1] = {acceleration};
-{hidden}}}
+{locals}{rates}}}
 
-/* A state after a step [s], by Runge-Kutta of fourth order; the inputs are held. */
-static void model_step(const double *parameters, double *state, const double *inputs, double step)
-{{
-    double first[MODEL_STATES], second[MODEL_STATES], third[MODEL_STATES], fourth[MODEL_STATES];
-    double middle[MODEL_STATES];
-    model_rates(parameters, state, inputs, first);
-    for (int k = 0; k < MODEL_STATES; k++) middle[k] = state[k] + 0.5 * step * first[k];
-    model_rates(parameters, middle, inputs, second);
-    for (int k = 0; k < MODEL_STATES; k++) middle[k] = state[k] + 0.5 * step * second[k];
-    model_rates(parameters, middle, inputs, third);
-    for (int k = 0; k < MODEL_STATES; k++) middle[k] = state[k] + step * third[k];
-    model_rates(parameters, middle, inputs, fourth);
-    for (int k = 0; k < MODEL_STATES; k++)
-        state[k] += step / 6.0 * (first[k] + 2.0 * second[k] + 2.0 * third[k] + fourth[k]);
-}}
-
-/* A state after some time [s], in steps that are short enough. */
-static void model_advance(const double *parameters, double *state, const double *inputs,
-                          double time)
-{{
-    const int steps = time > 0.0 ? (int)ceil(time / model_longest_step) : 0;
-    for (int k = 0; k < steps; k++) model_step(parameters, state, inputs, time / steps);
-}}
-
+/* A state after some time [s] with the inputs held. */{advance}
 /* Heights at increasing times, from a state; inputs holds MODEL_INPUTS numbers a time. */
 void model_simulate(const double *times, int count, const double *start, const double *inputs,
                     double *heights)
@@ -189,20 +201,20 @@ void model_simulate(const double *times, int count, const double *start, const d
 
 
 def c_source(model: FittedLaw) -> str:
-    """C99 source of a model: rates, a step, and `model_simulate`."""
+    """C99 source of a model: rates, and `model_simulate`."""
     parts = prepare_law_for_export(model)
-    rates = [f"    rates[{2 + k}] = {c_expression(rate)};\n" for k, rate in enumerate(parts.rates)]
     return _C.format(
+        maths=C_MATHS,
+        advance=C_ADVANCE.format(linkage="static ", name="model", guard="MODEL"),
         comments="\n".join(f"/* {words} */" for words in parts.comments),
-        states=2 + len(parts.hidden),
+        count=len(parts.states),
         inputs=len(parts.inputs),
-        count=len(parts.parameters),
+        parameter_count=len(parts.parameters),
         parameters=c_array_initialiser(parts.values),
         initial=c_array_initialiser(parts.initial),
         step=repr(parts.step),
-        locals="".join(_local_variable_lines(parts)),
-        acceleration=c_expression(parts.acceleration),
-        hidden="".join(rates),
+        locals=c_local_variables(parts),
+        rates=c_assignments("rates", parts.state_rates),
     )
 
 
@@ -219,16 +231,29 @@ def c_array_initialiser(numbers: Sequence[float]) -> str:
     return ", ".join(map(repr, numbers)) or "0.0"
 
 
-def _local_variable_lines(parts: LawForExport) -> list[str]:
-    """Parameters, hidden states and inputs by their names."""
-    groups = ((parts.parameters, "parameters", 0), (parts.hidden, "state", 2), (parts.inputs, "inputs", 0))
-    return [
-        f"    const double {name} = {array}[{first + k}];\n"
-        for names, array, first in groups
-        for k, name in enumerate(names)
-    ]
+def c_assignments(array: str, expressions: Iterable[sympy.Expr]) -> str:
+    """Lines of C that fill an array."""
+    return "".join(f"    {array}[{k}] = {c_expression(item)};\n" for k, item in enumerate(expressions))
 
 
+def array_element_names(element: Any, arrays: Sequence[str], line: str, first: int = 0) -> str:
+    """Lines that name each number of some arrays, which count from ``first``."""
+    return "".join(
+        line.format(name=name, array=array, index=first + k)
+        for array in arrays
+        for k, name in enumerate(getattr(element, array))
+    )
+
+
+def c_local_variables(element: Any) -> str:
+    """Lines of C that name what the expressions of an element name."""
+    arrays = ("inputs", "parameters", "states")
+    named = array_element_names(element, arrays, "    const double {name} = {array}[{index}];\n")
+    silent = array_element_names(element, arrays, "(void){name}; ")
+    return f"{named}    (void)inputs; (void)parameters; (void)states; {silent.rstrip()}\n"
+
+
+MATLAB_NAME = "  {name} = {array}({index});\n"
 _MATLAB = """\
 function [heights, velocities] = {name}(times, start, inputs)
 {comments}
@@ -261,9 +286,8 @@ function state = advanced(state, inputs, step)
   state = state + step / 6 * (first + 2 * second + 2 * third + fourth);
 end
 
-function found = rates(state, inputs)
-  z = state(1); z_first = state(2);
-{locals}  found = [state(2); {acceleration}{hidden}];
+function found = rates(states, inputs)
+{locals}  found = [{rates}];
 end
 """
 
@@ -271,18 +295,16 @@ end
 def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
     """MATLAB and Octave source of a function of that name, which its file must have too."""
     parts = prepare_law_for_export(model)
-    lines = [f"{name} = {value!r};" for name, value in zip(parts.parameters, parts.values, strict=True)]
-    lines += [f"{name} = state({3 + k});" for k, name in enumerate(parts.hidden)]
-    lines += [f"{name} = inputs({1 + k});" for k, name in enumerate(parts.inputs)]
+    lines = [f"  {name} = {value!r};\n" for name, value in zip(parts.parameters, parts.values, strict=True)]
+    lines.append(array_element_names(parts, ("states", "inputs"), MATLAB_NAME, 1))
     return _MATLAB.format(
         name=name,
         comments="\n".join(f"% {words}" for words in parts.comments),
         initial="; ".join(map(repr, parts.initial)),
         inputs=len(parts.inputs),
         step=repr(parts.step),
-        locals="".join(f"  {line}\n" for line in lines),
-        acceleration=matlab_expression(parts.acceleration),
-        hidden="".join(f"; {matlab_expression(rate)}" for rate in parts.rates),
+        locals="".join(lines),
+        rates="; ".join(map(matlab_expression, parts.state_rates)),
     )
 
 
@@ -313,29 +335,44 @@ equation
 def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
     """Modelica text of a model of that name, for OpenModelica, Dymola and others."""
     parts = prepare_law_for_export(model)
-    names = zip(model.law.parameters, parts.parameters, parts.values, strict=True)
+    units = map(model.unit_of_parameter, model.law.parameters)
     return _MODELICA.format(
         name=name,
         title=escape_comment(model.law.name).replace('"', "'"),
-        comments="\n".join(f"  // {words}" for words in parts.comments),
-        parameters="\n".join(
-            f'  parameter Real {safe}(unit = "{modelica_unit(model.unit_of_parameter(own))}") = {value!r};'
-            for own, safe, value in names
-        ),
         unit=model.unit,
-        inputs="".join(f"  input Real {name};\n" for name in parts.inputs),
         height=repr(parts.initial[0]),
         velocity=repr(parts.initial[1]),
-        hidden="".join(
-            f"  Real {name}(start = {value!r}, fixed = true);\n"
-            for name, value in zip(parts.hidden, parts.initial[2:], strict=True)
-        ),
         acceleration=modelica_expression(parts.acceleration),
-        rates="".join(
-            f"  der({name}) = {modelica_expression(rate)};\n"
-            for name, rate in zip(parts.hidden, parts.rates, strict=True)
+        **modelica_parts(
+            parts.comments,
+            zip(parts.parameters, parts.values, units, strict=True),
+            parts.inputs,
+            zip(parts.hidden, parts.initial[2:], parts.rates, strict=True),
         ),
     )
+
+
+def modelica_parts(
+    comments: Iterable[str],
+    parameters: Iterable[tuple[str, float, str]],
+    inputs: Iterable[str],
+    states: Iterable[tuple[str, float, sympy.Expr]],
+) -> dict[str, str]:
+    """Lines of a Modelica model: parameters with values and units, inputs, states with starts and rates."""
+    hidden, rates = [], []
+    for name, start, rate in states:
+        hidden.append(f"  Real {name}(start = {start!r}, fixed = true);\n")
+        rates.append(f"  der({name}) = {modelica_expression(rate)};\n")
+    return {
+        "comments": "\n".join(f"  // {line}" for line in comments),
+        "parameters": "\n".join(
+            f'  parameter Real {name}(unit = "{modelica_unit(unit)}") = {value!r};'
+            for name, value, unit in parameters
+        ),
+        "inputs": "".join(f"  input Real {name};\n" for name in inputs),
+        "hidden": "".join(hidden),
+        "rates": "".join(rates),
+    }
 
 
 def modelica_expression(expression: sympy.Expr) -> str:
@@ -349,23 +386,7 @@ def modelica_expression(expression: sympy.Expr) -> str:
 def modelica_unit(unit: str) -> str:
     """Return the unit as Modelica writes it; empty where it is a user's own word."""
     plain = unit.replace("^", "").replace("(m s2)", "(m.s2)").replace("(m2 s2)", "(m2.s2)")
-    return plain if plain in _UNITS else ""
+    return plain if _UNIT.fullmatch(plain) else ""
 
 
-_UNITS = {
-    "1",
-    "kg",
-    "N",
-    "m",
-    "rad",
-    "s",
-    "1/s",
-    "rad/s",
-    "1/s2",
-    "m/s2",
-    "rad/s2",
-    "1/m",
-    "1/rad",
-    "1/(m.s2)",
-    "1/(m2.s2)",
-}
+_UNIT = re.compile(r"(1|kg|N|m|rad|s)(/(s2?|m|rad|\(m2?\.s2\)))?")

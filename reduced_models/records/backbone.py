@@ -250,15 +250,10 @@ def driven_backbone(
         )
         fitted.append((omega, ratio, math.hypot(spread, _SMOOTHED * omega), error))
     tone = math.pi * (len(times) - 1) / float(times[-1] - times[0])
-    return _sorted_backbone("restoring force", np.exp(size), fitted, tone)
-
-
-def _sorted_backbone(
-    method: str, amplitude: np.ndarray, rows: list[tuple[float, float, float, float]], drive: float | None
-) -> Backbone:
-    order = np.argsort(amplitude)
-    frequency, ratio, frequency_error, error = np.array(rows)[order].T
-    return Backbone(method, amplitude[order], frequency, ratio, frequency_error, error, drive)
+    order = np.argsort(size)
+    frequency, ratio, frequency_error, error = np.array(fitted)[order].T
+    amplitude = np.exp(size)[order]
+    return Backbone("restoring force", amplitude, frequency, ratio, frequency_error, error, tone)
 
 
 def _cycles_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:

@@ -51,14 +51,6 @@ Smoother = Callable[[np.ndarray], np.ndarray]
 """Map from heights (m, n) of m records of the same times to height, velocity and acceleration (m, 3, n)."""
 
 
-class DerivativeNoise(NamedTuple):
-    """Standard deviations of what the record's white noise leaves, away from the ends."""
-
-    height: float
-    velocity: float
-    acceleration: float
-
-
 class Derivatives(NamedTuple):
     """A smoothed record."""
 
@@ -68,7 +60,7 @@ class Derivatives(NamedTuple):
     acceleration: Float[np.ndarray, "n"]  # [m/s^2]
     width: float  # [s]
     record_noise: float  # [m]
-    noise: DerivativeNoise  # by the record's noise, not what smoothing takes away
+    acceleration_noise: float  # [m/s^2], by the record's noise, not by what smoothing takes away
 
 
 def derivatives(record: PistonRecord) -> Derivatives:
@@ -82,28 +74,22 @@ def derivatives(record: PistonRecord) -> Derivatives:
     sigma = noise_level(height, time)
     smoother, width = _choose_local_polynomials(time, height, sigma)
     smooth, velocity, acceleration = smoother(height[None])[0]
-    left = _noise_of_derivatives(smoother, len(time), sigma)
-    return Derivatives(time, smooth, velocity, acceleration, width, sigma, left)
+    gain = _known_noise_gain if isinstance(smoother, _SavitzkyGolayFilter) else _noise_gain
+    noise = sigma * gain(smoother, len(time))
+    return Derivatives(time, smooth, velocity, acceleration, width, sigma, noise)
 
 
-def _noise_of_derivatives(smoother: Smoother, count: int, sigma: float) -> DerivativeNoise:
-    """Noise of the outputs: the smoother applied to white noise of unit variance."""
-    gains = _known_noise_gains if isinstance(smoother, _SavitzkyGolayFilter) else _noise_gains
-    return DerivativeNoise(*(float(sigma * gain) for gain in gains(smoother, count)))
-
-
-def _noise_gains(smoother: Smoother, count: int) -> np.ndarray:
-    """Rms of each output of a smoother for white noise of unit variance."""
+def _noise_gain(smoother: Smoother, count: int) -> float:
+    """Rms of a smoother's acceleration for white noise of unit variance, away from the ends."""
     random = np.random.default_rng(0)
     probes = max(1, _PROBE_SAMPLES // count)
     inner = slice(count // 4, count - count // 4)
     smoothed = smoother(random.normal(size=(probes, count)))
-    squares = [(outputs[:, inner] ** 2).mean(1) for outputs in smoothed]
-    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+    return math.sqrt(np.mean([(outputs[2, inner] ** 2).mean() for outputs in smoothed]))
 
 
-_known_noise_gains = functools.lru_cache(maxsize=64)(_noise_gains)
-"""Noise gains of local polynomials on even times, kept since every fit of a record asks for them."""
+_known_noise_gain = functools.lru_cache(maxsize=64)(_noise_gain)
+"""Noise gain of local polynomials on even times, kept since every fit of a record asks for it."""
 
 
 # Local polynomials -----------------------------------------------------------------------------

@@ -331,6 +331,8 @@ def _passages(time: np.ndarray, away: np.ndarray, floor: float) -> tuple[np.ndar
 
 def _extremes_between(time: np.ndarray, height: np.ndarray, passages: tuple[np.ndarray, float]) -> Extremes:
     """Extremes between two passages each, and the one before the first if it is seen from both sides."""
+    from scipy.interpolate import make_interp_spline
+
     times, first = passages
     if len(times) < 2:
         return Extremes(np.empty(0), np.empty(0), np.empty(0))
@@ -342,7 +344,8 @@ def _extremes_between(time: np.ndarray, height: np.ndarray, passages: tuple[np.n
             "its extremes: sample faster"
         )
     sign = -first * (-1.0) ** np.arange(len(halves))
-    spline = functools.cache(lambda: _spline(time, height))  # of few samples a half cycle alone
+    # Of few samples a half cycle alone.
+    spline = functools.cache(lambda: make_interp_spline(time, height, k=5))
     extremes = [
         _extreme_about(time, height, spline, 0.5 * (begin + end), end - begin, side)
         for begin, end, side in zip(times[:-1], times[1:], sign, strict=True)
@@ -382,13 +385,6 @@ def _extreme_about(
         top, value = _polynomial_top(x, sign * values)
         middle += _REACH * half * top
     return middle, sign * value
-
-
-def _spline(time: np.ndarray, height: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    from scipy.interpolate import make_interp_spline
-
-    result: Callable[[np.ndarray], np.ndarray] = make_interp_spline(time, height, k=5)
-    return result
 
 
 @functools.lru_cache(maxsize=8)

@@ -21,8 +21,13 @@ from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.message_text import quote
 from reduced_models.records.derivatives import noise_level
 from reduced_models.records.first_guesses import LEAST_SAMPLES, zero_crossing_times
-from reduced_models.records.release import active_inputs, cut_at_release, has_active_input
-from reduced_models.records.sensor_artefacts import clipped_sample_mask, cut_noise_tail, drop_lost_samples
+from reduced_models.records.release import active_inputs, cut_at_release
+from reduced_models.records.sensor_artefacts import (
+    clipped_sample_mask,
+    cut_noise_tail,
+    drop_lost_samples,
+    mask_runs,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -176,7 +181,7 @@ def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
 def _trim_motion(record: PistonRecord) -> PistonRecord:
     """Motion from its release to a knock, or to where the noise rules."""
     record = cut_at_release(record)
-    if has_active_input(record):
+    if active_inputs(record):
         return record
     if impacts := _knock_times(record):
         edges = [
@@ -330,10 +335,9 @@ def _find_holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tup
     noise = noise_level(record.height, time) / np.sqrt(count)
     extent = maximum_filter1d(mean, width) - minimum_filter1d(mean, width)
     still = (extent < _FLAT * largest + _SIGMAS * noise) & (away > _LARGE * largest)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     holds: list[tuple[int, int]] = []
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        first, last = max(0, int(begin) - width // 4), min(len(time) - 1, int(end) + width // 2)
+    for begin, end in mask_runs(still):
+        first, last = max(0, begin - width // 4), min(len(time) - 1, end + width // 2)
         together = bool(holds) and first - holds[-1][1] < width  # noise cuts a hold in two
         holds.append((holds.pop()[0] if together else first, last))
     ends = [int(np.searchsorted(time, time[last] + _FALLS * half)) for _, last in holds]
@@ -371,9 +375,8 @@ def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
     grows = (size[1:] > _STEADY * size[:-1]) & (size[1:] - size[:-1] > noise / np.sqrt(2.0))
     if len(size) < 2 * _LEAST_PERIODS or grows.mean() > _RARELY:
         return []
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], grows, [False]]).astype(int)))
     knocks = []
-    for before, after in zip(edges[::2], edges[1::2], strict=True):
+    for before, after in mask_runs(grows):
         if size[after] <= _GROWN * size[before]:
             continue
         if after - before > _SUDDEN:  # a drive or a beat

@@ -15,18 +15,16 @@ from granular.readers.sheet_interpretation import SheetInterpretation
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.message_text import sanitize
-from reduced_models.records.derivatives import noise_level
+from reduced_models.records.derivatives import noise_level, rounding_step
 from reduced_models.records.free_motion import find_free_motion
 from reduced_models.records.sensor_artefacts import end_time_of_motion
-from reduced_models.records.sources import has_stated_time_interval, stated_release_number
+from reduced_models.records.sources import options_with_description
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 GAP = 2.5
 """Times the usual step from which on a step is a gap."""
-QUANTISED = 0.5
-"""Fraction of steps of the coordinate that are 0, or just one level, of a sensor that rounds."""
 _WIDTH, _ROWS = 68, 12
 
 
@@ -115,9 +113,10 @@ def overview_of_record_file(path: str | Path, options: ReadOptions | None = None
         record = PistonRecord.from_interpreted_columns(meaning)
     except RecordError as error:
         raise RecordError(f"{sanitize(path)}: {error}") from None
-    if not has_stated_time_interval(path, options):
+    stated = options_with_description(path, options)
+    if stated.between is None:
         with warnings.catch_warnings(record=True, action="always", category=RecordWarning) as caught:
-            record = find_free_motion(record, stated_release_number(path, options))
+            record = find_free_motion(record, stated.release)
         notes = (*meaning.notes, *(str(warning.message) for warning in caught))
         meaning = dataclasses.replace(meaning, notes=notes)
     steps = np.diff(record.time)
@@ -129,22 +128,9 @@ def overview_of_record_file(path: str | Path, options: ReadOptions | None = None
         1.0 / usual,
         int((steps > GAP * usual).sum()),
         float(noise),
-        _quantization_step(record.signal),
+        rounding_step(record.signal) or None,
         end_time_of_motion(record),
     )
-
-
-def _quantization_step(height: np.ndarray) -> float | None:
-    """Least step of a sensor that rounds; None for one that does not."""
-    steps = np.abs(np.diff(height))
-    size = np.abs(height).max()
-    moved = steps[steps > 1e-9 * size] if size else steps[:0]
-    if not len(moved):
-        return None
-    least = float(moved.min())
-    few = (steps < 1.5 * least).mean() > QUANTISED
-    total = np.abs(moved / least - np.round(moved / least)).max() < 0.1
-    return least if few and total else None
 
 
 def _motion_in_characters(record: PistonRecord) -> list[str]:

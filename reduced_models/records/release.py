@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import RecordWarning
 from reduced_models.records.derivatives import noise_level, spectral_peak_frequency
 from reduced_models.records.first_guesses import LEAST_SAMPLES
+from reduced_models.records.inputs import column_names, input_column
 
 # Levels of the growth, over the largest displacement (a full stroke): lowest, ratio, highest. A cosine
 # reaches 0.05 and 0.2 of it within 4 % of the time of a square. With 0.1, or 0.8, holds of a tenth of a
@@ -87,22 +87,14 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
     start = release_sample(record)
     if start == 0:
         return record
-    warnings.warn(release_cut_text(record, start), RecordWarning, stacklevel=2)
-    return record_from_sample(record, start)
-
-
-def record_from_sample(record: PistonRecord, start: int) -> PistonRecord:
-    """Record from a sample on."""
-    return record.between(float(record.time[start]), math.inf)
-
-
-def release_cut_text(record: PistonRecord, start: int) -> str:
-    """Sentence of the warning that a record is cut at its release."""
     until = round(float(record.time[start]), 9)
-    return (
+    warnings.warn(
         f"the record stands still until {until:.4g} s and is cut there, at the release; to keep "
-        "all of it: --between :"
+        "all of it: --between :",
+        RecordWarning,
+        stacklevel=2,
     )
+    return record.between(float(record.time[start]), math.inf)
 
 
 def release_sample(record: PistonRecord) -> int:
@@ -114,21 +106,15 @@ def release_sample(record: PistonRecord) -> int:
     result = _find_release(time, record.height)
     if result is None:
         return 0
-    start = int(np.searchsorted(time, result.moment))
-    early = int(np.searchsorted(time, result.moment - result.rise))
-    forces = {} if record.force is None else {"force": record.force}
-    further = forces | dict(record.extra)
+    moment, rise = result
+    start, early = (int(np.searchsorted(time, since)) for since in (moment, moment - rise))
+    further = {name: input_column(record, name) for name in column_names(record)}
     if any(_input_acts_before_release(time, name, values, early) for name, values in further.items()):
         return 0
     return min([start, *(_sample_of_column_change(values, early, start) for values in further.values())])
 
 
-class _Release(NamedTuple):
-    moment: float
-    rise: float
-
-
-def _find_release(time: np.ndarray, height: np.ndarray) -> _Release | None:
+def _find_release(time: np.ndarray, height: np.ndarray) -> tuple[float, float] | None:
     """Moment at which a height leaves the level of its start, and how long it then rises."""
     level = float(np.median(height[:5]))
     for _ in range(2):  # the longer the hold is known to be, the better its level
@@ -163,7 +149,7 @@ def _find_release(time: np.ndarray, height: np.ndarray) -> _Release | None:
         time[time < since], height[time < since], levels[2] / rise**2, noise
     ):
         return None
-    return _Release(_onset_of_motion(time, height, (since, times[0]), times[2]), rise)
+    return _onset_of_motion(time, height, (since, times[0]), times[2]), float(rise)
 
 
 def _level_passage_times(time: np.ndarray, displacement: np.ndarray, levels: np.ndarray) -> np.ndarray | None:
@@ -220,16 +206,11 @@ def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float,
     return float(moments[np.argmin(left)])
 
 
-def has_active_input(record: PistonRecord) -> bool:
-    """Return whether a column drives the motion, by its name, in more than a short part of a record."""
-    return bool(active_inputs(record))
-
-
 def active_inputs(record: PistonRecord) -> list[str]:
     """Names of the columns that drive the motion, by their names, in more than a short part of a record."""
-    columns = {} if record.force is None else {"force": record.force}
     names = []
-    for name, values in (columns | dict(record.extra)).items():
+    for name in column_names(record):
+        values = input_column(record, name)
         away = np.abs(values - np.median(values))
         if not any(word in name.lower() for word in _DRIVES) or not away.any():
             continue

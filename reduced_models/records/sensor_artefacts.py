@@ -14,7 +14,7 @@ from granular.run.record_source import RecordSource
 from granular.shared.errors import RecordWarning
 from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, zero_crossing_times
-from reduced_models.records.release import has_active_input
+from reduced_models.records.release import active_inputs
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -163,7 +163,7 @@ def with_note(record: PistonRecord, words: str) -> PistonRecord:
 def without_clipped_samples(record: PistonRecord) -> PistonRecord:
     """Record without the samples at a sensor's limits, which a fit would take for the motion."""
     # what is driven may be held at a level again and again
-    if record.complete or has_active_input(record):
+    if record.complete or active_inputs(record):
         return record
     clipped = _clipped_sample_mask(record)
     if not clipped.any() or (~clipped).sum() < LEAST_SAMPLES:
@@ -202,7 +202,7 @@ def _equal_sample_mask(record: PistonRecord) -> np.ndarray:
         # a turning point of a sensor that rounds has nearly half as many samples a step further in
         if here.sum() <= _RARE * (height == inside).sum():
             continue
-        lengths = np.array([stop - start for start, stop in _runs(here)])
+        lengths = np.array([stop - start for start, stop in mask_runs(here)])
         long = lengths >= run
         runs, samples = runs + int(long.sum()), samples + int(lengths[long].sum())
         if long.any():
@@ -233,7 +233,7 @@ def _plateau_mask(record: PistonRecord) -> np.ndarray:
         near = away > largest - depth
         starts = [
             time[start]
-            for start, stop in _runs(near)
+            for start, stop in mask_runs(near)
             if (stop - start - 1) * step > _LONGER * natural
             and stop - start >= _RUN
             and _is_flat(away[start:stop], noise)
@@ -253,7 +253,7 @@ def _is_flat(values: np.ndarray, noise: float) -> bool:
     return bool(middle.mean() - about.mean() < noise * (_ROUND + 3.0 / math.sqrt(len(middle))))
 
 
-def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+def mask_runs(mask: np.ndarray) -> list[tuple[int, int]]:
     """First and behind the last sample of each run of a mask."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
@@ -274,7 +274,7 @@ def end_time_of_motion(record: PistonRecord) -> float:
 
 def count_samples_in_motion(record: PistonRecord) -> int:
     """Count the samples until a free swing is lost in the noise of its record."""
-    if has_active_input(record):
+    if active_inputs(record):
         return len(record)
     end, duration = end_time_of_motion(record), float(record.time[-1])
     count = int(np.searchsorted(record.time, end, side="right"))

@@ -121,13 +121,13 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     RecordWarning
         Of what was guessed or done, the cut among it.
     """
-    record, options = PistonRecord.from_file(path, units, **said), ReadOptions(**said)
+    record = PistonRecord.from_file(path, units, **said)
+    options = options_with_description(Path(path), ReadOptions(**said))
     if record.measured == "force":
         return record
-    if has_stated_time_interval(Path(path), options):
+    if options.between is not None:
         return dataclasses.replace(record, complete=True)
-    release = stated_release_number(Path(path), options)
-    return _note_what_is_cut(lambda: [find_free_motion(record, release)])[0]
+    return _note_what_is_cut(lambda: [find_free_motion(record, options.release)])[0]
 
 
 def read_releases(
@@ -205,17 +205,8 @@ def describe_record(record: PistonRecord, period: float | None = None) -> list[s
     return [f"{sanitize(source.name) or 'record'}: {title}", *map(one_line, notes)]
 
 
-def has_stated_time_interval(path: Path, options: ReadOptions) -> bool:
-    """Return whether the user states which part of a file is the record."""
-    return _options_with_description(path, options).between is not None
-
-
-def stated_release_number(path: Path, options: ReadOptions) -> int | str | None:
-    """Return which of several releases in a file the user names, if any."""
-    return _options_with_description(path, options).release
-
-
-def _options_with_description(path: Path, options: ReadOptions) -> ReadOptions:
+def options_with_description(path: Path, options: ReadOptions) -> ReadOptions:
+    """Options of reading a file, with those of a description where the path is that of one."""
     return read_record_description(path)[1].merge(options) if is_record_description(path) else options
 
 

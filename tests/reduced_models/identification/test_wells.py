@@ -12,7 +12,7 @@ from scipy.special import ellipj, ellipk
 
 from granular import PistonRecord
 from reduced_models import ReducedModel, fit
-from reduced_models.identification.elliptic_averaging import elliptic_motion_text, solve_elliptic_motion
+from reduced_models.identification.elliptic_averaging import solve_elliptic_motion
 from reduced_models.identification.wells import well_quantities
 from reduced_models.models.printout import figure_lines
 
@@ -68,15 +68,16 @@ def test_a_motion_in_one_well_or_with_one_equilibrium_has_no_two() -> None:
 @pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])
 def test_a_cubic_law_names_its_closed_form(law: str) -> None:
     model = fitted(law)
-    motion = solve_elliptic_motion(model, 30.0)
-    assert motion is not None
+    solved = solve_elliptic_motion(model, 30.0)
+    assert solved is not None
+    motion = solved.motion
     assert motion.function == "cn"
     assert motion.m == pytest.approx(M, abs=2e-3)
     assert motion.rate == pytest.approx(RATE, rel=1e-3)
-    assert "z(t) = 1.2 cn(1.1 t + phase | " in elliptic_motion_text(motion, model, 30.0)
+    assert "z(t) = 1.2 cn(1.1 t + phase | " in solved.text
 
 
 def test_a_motion_within_a_well_is_a_dn() -> None:
-    motion = solve_elliptic_motion(fitted("duffing", 0.6), 30.0)
-    assert motion is not None
-    assert motion.function == "dn"
+    solved = solve_elliptic_motion(fitted("duffing", 0.6), 30.0)
+    assert solved is not None
+    assert solved.motion.function == "dn"

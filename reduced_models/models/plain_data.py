@@ -1,0 +1,172 @@
+"""Plain data (numbers, texts, lists, tables) of a value, and a value from them by its annotations."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from types import UnionType
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from granular.formulas import MAX_CHARACTERS
+from granular.schema.field_kinds import unknown_word_message
+from granular.shared.errors import InputError
+from granular.shared.message_text import quote, sanitize
+
+_MOST_ITEMS = 200
+_LARGEST = 1e100  # of a number: its square and cube are numbers still
+
+
+class Limits(NamedTuple):
+    """Limits of a number in an annotation, and what null stands for, if it may stand there."""
+
+    least: float = -_LARGEST
+    most: float = _LARGEST
+    null: float | None = None
+
+
+class TextForm(NamedTuple):
+    """Form of a text in an annotation."""
+
+    longest: int = MAX_CHARACTERS
+    lines: bool = False
+    choices: tuple[str, ...] = ()
+
+
+Size = Annotated[float, Limits(0.0)]
+SizeOrInfinity = Annotated[float, Limits(0.0, math.inf)]
+SizeOrUnknown = Annotated[float, Limits(0.0, null=math.nan)]
+Probability = Annotated[float, Limits(0.0, 1.0)]
+Interval = Annotated[tuple[float, float], "in order"]
+Lines = Annotated[str, TextForm(lines=True)]
+
+
+def wrong_value_error(where: str, value: object, wanted: str) -> InputError:
+    """Error that names an entry, its value, and what is wanted there."""
+    return InputError(
+        f"the data are not those of a reduced model: {sanitize(where)} is {quote(value)}; {wanted} is wanted"
+    )
+
+
+@functools.cache
+def annotations_of(kind: type) -> dict[str, Any]:
+    """Annotations of the fields of a class, with what is said of them beside their types."""
+    return get_type_hints(kind, include_extras=True)
+
+
+def plain_value(value: Any) -> Any:
+    """Plain data of a number, a text, an array, a dataclass, a named tuple, or of several in a container."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    elif hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {key: plain_value(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_value(item) for item in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def read_value(kind: Any, where: str, value: Any) -> Any:
+    """Value of the kind that an annotation names, from plain data."""
+    mark = None
+    if get_origin(kind) is Annotated:
+        kind, mark = get_args(kind)
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return None if value is None else read_value(parts[0], where, value)
+    if origin is Literal:
+        return _read_text(where, value, TextForm(choices=parts))
+    if origin is Mapping:
+        return _read_table(parts[1], where, value)
+    if origin in (tuple, Sequence):
+        items = _read_list(parts, where, value, ordered=mark is not None)
+        return items if origin is tuple else list(items)
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise wrong_value_error(where, value, "true or false")
+        return value
+    if kind is str:
+        return _read_text(where, value, mark or TextForm())
+    if kind is int:
+        return _read_integer(where, value, mark or Limits(0, 10**12))
+    if kind is float:
+        return _read_number(where, value, mark or Limits())
+    return kind(**read_entries(annotations_of(kind), where, value))
+
+
+def read_entries(kinds: Mapping[str, Any], where: str, value: Any) -> dict[str, Any]:
+    """Entries of a table that has one of each name, each of its kind."""
+    if not isinstance(value, Mapping):
+        raise wrong_value_error(where, value, "a table")
+    for key in value:
+        if key not in kinds:
+            raise InputError(
+                "the data are not those of a reduced model: "
+                f"{sanitize(where)}: {unknown_word_message(str(key), tuple(kinds), 'key')}"
+            )
+    for key in kinds:
+        if key not in value:
+            raise InputError(
+                f"the data are not those of a reduced model: {sanitize(where)}: {key!r} is "
+                "missing; give the file that was saved"
+            )
+    return {key: read_value(kinds[key], f"{where}.{key}", item) for key, item in value.items()}
+
+
+def _read_table(kind: Any, where: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, Mapping) or len(value) > _MOST_ITEMS:
+        raise wrong_value_error(where, value, f"a table of at most {_MOST_ITEMS} entries")
+    return {
+        _read_text(where, key, TextForm(200)): read_value(kind, f"{where}.{key}", item)
+        for key, item in value.items()
+    }
+
+
+def _read_list(kinds: Sequence[Any], where: str, value: Any, *, ordered: bool) -> tuple[Any, ...]:
+    """Several values of one kind, or a pair of numbers; in one that is in order null is infinite."""
+    most = 2 if len(kinds) == 2 and kinds[1] is float else _MOST_ITEMS
+    if not isinstance(value, list | tuple) or len(value) > most:
+        raise wrong_value_error(where, value, f"a list of at most {most} items")
+    if most == 2 and len(value) != 2:
+        raise wrong_value_error(where, value, "a pair")
+    if not ordered:
+        return tuple(read_value(kinds[0], f"{where}.{index}", item) for index, item in enumerate(value))
+    low, high = (
+        _read_number(f"{where}.{index}", item, Limits(-math.inf, math.inf, null))
+        for index, (item, null) in enumerate(zip(value, (-math.inf, math.inf), strict=True))
+    )
+    if low > high:
+        raise wrong_value_error(where, value, "a pair in order")
+    return low, high
+
+
+def _read_number(where: str, value: Any, limits: Limits) -> float:
+    if value is None and limits.null is not None:
+        return limits.null
+    try:
+        number = float(value) if isinstance(value, int | float) else math.nan
+    except OverflowError:
+        number = math.nan
+    if isinstance(value, bool) or not limits.least <= number <= limits.most:
+        raise wrong_value_error(where, value, f"a number from {limits.least:g} to {limits.most:g}")
+    return number
+
+
+def _read_integer(where: str, value: Any, limits: Limits) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not limits.least <= value <= limits.most:
+        raise wrong_value_error(where, value, f"an integer from {limits.least:g} to {limits.most:g}")
+    return value
+
+
+def _read_text(where: str, value: Any, form: TextForm) -> str:
+    if form.choices and value not in form.choices:
+        raise wrong_value_error(where, value, f"one of {', '.join(form.choices)}")
+    if not isinstance(value, str) or len(value) > form.longest:
+        raise wrong_value_error(where, value, f"a text of at most {form.longest} characters")
+    if not (" ".join(value.split()) if form.lines else value).isprintable():
+        raise wrong_value_error(where, value, "a text that can be printed")
+    return value
