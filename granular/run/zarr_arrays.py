@@ -1,7 +1,6 @@
 """The arrays of a run directory: Zarr's, one a variable, written and read chunk by chunk.
 
-Every chunk is compressed and ends with a checksum, so that any program that reads Zarr notices a
-damaged one. That a chunk is the one that was written under its name is checked by its digest in the
+Every chunk is compressed with a checksum, so that any program that reads Zarr notices a damaged one. That a chunk is the one that was written under its name is checked by its digest in the
 manifest (`granular.run.checkpoint`), which is of the values and not of the file: the last chunk of
 a run that was killed may hold more of them than are complete.
 """
@@ -30,7 +29,8 @@ FRAME_CHUNK = 2**16  # numbers in a chunk of a grain field
 _FORMAT = {"zarr_format": 3}
 _LEVEL = 0  # of compression
 _OVERHEAD = 2**10  # bytes, and a 256th, by which Zstandard may make a chunk longer (ZSTD_COMPRESSBOUND)
-_CHECKSUM = 4  # bytes of a CRC-32C, behind those that it is of
+_CHECKSUM = {"name": "crc32c"}
+"""A codec of runs that were written before Zstandard's own checksum took its place: 4 bytes more."""
 
 
 class ZarrMetadata:
@@ -76,8 +76,7 @@ def _array_metadata(
         "fill_value": 0 if integer else "NaN",
         "codecs": [
             {"name": "bytes", "configuration": {"endian": "little"}},
-            {"name": "zstd", "configuration": {"level": _LEVEL, "checksum": False}},
-            {"name": "crc32c"},
+            {"name": "zstd", "configuration": {"level": _LEVEL, "checksum": True}},
         ],
         "attributes": variable.attributes(),
         "dimension_names": variable.dims,
@@ -100,6 +99,7 @@ class ZarrArray:
         self.depth = int(plain["chunk_grid"]["configuration"]["chunk_shape"][0])
         self.rest: tuple[int, ...] = tuple(plain["shape"][1:])
         self.dtype = np.dtype(plain["data_type"]).newbyteorder("<")
+        self._tail = 4 if _CHECKSUM in plain["codecs"] else 0
 
     def unwritten_chunk(self) -> np.ndarray:
         """Chunk of fill values alone, (depth, ...): NaN, or 0 for integers."""
@@ -108,13 +108,13 @@ class ZarrArray:
 
     def write(self, index: int, values: np.ndarray) -> None:
         """Replace a chunk in one step."""
-        import google_crc32c
         from numcodecs.zstd import Zstd
 
-        packed = Zstd(level=_LEVEL).encode(values)
+        if self._tail:
+            raise StoreError(f"{self.path} was begun by another version; run the scene anew")
         file = self._chunk_file(index)
         file.parent.mkdir(parents=True, exist_ok=True)
-        replace_run_file(file, packed + google_crc32c.value(packed).to_bytes(_CHECKSUM, "little"))
+        replace_run_file(file, Zstd(level=_LEVEL, checksum=True).encode(values))
 
     def read_chunk(self, index: int, manifest: Manifest) -> np.ndarray:
         """Read a chunk, right as far as the manifest calls it complete."""
@@ -123,7 +123,7 @@ class ZarrArray:
         values, file = self.unwritten_chunk(), self._chunk_file(index)
         content = read_run_file(file, values.nbytes + values.nbytes // 256 + _OVERHEAD)
         try:
-            Zstd().decode(content[:-_CHECKSUM], out=values)
+            Zstd().decode(content[: len(content) - self._tail], out=values)
         except (RuntimeError, ValueError) as error:
             raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
         if not self._matches_digest(index, values, manifest):

@@ -170,7 +170,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 _FITS = "diffrax equinox jax jaxlib mpmath sympy"
-_SIMULATION = "PIL google_crc32c llvmlite loky numba numcodecs pandas tomli_w xarray zarr"
+_SIMULATION = "PIL llvmlite loky numba numcodecs pandas tomli_w xarray zarr"
 NEEDED_BY = dict.fromkeys(_FITS.split(), "fits") | dict.fromkeys(_SIMULATION.split(), "simulation")
 """Modules that an installation of one half lacks, with the group of `pyproject.toml` for each."""
 
