@@ -347,6 +347,7 @@ def test_a_discovery_is_plain_data() -> None:
         _ = found.model
 
 
+@pytest.mark.long
 def test_a_law_outside_the_library_is_noted() -> None:
     from scipy.integrate import solve_ivp
 

@@ -138,7 +138,7 @@ def test_terms_have_their_price() -> None:
     assert noisy.criterion_increases["z"] < found.criterion_increases["z"]
 
 
-@pytest.mark.parametrize("terms", [["1/z"], ["1/z", "z**-2", "z**-4"]])
+@pytest.mark.parametrize("terms", [["1/z"], pytest.param(["1/z", "z**-2", "z**-4"], marks=pytest.mark.long)])
 def test_a_pole_within_the_motion_is_refused(terms: list[str]) -> None:
     """It would make the weighing of subsets slow, and stop it at worst."""
     swing = np.exp(-0.05 * TIME) * np.cos(TIME)

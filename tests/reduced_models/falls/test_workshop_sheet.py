@@ -223,6 +223,7 @@ def test_slopes_are_those_of_beds_with_parts_a_deviation_off(drag: float) -> Non
         assert slopes[part.key][1:] == pytest.approx([frequency, damping], rel=1e-3, abs=1e-5)
 
 
+@pytest.mark.long
 def test_tolerances_are_in_the_sheet_with_their_friction() -> None:
     """A bed that rubs has them at the amplitude of use; one without drag has no line for it."""
     rows = {row[0]: row for row in rows_of(sheet_text(settled_bed()), "Tolerances of the parts")}

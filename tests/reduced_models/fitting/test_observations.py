@@ -165,6 +165,7 @@ def test_the_height_may_count_from_anywhere(height: str) -> None:
     assert model.predict(time)[0] == pytest.approx(0.061, abs=2e-5)
 
 
+@pytest.mark.long
 def test_a_signal_with_a_large_offset_and_an_unknown_scale() -> None:
     time, z, random = decay()
     tension = 500.0 + 1000.0 * z + 0.01 * random.normal(size=len(time))
@@ -174,6 +175,7 @@ def test_a_signal_with_a_large_offset_and_an_unknown_scale() -> None:
     assert model.quality.converged == 6
 
 
+@pytest.mark.long
 def test_another_motion_of_two_masses_begins_at_their_rest() -> None:
     text = "z'' + c1*z' + k1*(z - a) = k3*(y - z); y'' + c2*y' + k2*(y - z) = 0; height = z; q = y"
     known = {"c1": 0.5, "k1": 400.0, "a": 0.05, "k3": 80.0, "c2": 0.6, "k2": 300.0}

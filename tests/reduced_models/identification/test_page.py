@@ -138,6 +138,7 @@ def test_errors_are_said_to_be_intervals_below_the_last_of_them() -> None:
     assert page.index("<p>linear: ") < page.index("<p>These ± are 95 % intervals: fit")
 
 
+@pytest.mark.long
 def test_grains_that_come_close_are_doubted_without_contact_alone(small_damper: Scene) -> None:
     """Grains in contact are pressed together by a little."""
     near, shot = [[0.03, 0.004], [0.0361, 0.004]], [[5.0, 0.0], [-5.0, 0.0]]
