@@ -1,8 +1,9 @@
 """The arrays of a run directory: Zarr's, one a variable, written and read chunk by chunk.
 
-Every chunk is compressed with a checksum, so that any program that reads Zarr notices a damaged one. That a chunk is the one that was written under its name is checked by its digest in the
-manifest (`granular.run.checkpoint`), which is of the values and not of the file: the last chunk of
-a run that was killed may hold more of them than are complete.
+Every chunk is compressed with a checksum, so that any program that reads Zarr notices a damaged one.
+That a chunk is the one that was written under its name is checked by its digest in the manifest
+(`granular.run.checkpoint`), which is of the values and not of the file: the last chunk of a run that
+was killed may hold more of them than are complete.
 """
 
 from __future__ import annotations

@@ -150,9 +150,9 @@ def _draw_wave_frequencies(
     # A drive is a line of its own; a wave that multiplies the coordinate parts its lines by its frequency.
     peaks = spectral_peaks(record.time, record.height)
     apart = np.abs(random.choice(peaks, len(values)) - random.choice(peaks, len(values)))
-    way = np.arange(len(values)) % 3
-    values[way == 0] = random.choice(peaks, len(values))[way == 0]
-    chosen = (way == 1) & (apart > 0.0)
+    turn = np.arange(len(values)) % 3
+    values[turn == 0] = random.choice(peaks, len(values))[turn == 0]
+    chosen = (turn == 1) & (apart > 0.0)
     values[chosen] = apart[chosen]
 
 
