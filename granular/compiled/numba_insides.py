@@ -44,10 +44,10 @@ def insides_are_usable() -> bool:
 def _find_fault() -> str:
     """Return the error that stops the trial kernels; empty if they run."""
     # In a process of its own: code that does not fit may end one without an exception.
-    path = os.pathsep.join([str(PACKAGE.parent), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(
-            [sys.executable, "-c", "from granular.compiled.trial_kernels import run; run()"],
+            [sys.executable, "-P", "-c", "from granular.compiled.trial_kernels import run; run()"],
             env={**os.environ, SWITCH: "0", "NUMBA_CACHE_DIR": folder, "PYTHONPATH": path},
             capture_output=True,
             text=True,

@@ -36,10 +36,10 @@ serve({function})
 def read_within_limits(read: Callable[[bytes], Any], content: bytes) -> Any:
     """Return what a function of a file of this room reads of bytes: arrays, texts, lists and dicts."""
     program = _PROGRAM.format(module=read.__module__.rpartition(".")[2], function=read.__name__)
-    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join(filter(None, [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")]))
     try:
         done = subprocess.run(
-            [sys.executable, "-c", program],
+            [sys.executable, "-P", "-c", program],
             input=content,
             capture_output=True,
             check=False,

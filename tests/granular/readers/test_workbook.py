@@ -111,3 +111,15 @@ def test_a_workbook_that_no_program_writes_is_one_line(rows: list[str], words: s
     with pytest.raises(RecordError, match=words) as caught:
         PistonRecord.from_file(tmp_path / "a.xlsx")
     assert "\n" not in str(caught.value)
+
+
+def test_nothing_in_the_working_directory_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = ['<row><c t="str"><v>time</v></c><c t="str"><v>height</v></c></row>']
+    xlsx(
+        tmp_path / "a.xlsx",
+        [*rows, *(f"<row><c><v>{k}</v></c><c><v>{k % 3}</v></c></row>" for k in range(9))],
+    )
+    (tmp_path / "json.py").write_text("raise SystemExit(7)", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    assert len(PistonRecord.from_file("a.xlsx")) == 9
