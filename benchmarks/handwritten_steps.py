@@ -21,7 +21,7 @@ from granular.pairs.grain_arrays import GrainArrays
 _force = ExperimentalWall.force
 _ABSENT = (None,) * 7
 
-_by_hand = numba.njit(error_model="numpy", nogil=True, fastmath={"contract"})
+_by_hand = numba.njit(error_model="numpy", nogil=True)
 
 
 class Bed(NamedTuple):

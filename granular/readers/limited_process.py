@@ -1,7 +1,8 @@
 """Reading of files whose few bytes may stand for many, in a process of limited memory and time.
 
 Workbooks and MATLAB's files are squeezed, repeat cells and nest arrays: a library that reads one has no
-limit of its own. If its process ends at a limit, this one goes on.
+limit of its own. If its process ends at a limit, this one goes on. What it may hand over is limited by
+the readers.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ import contextlib
 import io
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,36 +26,45 @@ MAX_MEGABYTES, MAX_SECONDS = 2048, 20
 _WAIT = 6.0
 """Times the seconds after which a process that waits is ended, as on a machine with other work."""
 _OUT_OF_MEMORY = 3
+_AT_A_LIMIT = {_OUT_OF_MEMORY, *(-getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL", "SIGABRT"))}
 _ARRAY = 0  # marks the name of one
 _PROGRAM = """
+import json, sys
+sys.path[:] = json.loads(sys.argv[1])
 from granular.readers.limited_process import serve
 from granular.readers.{module} import {function}
 serve({function})
 """
+_REMEDY = "save time and height alone, as CSV"
 
 
 def read_within_limits(read: Callable[[bytes], Any], content: bytes) -> Any:
     """Return what a function of a file of this room reads of bytes: arrays, texts, lists and dicts."""
     program = _PROGRAM.format(module=read.__module__.rpartition(".")[2], function=read.__name__)
-    path = os.pathsep.join(filter(None, [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")]))
+    if not sys.executable or getattr(sys, "frozen", False):
+        raise RecordError(f"is read by a Python of its own, and none is known here; {_REMEDY}")
     try:
+        # Isolated, and with the present path: nothing of the working directory is run.
         done = subprocess.run(
-            [sys.executable, "-P", "-c", program],
+            [sys.executable, "-I", "-c", program, json.dumps([item for item in sys.path if item])],
             input=content,
             capture_output=True,
             check=False,
             timeout=_WAIT * MAX_SECONDS,
-            env={**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )
+    except OSError as error:
+        raise RecordError(f"is read by a Python of its own, which fails: {error.strerror}") from None
     except subprocess.TimeoutExpired:
         done = None
-    if done is not None and done.returncode == 1:  # Python's own, of a fault in here
-        raise RuntimeError(done.stderr.decode(errors="replace"))
-    if done is None or done.returncode:
+    if done is None or done.returncode in _AT_A_LIMIT:
         raise RecordError(
-            f"takes more than {MAX_MEGABYTES} MB or {MAX_SECONDS} s to read, the limits; "
-            "save time and height alone, as CSV"
+            f"takes more than {MAX_MEGABYTES} MB or {MAX_SECONDS} s to read, the limits; {_REMEDY}"
         )
+    if done.returncode == 1:  # Python's own, of a fault in here
+        raise RuntimeError(done.stderr.decode(errors="replace"))
+    if done.returncode or not done.stdout:
+        raise RecordError(f"stops what reads it (code {done.returncode}); {_REMEDY}")
     arrays = np.load(io.BytesIO(done.stdout), allow_pickle=False)
     answer = json.loads(arrays["answer"].tobytes())
     if isinstance(answer, str):
@@ -64,22 +74,36 @@ def read_within_limits(read: Callable[[bytes], Any], content: bytes) -> Any:
 
 def serve(read: Callable[[bytes], dict[str, Any]]) -> None:
     """Read the bytes of the standard input, and write what they hold, or why they hold nothing."""
-    with contextlib.suppress(ImportError):  # Windows has no such limits
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (MAX_MEGABYTES * 2**20,) * 2)
-        resource.setrlimit(resource.RLIMIT_CPU, (MAX_SECONDS, MAX_SECONDS + 1))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    arrays: dict[str, np.ndarray] = {}
-    answer: Any
+    _set_limits()
+    # What else is printed must not stand in the answer.
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
     try:
-        answer = _without_arrays(read(sys.stdin.buffer.read()), arrays)
-    except RecordError as error:
-        answer = str(error)
+        arrays: dict[str, np.ndarray] = {}
+        answer: Any
+        try:
+            answer = _without_arrays(read(sys.stdin.buffer.read()), arrays)
+        except RecordError as error:
+            answer = str(error)
+        written = np.frombuffer(json.dumps(answer).encode(), dtype=np.uint8)
+        with output:
+            np.savez(output, answer=written, **arrays)  # type: ignore[arg-type]  # no option is named so
     except MemoryError:
         sys.exit(_OUT_OF_MEMORY)
-    written = np.frombuffer(json.dumps(answer).encode(), dtype=np.uint8)
-    np.savez(sys.stdout.buffer, answer=written, **arrays)  # type: ignore[arg-type]  # no option is named so
+
+
+def _set_limits() -> None:
+    """Limit memory and time where the system can; Windows cannot, and macOS not the memory."""
+    try:
+        import resource
+    except ImportError:
+        return
+    wanted = {"RLIMIT_AS": MAX_MEGABYTES * 2**20, "RLIMIT_CPU": MAX_SECONDS, "RLIMIT_CORE": 0}
+    for name, most in wanted.items():
+        with contextlib.suppress(ValueError, OSError):
+            kind = getattr(resource, name)
+            hard = resource.getrlimit(kind)[1]
+            resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard),) * 2)
 
 
 def _without_arrays(value: Any, arrays: dict[str, np.ndarray]) -> Any:

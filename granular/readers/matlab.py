@@ -15,6 +15,9 @@ from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote
 
+_MAX_NUMBERS = 50_000_000
+"""As of a Parquet file."""
+
 Vectors = dict[str, Any]
 """Arrays of numbers, and structures of such, by name; a text for anything else."""
 
@@ -56,7 +59,20 @@ def list_variables(content: bytes) -> Vectors:
             raise RecordError(
                 "is of MATLAB's version 7.3, which is not read; save it with save(..., '-v7')"
             ) from None
-        return {name: _numbers_in(value) for name, value in loaded.items() if not name.startswith("__")}
+        variables = {name: _numbers_in(value) for name, value in loaded.items() if not name.startswith("__")}
+    count = _count_numbers(variables)
+    if count > _MAX_NUMBERS:
+        raise RecordError(
+            f"holds {count} numbers; at most {_MAX_NUMBERS} are read: save time and height alone, or sample "
+            "less often"
+        )
+    return variables
+
+
+def _count_numbers(value: Any) -> int:
+    if isinstance(value, dict):
+        return sum(map(_count_numbers, value.values()))
+    return value.size if isinstance(value, np.ndarray) else 0
 
 
 def _numbers_in(value: Any) -> Any:
@@ -69,7 +85,10 @@ def _numbers_in(value: Any) -> Any:
 
 def _sampling_times(variables: Mapping[str, Any], length: int) -> Column:
     """Return times by PicoScope's start and interval."""
-    first, step = variables.get("Tstart", 0.0), variables["Tinterval"]
+    first, step = (
+        value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
+        for value in (variables.get("Tstart", 0.0), variables["Tinterval"])
+    )
     if not _is_finite_number(first) or not _is_finite_number(step) or step <= 0.0:
         raise RecordError(
             f"Tstart = {quote(first)} and Tinterval = {quote(step)}; a start "

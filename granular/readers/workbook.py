@@ -6,6 +6,7 @@ import csv
 import datetime
 import io
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -22,8 +23,14 @@ _FEWEST_ROWS = 20
 """Rows of a sheet up to which it is no record."""
 _OLD = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 """First bytes of a workbook of Excel 97 to 2003, whatever its file is called."""
-_MAX_CELLS, _MAX_LETTERS = 2**22, 2**15
-"""Cells of all sheets, four columns of as many rows as a sheet has, and letters of one in Excel."""
+_MAX_CELLS, _MAX_LETTERS = 2**22, 2**26
+"""Cells of all sheets, four columns of as many rows as a sheet has, and letters of all of them."""
+_MAX_LETTERS_OF_CELL = 2**15
+"""As in Excel."""
+_ERRORS = ("#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#N/A")
+"""Contents of a cell whose formula has no value."""
+_DURATION = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
+"""A time of LibreOffice that calamine leaves as it stands: of a day and more, or with a decimal comma."""
 
 Table = Sequence[Sequence[str]]
 
@@ -60,7 +67,7 @@ def list_sheets(content: bytes) -> dict[str, list[list[str]]]:
         book = CalamineWorkbook.from_filelike(io.BytesIO(content))
         names = [sheet.name for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
         tables: dict[str, list[list[str]]] = {}
-        cells_left = _MAX_CELLS
+        cells_left, letters_left = _MAX_CELLS, _MAX_LETTERS
         for name in names:
             sheet = book.get_sheet_by_name(name)
             rows, columns = sheet.total_height + 1, sheet.total_width + 1  # counted from 0
@@ -71,6 +78,12 @@ def list_sheets(content: bytes) -> dict[str, list[list[str]]]:
                     "cells of all sheets are read: save the columns that are wanted as CSV"
                 )
             tables[name] = [list(map(_cell_text, row)) for row in sheet.to_python(skip_empty_area=False)]
+            letters_left -= sum(len(text) for row in tables[name] for text in row)
+            if letters_left < 0:
+                raise RecordError(
+                    f"its cells hold more than {_MAX_LETTERS} letters, the limit; save the columns that "
+                    "are wanted as CSV"
+                )
         return tables
 
 
@@ -82,12 +95,17 @@ def _cell_text(value: Any) -> str:
     if isinstance(value, datetime.date):
         return f"{value.isoformat()}T00:00:00"
     if isinstance(value, datetime.timedelta):
-        minutes, seconds = divmod(value.total_seconds(), 60.0)
-        return f"{int(minutes // 60)}:{int(minutes % 60):02}:{seconds:09.6f}"
+        minutes, seconds = divmod(abs(value.total_seconds()), 60.0)
+        sign = "-" if value < datetime.timedelta(0) else ""
+        return f"{sign}{int(minutes // 60)}:{int(minutes % 60):02}:{seconds:09.6f}"
     text = str(value)
-    if len(text) > _MAX_LETTERS:
-        raise RecordError(f"a cell holds {len(text)} letters; at most {_MAX_LETTERS} are read: empty it")
-    return " ".join(text.split())
+    if len(text) > _MAX_LETTERS_OF_CELL:
+        raise RecordError(
+            f"a cell holds {len(text)} letters; at most {_MAX_LETTERS_OF_CELL} are read: empty it"
+        )
+    if duration := _DURATION.fullmatch(text):
+        return ":".join(duration.groups()).replace(",", ".")
+    return "" if text in _ERRORS else " ".join(text.split())
 
 
 def _may_be_record(table: Table) -> bool:

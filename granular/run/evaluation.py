@@ -96,7 +96,8 @@ def evaluate(
     except (TypeError, ValueError):
         heights = np.array([np.nan])
     if heights.shape not in ((1,), (1 + further,)) or not np.isfinite(heights).all():
-        raise InputError(f"piston_height = {quote(piston_height)}; give a height [m]")
+        others = f", or {1 + further}: of the piston and of each further one" if further else ""
+        raise InputError(f"piston_height = {quote(piston_height)}; give one height [m]{others}")
     start = (coordinates / scales.length, speed / scales.velocity, float(heights[0]))
     state = new_state(*start, constants.acting, METHODS["stormer-verlet"])
     if len(heights) > 1:

@@ -86,6 +86,7 @@ Point = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Search vectors (s, p) with their costs (s,), gradients (s, p) and matrices (s, p, p)."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of starts that blow up
 def levenberg_marquardt(
     normal: Normal,
     start: Float[np.ndarray, "s p"],
@@ -163,7 +164,6 @@ class _QuadraticModel(NamedTuple):
     scale: Float[np.ndarray, "s p"]
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of starts that blow up
 def _quadratic_model(
     best: Point, start: Float[np.ndarray, "s p"], precision: Float[np.ndarray, "s p"]
 ) -> _QuadraticModel:
@@ -174,7 +174,6 @@ def _quadratic_model(
     return _QuadraticModel(slope, full * scale[:, :, None] * scale[:, None, :], scale)
 
 
-@np.errstate(over="ignore", invalid="ignore")
 def _next_vectors(
     model: _QuadraticModel, theta: Float[np.ndarray, "s p"], sizes: Float[np.ndarray, "s"], bounds: Bounds
 ) -> tuple[Float[np.ndarray, "s p"], Float[np.ndarray, "s"]]:

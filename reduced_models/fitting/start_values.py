@@ -75,7 +75,7 @@ def start_values(
         drawn = _random_draws(law, guess, random, _DRAWS, bounds)
         for name in drive_frequencies(law):
             if name not in _fixed_by_bounds(bounds):
-                _draw_wave_frequencies(drawn[:, law.parameters.index(name)], record, random)
+                _draw_wave_frequencies(law, drawn[:, law.parameters.index(name)], record, random)
         draws = _fit_draws_to_accelerations(law, guess, record, drawn, bounds)
     if law.observations:
         _fit_parameters_of_observations(law, guess, record, draws, _fixed_by_bounds(bounds))
@@ -144,16 +144,32 @@ def drive_frequencies(law: Law) -> tuple[str, ...]:
 
 
 def _draw_wave_frequencies(
-    values: Float[np.ndarray, "d"], record: PistonRecord, random: np.random.Generator
+    law: Law, values: Float[np.ndarray, "d"], record: PistonRecord, random: np.random.Generator
 ) -> None:
-    """Set frequencies to lines of the record's spectrum, to distances of two of them, or leave them."""
+    """Set frequencies to lines of the record's spectrum; where waves multiply states, also to distances."""
     # A drive is a line of its own; a wave that multiplies the coordinate parts its lines by its frequency.
     peaks = spectral_peaks(record.time, record.height)
-    apart = np.abs(random.choice(peaks, len(values)) - random.choice(peaks, len(values)))
-    turn = np.arange(len(values)) % 3
-    values[turn == 0] = random.choice(peaks, len(values))[turn == 0]
+    lines = random.choice(peaks, len(values))
+    if not _waves_multiply_states(law):
+        values[:] = lines
+        return
+    apart = np.abs(lines - random.choice(peaks, len(values)))
+    turn = random.permutation(len(values)) % 3
+    values[turn == 0] = lines[turn == 0]
     chosen = (turn == 1) & (apart > 0.0)
     values[chosen] = apart[chosen]
+
+
+def _waves_multiply_states(law: Law) -> bool:
+    import sympy
+
+    time = sympy.Symbol(TIME)
+    return any(
+        rate.diff(symbol).has(time)
+        for rate in law.parsed_equation.rates
+        for symbol in rate.free_symbols - {time}
+        if symbol.name not in law.parameters
+    )
 
 
 def fit_to_accelerations(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import datetime
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -123,3 +125,33 @@ def test_nothing_in_the_working_directory_is_run(tmp_path: Path, monkeypatch: py
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PYTHONPATH", raising=False)
     assert len(PistonRecord.from_file("a.xlsx")) == 9
+
+
+def test_long_times_and_cells_without_a_value_of_libre_office(tmp_path: Path) -> None:
+    rows = [ods_row(ods_cell("string", "clock") + ods_cell("string", "height [mm]"))]
+    for k in range(6):
+        clock = ods_cell("time", time_value=f"PT{23 + k}H59M0{k},5S")
+        height = ods_cell("string", "#DIV/0!") if k == 3 else ods_cell("float", value=f"{k}.5")
+        rows.append(ods_row(clock + height))
+    ods(tmp_path / "a.ods", rows)
+    with pytest.warns(UserWarning, match="1 of 6 samples"):
+        record = PistonRecord.from_file(tmp_path / "a.ods", columns={"time": "clock"})
+    assert record.time.tolist() == [0.0, 3601.0, 7202.0, 14404.0, 18005.0]
+
+
+def test_limits_of_the_system_stay(tmp_path: Path) -> None:
+    """As under a batch system, whose limits are below those of the reader."""
+    resource = pytest.importorskip("resource")
+    xlsx(tmp_path / "a.xlsx", ["<row><c><v>1</v></c></row>"])
+    limits = resource.getrlimit(resource.RLIMIT_CPU)
+    done = subprocess.run(
+        [sys.executable, "-m", "reduced_models", "look", str(tmp_path / "a.xlsx")],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (15, 15)),
+    )
+    assert resource.getrlimit(resource.RLIMIT_CPU) == limits
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert "setrlimit" not in done.stderr
