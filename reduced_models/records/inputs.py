@@ -52,7 +52,7 @@ class StepGrid(NamedTuple):
 
 def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
     """Column of a record that an input of a law names; the time is counted from the first sample [s]."""
-    result = record.force if name == "force" else record.extra.get(name)
+    result = record.extra.get(name, record.force if name == "force" else None)
     if result is None and name == TIME:
         return record.time - record.time[0]
     if result is None:
