@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from granular.shared.text_tables import align_columns
+from granular.shared.terminal import align_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,7 +14,8 @@ from granular.linear.plots import (
 )
 from granular.linear.response import dynamic_stiffness, transmissibility
 from granular.linear.small_motions import DRY_FRICTION, SmallMotions, slope_rows
-from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.blocks import format_number
+from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import READABLE, figure
 from granular.shared.version import versions
 

@@ -20,7 +20,7 @@ from granular.linear.slopes import Slopes, slopes
 from granular.run.trajectory import Trajectory
 from granular.scene.dimensionless_groups import dimensionless_groups, groups_line
 from granular.scene.scene import Scene
-from granular.shared.text_tables import align_columns
+from granular.shared.terminal import align_columns
 
 if TYPE_CHECKING:
     from jaxtyping import Float

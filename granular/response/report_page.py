@@ -11,7 +11,8 @@ import numpy as np
 
 from granular.response.response import FrequencyResponse
 from granular.response.transients import sweep_rate_at_peak
-from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.blocks import format_number
+from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, READABLE, figure, label_log_axis_plainly
 from granular.shared.version import versions
 

@@ -18,7 +18,7 @@ from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import make_directory, read_text, write_text
 from granular.shared.message_text import quote, sanitize
-from granular.shared.text_tables import align_columns
+from granular.shared.terminal import align_columns
 from granular.studies.sweep import sweep
 
 if TYPE_CHECKING:

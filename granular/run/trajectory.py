@@ -19,6 +19,7 @@ from granular.run.record_source import source_of_scene
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import unknown_word_message
+from granular.shared.blocks import Printout
 from granular.shared.errors import RecordError
 
 if TYPE_CHECKING:
@@ -96,12 +97,12 @@ class Trajectory:
         )
 
     def _repr_html_(self) -> str:
-        from granular.shared.html_pages import preformatted_html
+        from granular.shared.html_pages import blocks_html
 
-        return preformatted_html(repr(self)) + self.dataset._repr_html_()
+        return blocks_html([Printout(repr(self))]) + self.dataset._repr_html_()
 
     def _repr_latex_(self) -> str:
-        from granular.shared.text_tables import latex_lines
+        from granular.shared.terminal import latex_lines
 
         return latex_lines(repr(self))
 

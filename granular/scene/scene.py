@@ -25,6 +25,7 @@ from granular.schema.field_kinds import (
 )
 from granular.schema.sections import Section, nested_section_field, section_field, text_field
 from granular.schema.units import si_value
+from granular.shared.blocks import Printout
 from granular.shared.citations import module_docstring_of
 from granular.shared.files import write_text
 from granular.shared.message_text import quote
@@ -433,12 +434,12 @@ class Scene(Section):
         )
 
     def _repr_html_(self) -> str:
-        from granular.shared.html_pages import preformatted_html
+        from granular.shared.html_pages import blocks_html
 
-        return preformatted_html(self.to_toml())
+        return blocks_html([Printout(self.to_toml())])
 
     def _repr_latex_(self) -> str:
-        from granular.shared.text_tables import latex_lines
+        from granular.shared.terminal import latex_lines
 
         return latex_lines(repr(self))
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import html
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granular.shared.blocks import Block, Caution, Equation, Heading, Items, Picture, Printout, Table, Text
 from granular.shared.files import write_text
 from granular.shared.message_text import printable
+from granular.shared.terminal import blocks_text
+from granular.shared.version import versions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,44 +24,41 @@ if TYPE_CHECKING:
 _DATA, _TITLE = "{{data}}", "{{title}}"
 """Marks in a template of a page that moves."""
 
+_HERE = Path(__file__).parent
 LEAST_LETTERS = 9.0
 """Size of letters that can be read [pixels]."""
-_STYLE = """
-:root { color-scheme: light dark; --ink: #1c2733; --paper: #ffffff; --line: #d5dce3;
-  --soft: #f4f6f8; --accent: #20639b; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e6ebf0; --paper: #14191f; --line: #37424d;
-  --soft: #1d242c; --accent: #7db4e6; } }
-* { box-sizing: border-box; }
-body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;
-  color: var(--ink); background: var(--paper); margin: 0 auto; padding: 1rem; max-width: 60rem; }
-h1 { font-size: 1.6rem; line-height: 1.2; margin: 0.6rem 0; }
-h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 1px solid var(--line); }
-p.lead { font-size: 1.05rem; }
-figure { margin: 1rem 0; overflow-x: auto; }
-figure svg { width: 100%; max-width: 46rem; height: auto; background: #ffffff; border-radius: 4px; }
-figure img { max-width: 100%; height: auto; }
-figcaption, footer, .small { font-size: 0.87rem; opacity: 0.85; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.92rem; }
-th, td { padding: 0.25rem 0.8rem 0.25rem 0; text-align: left; border-bottom: 1px solid var(--line);
-  vertical-align: top; }
-th { font-weight: 600; }
-.equation { font-size: 1.25rem; padding: 0.6rem 0.8rem; background: var(--soft);
-  border-left: 4px solid var(--accent); overflow-x: auto; margin: 0.8rem 0; line-height: 2; }
-math { font-family: "Latin Modern Math", "STIX Two Math", "Cambria Math", "DejaVu Math TeX Gyre", math; }
-.note { background: var(--soft); border-left: 4px solid #d1495b; padding: 0.5rem 0.8rem; }
-pre { background: var(--soft); padding: 0.6rem 0.8rem; overflow-x: auto; font-size: 0.85rem; }
-@media (max-width: 30rem) { table { font-size: 0.72rem; } pre { white-space: pre-wrap; }
-  th, td { padding-right: 0.25rem; hyphens: auto; }
-  .equation { font-size: 1.05rem; padding: 0.5rem; }
-  figure svg { min-width: var(--least); } }
-@page { size: A4; margin: 15mm; }
-@media print { :root { --ink: #000000; --paper: #ffffff; --line: #999999; --soft: #ffffff; }
-  body { max-width: none; padding: 0; font-size: 10.5pt; } h2 { break-after: avoid; }
-  figure, tr, pre, .note { break-inside: avoid; } .scroll, figure { overflow: visible; }
-  pre { white-space: pre-wrap; border: 1px solid var(--line); } }
-footer { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 0.6rem; }
-"""
+LONGEST_NUMBER = 16
+"""Letters of a number with its unit; longer cells are words."""
+
+
+def made_with(libraries: Sequence[str] = ()) -> str:
+    """Return the sentence at a page's end: date, versions of the toolkit and of some libraries."""
+    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in versions(libraries).items())
+
+
+@dataclasses.dataclass(frozen=True)
+class Page:
+    """A page of blocks: a notebook shows it, and `save` writes it as one HTML file."""
+
+    title: str
+    lead: str = ""
+    blocks: Sequence[Block] = ()
+    footer: str = dataclasses.field(default_factory=made_with)
+
+    def to_html(self) -> str:
+        """HTML of the whole page, with everything in it."""
+        return page_html(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write the page to an HTML file."""
+        write_text(Path(path), self.to_html())
+
+    def __str__(self) -> str:
+        return blocks_text([Heading(self.title), Text(self.lead), *self.blocks])
+
+    def _repr_html_(self) -> str:
+        return blocks_html([Heading(self.title), Text(self.lead), *self.blocks])
 
 
 def _escape(words: object) -> str:
@@ -65,21 +66,71 @@ def _escape(words: object) -> str:
     return html.escape(printable(words), quote=True)
 
 
-def preformatted_html(words: object) -> str:
-    """Format a text of many lines as an HTML element ``pre``."""
-    return f"<pre>{_escape(words)}</pre>"
+def page_html(page: Page) -> str:
+    """Write a page as one HTML document."""
+    lead = f'<p class="lead">{_escape(page.lead)}</p>' if page.lead else ""
+    body = "\n".join([f"<h1>{_escape(page.title)}</h1>", lead, *map(_block_html, page.blocks)])
+    style, script = (_HERE.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{_escape(page.title)}</title>\n<style>\n{style}</style></head>\n"
+        f"<body>\n{body}\n<footer>{_escape(page.footer)}</footer>\n<script>\n{script}</script></body></html>\n"
+    )
 
 
-def paragraph_html(words: object) -> str:
-    """Format a text as an HTML paragraph."""
-    return f"<p>{_escape(words)}</p>"
+def blocks_html(blocks: Iterable[Block]) -> str:
+    """Write blocks as HTML for a notebook."""
+    return "\n".join(map(_block_html, blocks))
 
 
-def table_html(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Format a table as HTML."""
-    head = "".join(f"<th>{_escape(cell)}</th>" for cell in header)
-    body = "".join("<tr>" + "".join(f"<td>{_escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+def _block_html(block: Block) -> str:
+    match block:
+        case Heading(words):
+            return f"<h2>{_escape(words)}</h2>"
+        case Text(words):
+            return f"<p>{_escape(words)}</p>" if words else ""
+        case Caution(words):
+            return f'<p class="note">{_escape(words)}</p>'
+        case Items(items):
+            return f"<ul>{''.join(f'<li>{_escape(words)}</li>' for words in items)}</ul>"
+        case Printout(words):
+            return f"<pre>{_escape(words)}</pre>"
+        case Equation(mathml):
+            return f'<div class="equation">{mathml}</div>'
+        case Table():
+            return _table_html(block)
+        case Picture():
+            return _picture_html(block)
+
+
+def _table_html(table: Table) -> str:
+    """Table that scrolls if it is wider than the page."""
+    head = "".join(f"<th>{_escape(cell)}</th>" for cell in table.header)
+    rows = ("".join(f"<td>{_escape(_keep_together(str(cell)))}</td>" for cell in row) for row in table.rows)
+    body = "".join(f"<tr>{cells}</tr>" for cells in rows)
+    head = f"<thead><tr>{head}</tr></thead>" if any(table.header) else ""
+    return f'<div class="scroll"><table>{head}<tbody>{body}</tbody></table></div>'
+
+
+def _keep_together(cell: str) -> str:
+    """Keep a number and its unit on one line: 1e-06 is not broken at its sign."""
+    if "," in cell or len(cell) > LONGEST_NUMBER or not cell.lstrip("+-")[:1].isdigit():
+        return cell
+    return cell.replace("-", "\u2011").replace(" ", "\u00a0")
+
+
+def _picture_html(picture: Picture) -> str:
+    """Figure as SVG, whose lines stay sharp at any size."""
+    drawing, buffer = picture.draw(), io.StringIO()
+    drawing.savefig(buffer, format="svg", metadata={"Date": None})
+    svg = buffer.getvalue()
+    svg = svg[svg.index("<svg") :]
+    caption = _escape(picture.caption)
+    # On a phone the figure keeps a width at which its letters can be read, and scrolls.
+    look = f"--least:{_least_readable_width(drawing):.0f}px"
+    svg = svg.replace("<svg", f'<svg role="img" aria-label="{caption}" style="{look}"', 1)
+    return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
 
 
 def _least_readable_width(drawing: Figure) -> float:
@@ -95,68 +146,39 @@ class HtmlPage:
     """An HTML page that grows from top to bottom."""
 
     def __init__(self, title: str, lead: str = "") -> None:
-        self.title = title
-        self._parts = [f"<h1>{_escape(title)}</h1>"]
-        if lead:
-            self._parts.append(f'<p class="lead">{_escape(lead)}</p>')
+        self.title, self.lead, self.blocks, self.footer = title, lead, list[Block](), ""
 
     def add_section(self, title: str) -> None:
-        """Add the heading of a section."""
-        self._parts.append(f"<h2>{_escape(title)}</h2>")
+        self.blocks.append(Heading(title))
 
     def add_paragraph(self, words: str) -> None:
-        """Add a paragraph."""
-        self._parts.append(paragraph_html(words))
+        self.blocks.append(Text(words))
 
     def add_warning(self, words: str) -> None:
-        """Add a paragraph that must not be overlooked."""
-        self._parts.append(f'<p class="note">{_escape(words)}</p>')
+        self.blocks.append(Caution(words))
 
     def add_list(self, items: Sequence[str]) -> None:
-        """Add a list of short texts."""
-        rows = "".join(f"<li>{_escape(words)}</li>" for words in items)
-        self._parts.append(f"<ul>{rows}</ul>")
+        self.blocks.append(Items(items))
 
     def add_preformatted(self, words: str) -> None:
-        """Add a text of many lines, in letters of one width."""
-        self._parts.append(preformatted_html(words))
+        self.blocks.append(Printout(words))
 
     def add_equation(self, mathml: str) -> None:
-        """Add a formula."""
-        self._parts.append(f'<div class="equation">{mathml}</div>')
+        self.blocks.append(Equation(mathml))
 
     def add_table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-        """Add a table, which scrolls where it is wider than the page."""
-        self._parts.append(f'<div class="scroll">{table_html(header, rows)}</div>')
+        self.blocks.append(Table(header, rows))
 
     def add_figure(self, drawing: Figure, caption: str) -> None:
-        """Add a figure of Matplotlib as SVG, whose lines stay sharp at any size."""
-        buffer = io.StringIO()
-        drawing.savefig(buffer, format="svg", metadata={"Date": None})
-        svg = buffer.getvalue()
-        svg = svg[svg.index("<svg") :]
-        label = _escape(caption)
-        # On a phone the figure keeps a width at which its letters can be read, and scrolls.
-        look = f"--least:{_least_readable_width(drawing):.0f}px"
-        svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}" style="{look}"', 1)
-        self._parts.append(f"<figure>{svg}<figcaption>{_escape(caption)}</figcaption></figure>")
+        self.blocks.append(Picture(lambda: drawing, caption))
 
     def add_footer(self, words: str) -> None:
-        """Add small letters at the end of the page."""
-        self._parts.append(f"<footer>{_escape(words)}</footer>")
+        self.footer = words
 
     def to_html(self) -> str:
-        """HTML of the whole page, as one text."""
-        body = "\n".join(self._parts)
-        return (
-            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>{_escape(self.title)}</title>\n<style>{_STYLE}</style></head>\n"
-            f"<body>\n{body}\n</body></html>\n"
-        )
+        return page_html(Page(self.title, self.lead, self.blocks, self.footer))
 
     def save(self, path: str | Path) -> None:
-        """Write the page to an HTML file."""
         write_text(Path(path), self.to_html())
 
 
@@ -191,8 +213,3 @@ class InteractivePage:
     def save(self, path: str | Path) -> None:
         """Write the page to an HTML file."""
         write_text(Path(path), self.page)
-
-
-def format_number(value: float, digits: int = 4) -> str:
-    """Format a number for a table."""
-    return f"{value:.{digits}g}"

@@ -22,7 +22,7 @@ from granular.linear.equilibrium import settled_state
 from granular.run.simulation import simulate
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.text_tables import align_columns
+from granular.shared.terminal import align_columns
 
 if TYPE_CHECKING:
     from jaxtyping import Float

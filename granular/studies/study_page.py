@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.blocks import format_number
+from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import figure, figure_label, line_style
 from granular.shared.version import versions
 from granular.studies.sweep import Study

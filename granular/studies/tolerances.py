@@ -23,7 +23,7 @@ from granular.linear.roots import Root, refine_root, require_free_piston
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.progress_bars import progress_bar
-from granular.shared.text_tables import align_columns
+from granular.shared.terminal import align_columns
 from granular.studies.bed_slopes import settled_beds
 from granular.studies.tolerance_parts import Part, move_parts, read_parts
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.scene.scene import Scene
+from granular.shared.blocks import format_number
 from granular.shared.files import write_json
-from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
 from reduced_models.designs.damper import ASPECT, DIAMETER, DamperCandidate, PredictedFigures

@@ -15,7 +15,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import quote
-from granular.shared.text_tables import align_columns
+from granular.shared.terminal import align_columns
 from reduced_models.falls.predicted_law import predict_bed_parameters
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, FitOptions

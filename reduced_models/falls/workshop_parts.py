@@ -14,7 +14,7 @@ from granular.parts.grades import GRADES, Grade
 from granular.parts.liquids import find_liquid
 from granular.parts.plates import bow_of_plate
 from granular.schema.natural_units import Scales
-from granular.shared.html_pages import format_number
+from granular.shared.blocks import format_number
 
 if TYPE_CHECKING:
     from granular.linear.equilibrium import Equilibrium

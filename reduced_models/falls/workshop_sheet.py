@@ -17,8 +17,9 @@ from granular.linear.friction import names_friction
 from granular.parts.grades import GRADES, REMANENCE_SLOPE
 from granular.parts.liquids import silicone_oil_viscosity_ratio
 from granular.scene.scene import Scene
+from granular.shared.blocks import format_number
 from granular.shared.errors import InputError
-from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
 from granular.studies.tolerance_page import add_tolerances

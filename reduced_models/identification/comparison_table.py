@@ -7,8 +7,9 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from granular.shared.blocks import Table, Text
 from granular.shared.message_text import format_factor
-from granular.shared.text_tables import align_columns
+from granular.shared.terminal import align_columns
 from reduced_models.fitting.roll_out import RollOut
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
@@ -199,6 +200,11 @@ class Comparison:
             lines.append((row.name, *cells))
         return lines
 
+    @property
+    def table(self) -> Table:
+        """Table of the laws, the best first."""
+        return Table(self.header, self.cells())
+
     @staticmethod
     def _errors_by_part(row: ComparisonRow) -> list[str]:
         """Errors of a law on held-out cycles and on each held-out record."""
@@ -294,15 +300,14 @@ class Comparison:
         return f"Comparison of {len(self.rows)} laws, the best first: {names}\n  {self.verdict}"
 
     def _repr_html_(self) -> str:
+        from granular.shared.html_pages import blocks_html
 
-        from granular.shared import html_pages
-
-        return html_pages.table_html(self.header, self.cells()) + html_pages.paragraph_html(self.verdict)
+        return blocks_html([self.table, Text(self.verdict)])
 
     def _repr_latex_(self) -> str:
-        from granular.shared.text_tables import latex_array
+        from granular.shared.terminal import latex_array
 
-        return latex_array(self.cells(), self.header)
+        return latex_array(self.table)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Make a table of the laws with numbers, where `cells` has texts.

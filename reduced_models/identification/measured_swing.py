@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
+from granular.shared.blocks import format_number
 from granular.shared.errors import GranularError, RecordError
-from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure, figure_label, label_log_axis_plainly
 from reduced_models.laws.equation import compile_rates
 from reduced_models.models.at_rest import EngineeringUnits, signal_units

@@ -8,8 +8,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 from granular.run.record_source import RecordSource
+from granular.shared.blocks import format_number
 from granular.shared.command_line import current_command
-from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.html_pages import HtmlPage
 from granular.shared.message_text import format_factor
 from granular.shared.version import versions
 from reduced_models.identification.comparison_table import Comparison

@@ -10,7 +10,8 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.scene.bed_drawing import draw_bed
-from granular.shared.html_pages import HtmlPage, format_number
+from granular.shared.blocks import format_number
+from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, figure_label, line_style
 from reduced_models.falls.unseen_fall_scores import DropScores
 from reduced_models.identification.comparison_table import Comparison

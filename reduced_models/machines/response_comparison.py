@@ -11,9 +11,10 @@ import numpy as np
 
 from granular.response.report_page import PageComparison, response_page
 from granular.response.response import FrequencyResponse
+from granular.shared.blocks import format_number
 from granular.shared.errors import InputError
-from granular.shared.html_pages import HtmlPage, format_number
-from granular.shared.text_tables import align_columns
+from granular.shared.html_pages import HtmlPage
+from granular.shared.terminal import align_columns
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.machines.response import predicted_response
 

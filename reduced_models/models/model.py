@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
+from granular.shared.blocks import Equation, Printout
 from granular.shared.errors import InputError
 from granular.shared.files import write_json
 from granular.shared.message_text import quote, sanitize
@@ -240,11 +241,12 @@ class ReducedModel(PrintedModel):
         )
 
     def _repr_html_(self) -> str:
-        from granular.shared.html_pages import preformatted_html
+        from granular.shared.html_pages import blocks_html
         from reduced_models.laws.printing import mathml, mathml_of_rate
 
         rates = [mathml_of_rate(name, rate) for name, rate in self.printed_hidden_rates.items()]
-        return f"{'<br>'.join([mathml(self.printed_equation), *rates])}{preformatted_html(self)}"
+        formulas = map(Equation, (mathml(self.printed_equation), *rates))
+        return blocks_html([*formulas, Printout(repr(self))])
 
     def _repr_latex_(self) -> str:
         return f"$${self.fitted_latex}$$"

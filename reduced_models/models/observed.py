@@ -12,7 +12,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from granular.shared.text_tables import align_columns
+from granular.shared.terminal import align_columns
 from reduced_models.laws.solution import observed_signal, solve_law
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.harmonic_cycle import HarmonicCycle

@@ -11,8 +11,8 @@ import math
 import textwrap
 from collections.abc import Mapping, Sequence
 
-from granular.shared.html_pages import format_number
-from granular.shared.text_tables import align_columns
+from granular.shared.blocks import format_number
+from granular.shared.terminal import align_columns
 from reduced_models.models.quantities import (
     DAMPING_RATIO,
     ERROR_SOURCES,

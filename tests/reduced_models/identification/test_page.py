@@ -75,7 +75,7 @@ def test_no_name_breaks_a_report_or_lets_anything_through() -> None:
     for make in (Identification.page, lambda one: comparison_page(one.comparison)):
         page = make(found(HOSTILE)).to_html()
         page.encode("utf-8")
-        assert "<script" not in page
+        assert page.count("<script") == 1  # its own, that sorts tables
         assert "<img src=x" not in page
         assert all(sign.isprintable() or sign in "\n\t" for sign in page)
         assert "&lt;script&gt;" in page

@@ -1,0 +1,72 @@
+"""Blocks by which results are shown: plain data, rendered for a page, a terminal and a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Heading(NamedTuple):
+    """Heading of a section."""
+
+    words: str
+
+
+class Text(NamedTuple):
+    """A paragraph."""
+
+    words: str
+
+
+class Caution(NamedTuple):
+    """A paragraph that must not be overlooked."""
+
+    words: str
+
+
+class Items(NamedTuple):
+    """A list of short texts."""
+
+    items: Sequence[str]
+
+
+class Table(NamedTuple):
+    """Rows of cells below a header."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[object]]
+
+
+class Printout(NamedTuple):
+    """Lines in letters of one width, such as a scene's text."""
+
+    words: str
+
+
+class Equation(NamedTuple):
+    """A formula as MathML."""
+
+    mathml: str
+
+
+class Picture(NamedTuple):
+    """A figure, drawn when a page needs it."""
+
+    draw: Callable[[], Figure]
+    caption: str
+
+
+Block = Heading | Text | Caution | Items | Table | Printout | Equation | Picture
+
+
+def cautions(texts: Iterable[str]) -> list[Block]:
+    """Make a caution of each text."""
+    return [Caution(words) for words in texts]
+
+
+def format_number(value: float, digits: int = 4) -> str:
+    """Format a number for a table."""
+    return f"{value:.{digits}g}"

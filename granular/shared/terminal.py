@@ -1,0 +1,83 @@
+"""Blocks for a terminal, and as plain text for files and pipes; tables as LaTeX for printed notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TextIO
+
+from granular.shared.blocks import Block, Caution, Heading, Items, Printout, Table, Text
+from granular.shared.message_text import printable
+
+_SIGNS = {sign: f"\\{sign}" for sign in "{}$&#%_"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
+
+
+def align_columns(rows: Sequence[Sequence[str]]) -> str:
+    """Align rows of texts in columns that are as wide as their widest text."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def blocks_text(blocks: Iterable[Block]) -> str:
+    """Write blocks as plain text; pictures and formulas are left to pages."""
+    return "\n".join(text for text in map(block_text, blocks) if text)
+
+
+def block_text(block: Block) -> str:
+    """Write a block as plain text."""
+    match block:
+        case Heading(words):
+            return f"\n{words}"
+        case Text(words) | Printout(words):
+            return words
+        case Caution(words):
+            return f"caution: {words}"
+        case Items(items):
+            return "\n".join(f"  {words}" for words in items)
+        case Table(header, rows):
+            cells = [tuple(map(str, row)) for row in rows]
+            return align_columns([tuple(header), *cells] if any(header) else cells) if cells else ""
+        case _:
+            return ""
+
+
+def print_blocks(blocks: Iterable[Block], stream: TextIO) -> None:
+    """Print blocks; on a terminal their tables are ruled, and broken to its width."""
+    for block in blocks:
+        if isinstance(block, Table) and stream.isatty():
+            _print_table(block, stream)
+        elif text := block_text(block):
+            print(printable(text), file=stream)
+
+
+def _print_table(table: Table, stream: TextIO) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table as RuledTable
+    from rich.text import Text as PlainText
+
+    ruled = RuledTable(*map(escape, table.header), box=box.SIMPLE, show_header=any(table.header))
+    for row in table.rows:
+        ruled.add_row(*(PlainText(printable(cell)) for cell in row))
+    Console(file=stream).print(ruled)
+
+
+def latex_inline_text(text: object) -> str:
+    """Format a text for use inside of a formula."""
+    return r"\text{" + "".join(_SIGNS.get(sign, sign) for sign in printable(text)) + "}"
+
+
+def latex_array(table: Table) -> str:
+    """Format a table as a displayed LaTeX array, flush left."""
+    lines = [" & ".join(map(latex_inline_text, row)) + r" \\" for row in table.rows]
+    if table.header:
+        lines = [" & ".join(map(latex_inline_text, table.header)) + r" \\ \hline", *lines]
+    body = "\n".join(lines)
+    columns = "l" * max(map(len, table.rows), default=1)
+    return f"$$\\begin{{array}}{{{columns}}}\n{body}\n\\end{{array}}$$"
+
+
+def latex_lines(lines: str) -> str:
+    """Format a text of a few lines as a displayed LaTeX array."""
+    return latex_array(Table((), [[line] for line in lines.splitlines()]))
