@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from benchmarks.compression import PUBLISHED
 from benchmarks.sums import exponent
-from granular.shared.html_pages import HtmlPage
+from granular.shared.blocks import Block, Heading, Picture, Table, cautions
+from granular.shared.html_pages import Page
 from granular.shared.plotting import figure
+from granular.shared.terminal import block_text
 from validation.report_tasks import FAILED, Plain
-from validation.text_tables import TextTable, text_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LINEAR_FROM = 1000
 """Grains from which the growth of the time is fitted."""
@@ -257,8 +262,8 @@ def growth(parts: Mapping[str, Sequence[Plain]]) -> list[dict[str, Any]]:
     return result
 
 
-def _table(sheet: Sheet, rows: Sequence[Row]) -> TextTable:
-    return text_table(
+def _table(sheet: Sheet, rows: Sequence[Row]) -> Table:
+    return Table(
         [header for header, _ in sheet.columns], [[cell(row) for _, cell in sheet.columns] for row in rows]
     )
 
@@ -277,7 +282,7 @@ def benchmark_text(result: Mapping[str, Any]) -> str:
     lines = []
     for sheet, rows, failures in _sections(result):
         if rows or failures:
-            lines += [sheet.title, _table(sheet, rows).text() if rows else "", *failures, ""]
+            lines += [sheet.title, block_text(_table(sheet, rows)) if rows else "", *failures, ""]
     lines += [f"not measured: {item['what']}: {item['why']}" for item in result["missing"]]
     return "\n".join([*lines, _machine(result)])
 
@@ -286,29 +291,32 @@ def _machine(result: Mapping[str, Any]) -> str:
     return ", ".join(f"{key} {value}" for key, value in result["machine"].items())
 
 
-def page(result: Mapping[str, Any]) -> HtmlPage:
+def page(result: Mapping[str, Any]) -> Page:
     """The page."""
-    shown = HtmlPage("Speed", "Least times of several, taken in turn; all of a table in one run.")
-    for sheet, rows, failures in _sections(result):
-        if rows or failures:
-            shown.add_section(sheet.title)
-            for words in failures:
-                shown.add_warning(words)
-        if rows:
-            made = _table(sheet, rows)
-            shown.add_table(made.header, made.rows)
-            _draw(shown, sheet, rows)
-    for item in result["missing"]:
-        shown.add_warning(f"Not measured: {item['what']}: {item['why']}.")
     when = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     kind = "full" if result["full"] else "quick"
-    shown.add_footer(f"Made on {when} ({kind}) with {_machine(result)}")
-    return shown
+    return Page(
+        "Speed",
+        "Least times of several, taken in turn; all of a table in one run.",
+        tuple(_blocks(result)),
+        f"Made on {when} ({kind}) with {_machine(result)}",
+    )
 
 
-def _draw(shown: HtmlPage, sheet: Sheet, rows: Sequence[Row]) -> None:
-    if sheet.label is None:
-        return
+def _blocks(result: Mapping[str, Any]) -> Iterator[Block]:
+    for sheet, rows, failures in _sections(result):
+        if rows or failures:
+            yield Heading(sheet.title)
+            yield from cautions(failures)
+        if rows:
+            yield _table(sheet, rows)
+            if sheet.label is not None:
+                yield Picture(partial(_draw, sheet, rows), sheet.title)
+    yield from cautions(f"Not measured: {item['what']}: {item['why']}." for item in result["missing"])
+
+
+def _draw(sheet: Sheet, rows: Sequence[Row]) -> Figure:
+    assert sheet.label is not None
     with figure() as (drawing, axes):
         for name in dict.fromkeys(row[sheet.label] for row in rows):
             chosen = [row for row in rows if row[sheet.label] == name]
@@ -317,4 +325,4 @@ def _draw(shown: HtmlPage, sheet: Sheet, rows: Sequence[Row]) -> None:
         axes.set_xlabel("grains")
         axes.set_ylabel("time [us]")
         axes.legend(fontsize=7)
-        shown.add_figure(drawing, sheet.title)
+        return drawing

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,13 +16,13 @@ from granular.linear.plots import (
 )
 from granular.linear.response import dynamic_stiffness, transmissibility
 from granular.linear.small_motions import DRY_FRICTION, SmallMotions, slope_rows
-from granular.shared.blocks import format_number
-from granular.shared.html_pages import HtmlPage
+from granular.shared.blocks import Block, Caution, Heading, Picture, Printout, Table, Text, format_number
+from granular.shared.html_pages import Page
 from granular.shared.plotting import READABLE, figure
-from granular.shared.version import versions
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
+    from jaxtyping import Float, Int
+    from matplotlib.figure import Figure
 
 POINTS, FEW_POINTS = 80, 12
 """Frequencies of a curve; fewer of beds whose matrices are not full, which take seconds a frequency."""
@@ -33,38 +35,61 @@ LISTED = 12
 """Modes that are drawn, and rows of the table of the lowest ones."""
 
 
-def modes_page(motions: SmallMotions) -> HtmlPage:
+def modes_page(motions: SmallMotions) -> Page:
     """Page of small motions: figures, modes on the bed, their density, curves and slopes."""
     rest = motions.rest
     root, scene = motions.roots[0], rest.scene
     assert rest.piston_height is not None
-    page = HtmlPage(
+    return Page(
         f"Small motions of scene {scene.name!r}",
         f"{scene.grains.count} magnets at equilibrium at {1e3 * rest.piston_height:.6g} mm: "
         f"{root.frequency:.6g} Hz without damping, damping ratio {100.0 * root.damping_ratio:.4g} %. "
         "Nothing is fitted: all follows from forces about the equilibrium, and holds for small amplitudes.",
+        tuple(_blocks(motions)),
     )
+
+
+def _blocks(motions: SmallMotions) -> Iterator[Block]:
+    rest = motions.rest
     if rest.frictionless:
-        page.add_warning(f"{DRY_FRICTION[0].upper()}{DRY_FRICTION[1:]}.")
+        yield Caution(f"{DRY_FRICTION[0].upper()}{DRY_FRICTION[1:]}.")
     if not rest.is_stable:
-        page.add_warning("The equilibrium is not stable: some small displacement lowers the energy.")
-    page.add_preformatted(str(motions).split("\n  d ln")[0])
-    _add_modes(page, motions)
-    _add_curves(page, motions)
-    page.add_section("What a percent changes")
-    page.add_table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), slope_rows(motions))
+        yield Caution("The equilibrium is not stable: some small displacement lowers the energy.")
+    yield Printout(str(motions).split("\n  d ln")[0])
+    yield from _modes(motions)
+    yield from _curves(motions)
+    yield Heading("What a percent changes")
+    yield Table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), slope_rows(motions))
     spread = "" if motions.deviation is None else " Means over settled beds, ± standard deviation."
-    page.add_paragraph(f"Each number is changed alone, and the bed stays the same packing.{spread}")
-    page.add_section("Scene")
-    page.add_preformatted(scene.to_toml())
-    page.add_footer("Made with " + ", ".join(f"{name} {value}" for name, value in versions().items()))
-    return page
+    yield Text(f"Each number is changed alone, and the bed stays the same packing.{spread}")
+    yield Heading("Scene")
+    yield Printout(rest.scene.to_toml())
 
 
-def _add_modes(page: HtmlPage, motions: SmallMotions) -> None:
-    page.add_section("Modes")
-    rest, modes = motions.rest, motions.modes
+def _modes(motions: SmallMotions) -> Iterator[Block]:
+    yield Heading("Modes")
+    modes = motions.modes
     largest = np.argsort(-motions.participation)[:MODES]
+    yield Picture(
+        partial(_draw_modes, motions, largest),
+        "Displacements of grains and piston, the longest 1.5 diameters: in the piston's first root (the real "
+        "part; the piston's arrow stands at the middle) and in the normal modes without damping in which the "
+        "piston takes part most.",
+    )
+    all_modes = motions.rest.pencil.has_all_modes
+    part = "" if all_modes else " Only the lowest modes of this large bed are computed."
+    yield Picture(
+        partial(_draw_density, motions), f"Density of states: {len(modes.frequencies)} normal modes.{part}"
+    )
+    rows = sorted({*range(min(LISTED, len(modes.frequencies))), *largest.tolist()})
+    yield Table(
+        ("mode", "frequency [Hz]", "part of the piston's motion"),
+        [[k + 1, format_number(modes.frequencies[k], 6), f"{motions.participation[k]:.5f}"] for k in rows],
+    )
+
+
+def _draw_modes(motions: SmallMotions, largest: Int[np.ndarray, "m"]) -> Figure:
+    rest, modes = motions.rest, motions.modes
     shapes = [
         (f"root, {motions.roots[0].frequency:.4g} Hz", motions.roots[0].shape),
         *((f"mode {k + 1}, {modes.frequencies[k]:.4g} Hz", modes.shapes[:, k]) for k in largest),
@@ -75,35 +100,31 @@ def _add_modes(page: HtmlPage, motions: SmallMotions) -> None:
         for axes, (title, shape) in zip(panels, shapes, strict=True):
             plot_mode(rest, shape, axes)
             axes.set_title(title)
-        page.add_figure(
-            drawing,
-            "Displacements of grains and piston, the longest 1.5 diameters: in the piston's first root (the "
-            "real part; the piston's arrow stands at the middle) and in the normal modes without damping in "
-            "which the piston takes part most.",
-        )
+        return drawing
+
+
+def _draw_density(motions: SmallMotions) -> Figure:
     with figure(size=READABLE) as (drawing, axes):
-        plot_density_of_states(modes, axes)
-        part = "" if rest.pencil.has_all_modes else " Only the lowest modes of this large bed are computed."
-        page.add_figure(drawing, f"Density of states: {len(modes.frequencies)} normal modes.{part}")
-    rows = sorted({*range(min(LISTED, len(modes.frequencies))), *largest.tolist()})
-    page.add_table(
-        ("mode", "frequency [Hz]", "part of the piston's motion"),
-        [[k + 1, format_number(modes.frequencies[k], 6), f"{motions.participation[k]:.5f}"] for k in rows],
+        plot_density_of_states(motions.modes, axes)
+        return drawing
+
+
+def _curves(motions: SmallMotions) -> Iterator[Block]:
+    yield Heading("Response to a small harmonic motion")
+    yield Picture(
+        partial(_draw_curves, motions),
+        "Above: displacement of the piston over the displacement of the base, which moves up and down. "
+        "Below: force on the piston over its displacement, with all inertia.",
     )
 
 
-def _add_curves(page: HtmlPage, motions: SmallMotions) -> None:
-    page.add_section("Response to a small harmonic motion")
+def _draw_curves(motions: SmallMotions) -> Figure:
     rest, frequencies = motions.rest, curve_frequencies(motions)
     with figure(2, 1, height=6.4, size=READABLE, sharex=True) as (drawing, both):
         plot_transmissibility(frequencies, transmissibility(rest, frequencies), both[0])
         plot_dynamic_stiffness(frequencies, dynamic_stiffness(rest, frequencies), both[1])
         both[0].set_xlabel("")
-        page.add_figure(
-            drawing,
-            "Above: displacement of the piston over the displacement of the base, which moves up and down. "
-            "Below: force on the piston over its displacement, with all inertia.",
-        )
+        return drawing
 
 
 def curve_frequencies(motions: SmallMotions) -> Float[np.ndarray, "f"]:

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from granular.response.response import FrequencyResponse
 from granular.response.transients import sweep_rate_at_peak
-from granular.shared.blocks import format_number
-from granular.shared.html_pages import HtmlPage
+from granular.shared.blocks import Block, Caution, Heading, Picture, Printout, Table, Text, format_number
+from granular.shared.html_pages import Page, made_with
 from granular.shared.plotting import COLOURS, READABLE, figure, label_log_axis_plainly
-from granular.shared.version import versions
 
 if TYPE_CHECKING:
     import xarray
     from jaxtyping import Float
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 UNSTEADY = 0.05
 """Change of the amplitude, while it is taken, from which on a note says so."""
@@ -45,29 +45,32 @@ class PageComparison:
 
 def response_page(
     response: FrequencyResponse, comparison: PageComparison | None = None, missing: str = ""
-) -> HtmlPage:
+) -> Page:
     """Report of a response as an HTML page: the curves, the peaks, the damper's part and the settings."""
-    page = HtmlPage(f"The response of scene {response.scene.name!r}", peak_summary_sentence(response))
-    _add_curves(page, response, comparison)
+    return Page(
+        f"The response of scene {response.scene.name!r}",
+        peak_summary_sentence(response),
+        tuple(_blocks(response, comparison, missing)),
+        made_with(("matplotlib", "scipy", "xarray")),
+    )
+
+
+def _blocks(response: FrequencyResponse, comparison: PageComparison | None, missing: str) -> Iterator[Block]:
+    yield Picture(partial(_draw_curves, response, comparison), _curve_caption(response, comparison))
     if "no_linear" in response.dataset.attrs:
-        page.add_paragraph(f"No curve of small motions: {response.dataset.attrs['no_linear']}.")
-    _add_peak_table(page, response)
-    add_steadiness_notes(page, response)
+        yield Text(f"No curve of small motions: {response.dataset.attrs['no_linear']}.")
+    yield from _peak_table(response)
+    yield from steadiness_notes(response)
     if comparison is not None:
-        page.add_section(comparison.title)
-        page.add_table(comparison.header, comparison.rows)
-        page.add_paragraph(comparison.words)
-        for words in comparison.notes:
-            page.add_warning(words)
+        yield Heading(comparison.title)
+        yield Table(comparison.header, comparison.rows)
+        yield Text(comparison.words)
+        yield from map(Caution, comparison.notes)
     elif missing:
-        page.add_warning(missing)
-    add_damper_section(page, response)
-    add_energy_section(page, response)
-    _add_settings(page, response)
-    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    made = versions(("matplotlib", "scipy", "xarray"))
-    page.add_footer(f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in made.items()))
-    return page
+        yield Caution(missing)
+    yield from damper_section(response)
+    yield from energy_section(response)
+    yield from _settings(response)
 
 
 def peak_summary_sentence(response: FrequencyResponse) -> str:
@@ -85,7 +88,7 @@ def peak_summary_sentence(response: FrequencyResponse) -> str:
     )
 
 
-def _add_curves(page: HtmlPage, response: FrequencyResponse, comparison: PageComparison | None) -> None:
+def _draw_curves(response: FrequencyResponse, comparison: PageComparison | None) -> Figure:
     with figure(height=5.4, size=READABLE) as (drawing, axes):
         response.plot(axes)
         axes.get_legend().remove()
@@ -109,7 +112,7 @@ def _add_curves(page: HtmlPage, response: FrequencyResponse, comparison: PageCom
             loc="outside upper left",
             ncols=1 if len(words) + len(names) < 4 else 2,
         )
-        page.add_figure(drawing, _curve_caption(response, comparison))
+        return drawing
 
 
 def _draw_comparison_curves(
@@ -143,8 +146,8 @@ def _curve_caption(response: FrequencyResponse, comparison: PageComparison | Non
     return f"{words}."
 
 
-def _add_peak_table(page: HtmlPage, response: FrequencyResponse) -> None:
-    page.add_section("The peaks")
+def _peak_table(response: FrequencyResponse) -> Iterator[Block]:
+    yield Heading("The peaks")
     rows = response.peaks()
     head = [_NAMES[response.quantity][0], "at [Hz]", "peak [mm]"]
     keys = ["alone", "ideal"] if "alone" in rows[0] else []
@@ -159,28 +162,28 @@ def _add_peak_table(page: HtmlPage, response: FrequencyResponse) -> None:
         ]
         for row in rows
     ]
-    page.add_table(head, cells)
+    yield Table(head, cells)
     if keys:
-        page.add_paragraph(
+        yield Text(
             "Alone is the machine without the damper; ideal is Den Hartog's tuned mass of the "
             "damper's weight, on a spring and a dashpot of the best size. Both are exact, and "
             "taken between the lowest and the highest frequency above."
         )
         curve = response.linear_curves(rows[-1]["amplitude"])["alone"]
         if int(curve.argmax()) in (0, len(curve) - 1):
-            page.add_warning(
+            yield Caution(
                 "The machine alone swings most outside of these frequencies: how many times the "
                 "damper lowers its peak is shown by a response that reaches further."
             )
 
 
-def add_steadiness_notes(page: HtmlPage, response: FrequencyResponse) -> None:
-    """Add notes on swings that are not steady, and on a sweep that was too fast, to a page."""
+def steadiness_notes(response: FrequencyResponse) -> Iterator[Block]:
+    """Cautions on oscillations that are not steady, and on a sweep that was too fast."""
     data = response.dataset
     rate = sweep_rate_at_peak(response)
     if rate is not None and rate > MAX_SWEEP_RATE:
         wanted = response.settings["duration"] * rate / (0.5 * MAX_SWEEP_RATE)
-        page.add_warning(
+        yield Caution(
             f"The sweep was too fast for the peak: its frequency changes {rate:.2g} times as fast "
             f"as the machine with its damper can follow. Give a sweep of {wanted:.0f} s or more, "
             "or steady sines."
@@ -189,7 +192,7 @@ def add_steadiness_notes(page: HtmlPage, response: FrequencyResponse) -> None:
         return
     worst = data.unsteady.where(data.unsteady == data.unsteady.max(), drop=True)
     if float(worst.max()) > UNSTEADY:
-        page.add_warning(
+        yield Caution(
             f"Not all swings are steady. {amplitude_phrase(response, float(worst.amplitude[0]))}, "
             f"at {float(worst.frequency[0]):.4g} Hz, the amplitude still changes "
             f"by {100.0 * float(worst.max()):.2g} % while it is taken. Where that matters, "
@@ -197,8 +200,8 @@ def add_steadiness_notes(page: HtmlPage, response: FrequencyResponse) -> None:
         )
 
 
-def _add_settings(page: HtmlPage, response: FrequencyResponse) -> None:
-    page.add_section("Settings")
+def _settings(response: FrequencyResponse) -> Iterator[Block]:
+    yield Heading("Settings")
     rows = [("time step", str(response.settings.get("dt", "not told")))]
     sweep, lasts = response.settings.get("sweep"), response.settings.get("duration")
     if sweep is not None:
@@ -208,10 +211,10 @@ def _add_settings(page: HtmlPage, response: FrequencyResponse) -> None:
     elif lasts is not None:
         rows.append(("each sine acts for", f"{lasts:g} s, of which the last 0.4 are taken"))
     rows.append(("frequencies", str(response.dataset.sizes["frequency"])))
-    page.add_table(("setting", "value"), rows)
+    yield Table(("setting", "value"), rows)
     if table_frequency_count(response) < response.dataset.sizes["frequency"]:
-        page.add_paragraph("The tables show some of the frequencies; response.csv holds all.")
-    page.add_preformatted(response.scene.to_toml())
+        yield Text("The tables show some of the frequencies; response.csv holds all.")
+    yield Printout(response.scene.to_toml())
 
 
 def _format_in_mm(metres: float) -> str:
@@ -231,27 +234,31 @@ LOSSES = {
 }
 
 
-def add_damper_section(page: HtmlPage, response: FrequencyResponse) -> None:
-    """Add tables and pictures of what the damper is to the machine, over frequency and displacement."""
-    page.add_section("The swings, and what the damper is to the machine")
+def damper_section(response: FrequencyResponse) -> Iterator[Block]:
+    """Tables and pictures of what the damper is to the machine, over frequency and displacement."""
+    yield Heading("The swings, and what the damper is to the machine")
     data = response.dataset
     if "added_damping" in data:
-        _add_equivalent_damping_figure(page, response)
-        page.add_paragraph(
+        yield Picture(
+            partial(_draw_equivalent_damping, response),
+            "Damping and stiffness that the damper adds to the machine, over the machine's displacement: a "
+            "point a frequency. A linear damper has the same values at all amplitudes of one frequency.",
+        )
+        yield Text(
             "What the damper adds to the machine is the mass, and the dashpot, that would leave it "
             "the same displacement. The added stiffness is the added mass, times -omega². The loss "
             "factor is the power that the damper takes over that which swings to and fro; where "
             "next to nothing swings, it is large and says little."
         )
     for size in data.amplitude.values.tolist():
-        _add_swing_table(page, response, size)
+        yield from _swing_table(response, size)
     words = "Piston is the amplitude of the piston over the cell"
     if "unsteady" in data:
         words += "; unsteady says by how much the machine's amplitude changes while it is taken"
-    page.add_paragraph(f"{words}.")
+    yield Text(f"{words}.")
 
 
-def _add_equivalent_damping_figure(page: HtmlPage, response: FrequencyResponse) -> None:
+def _draw_equivalent_damping(response: FrequencyResponse) -> Figure:
     with figure(2, 1, height=6.4, size=READABLE, sharex=True) as (drawing, both):
         for k, size in enumerate(response.dataset.amplitude.values.tolist()):
             part = response.dataset.sel(amplitude=size)
@@ -262,15 +269,10 @@ def _add_equivalent_damping_figure(page: HtmlPage, response: FrequencyResponse) 
         both[0].set_ylabel("added damping [kg/s]")
         both[1].set(ylabel="stiffness [kN/m]", xlabel="displacement of the machine [mm]")
         drawing.legend(loc="outside upper left", ncols=2)
-        page.add_figure(
-            drawing,
-            "Damping and stiffness that the damper adds to the machine, over the machine's "
-            "displacement: a point a frequency. A linear damper has the same values at all "
-            "amplitudes of one frequency.",
-        )
+        return drawing
 
 
-def _add_swing_table(page: HtmlPage, response: FrequencyResponse, size: float) -> None:
+def _swing_table(response: FrequencyResponse, size: float) -> Iterator[Block]:
     part, diameter = response_at_table_frequencies(response, size), response.scene.grains.species[0].diameter
     columns = {
         "Hz": (part.frequency, 1.0, 4),
@@ -287,8 +289,8 @@ def _add_swing_table(page: HtmlPage, response: FrequencyResponse, size: float) -
         for head, (values, scale, digits) in columns.items()
         if values is not None
     }
-    page.add_paragraph(f"{amplitude_phrase(response, size)}:")
-    page.add_table(tuple(known), list(zip(*known.values(), strict=True)))
+    yield Text(f"{amplitude_phrase(response, size)}:")
+    yield Table(tuple(known), list(zip(*known.values(), strict=True)))
 
 
 def _format_table_number(value: float, digits: int) -> str:
@@ -299,11 +301,11 @@ def _format_table_number(value: float, digits: int) -> str:
     return f"{value:.{decimals}f}"
 
 
-def add_energy_section(page: HtmlPage, response: FrequencyResponse) -> None:
-    """Add tables of the energies that are taken in a period, at each amplitude, to a page."""
+def energy_section(response: FrequencyResponse) -> Iterator[Block]:
+    """Tables of the energies that are taken in a period, at each amplitude."""
     if "work_a_period" not in response.dataset:
         return
-    page.add_section("Where the energy of a period goes")
+    yield Heading("Where the energy of a period goes")
     for size in response.dataset.amplitude.values.tolist():
         part = response_at_table_frequencies(response, size)
         losses = energy_losses_per_period(part)
@@ -316,9 +318,9 @@ def add_energy_section(page: HtmlPage, response: FrequencyResponse) -> None:
             ]
             for k, f in enumerate(part.frequency.values)
         ]
-        page.add_paragraph(f"{amplitude_phrase(response, size)}:")
-        page.add_table(head, rows)
-    page.add_paragraph(
+        yield Text(f"{amplitude_phrase(response, size)}:")
+        yield Table(head, rows)
+    yield Text(
         "Work is what shakes the machine does in a period, the others are where it goes. Affine "
         "drag is that of grains which follow the piston evenly, a third of them at its speed; "
         "rearranging is all drag beyond that, of grains that change their places, and below 0 "

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.blocks import format_number
-from granular.shared.html_pages import HtmlPage
+from granular.shared.blocks import Block, Heading, Items, Picture, Table, Text, format_number
+from granular.shared.html_pages import Page
 from granular.shared.plotting import figure, figure_label, line_style
-from granular.shared.version import versions
 from granular.studies.sweep import Study
 
 if TYPE_CHECKING:
@@ -23,40 +24,72 @@ _SEED = "arrangement.seed"
 """Random starts are repetitions, not an axis."""
 
 
-def study_page(study: Study) -> HtmlPage:
+def study_page(study: Study) -> Page:
     """Page of a study: what is varied, its figures over that, and the table [SI]."""
+    varied = ", ".join(study.varied) or "nothing"
+    return Page(
+        f"Study of {study.cases[0].scene.name}",
+        f"{len(study.table)} cases, varied in {varied}, {_end_time_text(study)}. All values are in SI.",
+        tuple(_blocks(study)),
+    )
+
+
+def _blocks(study: Study) -> Iterator[Block]:
     table, varied = study.table, study.varied
     numbers = table.select_dtypes("number")
     values = numbers.nunique()
     figures = [name for name in numbers if name not in (*varied, *_LAST) and values[name] > 1]
-    page = HtmlPage(
-        f"Study of {study.cases[0].scene.name}",
-        f"{len(table)} cases, varied in {', '.join(varied) or 'nothing'}. All values are in SI.",
-    )
     axes = [name for name in varied if name != _SEED and name in numbers]
     axis = max(axes, key=lambda name: values[name], default=None)
     if axis and figures:
         others = [name for name in varied if name not in (axis, _SEED)]
         shown = figures[:MOST_PANELS]
         left = f" The first {len(shown)} of {len(figures)}." if len(figures) > len(shown) else ""
-        page.add_figure(
-            _draw_figures(study, table, axis, others, shown),
+        yield Picture(
+            partial(_draw_figures, study, table, axis, others, shown),
             f"Figures of the cases over {axis}, lines through the means of repeated cases.{left}",
         )
-    page.add_section("Cases")
-    columns = [name for name in table.columns if name not in _LAST]
-    page.add_table(
+    if _SEED in varied:
+        yield from _repeated_cases(study, figures)
+    yield Heading("Cases")
+    columns = [name for name in table.columns if name not in _LAST[:2]]
+    yield Table(
         ["case", *(_label_with_unit(study, name) for name in columns)],
         [[k, *map(_cell_text, row)] for k, row in enumerate(table[columns].head(MOST_ROWS).to_numpy(), 1)],
     )
     if len(table) > MOST_ROWS:
-        page.add_paragraph(f"The first {MOST_ROWS} of {len(table)} cases; table.csv has all of them.")
+        yield Text(f"The first {MOST_ROWS} of {len(table)} cases; table.csv has all of them.")
     for name, title in (("error", "Cases that failed"), ("warning", "Cases in doubt")):
         if name in table and table[name].notna().any():
-            page.add_section(title)
-            page.add_list(_texts_with_case_numbers(table[name]))
-    page.add_footer("Made with " + ", ".join(f"{name} {value}" for name, value in versions().items()))
-    return page
+            yield Heading(title)
+            yield Items(_texts_with_case_numbers(table[name]))
+
+
+def _end_time_text(study: Study) -> str:
+    ends = {case.settings["t_end"] for case in study.cases}
+    if ends == {None}:
+        return "each run to the end of its stages"
+    return f"run until {', '.join('the end' if end is None else f'{end:g} s' for end in ends)}"
+
+
+def _repeated_cases(study: Study, figures: list[str]) -> Iterator[Block]:
+    """Means of the figures over random starts, ± standard deviation."""
+    others = [name for name in study.varied if name != _SEED]
+    table, groups = study.table, dict[tuple[str, ...], list[int]]()
+    for place, row in enumerate(table[others].to_numpy()):
+        groups.setdefault(tuple(map(_cell_text, row)), []).append(place)
+    rows = [
+        [*values, str(len(places)), *(_mean_text(table[name].iloc[places]) for name in figures)]
+        for values, places in groups.items()
+    ]
+    header = [*(_label_with_unit(study, name) for name in (*others, "starts", *figures))]
+    yield Heading("Means over random starts")
+    yield Table(header, rows)
+    yield Text("± is the standard deviation of one start; it says nothing where there is one.")
+
+
+def _mean_text(column: pandas.Series[Any]) -> str:
+    return f"{_cell_text(column.mean())} ± {format_number(column.std(), 2)}"
 
 
 def _texts_with_case_numbers(column: pandas.Series[Any]) -> list[str]:

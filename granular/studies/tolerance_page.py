@@ -2,38 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 from granular.scene.scene import Scene
-from granular.shared.html_pages import HtmlPage
+from granular.shared.blocks import Block, Heading, Picture, Printout, Table, Text
+from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure
-from granular.shared.version import versions
 from granular.studies.tolerances import FIGURES, Tolerances, table_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def tolerances_page(result: Tolerances, scene: Scene) -> HtmlPage:
+def tolerances_page(result: Tolerances, scene: Scene) -> Page:
     """Page of a damper's tolerances."""
-    page = HtmlPage(f"Tolerances of scene {scene.name!r}", f"{len(result.parts)} parts.")
-    add_tolerances(page, result)
-    page.add_section("Scene")
-    page.add_preformatted(scene.to_toml())
-    page.add_footer("Made with " + ", ".join(f"{name} {value}" for name, value in versions().items()))
-    return page
+    blocks = [*tolerance_blocks(result), Heading("Scene"), Printout(scene.to_toml())]
+    return Page(f"Tolerances of scene {scene.name!r}", f"{len(result.parts)} parts.", blocks)
 
 
-def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
-    """Add bars, table and notes to a page."""
-    page.add_section("Tolerances of the parts")
-    page.add_paragraph(
+def tolerance_blocks(result: Tolerances) -> Iterator[Block]:
+    """Bars, table and notes of a damper's tolerances."""
+    yield Heading("Tolerances of the parts")
+    yield Text(
         f"Small motions: {result.means}; {result.summary}. Of dampers built of such parts, about 95 % lie "
         "within twice that. Except in a line 'of the parts', any ± outside of this section is numerical: of "
         "fit, step, and the random packing of the bed, by which built dampers differ too."
     )
-    page.add_figure(
-        _draw_bars(result),
+    yield Picture(
+        partial(_draw_bars, result),
         "Relative standard deviations by each part alone and by all together."
         + " Grey: random starts of the bed, which are not of the parts." * (len(result.figures) > 1),
     )
@@ -43,14 +41,13 @@ def add_tolerances(page: HtmlPage, result: Tolerances) -> None:
         for k, (name, keys) in enumerate(result.largest().items())
         if keys
     )
-    page.add_paragraph(
+    yield Text(
         f"Largest causes: {'; '.join(largest) or 'none'}. Each is one standard deviation, in % of "
         "the figure itself: that of zeta is in % of zeta, not of critical."
     )
     header, *rows = table_rows(result)
-    page.add_table(header, rows)
-    for note in result.notes:
-        page.add_paragraph(note)
+    yield Table(header, rows)
+    yield from map(Text, result.notes)
 
 
 def _draw_bars(result: Tolerances) -> Figure:

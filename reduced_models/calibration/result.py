@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from granular.run.piston_record import PistonRecord
 from granular.scene.scene import Scene
+from granular.shared.blocks import Heading, Picture, Printout, Table, cautions
 from granular.shared.files import write_json
-from granular.shared.html_pages import HtmlPage
+from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, GREY, figure
 from reduced_models.models.quality import ParameterDirection
 from reduced_models.records.sources import make_directory
@@ -163,11 +164,22 @@ class Calibration:
             bottom.margins(y=0.3)
             return drawing
 
-    def page(self) -> HtmlPage:
+    def page(self) -> Page:
         """Calibration as a page."""
-        page = HtmlPage(f"Scene {self.scene.name!r} calibrated", "; ".join(map(str, self.parameters)))
-        for note in (*map(str, self.undetermined), *self.notes):
-            page.add_warning(note)
+        return Page(
+            f"Scene {self.scene.name!r} calibrated",
+            "; ".join(map(str, self.parameters)),
+            [
+                *cautions((*map(str, self.undetermined), *self.notes)),
+                self._parameter_table,
+                Picture(self.plot, "The record, the simulations, and their features."),
+                Heading("The scene"),
+                Printout(self.scene.to_toml()),
+            ],
+        )
+
+    @property
+    def _parameter_table(self) -> Table:
         rows = []
         for item in self.parameters:
             (low, high), parts = item.interval, (item.noise, item.scatter, item.step)
@@ -176,11 +188,7 @@ class Calibration:
             rows.append((item.key, f"{item.value:.6g}", item.unit, interval, f"{item.start:.6g}", *errors))
         interval = f"{100 * self.confidence:g} % interval"
         head = ("number", "value", "unit", interval, "before", "noise [%]", "random starts [%]", "step [%]")
-        page.add_table(head, rows)
-        page.add_figure(self.plot(), "The record, the simulations, and their features.")
-        page.add_section("The scene")
-        page.add_preformatted(self.scene.to_toml())
-        return page
+        return Table(head, rows)
 
     def save(self, out: str | Path) -> None:
         """Write report.html, calibration.json and the calibrated scene.toml."""

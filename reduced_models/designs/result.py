@@ -10,11 +10,10 @@ import numpy as np
 
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.scene.scene import Scene
-from granular.shared.blocks import format_number
+from granular.shared.blocks import Heading, Picture, Printout, Table, cautions, format_number
 from granular.shared.files import write_json
-from granular.shared.html_pages import HtmlPage
+from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, GREY, figure
-from granular.shared.version import versions
 from reduced_models.designs.damper import ASPECT, DIAMETER, DamperCandidate, PredictedFigures
 from reduced_models.designs.target import DesignTarget
 from reduced_models.falls.workshop_sheet import workshop_sheet
@@ -259,17 +258,30 @@ class Design:
             axes.legend()
             return drawing
 
-    def page(self, of_parts: Tolerances | None = None) -> HtmlPage:
+    def page(self, of_parts: Tolerances | None = None) -> Page:
         """Design as a page, with the tolerances of its parts if they are given."""
+        from granular.studies.tolerance_page import tolerance_blocks
+
         chosen, target = self.damper, self.target
-        page = HtmlPage(
+        return Page(
             f"A damper of {target.frequency:g} Hz and damping ratio {target.damping:g}",
             f"A piston of {chosen.mass:.4g} kg on {chosen.grains} grains with a drag of "
             f"{chosen.drag:.4g} kg/s each: simulated, it swings at {self.frequency:.4g} Hz with a "
             f"damping ratio of {self.damping_ratio:.4g}.",
+            [
+                *cautions(self.notes),
+                self._figure_table,
+                self._number_table,
+                Picture(self.plot, "The simulated motions after a lift of 0.2 D."),
+                *(() if of_parts is None else tolerance_blocks(of_parts)),
+                Heading("The scene"),
+                Printout(self.scene.to_toml()),
+            ],
         )
-        for note in self.notes:
-            page.add_warning(note)
+
+    @property
+    def _figure_table(self) -> Table:
+        target = self.target
         shown = (self.promised_figures, *self.checks)
         rows = [
             (words, wanted, *(format_number(getattr(figures, name) / unit) for figures in shown))
@@ -284,9 +296,13 @@ class Design:
             ("error of the energy ledger", "", "", *(format_number(c.ledger, 2) for c in self.checks)),
         ]
         starts = (f"random start {check.seed}" for check in self.checks)
-        page.add_table(("", "wanted", "expected", *starts), rows)
+        return Table(("", "wanted", "expected", *starts), rows)
+
+    @property
+    def _number_table(self) -> Table:
+        chosen = self.damper
         sizes = "grains of 6 and 3.6 mm" if chosen.small_share else "grains of 6 mm"
-        page.add_table(
+        return Table(
             ("number", "value", "unit"),
             [
                 ("mass of the piston", format_number(chosen.mass), "kg"),
@@ -297,17 +313,8 @@ class Design:
                 ("viscosity of the liquid, by Stokes's law", format_number(chosen.viscosity, 3), "Pa s"),
             ],
         )
-        page.add_figure(self.plot(), "The simulated motions after a lift of 0.2 D.")
-        if of_parts is not None:
-            from granular.studies.tolerance_page import add_tolerances
 
-            add_tolerances(page, of_parts)
-        page.add_section("The scene")
-        page.add_preformatted(self.scene.to_toml())
-        page.add_footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
-        return page
-
-    def workshop_sheet_page(self) -> HtmlPage:
+    def workshop_sheet_page(self) -> Page:
         """Sheet to build the damper from."""
         scatter = [
             f"{words}: {low:.4g} to {high:.4g}{unit}, random starts: {len(self.checks)}"

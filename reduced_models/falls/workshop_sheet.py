@@ -6,7 +6,8 @@ Tolerances are those of the settled bed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,12 +18,22 @@ from granular.linear.friction import names_friction
 from granular.parts.grades import GRADES, REMANENCE_SLOPE
 from granular.parts.liquids import silicone_oil_viscosity_ratio
 from granular.scene.scene import Scene
-from granular.shared.blocks import format_number
+from granular.shared.blocks import (
+    Block,
+    Caution,
+    Heading,
+    Items,
+    Picture,
+    Printout,
+    Table,
+    Text,
+    cautions,
+    format_number,
+)
 from granular.shared.errors import InputError
-from granular.shared.html_pages import HtmlPage
+from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, GREY, figure
-from granular.shared.version import versions
-from granular.studies.tolerance_page import add_tolerances
+from granular.studies.tolerance_page import tolerance_blocks
 from granular.studies.tolerance_parts import read_parts, usual_parts
 from granular.studies.tolerances import Tolerances, tolerances_at
 from reduced_models.falls.workshop_parts import GAP_COLUMNS, gap_rows, limit_lines, part_rows, walls_text
@@ -48,7 +59,7 @@ def workshop_sheet(
     lead: str,
     scatter: Sequence[str],
     notes: Sequence[str] = (),
-) -> HtmlPage:
+) -> Page:
     """Page to build a damper from, for a screen or for paper; rest, amplitude of use [m].
 
     A bed that has no equilibrium nearby is a note on the page.
@@ -63,19 +74,45 @@ def workshop_sheet(
         costs = usual_tolerances(bed, amplitude)
     except InputError as error:
         notes = [*notes, f"{error}"]
-    page = HtmlPage(title, lead)
-    for note in notes:
-        page.add_warning(note)
-    page.add_figure(
-        _draw_cell(scene, rest),
+    blocks = [
+        *cautions(notes),
+        *_parts(scene, rest),
+        *_liquid_and_gap(scene, amplitude, gaps),
+        Heading("Limits of use"),
+        Items(limits),
+        *_temperature(),
+        Heading("Discs to buy"),
+        Text(_disc_sizes_text(scene)),
+        Table(_GRADE_COLUMNS, _grade_rows(scene, costs)),
+        *(() if costs is None else tolerance_blocks(costs)),
+        Heading("Scatter"),
+        Items(scatter),
+        *_first_measurements(scene),
+    ]
+    return Page(title, lead, blocks)
+
+
+def _parts(scene: Scene, rest: float) -> Iterator[Block]:
+    yield Picture(
+        partial(_draw_cell, scene, rest),
         "Front view, all lengths in proportion, in mm. The piston is drawn at rest on discs in a "
         "lattice, the cell up to the height from which the piston is lowered.",
     )
-    page.add_section("Parts")
-    page.add_table(("part", "number", "dimensions", "mass"), part_rows(scene, rest))
-    page.add_paragraph(walls_text(scene))
-    _add_walls_note(page, scene)
-    page.add_section("Liquid and gap")
+    yield Heading("Parts")
+    yield Table(("part", "number", "dimensions", "mass"), part_rows(scene, rest))
+    yield Text(walls_text(scene))
+    walls = scene.effects.walls
+    laws = set() if walls is None else {wall.law for _, wall in walls.present_walls} - {"discs"}
+    if laws:
+        yield Caution(
+            f"Walls were simulated by the law {', '.join(sorted(laws))}, not by these rows of magnets, which "
+            "lower rest of the packaged damper by about 1 % and its frequency by 3 to 4 %. Design with "
+            "magnets='cylinders' to have them in the simulations."
+        )
+
+
+def _liquid_and_gap(scene: Scene, amplitude: float, gaps: Sequence[tuple[str, ...]]) -> Iterator[Block]:
+    yield Heading("Liquid and gap")
     drag = scene.effects.drag
     liquid = "The damper has no drag, so no liquid."
     if drag is not None and drag.coefficient:
@@ -83,7 +120,7 @@ def workshop_sheet(
             f"A disc needs a drag of {drag.coefficient:.3g} kg/s: 2 eta A/h of a liquid of the viscosity eta "
             "in gaps h between its faces A and the plates, without flow back between discs."
         )
-    page.add_paragraph(
+    yield Text(
         f"{liquid} Take the narrowest gap into which every disc fits, sorted by thickness: in the play discs "
         "tilt and bear on both plates, with a load that grows as the play (upper bound). Friction is a "
         "damping ratio added to that of the drag at an amplitude of "
@@ -91,15 +128,16 @@ def workshop_sheet(
         "own; if the bed sticks, a run decides."
         f"{'' if scene.effects.friction else ' The simulations had no friction on the plates.'}"
     )
-    page.add_table(GAP_COLUMNS, gaps)
-    page.add_section("Limits of use")
-    page.add_list(limits)
-    page.add_section("Temperature")
-    page.add_paragraph(
+    yield Table(GAP_COLUMNS, gaps)
+
+
+def _temperature() -> Iterator[Block]:
+    yield Heading("Temperature")
+    yield Text(
         "Over their values at 25 °C: the viscosity of silicone oil, and so the drag (Shin-Etsu, Silicone "
         "Fluid KF-96, Performance Test Results), and the remanence of NdFeB (-0.12 %/K, shanghaimagnet.com)."
     )
-    page.add_table(
+    yield Table(
         ("temperature [°C]", "drag", "remanence"),
         [
             (
@@ -110,15 +148,11 @@ def workshop_sheet(
             for value in TEMPERATURES
         ],
     )
-    page.add_section("Discs to buy")
-    page.add_paragraph(_disc_sizes_text(scene))
-    page.add_table(_GRADE_COLUMNS, _grade_rows(scene, costs))
-    if costs is not None:
-        add_tolerances(page, costs)
-    page.add_section("Scatter")
-    page.add_list(scatter)
-    page.add_section("What to measure first")
-    page.add_paragraph(
+
+
+def _first_measurements(scene: Scene) -> Iterator[Block]:
+    yield Heading("What to measure first")
+    yield Text(
         "First weigh the piston with all that moves with it. Rest and frequency know the discs' moment m "
         "and the mass M only as m²/M: with M weighed, the height at rest gives the moment. Measure it with "
         "two or more weighed masses, so that a wrong zero of the scale shows. Then, the machine held still, "
@@ -127,12 +161,10 @@ def workshop_sheet(
         "drag, with the mass as weighed, and simulate again:"
     )
     host = " --set effects.host=none" if scene.effects.host else ""  # it is held still
-    page.add_preformatted(
+    yield Printout(
         "granular-damper calibrate lab.csv scene.toml --set 'piston.mass=WEIGHED kg' \\\n"
         "    --parameter effects.drag.coefficient --parameter grains.remanence -o out/read-back" + host
     )
-    page.add_footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
-    return page
 
 
 def usual_tolerances(bed: Equilibrium, amplitude: float) -> Tolerances:
@@ -169,17 +201,6 @@ def _grade_rows(scene: Scene, costs: Tolerances | None) -> list[tuple[str, ...]]
         changes = [f"{100.0 * (ratio**s - 1.0):+.1f}" for s in slopes.get("grains.remanence", ())[1:]]
         rows.append((name, f"{grade.lowest:.2f} to {grade.highest:.2f}", *(changes or ["", ""])))
     return rows
-
-
-def _add_walls_note(page: HtmlPage, scene: Scene) -> None:
-    walls = scene.effects.walls
-    laws = set() if walls is None else {wall.law for _, wall in walls.present_walls} - {"discs"}
-    if laws:
-        page.add_warning(
-            f"Walls were simulated by the law {', '.join(sorted(laws))}, not by these rows of magnets, which "
-            "lower rest of the packaged damper by about 1 % and its frequency by 3 to 4 %. Design with "
-            "magnets='cylinders' to have them in the simulations."
-        )
 
 
 def _draw_cell(scene: Scene, rest: float) -> Figure:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
-from granular.shared.blocks import format_number
+from granular.shared.blocks import Block, Heading, Picture, Table, Text, format_number
 from granular.shared.errors import GranularError, RecordError
-from granular.shared.html_pages import HtmlPage
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure, figure_label, label_log_axis_plainly
 from reduced_models.laws.equation import compile_rates
 from reduced_models.models.at_rest import EngineeringUnits, signal_units
@@ -21,6 +20,9 @@ from reduced_models.models.quantities import QuantityWithError
 from reduced_models.records.backbone import Backbone, backbone_of_extremes, driven_backbone, free_backbone
 from reduced_models.records.envelope import extremes_apart, find_extremes
 from reduced_models.records.inputs import input_column
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _FREQUENCY, _DAMPING = 0.01, 0.1  # relative differences, up to which law and record agree
 _KNOWN = 3e-3  # relative error of a frequency above which extremes are left to the fit
@@ -128,16 +130,21 @@ class MeasuredSwing:
             "figures": {item.name: item.to_plain() for item in self.figures},
         }
 
-    def add_section_to(self, page: HtmlPage) -> None:
-        """Add picture and table of frequency and damping against amplitude to a report."""
-        page.add_section("Frequency and damping of the record itself")
+    def blocks(self) -> Iterator[Block]:
+        """Table and picture of frequency and damping against amplitude."""
+        yield Heading("Frequency and damping of the record itself")
         words = _HOW[self.record.method]
-        page.add_paragraph(f"{words} {self.agreement_text[:1].upper()}{self.agreement_text[1:]}.")
+        yield Text(f"{words} {self.agreement_text[:1].upper()}{self.agreement_text[1:]}.")
         unit = self.units.length
         header = [f"amplitude [{unit}]", "frequency [Hz]", "damping ratio [%]"]
         if self.law is not None:
             header += ["law: [Hz]", "law: [%]"]
-        page.add_table(header, [self._table_row(k) for k in range(len(self.amplitudes))])
+        yield Table(header, [self._table_row(k) for k in range(len(self.amplitudes))])
+        yield Picture(
+            self._draw, "Each point is a cycle of the record; the line is the law's motion, read likewise."
+        )
+
+    def _draw(self) -> Figure:
         with figure(2, 1, height=5.4, size=READABLE, sharex=True) as (drawing, axes):
             for ax, name, scale in zip(
                 axes, ("frequency", "damping_ratio"), (1.0 / math.tau, 100.0), strict=True
@@ -152,13 +159,11 @@ class MeasuredSwing:
                 if reach < _FLAT * abs(middle):  # noise alone is not blown up
                     ax.set_ylim(middle - _FLAT * abs(middle), middle + _FLAT * abs(middle))
             axes[0].set_ylabel("frequency [Hz]")
-            axes[1].set(ylabel="damping ratio [%]", xlabel=f"amplitude [{unit}]")
+            axes[1].set(ylabel="damping ratio [%]", xlabel=f"amplitude [{self.units.length}]")
             axes[1].set_xscale("log")
             label_log_axis_plainly(axes[1].xaxis)
             axes[0].legend(loc="best")
-            page.add_figure(
-                drawing, "Each point is a cycle of the record; the line is the law's motion, read likewise."
-            )
+            return drawing
 
     def _table_row(self, k: int) -> list[str]:
         size = self.amplitudes[k]

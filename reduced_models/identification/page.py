@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from granular.run.record_source import RecordSource
-from granular.shared.blocks import format_number
+from granular.shared.blocks import Block, Caution, Equation, Heading, Table, Text, cautions, format_number
 from granular.shared.command_line import current_command
-from granular.shared.html_pages import HtmlPage
+from granular.shared.html_pages import Page, made_with
 from granular.shared.message_text import format_factor
-from granular.shared.version import versions
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.pictures import add_comparison_section, residual_axis
+from reduced_models.identification.pictures import comparison_section, residual_axis
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.identification.wells import LOWER_WELL
 from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
@@ -33,8 +31,11 @@ from reduced_models.models.quantities import (
 
 __all__ = ["comparison_page"]
 
+LIBRARIES = ("scipy", "sympy", "jax", "jaxlib", "pandas", "matplotlib")
+"""Whose versions a page of fits names."""
 
-def comparison_page(table: Comparison) -> HtmlPage:
+
+def comparison_page(table: Comparison) -> Page:
     """Make a page of a comparison of laws.
 
     Parameters
@@ -47,20 +48,11 @@ def comparison_page(table: Comparison) -> HtmlPage:
     Page
         Page with verdict, table and picture; a notebook shows it, and ``save`` writes it.
     """
-    page = HtmlPage("Laws compared", table.verdict)
-    add_comparison_section(page, table)
+    blocks = [*comparison_section(table)]
     for row in table.rows:
         for model in row.models[:1]:
-            add_law_section(page, model, " (first)" if row is table.rows[0] else "")
-    page.add_footer(provenance_text())
-    return page
-
-
-def provenance_text() -> str:
-    """Sentence with the date, and the versions of the libraries that made the fits."""
-    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    programs = versions(("scipy", "sympy", "jax", "jaxlib", "pandas", "matplotlib"))
-    return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in programs.items())
+            blocks += law_section(model, " (first)" if row is table.rows[0] else "")
+    return Page("Laws compared", table.verdict, blocks, made_with(LIBRARIES))
 
 
 def capitalise(words: str) -> str:
@@ -68,74 +60,69 @@ def capitalise(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def add_answer(
-    page: HtmlPage,
+def answer(
     figures: Sequence[QuantityWithError],
     model: ReducedModel,
     mass: float | None,
     parameters: Sequence[QuantityWithError],
-) -> None:
-    """Add figures, equation and parameters as the print-out has them, for the first screen; mass [kg]."""
+) -> Iterator[Block]:
+    """Figures, equation and parameters as the print-out has them, for the first screen; mass [kg]."""
     rows = figure_rows(figures, mass)
     if rows:
-        page.add_table(("", "", "value", ""), rows)
+        yield Table(("", "", "value", ""), rows)
     elif model.law.prescribed:
         if model.cycles:
-            page.add_table(CYCLE_COLUMNS, cycle_rows(model))
+            yield Table(CYCLE_COLUMNS, cycle_rows(model))
     else:
-        page.add_warning(f"No oscillation about an equilibrium: {model.no_swing}.")
-    add_equations(page, model)
+        yield Caution(f"No oscillation about an equilibrium: {model.no_swing}.")
+    yield from equations(model)
     values = (
         parameter_text(item, model.intervals.get(item.name))
         for item in (parameters or model.parameter_quantities())
     )
-    page.add_paragraph(f"{model.law.name}: {', '.join(values)}")
+    yield Text(f"{model.law.name}: {', '.join(values)}")
     if rows:  # behind the last ± that it is true of
-        page.add_paragraph(f"{capitalise(error_sources_text(figures, model.confidence))}.")
+        yield Text(f"{capitalise(error_sources_text(figures, model.confidence))}.")
 
 
-def add_source_section(page: HtmlPage, source: RecordSource | None) -> None:
-    """Add file, digest and calibration of a record, notes on its samples, and the command."""
+def source_section(source: RecordSource | None) -> Iterator[Block]:
+    """File, digest and calibration of a record, notes on its samples, and the command."""
     rows = [("command", current_command())]
     if source is not None:
         rows += [("file" if not source.scene else "scene", source.name), ("SHA-256", source.digest)]
         rows += [("calibration", source.calibration), *(("samples", note) for note in source.notes)]
     rows = [row for row in rows if row[1]]
     if rows:
-        page.add_section("Where the record comes from")
-        page.add_table(("", ""), rows)
+        yield Heading("Where the record comes from")
+        yield Table(("", ""), rows)
 
 
-def add_swing_section(
-    page: HtmlPage,
-    figures: Sequence[QuantityWithError],
-    model: ReducedModel,
-    mass: float | None,
-    averaging: str,
-) -> None:
-    """Add level, frequency, damping and stiffness of the law's swing, and the parts of their errors."""
+def swing_section(
+    figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None, averaging: str
+) -> Iterator[Block]:
+    """Level, frequency, damping and stiffness of the law's swing, and the parts of their errors."""
     if not figures:
         return
-    page.add_section("Frequency, damping, stiffness and equilibrium by the model")
+    yield Heading("Frequency, damping, stiffness and equilibrium by the model")
     rows = []
     for figure in figures:
         name = figure.label if figure.name == LEVEL else figure.name
         rows.append((name, figure.symbol, figure.table_cell, figure.unit))
-    page.add_table(("figure", "symbol", "value", "unit"), rows)
-    page.add_paragraph(_swing_explanation(figures, model, mass))
+    yield Table(("figure", "symbol", "value", "unit"), rows)
+    yield Text(_swing_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
     if len(known) > 1:
-        page.add_paragraph("The error behind ± is numerical, the root of the sum of squares of its sources:")
+        yield Text("The error behind ± is numerical, the root of the sum of squares of its sources:")
         errors = []
         for figure in figures:
             if figure.symbol not in _FOLLOWING:
                 parts = (figure.parts.get(name) for name in known)
                 cells = ("" if value is None else format_number(value, 2) for value in parts)
                 errors.append((figure.name, *cells, figure.unit))
-        page.add_table(("figure", *known, "unit"), errors)
-    page.add_paragraph(" ".join(_MEANING_OF_PARTS[name].format(100 * model.confidence) for name in known))
+        yield Table(("figure", *known, "unit"), errors)
+    yield Text(" ".join(_MEANING_OF_PARTS[name].format(100 * model.confidence) for name in known))
     if averaging:
-        page.add_paragraph(f"{capitalise(averaging)}.")
+        yield Text(f"{capitalise(averaging)}.")
 
 
 _FOLLOWING = ("fd", "delta", "Q")
@@ -186,10 +173,10 @@ def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel
     )
 
 
-def add_residual_tests_section(
-    page: HtmlPage, tests: Mapping[str, ResidualTests], measured: str, *, angle: bool
-) -> None:
-    """Add the residuals of each law, and whether they are noise."""
+def residual_tests_section(
+    tests: Mapping[str, ResidualTests], measured: str, *, angle: bool
+) -> Iterator[Block]:
+    """Residuals of each law, and whether they are noise."""
     if not tests:
         return
     _, unit, scale = residual_axis(measured, angle=angle)
@@ -205,9 +192,9 @@ def add_residual_tests_section(
         )
         for name, test in tests.items()
     ]
-    page.add_section("Residuals of the laws")
-    page.add_table(("law", "verdict", "rms", "at f", "at 2f", "white", "signs"), rows)
-    page.add_paragraph(
+    yield Heading("Residuals of the laws")
+    yield Table(("law", "verdict", "rms", "at f", "at 2f", "white", "signs"), rows)
+    yield Text(
         "White and signs: probabilities that white noise is correlated as much (Dalla, Giraitis and "
         "Phillips), and that its signs change as seldom (Wald and Wolfowitz). At f and at 2f: power about "
         "the swing's frequency, and about twice it, over that of the frequencies next to them; about 1 "
@@ -221,15 +208,15 @@ def _format_probability(value: float) -> str:
     return "< 0.001" if value < 1e-3 else format_number(value, 2)
 
 
-def add_law_section(page: HtmlPage, model: ReducedModel, remark: str) -> None:
-    """Add a fitted law: its equations, parameters, notes and quality."""
-    page.add_section(f"{model.law.name}{remark}")
-    add_equations(page, model)
+def law_section(model: ReducedModel, remark: str) -> Iterator[Block]:
+    """Fitted law: its equations, parameters, notes and quality."""
+    yield Heading(f"{model.law.name}{remark}")
+    yield from equations(model)
     meaning = f"z is the {model.coordinate} in {'radians' if model.angle else 'metres'}"
     if model.law.parsed_equation.line is not None:
         meaning = f"z a pure number, from which the {model.coordinate} follows"
-    page.add_paragraph(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
-    page.add_table(
+    yield Text(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
+    yield Table(
         ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"), _parameter_rows(model)
     )
     # Open directions have the signs of their parameters as formulas have them.
@@ -237,25 +224,24 @@ def add_law_section(page: HtmlPage, model: ReducedModel, remark: str) -> None:
     for product in model.undetermined:
         named = {parameter_symbol(name): power for name, power in product.powers.items()}
         directions.append(str(dataclasses.replace(product, powers=named)))
-    for note in (*directions, *model.notes):
-        page.add_warning(f"{capitalise(note)}.")
-    page.add_paragraph(_fit_quality_text(model))
+    yield from cautions(f"{capitalise(note)}." for note in (*directions, *model.notes))
+    yield Text(_fit_quality_text(model))
 
 
-def add_equations(page: HtmlPage, model: ReducedModel) -> None:
-    """Add a law with symbols and with its numbers, and those of its hidden states."""
+def equations(model: ReducedModel) -> Iterator[Block]:
+    """Law with symbols and with its numbers, and those of its hidden states."""
     symbols = {
         name: round_expression(rate, model.printed_digits) for name, rate in model.law.sympy_hidden().items()
     }
     for equation, rates in ((model.equation, symbols), (model.printed_equation, model.printed_hidden_rates)):
-        page.add_equation(mathml(equation))
+        yield Equation(mathml(equation))
         for name, rate in rates.items():
-            page.add_equation(mathml_of_rate(name, rate))
+            yield Equation(mathml_of_rate(name, rate))
     if model.law.parsed_equation.line is not None:
-        page.add_equation(mathml(model.printed_height))
+        yield Equation(mathml(model.printed_height))
     if model.law.hidden:
         starts = (f"{name} = {format_number(model.hidden.get(name, 0.0), 3)}" for name in model.law.hidden)
-        page.add_paragraph(f"At the start {', '.join(starts)}.")
+        yield Text(f"At the start {', '.join(starts)}.")
 
 
 def _fit_quality_text(model: ReducedModel) -> str:

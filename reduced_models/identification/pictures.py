@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.scene.bed_drawing import draw_bed
-from granular.shared.blocks import format_number
-from granular.shared.html_pages import HtmlPage
+from granular.shared.blocks import Block, Caution, Heading, Picture, Printout, Table, Text, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, figure_label, line_style
 from reduced_models.falls.unseen_fall_scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
@@ -21,6 +21,8 @@ from reduced_models.records.record_overview import GAP
 from reduced_models.records.sources import time_step_text
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from granular.run.trajectory import StageResult, Trajectory
 
 _MOST_POINTS = 3000  # of a line; more cannot be seen
@@ -76,9 +78,7 @@ def _break_at_gaps(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np
     return np.insert(time, behind, np.nan), np.insert(values, behind, np.nan)
 
 
-def _add_curves_and_residuals(
-    page: HtmlPage,
-    caption: str,
+def _draw_curves_and_residuals(
     record: PistonRecord,
     curves: Iterable[tuple[str, np.ndarray, Any]],
     *,
@@ -87,8 +87,8 @@ def _add_curves_and_residuals(
     tested: Sequence[tuple[float, float]] = (),
     height: float = 6.2,
     legend: bool = True,
-) -> None:
-    """Add a record with curves over it, and below what each of them misses."""
+) -> Figure:
+    """Draw a record with curves over it, and below what each of them misses."""
     shown, time = _coordinate_axis(record), record.time - record.time[0]
     with figure(2, 1, height=height, **_STACKED) as (drawing, (top, bottom)):
         signal = record.signal
@@ -114,47 +114,54 @@ def _add_curves_and_residuals(
             drawing.legend(loc="outside upper left", ncols=2)
         else:
             top.legend(loc="upper right")
-        page.add_figure(drawing, caption)
+        return drawing
 
 
-def add_record_section(page: HtmlPage, record: PistonRecord, best: ReducedModel) -> None:
-    """Add the record, and the best law over it."""
-    page.add_section("The record")
-    _add_curves_and_residuals(
-        page,
+def record_section(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
+    """Record, and the best law over it."""
+    yield Heading("The record")
+    yield Picture(
+        partial(
+            _draw_curves_and_residuals,
+            record,
+            [(best.law.name, best.simulate_signal(record), {})],
+            tested=best.quality.test_swings,
+            height=6.0,
+            legend=False,
+        ),
         "The record, the best law over it, and what it leaves over. The laws are judged on what is "
         f"shaded, {best.quality.test_swings_text}, by fits that have not seen it.",
-        record,
-        [(best.law.name, best.simulate_signal(record), {})],
-        tested=best.quality.test_swings,
-        height=6.0,
-        legend=False,
     )
 
 
-def add_fits_section(
-    page: HtmlPage, record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel
-) -> None:
-    """Add all fits over the record, and what they leave over."""
-    page.add_section("The record and the fits")
-    _add_curves_and_residuals(
-        page,
+def fits_section(record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel) -> Iterator[Block]:
+    """All fits over the record, and their residuals."""
+    yield Heading("The record and the fits")
+    curves = [
+        (model.law.name, model.simulate_signal(record), line_style(k)) for k, model in enumerate(models)
+    ]
+    tested, height = best.quality.test_swings, 6.0 + 0.15 * len(models)
+    yield Picture(
+        partial(_draw_curves_and_residuals, record, curves, tested=tested, height=height),
         "The fits of all laws, and what they leave over.",
-        record,
-        [(model.law.name, model.simulate_signal(record), line_style(k)) for k, model in enumerate(models)],
-        tested=best.quality.test_swings,
-        height=6.0 + 0.15 * len(models),
     )
 
 
-def add_phase_portrait(page: HtmlPage, record: PistonRecord, best: ReducedModel) -> None:
-    """Add velocity over height of the record and of the best law, where heights were measured."""
+def phase_portrait(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
+    """Velocity over height, or force over stroke, of the record and of the best law."""
     if best.law.prescribed:
-        with figure(height=4.8, size=READABLE) as (drawing, axes):
-            best.plot(record, axes)
-            page.add_figure(drawing, "Force over the stroke, with the best law.")
-    if record.measured != "height":
-        return
+        yield Picture(partial(_draw_loop, record, best), "Force over the stroke, with the best law.")
+    if record.measured == "height":
+        yield Picture(partial(_draw_phases, record, best), "Phase portrait, with the best law.")
+
+
+def _draw_loop(record: PistonRecord, best: ReducedModel) -> Figure:
+    with figure(height=4.8, size=READABLE) as (drawing, axes):
+        best.plot(record, axes)
+        return drawing
+
+
+def _draw_phases(record: PistonRecord, best: ReducedModel) -> Figure:
     shown = _coordinate_axis(record)
     with figure(height=4.8, size=READABLE) as (drawing, axes):
         speed = record.velocity
@@ -169,15 +176,15 @@ def add_phase_portrait(page: HtmlPage, record: PistonRecord, best: ReducedModel)
             axes.plot(*downsample(shown.scale * height, shown.scale * velocity), label=name, **look)
         axes.set(xlabel=shown.label, ylabel=f"velocity [{shown.unit}/s]")
         axes.legend(loc="upper right")
-        page.add_figure(drawing, "Phase portrait, with the best law.")
+        return drawing
 
 
-def add_higher_lift_section(page: HtmlPage, lift: PistonRecord, table: Comparison) -> None:
-    """Add a lift that no law has seen, and what the laws predict of it."""
+def higher_lift_section(lift: PistonRecord, table: Comparison) -> Iterator[Block]:
+    """Lift that no law has seen, and what the laws predict of it."""
     ranked = table.ranking_on_last_record()
     best = ranked[0][0].relative
-    page.add_section("A lift that no law has seen")
-    page.add_paragraph(
+    yield Heading("A lift that no law has seen")
+    yield Text(
         "The same scene with a lift three times as high. Each law starts from height and velocity "
         "that the first period tells; all the rest is its prediction."
     )
@@ -186,29 +193,25 @@ def add_higher_lift_section(page: HtmlPage, lift: PistonRecord, table: Compariso
         ratio, error = score.relative / max(best, 1e-300), 100.0 * score.relative
         finite = (format_number(error, 3), format_number(ratio, 3))
         rows.append((name, *(finite if math.isfinite(error) else ("diverges", ""))))
-    page.add_table(("law", "error [% of rms displacement]", "times the best"), rows)
-    _add_curves_and_residuals(
-        page,
+    yield Table(("law", "error [% of rms displacement]", "times the best"), rows)
+    best_ranked = ranked[:_MOST_LIFT_LINES]
+    curves = [(name, score.motion.height, line_style(k)) for k, (score, name) in enumerate(best_ranked)]
+    missed = _coordinate_axis(lift)._replace(name="missed")
+    yield Picture(
+        partial(_draw_curves_and_residuals, lift, curves, label="simulated", difference=missed),
         "The other lift, and what the best laws predict of it.",
-        lift,
-        [
-            (name, score.motion.height, line_style(k))
-            for k, (score, name) in enumerate(ranked[:_MOST_LIFT_LINES])
-        ],
-        label="simulated",
-        difference=_coordinate_axis(lift)._replace(name="missed"),
     )
 
 
-def add_comparison_section(page: HtmlPage, table: Comparison) -> None:
-    """Add the table of laws and their held-out errors."""
-    page.add_section("The laws compared")
+def comparison_section(table: Comparison) -> Iterator[Block]:
+    """Table of laws and their held-out errors."""
+    yield Heading("The laws compared")
     header, cells = table.header, table.cells()
     still = "constant force" if table.best.law.prescribed else "motionless piston"
     if not any(row.divergence_count for row in table.rows):
         header, cells = header[:-1], [row[:-1] for row in cells]
-    page.add_table(header, cells)
-    page.add_paragraph(
+    yield Table(header, cells)
+    yield Text(
         "Errors are root mean squares of record minus simulation over what the law has not seen, "
         f"over {table.best.rms_noun.removeprefix('of ')}; the baseline, a {still}, has "
         f"{100 * table.at_rest:.3g} %, and the "
@@ -218,20 +221,33 @@ def add_comparison_section(page: HtmlPage, table: Comparison) -> None:
         "cycles of the record that a first fit does not see (held-out cycles), and records of their own "
         "(record 1; '3x higher lift' on the terminal)."
     )
-    with figure(height=table.drawing_height, size=READABLE) as (drawing, axes):
-        table.plot(axes)
-        page.add_figure(drawing, "Held-out errors of the laws.")
+    yield Picture(partial(_draw_errors, table, table.drawing_height), "Held-out errors of the laws.")
 
 
-def add_falls_section(page: HtmlPage, falls: DropScores) -> None:
-    """Add what the laws of a fall say of falls that they have not seen, and their errors."""
-    page.add_table(falls.header, falls.cells())
-    page.add_paragraph(
+def _draw_errors(scored: Comparison | DropScores, height: float) -> Figure:
+    with figure(height=height, size=READABLE) as (drawing, axes):
+        scored.plot(axes)
+        return drawing
+
+
+def falls_section(falls: DropScores) -> Iterator[Block]:
+    """Predictions of falls that no law has seen, and their errors."""
+    yield Table(falls.header, falls.cells())
+    yield Text(
         "Each law was fitted to the scene's own fall, and predicts the others from the height at "
         "which the piston is released, without anything else of them. Errors are root mean squares "
         "over the height of the drop. How far a bed from another random start falls otherwise is "
         "what no law can tell."
     )
+    yield Picture(
+        partial(_draw_far_fall, falls), "A fall from farther up, and what the best laws predict of it."
+    )
+    yield Picture(
+        partial(_draw_errors, falls, 4.4), "Errors of the laws over the height that the piston fell from."
+    )
+
+
+def _draw_far_fall(falls: DropScores) -> Figure:
     far = max(falls.unseen, key=lambda fall: float(fall.height[0]))
     time = far.time - far.time[0]
     with figure(height=4.4, size=READABLE) as (drawing, axes):
@@ -248,23 +264,33 @@ def add_falls_section(page: HtmlPage, falls: DropScores) -> None:
             )
         axes.set(xlabel="time [s]", ylabel="height [mm]")
         axes.legend(loc="upper right")
-        page.add_figure(drawing, "A fall from farther up, and what the best laws predict of it.")
-    with figure(height=4.4, size=READABLE) as (drawing, axes):
-        falls.plot(axes)
-        page.add_figure(drawing, "Errors of the laws over the height that the piston fell from.")
+        return drawing
 
 
-def add_run_sections(page: HtmlPage, run: Trajectory) -> None:
-    """Add the bed before and after, the energy ledger, and the settings."""
-    _add_bed_section(page, run)
-    _add_energy_ledger_section(page, run)
-    _add_settings_section(page, run)
+def run_sections(run: Trajectory) -> Iterator[Block]:
+    """Bed before and after, energy ledger, and settings."""
+    yield from _bed_section(run)
+    yield from _energy_ledger_section(run)
+    yield from _settings_section(run)
 
 
-def _add_bed_section(page: HtmlPage, run: Trajectory) -> None:
+def _bed_section(run: Trajectory) -> Iterator[Block]:
+    yield Heading("The bed before and after")
+    yield Picture(partial(_draw_beds, run), "The grains to scale; the piston is the thick line.")
+    lines = [_stage_row(stage) for stage in run.stages]
+    yield Table(("stage", "from [s]", "to [s]", "ended by", "piston height [mm]"), lines)
+    closest = run.settings().get("closest_distance")
+    least = min(species.diameter for species in run.scene.grains.species)
+    if closest is not None and closest < least and run.scene.effects.contact is None:
+        yield Caution(
+            f"At the closest, two grains were {1e3 * closest:.3g} mm apart, less than a diameter "
+            f"({1e3 * least:g} mm): in reality they would have touched. The scene has no contact."
+        )
+
+
+def _draw_beds(run: Trajectory) -> Figure:
     from granular.run.trajectory import frame_heights
 
-    page.add_section("The bed before and after")
     data, scene = run.dataset, run.scene
     tallest = float(data["frame_height"][[0, -1]].max()) if scene.piston else scene.cell.width
     heights = frame_heights(scene, data)
@@ -273,16 +299,7 @@ def _add_bed_section(page: HtmlPage, run: Trajectory) -> None:
         for axes, k, when in zip(pair, (0, -1), ("before", "after"), strict=True):
             draw_bed(axes, scene, data["position"][k].values, heights[k])
             axes.set_title(f"{when}, t = {float(data['frame_time'][k]):.4g} s")
-        page.add_figure(drawing, "The grains to scale; the piston is the thick line.")
-    lines = [_stage_row(stage) for stage in run.stages]
-    page.add_table(("stage", "from [s]", "to [s]", "ended by", "piston height [mm]"), lines)
-    closest = run.settings().get("closest_distance")
-    least = min(species.diameter for species in scene.grains.species)
-    if closest is not None and closest < least and scene.effects.contact is None:
-        page.add_warning(
-            f"At the closest, two grains were {1e3 * closest:.3g} mm apart, less than a diameter "
-            f"({1e3 * least:g} mm): in reality they would have touched. The scene has no contact."
-        )
+        return drawing
 
 
 def _stage_row(stage: StageResult) -> Sequence[str]:
@@ -290,10 +307,20 @@ def _stage_row(stage: StageResult) -> Sequence[str]:
     return stage.name, start, end, stage.reason, format_number(1e3 * stage.height, 6)
 
 
-def _add_energy_ledger_section(page: HtmlPage, run: Trajectory) -> None:
+def _energy_ledger_section(run: Trajectory) -> Iterator[Block]:
     from granular.scene.dry_friction import degraded_residual_limit
 
-    page.add_section("Energy ledger")
+    yield Heading("Energy ledger")
+    yield Picture(
+        partial(_draw_energies, run),
+        "Where the energy is (the weights' relative to the start), and what the ledger misses.",
+    )
+    worst = run.settings()["ledger_residual"]
+    words = f"The ledger closes to {worst:.1e} of the energy turned over."
+    yield Caution(words) if worst > degraded_residual_limit(run.scene) else Text(words)
+
+
+def _draw_energies(run: Trajectory) -> Figure:
     data = run.dataset
     time = data["time"].values
     parts = {key: data[key].values for key in _ENERGIES if key in data}
@@ -308,18 +335,13 @@ def _add_energy_ledger_section(page: HtmlPage, run: Trajectory) -> None:
         top.legend(ncols=2, loc="upper right")
         bottom.plot(*downsample(time, 1e6 * residual), color=COLOURS[0])
         bottom.set(ylabel="residual [µJ]", xlabel="time [s]")
-        page.add_figure(
-            drawing, "Where the energy is (the weights' relative to the start), and what the ledger misses."
-        )
-    worst = run.settings()["ledger_residual"]
-    words = f"The ledger closes to {worst:.1e} of the energy turned over."
-    (page.add_warning if worst > degraded_residual_limit(run.scene) else page.add_paragraph)(words)
+        return drawing
 
 
-def _add_settings_section(page: HtmlPage, run: Trajectory) -> None:
-    page.add_section("Settings")
+def _settings_section(run: Trajectory) -> Iterator[Block]:
+    yield Heading("Settings")
     settings = run.settings()
-    page.add_table(
+    yield Table(
         ("setting", "value"),
         [
             ("method", run.method.name),
@@ -332,4 +354,4 @@ def _add_settings_section(page: HtmlPage, run: Trajectory) -> None:
             ("seconds of the run", format_number(settings["seconds"], 3)),
         ],
     )
-    page.add_preformatted(run.scene.to_toml())
+    yield Printout(run.scene.to_toml())

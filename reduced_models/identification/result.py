@@ -5,17 +5,17 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.run.piston_record import PistonRecord
+from granular.shared.blocks import Block, Caution, Heading, Items, Table, Text, cautions
 from granular.shared.files import make_directory, write_text
-from granular.shared.html_pages import HtmlPage
+from granular.shared.html_pages import Page, made_with
 from granular.shared.message_text import format_factor
 from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
-from reduced_models.identification import page as blocks
-from reduced_models.identification import pictures
+from reduced_models.identification import page, pictures
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.derived_figures import FREQUENCY, DerivedFigures
 from reduced_models.identification.elliptic_averaging import (
@@ -286,53 +286,54 @@ class Identification:
             lines.append(checked_work_precision_text(self.run, self.figure(FREQUENCY)))
         return "\n".join([*lines, *(f"not fitted: {words}" for words in self.left_out)])
 
-    def page(self) -> HtmlPage:
+    def page(self) -> Page:
         """Make the report: the answer in an engineer's words, the record, then the rest."""
-        title, *texts = self._record_texts
-        page = HtmlPage(f"The equation of {title.partition(':')[0]}", title)
-        if self.own is not None and not self.own.law_agrees:
-            page.add_warning(f"{blocks.capitalise(self.own.agreement_text)}.")
-        blocks.add_answer(page, self.figures, self.best, self.mass, self.parameters)
-        for words in self._derived_texts:
-            page.add_paragraph(f"{blocks.capitalise(' '.join(words.split()))}.")
-        for words in (*self.cautions, *texts):
-            page.add_warning(f"{blocks.capitalise(words)}.")
-        for words in self._falls_verdict:
-            page.add_paragraph(words)
-        if self.own is not None:
-            self.own.add_section_to(page)
-        if self.of_parts is not None:
-            from granular.studies.tolerance_page import add_tolerances
+        title = self._record_texts[0]
+        name = f"The equation of {title.partition(':')[0]}"
+        return Page(name, title, tuple(self._blocks()), made_with(page.LIBRARIES))
 
-            add_tolerances(page, self.of_parts)
+    def _blocks(self) -> Iterator[Block]:
+        if self.own is not None and not self.own.law_agrees:
+            yield Caution(f"{page.capitalise(self.own.agreement_text)}.")
+        yield from page.answer(self.figures, self.best, self.mass, self.parameters)
+        for words in self._derived_texts:
+            yield Text(f"{page.capitalise(' '.join(words.split()))}.")
+        yield from cautions(
+            f"{page.capitalise(words)}." for words in (*self.cautions, *self._record_texts[1:])
+        )
+        yield from map(Text, self._falls_verdict)
+        if self.own is not None:
+            yield from self.own.blocks()
+        if self.of_parts is not None:
+            from granular.studies.tolerance_page import tolerance_blocks
+
+            yield from tolerance_blocks(self.of_parts)
         averaging = "" if self.elliptic_averaging is None else self.elliptic_averaging.text
-        blocks.add_swing_section(page, self.figures_to_print, self.model_of_figures, self.mass, averaging)
-        pictures.add_record_section(page, self.record, self.best)
+        yield from page.swing_section(self.figures_to_print, self.model_of_figures, self.mass, averaging)
+        yield from pictures.record_section(self.record, self.best)
         if self.falls is not None:
-            page.add_section("The whole fall")
+            yield Heading("The whole fall")
             if self.falls.best.model is not None:
-                blocks.add_equations(page, self.falls.best.model)
-            pictures.add_falls_section(page, self.falls)
-        page.add_section("Which law")
-        page.add_paragraph(self.verdict_on_laws)
-        pictures.add_comparison_section(page, self.comparison)
+                yield from page.equations(self.falls.best.model)
+            yield from pictures.falls_section(self.falls)
+        yield Heading("Which law")
+        yield Text(self.verdict_on_laws)
+        yield from pictures.comparison_section(self.comparison)
         if self.left_out:
-            page.add_paragraph("Laws that cannot win were not fitted:")
-            page.add_list([f"{blocks.capitalise(words)}." for words in self.left_out])
+            yield Text("Laws that cannot win were not fitted:")
+            yield Items([f"{page.capitalise(words)}." for words in self.left_out])
         if self.lift is not None:
-            pictures.add_higher_lift_section(page, self.lift, self.comparison)
-        blocks.add_residual_tests_section(page, self.residuals, self.record.measured, angle=self.record.angle)
+            yield from pictures.higher_lift_section(self.lift, self.comparison)
+        yield from page.residual_tests_section(self.residuals, self.record.measured, angle=self.record.angle)
         for model in self.models:
-            blocks.add_law_section(page, model, " (best)" if model is self.best else "")
-        pictures.add_fits_section(page, self.record, self.models, self.best)
-        pictures.add_phase_portrait(page, self.record, self.best)
+            yield from page.law_section(model, " (best)" if model is self.best else "")
+        yield from pictures.fits_section(self.record, self.models, self.best)
+        yield from pictures.phase_portrait(self.record, self.best)
         if self.run is not None:
-            pictures.add_run_sections(page, self.run)
-        blocks.add_source_section(page, self.record.source)
-        page.add_section("What it took")
-        page.add_table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
-        page.add_footer(blocks.provenance_text())
-        return page
+            yield from pictures.run_sections(self.run)
+        yield from page.source_section(self.record.source)
+        yield Heading("What it took")
+        yield Table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
 
     def save(self, out: str | Path) -> None:
         """Write report.html, model.json and equations.txt (the best), models/ and record.csv."""

@@ -28,7 +28,7 @@ from reduced_models.machines.response import RANGE, CoupledSystem, PredictedResp
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from granular.shared.html_pages import HtmlPage
+    from granular.shared.html_pages import Page
 
 HELPS = 0.9
 """Least fraction of the peak that a damper must leave away, as 1 minus this, to be one."""
@@ -113,7 +113,7 @@ class DamperDesign:
             return f"no: the best bed, {what}, leaves most of the vibration: {figures}"
         return f"{what}, take away {100.0 * self.reduction:.3g} % of the peak: {figures}"
 
-    def workshop_sheet_page(self) -> HtmlPage:
+    def workshop_sheet_page(self) -> Page:
         """Sheet to build the damper from; its bed is settled for it, with the machine held still."""
         scatter = [
             "By the law alone: how far starts differ is not known, and where it was compared with "

@@ -13,7 +13,7 @@ from granular.response.report_page import PageComparison, response_page
 from granular.response.response import FrequencyResponse
 from granular.shared.blocks import format_number
 from granular.shared.errors import InputError
-from granular.shared.html_pages import HtmlPage
+from granular.shared.html_pages import Page
 from granular.shared.terminal import align_columns
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.machines.response import predicted_response
@@ -103,7 +103,7 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
     return ResponseComparison(tuple(peaks), dense, law, linear)
 
 
-def response_page_with_law(response: FrequencyResponse) -> tuple[HtmlPage, ResponseComparison | None, str]:
+def response_page_with_law(response: FrequencyResponse) -> tuple[Page, ResponseComparison | None, str]:
     """Report of a response with the law; the law; and why, where there is none."""
     try:
         law = compare_response(response)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
-from granular.shared.html_pages import HtmlPage
+from granular.shared.blocks import Block, Caution, Heading, Table, Text
+from granular.shared.html_pages import Page
 from research.campaign import Plain
 from research.published import plots
 from research.published.both_causes import with_both_causes, words_on_both, words_on_creep
@@ -53,7 +55,7 @@ SECTIONS = {
 """Sections of the report, with those of ``published.toml`` that they show."""
 
 
-def page(shown: Results, quick: Results | None = None) -> HtmlPage:
+def page(shown: Results, quick: Results | None = None) -> Page:
     """The report as a page.
 
     Parameters
@@ -64,30 +66,30 @@ def page(shown: Results, quick: Results | None = None) -> HtmlPage:
         Of a quick run, shown in columns of its own.
     """
     rows = judged(shown)
+    return Page(TITLE, _lead(rows, shown, quick), tuple(_blocks(rows, shown, quick)), _footer(shown, quick))
+
+
+def _blocks(rows: Sequence[Judged], shown: Results, quick: Results | None) -> Iterator[Block]:
     adjacent = [None] * len(rows) if quick is None else judged(quick)
-    result = comparisons(shown)
-    made = HtmlPage(TITLE, _lead(rows, shown, quick))
-    _first(made, rows)
-    made.add_paragraph(words_on_both(shown))
-    made.add_paragraph(words_on_creep(shown))
-    plots.both_causes(made, shown)
-    _how_to_read(made)
-    _differences(made, rows)
-    _statements(made, shown)
+    yield from _first(rows)
+    yield Text(words_on_both(shown))
+    yield Text(words_on_creep(shown))
+    yield from plots.both_causes(shown)
+    yield from _how_to_read()
+    yield from _differences(rows)
+    yield from _statements(shown)
     for title, sections in SECTIONS.items():
-        made.add_section(title)
+        yield Heading(title)
         chosen = [
             (row, other)
             for row, other in zip(rows, adjacent, strict=True)
             if row.entry.key.split(".")[0] in sections
         ]
-        _entries(made, chosen, quick is not None)
-        plots.add(made, title, shown)
-    _causes(made, shown, result)
-    _state(made, shown)
-    _errors(made, shown)
-    _footer(made, shown, quick)
-    return made
+        yield from _entries(chosen, quick is not None)
+        yield from plots.section_pictures(title, shown)
+    yield from _causes(shown, comparisons(shown))
+    yield from _state(shown)
+    yield from _errors(shown)
 
 
 def _lead(rows: Sequence[Judged], shown: Results, quick: Results | None) -> str:
@@ -106,15 +108,15 @@ def describe_fields(numbers: dict[str, int]) -> str:
     return ", ".join(f"{number} {name}" for name, number in numbers.items())
 
 
-def _first(made: HtmlPage, rows: Sequence[Judged]) -> None:
-    made.add_section("The ten figures that matter most")
+def _first(rows: Sequence[Judged]) -> Iterator[Block]:
+    yield Heading("The ten figures that matter most")
     chosen = [row for key in FIRST for row in rows if row.entry.key == key]
-    plots.adjacent(made, chosen)
-    _entries(made, [(row, None) for row in chosen], False, notes=False)
+    yield from plots.adjacent(chosen)
+    yield from _entries([(row, None) for row in chosen], False, notes=False)
 
 
-def _how_to_read(made: HtmlPage) -> None:
-    made.add_paragraph(
+def _how_to_read() -> Iterator[Block]:
+    yield Text(
         "Ours is the mean over starts with its interval of 95 % (Student); the number in brackets "
         "says how many starts. A published mean with a deviation is judged by Welch's interval of "
         "the difference, with both standard errors. A published number without one is one draw: "
@@ -134,11 +136,11 @@ def _how_to_read(made: HtmlPage) -> None:
     )
 
 
-def _differences(made: HtmlPage, rows: Sequence[Judged]) -> None:
-    made.add_section("Differences")
+def _differences(rows: Sequence[Judged]) -> Iterator[Block]:
+    yield Heading("Differences")
     chosen = [row for row in rows if row.verdict.words == DIFFERS]
     if not chosen:
-        made.add_paragraph("None among the entries that were run.")
+        yield Text("None among the entries that were run.")
         return
     chosen.sort(key=_relative, reverse=True)
     cells = [
@@ -153,7 +155,7 @@ def _differences(made: HtmlPage, rows: Sequence[Judged]) -> None:
         for row in chosen
     ]
     header = ("what", "published", "ours", "difference", "allowed", "why")
-    made.add_table(header, cells)
+    yield Table(header, cells)
 
 
 def _relative(row: Judged) -> float:
@@ -162,8 +164,8 @@ def _relative(row: Judged) -> float:
 
 
 def _entries(
-    made: HtmlPage, rows: Sequence[tuple[Judged, Judged | None]], with_quick: bool, notes: bool = True
-) -> None:
+    rows: Sequence[tuple[Judged, Judged | None]], with_quick: bool, notes: bool = True
+) -> Iterator[Block]:
     header = ["what", "published", "ours", "verdict", "allowed", "protocol"]
     header += ["quick run", "its verdict"] if with_quick else []
     cells, told = [], []
@@ -183,13 +185,12 @@ def _entries(
             cells[-1] += [ours_of(other.found, row.entry.unit), other.verdict.words]
         if row.note and row.note not in told:
             told.append(row.note)
-    made.add_table(header, cells)
+    yield Table(header, cells)
     if not notes:
         return
     sources = list(dict.fromkeys(row.source for row, _ in rows))
-    made.add_paragraph("Source: " + "; ".join(sources) + ".")
-    for note in told:
-        made.add_warning(note)
+    yield Text("Source: " + "; ".join(sources) + ".")
+    yield from map(Caution, told)
 
 
 def _verdict(row: Judged) -> str:
@@ -219,18 +220,18 @@ def _unit(unit: str) -> str:
     return f" {unit}" if unit else ""
 
 
-def _statements(made: HtmlPage, results: Results) -> None:
-    made.add_section("Statements")
-    made.add_paragraph("What de Paula says without a number, tested on the runs.")
+def _statements(results: Results) -> Iterator[Block]:
+    yield Heading("Statements")
+    yield Text("What de Paula says without a number, tested on the runs.")
     rows = []
     for item in statements():
         check = item.check(results)
         verdict = "not run" if check is None else "holds" if check.holds else "does not hold"
         rows.append((item.words, item.source, verdict, "" if check is None else check.figures))
-    made.add_table(("statement", "section", "", "figures"), rows)
+    yield Table(("statement", "section", "", "figures"), rows)
 
 
-def _both(made: HtmlPage, results: Results) -> None:
+def _both(results: Results) -> Iterator[Block]:
     rows = [
         (
             str(item.grains),
@@ -261,16 +262,16 @@ def _both(made: HtmlPage, results: Results) -> None:
             "allowed",
             "within",
         )
-        made.add_table(head, rows)
+        yield Table(head, rows)
 
 
-def _causes(made: HtmlPage, results: Results, result: Sequence[ChangedFigure]) -> None:
-    made.add_section("Causes")
-    _both(made, results)
-    made.add_paragraph(verdict_on_hysteresis(result))
+def _causes(results: Results, result: Sequence[ChangedFigure]) -> Iterator[Block]:
+    yield Heading("Causes")
+    yield from _both(results)
+    yield Text(verdict_on_hysteresis(result))
     if large := words_on_large_beds(results):
-        made.add_paragraph(large)
-    made.add_paragraph(
+        yield Text(large)
+    yield Text(
         "The same bed with one thing changed, or with several: what matters moves a mean beyond "
         "Student's interval of 95 % for the starts that were run; what explains brings it to the "
         "published number, within the interval of its mean. A bed without dissipation is left out: "
@@ -278,7 +279,7 @@ def _causes(made: HtmlPage, results: Results, result: Sequence[ChangedFigure]) -
         "cell of 0.36 m contradicts the packing of 0.34 that de Paula prints."
     )
     if not result:
-        made.add_paragraph("Not run.")
+        yield Text("Not run.")
         return
     rows = [
         (
@@ -292,7 +293,7 @@ def _causes(made: HtmlPage, results: Results, result: Sequence[ChangedFigure]) -
         )
         for item in result
     ]
-    made.add_table(("change", "bed", "figure", "published", "without", "with", ""), rows)
+    yield Table(("change", "bed", "figure", "published", "without", "with", ""), rows)
 
 
 def _mattering(item: ChangedFigure) -> str:
@@ -303,9 +304,9 @@ def _mattering(item: ChangedFigure) -> str:
     return "matters" if item.matters else "within scatter"
 
 
-def _state(made: HtmlPage, results: Results) -> None:
-    made.add_section("State of the series")
-    made.add_paragraph(f"{describe_fields(counted(results))}.")
+def _state(results: Results) -> Iterator[Block]:
+    yield Heading("State of the series")
+    yield Text(f"{describe_fields(counted(results))}.")
     rows = [
         (
             key,
@@ -317,8 +318,8 @@ def _state(made: HtmlPage, results: Results) -> None:
         if not is_whole(item) or item["coarse"] or worst_residual(item) > 1e-4
     ]
     if rows:
-        made.add_paragraph("Series that are not whole, or whose energy is off by more than 1e-4:")
-        made.add_table(("series", "state", "step", "energy residual"), rows)
+        yield Text("Series that are not whole, or whose energy is off by more than 1e-4:")
+        yield Table(("series", "state", "step", "energy residual"), rows)
 
 
 def _word(item: Plain) -> str:
@@ -327,20 +328,22 @@ def _word(item: Plain) -> str:
     return "stale" if item.get("stale") else f"{len(item['done'])} of {len(item['seeds'])} starts"
 
 
-def _errors(made: HtmlPage, results: Results) -> None:
+def _errors(results: Results) -> Iterator[Block]:
     failed = {key: item["errors"] for key, item in results.series.items() if item["errors"]}
     if failed:
-        made.add_section("Cases that failed")
-        made.add_table(("bed", "error"), [(k, e) for k, some in failed.items() for e in some])
+        yield Heading("Cases that failed")
+        yield Table(("bed", "error"), [(k, e) for k, some in failed.items() for e in some])
 
 
-def _footer(made: HtmlPage, shown: Results, quick: Results | None) -> None:
-    for results in (shown, quick):
-        if results is not None and results.made:
-            versions = ", ".join(f"{k} {v}" for k, v in results.made.items() if k not in _OWN)
-            command, date = (html.unescape(str(results.made[name])) for name in _OWN[:2])
-            times = results.made.get("sittings", 1)
-            made.add_footer(f"Made by {command} on {date}, begun {times} times, with {versions}.")
+def _footer(shown: Results, quick: Results | None) -> str:
+    made = (results.made for results in (shown, quick) if results is not None and results.made)
+    return " ".join(map(_made_with, made))
+
+
+def _made_with(made: Mapping[str, Any]) -> str:
+    versions = ", ".join(f"{k} {v}" for k, v in made.items() if k not in _OWN)
+    command, date = (html.unescape(str(made[name])) for name in _OWN[:2])
+    return f"Made by {command} on {date}, begun {made.get('sittings', 1)} times, with {versions}."
 
 
 _OWN = ("command", "date", "sittings")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.shared.html_pages import HtmlPage
+from granular.shared.blocks import Block, Picture
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from research.published.both_causes import CREEP_SIZE, creep_over_step, grid_of_steps, with_both_causes
 from research.published.entry import error_of_difference, quantile
@@ -38,13 +38,13 @@ WIDTH = 6.4
 _PUBLISHED = {"marker": "x", "linestyle": "none", "markersize": 7.0, "markeredgewidth": 1.6}
 
 
-def add(page: HtmlPage, section: str, results: Results) -> None:
-    """Add the pictures of a section of the report."""
+def section_pictures(section: str, results: Results) -> Iterator[Block]:
+    """Pictures of a section of the report."""
     for draw in _PICTURES.get(section, ()):
-        draw(page, results)
+        yield from draw(results)
 
 
-def adjacent(page: HtmlPage, rows: Sequence[Judged]) -> None:
+def adjacent(rows: Sequence[Judged]) -> Iterator[Block]:
     """Draw figures over their published values, both with intervals of 95 % of the mean."""
     there = [row for row in rows if row.found is not None]
     if not there:
@@ -80,18 +80,18 @@ def adjacent(page: HtmlPage, rows: Sequence[Judged]) -> None:
         axes.set_yticks(range(len(there)), [row.entry.what for row in reversed(there)], fontsize=8)
         axes.set(xlabel="over the published value")
         axes.legend(fontsize=8)
-        page.add_figure(
-            drawing,
+        yield Picture(
+            lambda: drawing,
             "Ours and the published values, over the latter; bars are intervals "
             "of 95 % of the means, or half of the last printed digit.",
         )
 
 
-def both_causes(page: HtmlPage, results: Results) -> None:
+def both_causes(results: Results) -> Iterator[Block]:
     """Add what start and end are off by, without and with both causes, and creep over the step."""
     drawing = both_causes_figure(results)
     if drawing is not None:
-        page.add_figure(drawing, BOTH_CAPTION)
+        yield Picture(lambda: drawing, BOTH_CAPTION)
 
 
 def both_causes_figure(results: Results) -> Figure | None:
@@ -156,7 +156,7 @@ def _points(
     return x, y, errors
 
 
-def _force_over_size(page: HtmlPage, results: Results) -> None:
+def _force_over_size(results: Results) -> Iterator[Block]:
     sizes = (*LISTED, *LARGE)
     with figure(width=WIDTH) as (drawing, axes):
         for k, (way, section, label) in enumerate(
@@ -185,10 +185,10 @@ def _force_over_size(page: HtmlPage, results: Results) -> None:
             )
         axes.set(xlabel="number of grains", ylabel="piston force [N]")
         axes.legend()
-        page.add_figure(drawing, "Piston force at full compression over the number of grains.")
+        yield Picture(lambda: drawing, "Piston force at full compression over the number of grains.")
 
 
-def _losses(page: HtmlPage, results: Results) -> None:
+def _losses(results: Results) -> Iterator[Block]:
     from research.published.measures import percent_difference
 
     sizes = (*LISTED, *LARGE)
@@ -214,10 +214,10 @@ def _losses(page: HtmlPage, results: Results) -> None:
         )
         axes.set(xlabel="number of grains", ylabel="list less every pair [%]")
         axes.legend()
-        page.add_figure(drawing, "What de Paula's list loses, in percent of its own force.")
+        yield Picture(lambda: drawing, "What de Paula's list loses, in percent of its own force.")
 
 
-def _distance_over_size(page: HtmlPage, results: Results) -> None:
+def _distance_over_size(results: Results) -> Iterator[Block]:
     columns = (
         ("start", "half_start_D", "start"),
         ("end", "half_end_D", "end"),
@@ -245,10 +245,10 @@ def _distance_over_size(page: HtmlPage, results: Results) -> None:
             )
         axes.set(xlabel="number of grains", ylabel="half mean distance [D]")
         axes.legend()
-        page.add_figure(drawing, "Half mean distance over the number of grains.")
+        yield Picture(lambda: drawing, "Half mean distance over the number of grains.")
 
 
-def _shares_over_size(page: HtmlPage, results: Results) -> None:
+def _shares_over_size(results: Results) -> Iterator[Block]:
     kinds = ("hexagons", "pentagons", "heptagons")
     ways = (("direct", "direct_sum", "every pair"), ("list", "verlet", "de Paula's list"))
     with figure(1, 2, width=WIDTH) as (drawing, both):
@@ -274,10 +274,10 @@ def _shares_over_size(page: HtmlPage, results: Results) -> None:
             axes.set(xlabel="number of grains", ylim=limits)
             axes.legend(fontsize=8, loc="upper right")
         both[0].set_ylabel("fraction of polygons")
-        page.add_figure(drawing, "Shares of polygons at full compression; crosses are published.")
+        yield Picture(lambda: drawing, "Shares of polygons at full compression; crosses are published.")
 
 
-def _course(page: HtmlPage, results: Results) -> None:
+def _course(results: Results) -> Iterator[Block]:
     courses = [np.array(results.lists("starts", way)) for way in ("down", "up")]
     if any(item.ndim != 2 for item in courses):
         return
@@ -289,13 +289,13 @@ def _course(page: HtmlPage, results: Results) -> None:
             axes.plot(x, trajectory.mean(axis=0), color=COLOURS[k], linestyle=STYLES[k], label=label)
         axes.set(xlabel="stroke of the piston, over its greatest", ylabel="piston force [N]")
         axes.legend()
-        page.add_figure(drawing, "The cycle from ten starts, and its mean (368 grains, 5.63 mm/s).")
+        yield Picture(lambda: drawing, "The cycle from ten starts, and its mean (368 grains, 5.63 mm/s).")
 
 
 _CURVES = (*((f"{a:g}", a, 0.005) for a in ASPECTS), ("0.75 (6:8)", 0.75, 0.008))
 
 
-def _force_over_ratio(page: HtmlPage, results: Results) -> None:
+def _force_over_ratio(results: Results) -> Iterator[Block]:
     x_fine = np.linspace(0.0, 1.0, 101)
     with figure(width=WIDTH) as (drawing, axes):
         for k, (label, aspect, big) in enumerate(_CURVES):
@@ -328,13 +328,13 @@ def _force_over_ratio(page: HtmlPage, results: Results) -> None:
             )
         axes.set(xlabel="fraction R of small grains", ylabel="F(R)/F(1)")
         axes.legend(fontsize=8)
-        page.add_figure(
-            drawing,
+        yield Picture(
+            lambda: drawing,
             "Greatest force over the fraction of small grains, with the curves of the published fits.",
         )
 
 
-def _order_over_ratio(page: HtmlPage, results: Results) -> None:
+def _order_over_ratio(results: Results) -> Iterator[Block]:
     with figure(1, 2, width=WIDTH, sharex=True) as (drawing, both):
         for k, (label, aspect, big) in enumerate(_CURVES):
             names = [mixture_name(aspect, r, big) for r in RATIOS]
@@ -354,14 +354,14 @@ def _order_over_ratio(page: HtmlPage, results: Results) -> None:
         for axes, label in zip(both, ("fraction of hexagons", "Ψ₆"), strict=True):
             axes.set(xlabel="R", ylabel=label, ylim=(0.0, 1.0))
         both[1].legend(fontsize=8)
-        page.add_figure(
-            drawing,
+        yield Picture(
+            lambda: drawing,
             "Order at full compression over the fraction of small grains. De "
             "Paula draws these, and prints no numbers.",
         )
 
 
-def _hysteresis(page: HtmlPage, results: Results) -> None:
+def _hysteresis(results: Results) -> Iterator[Block]:
     names = [f"direct {n}" for n in SIZES]
     x, y, errors = _points(results, names, SIZES, "hysteresis_D")
     if not len(x):
@@ -385,10 +385,10 @@ def _hysteresis(page: HtmlPage, results: Results) -> None:
             )
         axes.set(xlabel="number of grains", ylabel="hysteresis of the half mean distance [D]")
         axes.legend(fontsize=8)
-        page.add_figure(drawing, "Half mean distance at the start less that at the end of the cycle.")
+        yield Picture(lambda: drawing, "Half mean distance at the start less that at the end of the cycle.")
 
 
-def _speed_courses(page: HtmlPage, results: Results) -> None:
+def _speed_courses(results: Results) -> Iterator[Block]:
     names = {"8.33": "direct 368"} | {f"{v:g}": f"speed {v:g}" for v in SPEEDS[2:]}
     courses = {speed: np.array(results.lists(name, "half_course_D")) for speed, name in names.items()}
     if any(item.ndim != 2 for item in courses.values()):
@@ -405,10 +405,10 @@ def _speed_courses(page: HtmlPage, results: Results) -> None:
             )
         axes.set(xlabel="time [T]", ylabel="half mean distance [D]")
         axes.legend(fontsize=8)
-        page.add_figure(drawing, "Half mean distance over the cycle for several speeds (368 grains).")
+        yield Picture(lambda: drawing, "Half mean distance over the cycle for several speeds (368 grains).")
 
 
-def _grain_forces(page: HtmlPage, results: Results) -> None:
+def _grain_forces(results: Results) -> Iterator[Block]:
     names = [mixture_name(0.6, r) for r in RATIOS]
     with figure(1, 2, width=WIDTH, sharex=True) as (drawing, both):
         for k, kind in enumerate(("big", "small")):
@@ -428,15 +428,15 @@ def _grain_forces(page: HtmlPage, results: Results) -> None:
         both[0].set(xlabel="R", ylabel="compressive force on a grain [N]", ylim=(0.0, None))
         both[1].set(xlabel="R", ylabel="relative fluctuation", ylim=(0.0, None))
         both[0].legend(fontsize=8)
-        page.add_figure(
-            drawing,
+        yield Picture(
+            lambda: drawing,
             "Mean compressive force (sum of magnitudes) on the grains of each "
             "species at full compression (a = 0.6), and the mean fluctuation of the "
             "resulting force [D, eq. 4.35].",
         )
 
 
-def _force_modes(page: HtmlPage, results: Results) -> None:
+def _force_modes(results: Results) -> Iterator[Block]:
     """Distributions pooled over the starts, over the greatest force, as de Paula draws them."""
     beds = {f"R = {r:g}": mixture_name(0.6, r) for r in (0.0, 0.1, 0.5, 0.9, 1.0)}
     result = {label: np.array(results.lists(name, "modes")) for label, name in beds.items()}
@@ -454,15 +454,15 @@ def _force_modes(page: HtmlPage, results: Results) -> None:
             axes.set_title(label + p, fontsize=8)
             axes.set_xlabel("F/F_max", fontsize=8)
         np.atleast_1d(row)[0].set_ylabel("density")
-        page.add_figure(
-            drawing,
+        yield Picture(
+            lambda: drawing,
             "Compressive force of the grains at full compression over its "
             "greatest, both species together (a = 0.6), and the greatest p of the dip test "
             "for one mode.",
         )
 
 
-def _dampers(page: HtmlPage, results: Results) -> None:
+def _dampers(results: Results) -> Iterator[Block]:
     names = [damper_name(MASSES[1], g) for g in GAMMAS]
     x, ratio, errors = _points(results, names, GAMMAS, "alpha_over_omega")
     if not len(x):
@@ -482,15 +482,15 @@ def _dampers(page: HtmlPage, results: Results) -> None:
         both[1].set(xlabel="drag of a grain [kg/s]", ylabel="left over of the swing [%]", ylim=(0.0, None))
         both[0].legend(fontsize=8)
         both[1].legend(fontsize=8)
-        page.add_figure(
-            drawing,
+        yield Picture(
+            lambda: drawing,
             "De Paula's law fitted to the swing after a lift of 0.2 D, 6.24 kg: "
             "its alpha/omega in de Paula's scaling, and what it and the linear law leave "
             "over with shift and scale free.",
         )
 
 
-def _pressed(page: HtmlPage, results: Results) -> None:
+def _pressed(results: Results) -> Iterator[Block]:
     ratios = (0.0, 0.1, 0.5, 0.9, 1.0)
     with figure(width=WIDTH) as (drawing, axes):
         drawn = 0
@@ -512,14 +512,14 @@ def _pressed(page: HtmlPage, results: Results) -> None:
             return
         axes.set(xlabel="R", ylabel="fraction of hexagons at 110 N", ylim=(0.0, 1.0))
         axes.legend(fontsize=8)
-        page.add_figure(
-            drawing,
+        yield Picture(
+            lambda: drawing,
             "Mixtures of a = 0.6 pressed until 110 N as in the experiment, whose "
             "numbers de Paula does not print.",
         )
 
 
-def _variants(page: HtmlPage, results: Results) -> None:
+def _variants(results: Results) -> Iterator[Block]:
     beds = {"dry": [mixture_name(0.6, r) for r in VARIANT_RATIOS]}
     beds |= {name: [f"{name}, R = {r:g}" for r in VARIANT_RATIOS] for name in VARIANTS}
     if together([item for some in beds.values() for item in some], "force", results) is None:
@@ -542,10 +542,10 @@ def _variants(page: HtmlPage, results: Results) -> None:
         both[0].set(xlabel="R", ylabel="F(R)/F(1)")
         both[1].set(xlabel="R", ylabel="fraction of hexagons", ylim=(0.0, 1.0))
         both[0].legend(fontsize=8)
-        page.add_figure(drawing, "With drag, and without gravity (a = 0.6).")
+        yield Picture(lambda: drawing, "With drag, and without gravity (a = 0.6).")
 
 
-_PICTURES: dict[str, Sequence[Callable[[HtmlPage, Results], None]]] = {
+_PICTURES: dict[str, Sequence[Callable[[Results], Iterator[Block]]]] = {
     "Independence of start and speed": (_course,),
     "Force on the piston": (_force_over_size, _losses),
     "Mean distance": (_distance_over_size, _hysteresis, _speed_courses),

@@ -18,14 +18,14 @@ import pytest
 from granular import PistonRecord, load_scene
 from granular.shared.errors import InputError, StoreError
 from granular.shared.files import write_atomically, write_json, write_text
-from granular.shared.html_pages import HtmlPage
+from granular.shared.html_pages import Page
 
 RECORD = PistonRecord(np.linspace(0.0, 1.0, 5), np.linspace(0.01, 0.02, 5))
 WRITERS: dict[str, Callable[[Path], None]] = {
     "text": lambda path: write_text(path, "words\n"),
     "JSON": lambda path: write_json(path, {"a": [1.0, math.nan]}),
     "scene": load_scene("bed").save,
-    "page": HtmlPage("title", "words").save,
+    "page": Page("title", "words").save,
     "CSV": RECORD.to_csv,
 }
 

@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from granular.shared.html_pages import HtmlPage
+from granular.shared.blocks import Picture
+from granular.shared.html_pages import Page
 from granular.shared.plotting import READABLE, figure, label_log_axis_plainly
 
 
@@ -14,8 +15,7 @@ from granular.shared.plotting import READABLE, figure, label_log_axis_plainly
 def test_the_smallest_letters_are_nine_pixels(size: float, fits: bool) -> None:
     with figure(width=7.2, size=size) as (drawing, axes):
         axes.set_xlabel("time [s]")
-    page = HtmlPage("report")
-    page.add_figure(drawing, "a motion")
+    page = Page("report", "", [Picture(lambda: drawing, "a motion")])
     (least,) = map(float, re.findall(r'style="--least:(\d+)px"', page.to_html()))
     assert size * least / (72.0 * 7.2) == pytest.approx(9.0, abs=0.02)
     assert (least <= 358.0) == fits  # a phone's 390 pixels without the page's rims

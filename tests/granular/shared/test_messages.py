@@ -12,8 +12,9 @@ import pytest
 
 from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch, print_result
+from granular.shared.blocks import Caution, Heading, Items, Printout, Table, Text
 from granular.shared.errors import GranularError, InputError, RunError
-from granular.shared.html_pages import HtmlPage
+from granular.shared.html_pages import Page
 from granular.shared.message_text import LONGEST, MOST, format_factor, one_line, printable, quote, sanitize
 from granular.shared.plotting import figure_label, line_style
 
@@ -166,17 +167,9 @@ def test_a_terminal_that_knows_few_letters(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_pages_hold_no_control_signs() -> None:
-    page = HtmlPage(STEERING, STEERING)
-    for write in (
-        page.add_section,
-        page.add_paragraph,
-        page.add_warning,
-        page.add_preformatted,
-        page.add_footer,
-    ):
-        write(STEERING)
-    page.add_table([STEERING], [[STEERING], ["<b>"]])
-    text = page.to_html()
+    texts = [make(STEERING) for make in (Heading, Text, Caution, Printout)]
+    tables = [Items([STEERING]), Table([STEERING], [[STEERING], ["<b>"]])]
+    text = Page(STEERING, STEERING, [*texts, *tables], STEERING).to_html()
     assert all(sign.isprintable() or sign in "\n\t" for sign in text)
     assert "<b>" not in text
     text.encode("utf-8")

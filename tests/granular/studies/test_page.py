@@ -66,6 +66,9 @@ def test_a_page_shows_what_varies_over_what_is_varied(study: Study) -> None:
     assert "<li>3, 4: a piston of 7.5 kg is heavy</li>" in text
     assert "over piston.mass" in text
     assert text.count("<svg") == 1
+    assert "Means over random starts" in text
+    assert "run until 0.001 s" in text
+    assert all(case.key in text for case in study.cases)
     assert "<th>piston.mass [kg]</th>" in text
 
 

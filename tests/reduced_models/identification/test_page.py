@@ -13,13 +13,13 @@ import pytest
 
 from granular import PistonRecord, Scene, simulate
 from granular.shared.errors import InputError
-from granular.shared.html_pages import HtmlPage
+from granular.shared.html_pages import Page
 from granular.studies.tolerance_parts import Part
 from granular.studies.tolerances import Tolerances
 from reduced_models import IdentifyOptions, identify, load_model
 from reduced_models.identification.comparison_table import Comparison, ComparisonRow
 from reduced_models.identification.page import comparison_page
-from reduced_models.identification.pictures import add_run_sections
+from reduced_models.identification.pictures import run_sections
 from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.models.printed_model import swing_quantities
@@ -77,7 +77,7 @@ def test_no_name_breaks_a_report_or_lets_anything_through() -> None:
         page.encode("utf-8")
         assert page.count("<script") == 1  # its own, that sorts tables
         assert "<img src=x" not in page
-        assert all(sign.isprintable() or sign in "\n\t" for sign in page)
+        assert all(sign.isprintable() or sign in "\n\t\xa0" for sign in page)
         assert "&lt;script&gt;" in page
         assert "\\x1b[31mred" in page
 
@@ -145,13 +145,12 @@ def test_grains_that_come_close_are_doubted_without_contact_alone(small_damper: 
     begin = {"arrangement.positions": near, "arrangement.velocities": shot, "output.scalars": 1e-5}
     scene = small_damper.replace(**{"grains.count": 2, **begin})
     for one in (scene, scene.replace(**{"effects.contact.modulus": 1e9})):
-        page = HtmlPage("run", "")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             run = simulate(one, t_end=1e-4, progress=False)
         assert run.settings()["closest_distance"] < 0.006
-        add_run_sections(page, run)
-        assert ("The scene has no contact" in page.to_html()) == (one is scene)
+        page = Page("run", "", [*run_sections(run)]).to_html()
+        assert ("The scene has no contact" in page) == (one is scene)
 
 
 def test_a_record_has_no_parts() -> None:
