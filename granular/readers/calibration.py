@@ -45,7 +45,7 @@ class Calibration(NamedTuple):
     coefficients: Float[np.ndarray, "k"]  # of powers of the number, in SI over the unit of the column
     deviations: Float[np.ndarray, "m k"]  # of the coefficients, independent, one standard uncertainty each
     raw_unit: str | None  # of the column, such as V; None: none named
-    angle: bool  # it gives an angle [rad]
+    unit: str  # in SI, of what it gives: of the height m, or rad
     inside: tuple[float, float] = (-math.inf, math.inf)  # numbers that it was made for
 
     def apply(
@@ -87,14 +87,14 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
 
 def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
     value, spread, top, steps, raw_unit = _parse_scale(scale)
-    size, angle = _calibrated_unit_size(role, top, f"scale = {quote(scale)}")
+    size, unit = _calibrated_unit_size(role, top, f"scale = {quote(scale)}")
     if value == 0.0 or steps == 0.0:
         raise RecordError(f"scale = {quote(scale)} is 0 or infinite; give another number")
     factor = value * size / steps
     level, uncertainty = (0.0, 0.0) if zero is None else _parse_zero(zero, raw_unit)
     deviations = [np.array([-level, 1.0]) * factor * spread / value, np.array([-factor * uncertainty, 0.0])]
     known = [row for row, given in zip(deviations, (spread, uncertainty), strict=True) if given]
-    return Calibration(np.array([-factor * level, factor]), np.reshape(known, (-1, 2)), raw_unit, angle)
+    return Calibration(np.array([-factor * level, factor]), np.reshape(known, (-1, 2)), raw_unit, unit)
 
 
 def _parse_scale(text: Any) -> tuple[float, float, str, float, str]:
@@ -126,19 +126,20 @@ def _parse_number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
     return value, abs(value) * spread / 100.0 if match[3] else spread
 
 
-def _calibrated_unit_size(role: str, text: str, what: str) -> tuple[float, bool]:
-    """SI size of the unit that a calibration gives, and whether it is an angle."""
+def _calibrated_unit_size(role: str, text: str, what: str) -> tuple[float, str]:
+    """SI size of the unit that a calibration gives, and the unit in SI that it becomes."""
     unit = normalize_unit(text)
     try:
         size, dimension = role_unit_size(role, unit)
     except SceneError as error:
         raise RecordError(f"{what}: {error}") from None
-    angle = role == HEIGHT and unit in ANGLE_UNITS
-    wanted = SI.get(role)
-    if wanted is not None and not angle and dimension != unit_size(wanted)[1]:
+    if role == HEIGHT and unit in ANGLE_UNITS:
+        return size, "rad"
+    wanted = SI.get(role, "")
+    if wanted and dimension != unit_size(wanted)[1]:
         kind = "neither a length nor an angle" if role == HEIGHT else f"no unit of {role}"
         raise RecordError(f"{what}: {quote(text)} is {kind}; write such as '{wanted}/V'")
-    return size, angle
+    return size, wanted
 
 
 def _unit_ratio(unit: str, wanted: str, what: str) -> float:
@@ -173,7 +174,7 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
         )
     if len(texts) > _MOST_DEGREE + 1:
         raise RecordError(f"{len(texts)} coefficients; at most {_MOST_DEGREE + 1} are taken")
-    values, spreads, angles, raw_units = [], [], set(), set()
+    values, spreads, units, raw_units = [], [], set(), set()
     for power, text in enumerate(texts):
         match = _ZERO.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
         top, _, below = (
@@ -193,17 +194,17 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
                 f"coefficients: {quote(text)} for the power {power}; write a number and a unit, "
                 f"such as '0.1 mm{over}'"
             )
-        size, angle = _calibrated_unit_size(role, top, f"coefficients: {quote(text)}")
+        size, unit = _calibrated_unit_size(role, top, f"coefficients: {quote(text)}")
         value, spread = _parse_number_and_uncertainty(match)
         values.append(value * size)
         spreads.append(spread * size)
-        angles.add(angle)
+        units.add(unit)
         if power:
             raw_units.add(normalize_unit(parts[1] if parts else below))
-    if len(angles) > 1 or len(raw_units) > 1:
+    if len(units) > 1 or len(raw_units) > 1:
         raise RecordError("coefficients with different units; write all in the same two units")
     deviations = np.diag(spreads)[np.array(spreads) > 0.0]
-    return Calibration(np.array(values), deviations, next(iter(raw_units), None), next(iter(angles)))
+    return Calibration(np.array(values), deviations, next(iter(raw_units), None), next(iter(units)))
 
 
 def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration:
@@ -215,8 +216,7 @@ def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration
             f"points = {quote(points)}; give a file with the columns raw, value and uncertainty"
         )
     units = points.get("units", {})
-    unit = units.get("value") or SI.get(role, "1")
-    size, angle = _calibrated_unit_size(role, unit, "points: value")
+    size, unit = _calibrated_unit_size(role, units.get("value") or SI.get(role, "1"), "points: value")
     try:
         raw, value = (np.asarray(points[name], dtype=np.float64) for name in ("raw", "value"))
         given = points.get("uncertainty")
@@ -251,7 +251,7 @@ def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration
         shifted @ fitted,
         deviations @ shifted.T,
         None if units.get("raw") is None else normalize_unit(units["raw"]),
-        angle,
+        unit,
         (float(raw.min()), float(raw.max())),
     )
 

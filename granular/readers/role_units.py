@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Literal
 
 from granular.readers.column_headers import (
     ACCELERATION,
@@ -30,13 +31,9 @@ SI = {
 """Units by roles, where the coordinate is a height."""
 
 _LEVEL = re.compile(r"dB(\W.*|[a-zA-Zµ]{0,3})")
-_ANGULAR = {
-    HEIGHT: "rad",
-    VELOCITY: "rad/s",
-    ACCELERATION: "rad/s^2",
-    BASE_HEIGHT: "rad",
-    BASE_ACCELERATION: "rad/s^2",
-}
+CoordinateUnit = Literal["m", "rad"]
+COORDINATES: dict[CoordinateUnit, str] = {"m": "height", "rad": "angle"}
+"""Names of the coordinate by its unit in SI."""
 ANGLE_UNITS = ("deg", "rad", "mrad")
 
 _SPECIAL = {
@@ -63,9 +60,9 @@ def is_level(unit: str) -> bool:
     return _LEVEL.fullmatch(unit) is not None
 
 
-def si_unit_of_role(role: str, *, angle: bool = False) -> str:
+def si_unit_of_role(role: str, coordinate_unit: CoordinateUnit = "m") -> str:
     """SI unit that a role's column is converted to."""
-    return _ANGULAR.get(role, SI.get(role, "")) if angle else SI.get(role, "")
+    return SI.get(role, "").replace("m", coordinate_unit)
 
 
 def role_unit_size(role: str, unit: str) -> tuple[float, Dimension]:
@@ -84,7 +81,7 @@ def size_of_quantity(role: str, text: str) -> float:
         size, dimension = role_unit_size(role, unit)
     except SceneError as error:
         raise RecordError(f"{sanitize(role)}: {error}; convert the quantity") from None
-    wanted = [unit_size(units[role])[1] for units in (SI, _ANGULAR) if role in units]
+    wanted = [unit_size(si_unit_of_role(role, unit))[1] for unit in COORDINATES if role in SI]
     if wanted and dimension not in wanted:
         raise RecordError(
             f"{role}: the unit {quote(text)} does not fit; one of {SI[role]} is wanted: convert the quantity"

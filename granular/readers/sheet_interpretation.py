@@ -23,7 +23,14 @@ from granular.readers.column_headers import (
 )
 from granular.readers.column_roles import NUMBERED, assign_roles, is_index, motion_role
 from granular.readers.read_options import ANGLE, STROKE, ReadOptions
-from granular.readers.role_units import ANGLE_UNITS, example_unit, is_level, role_unit_size, si_unit_of_role
+from granular.readers.role_units import (
+    ANGLE_UNITS,
+    CoordinateUnit,
+    example_unit,
+    is_level,
+    role_unit_size,
+    si_unit_of_role,
+)
 from granular.readers.sheet import IN_MEMORY, Column, Sheet
 from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
@@ -61,7 +68,7 @@ class SheetInterpretation:
     columns: dict[str, np.ndarray]  # (n,) in SI, by roles or names
     source: dict[str, str]  # name in the file of each role
     units: dict[str, str]  # unit that each role was read in
-    angle: bool  # the coordinate is an angle [rad]
+    coordinate_unit: CoordinateUnit
     form: str
     notes: tuple[str, ...]  # what was guessed or done, and how to say it otherwise
     left_out: tuple[str, ...]  # columns that are not numbers everywhere
@@ -78,11 +85,12 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     raw = {role: require_numeric_values(sheet, role, column) for role, column in chosen.items()}
     motion = motion_role(chosen)
     if HEIGHT in calibrations:
-        angle = calibrations[HEIGHT].angle
+        coordinate_unit: CoordinateUnit = "rad" if calibrations[HEIGHT].unit == "rad" else "m"
     elif motion != HEIGHT:
-        angle = _is_angular_rate(motion, units.get(motion))
+        coordinate_unit = "rad" if _is_angular_rate(motion, units.get(motion)) else "m"
     else:
-        angle = _is_angle_column(chosen[HEIGHT], raw[HEIGHT], units, notes, ANGLE in options.columns)
+        said = ANGLE in options.columns
+        coordinate_unit = _unit_of_coordinate(chosen[HEIGHT], raw[HEIGHT], units, notes, said)
     own, deviations = {}, {}
     for role, numbers in raw.items():
         if role in calibrations:
@@ -96,7 +104,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
                 "damping ratio need no other"
             )
         else:
-            own[role] = numbers * _unit_size_in_role(role, units.get(role), angle)
+            own[role] = numbers * _unit_size_in_role(role, units.get(role), coordinate_unit)
     _convert_epoch_times(own, chosen[TIME], notes)
     _note_large_values_without_unit(own, chosen, units, notes, in_memory=sheet.form in IN_MEMORY)
     _note_velocity_unlike_slope(own, notes)
@@ -127,7 +135,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         every,
         {role: column.name for role, column in chosen.items()},
         {role: units.get(role) or si_unit_of_role(role) for role in chosen},
-        angle,
+        coordinate_unit,
         sheet.form,
         tuple(notes),
         tuple(left_out),
@@ -196,27 +204,27 @@ def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOpti
     return result
 
 
-def _is_angle_column(
+def _unit_of_coordinate(
     column: Column, values: np.ndarray, units: dict[str, str], notes: list[str], said: bool
-) -> bool:
+) -> CoordinateUnit:
     """Tell an angle by its unit; one by its name alone is taken for radians or degrees."""
     unit = units.get(HEIGHT)
     if unit in ANGLE_UNITS:
-        return True
+        return "rad"
     if said and unit is not None:
         raise RecordError(
             f"the angle {quote(column.name)} has the unit {quote(unit)}; give deg or rad "
             "(--units angle=deg), or its scale (--scale '360 deg/2048 counts')"
         )
     if unit is not None or not (said or normalize_column_name(column.name) in ANGLES):
-        return False
+        return "m"
     known = np.abs(values[np.isfinite(values)]).max(initial=0.0)
     units[HEIGHT], other = ("deg", "rad") if known > _TURN else ("rad", "deg")
     notes.append(
         f"{quote(column.name)} goes to {known:.3g}, so it is taken for an angle in {units[HEIGHT]} "
         f"(--units height={other}, or --units height=m for a height)"
     )
-    return True
+    return "rad"
 
 
 def _is_angular_rate(role: str, unit: str | None) -> bool:
@@ -224,7 +232,7 @@ def _is_angular_rate(role: str, unit: str | None) -> bool:
     if unit is None:
         return False
     try:
-        return role_unit_size(role, unit)[1] == unit_size(si_unit_of_role(role, angle=True))[1]
+        return role_unit_size(role, unit)[1] == unit_size(si_unit_of_role(role, "rad"))[1]
     except SceneError:
         return False
 
@@ -311,11 +319,11 @@ def _note_stroke_taken_as_free(chosen: Mapping[str, Column], options: ReadOption
         )
 
 
-def _unit_size_in_role(role: str, unit: str | None, angle: bool) -> float:
+def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateUnit) -> float:
     """SI size of a unit in a role; that of an input's is 1 where it is unknown."""
     if unit is None:
         return 1.0
-    wanted = si_unit_of_role(role, angle=angle)
+    wanted = si_unit_of_role(role, coordinate_unit)
     try:
         size, dimension = role_unit_size(role, unit)
     except SceneError as error:

@@ -13,6 +13,7 @@ import numpy as np
 
 from granular.readers.column_headers import ACCELERATION, VELOCITY
 from granular.readers.read_options import options_from_plain
+from granular.readers.role_units import COORDINATES, CoordinateUnit
 from granular.readers.sheet import numbers_in_si
 from granular.readers.signal_integration import integrate_without_drift
 from granular.run.record_source import RecordSource, source_of_file
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from granular.readers.sheet_interpretation import SheetInterpretation
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
+DRAWN_UNITS = {"m": ("mm", 1e3), "rad": ("rad", 1.0)}
+"""Units in which a coordinate is drawn, and how many of them its own unit is."""
 _LEAST_SAMPLES = 2
 _INTEGRALS = {VELOCITY: 1, ACCELERATION: 2}
 """Columns that tell of a motion without a position, and how often they are integrated."""
@@ -53,8 +56,8 @@ class PistonRecord:
         [m/s]; the force of the grains on the piston, upwards [N].
     extra : mapping of str to float64 (n,)
         Further columns, as they were given.
-    angle : bool
-        Whether the coordinate, ``height``, is an angle [rad]; its velocity is in rad/s then.
+    coordinate_unit : "m" or "rad"
+        Unit of ``height``, which is an angle where it is rad; its velocity is in rad/s then.
     deviations : mapping of str to float64 (m, n)
         Independent deviations of columns that a sensor's calibration leaves open, of one standard
         uncertainty each; they widen the intervals of what is fitted. Not checked.
@@ -70,7 +73,8 @@ class PistonRecord:
     Raises
     ------
     RecordError
-        For fewer than two samples, other lengths, values that are not finite, or times that do not grow.
+        For fewer than two samples, other lengths, values that are not finite, times that do not grow, or
+        another unit.
 
     Examples
     --------
@@ -85,13 +89,15 @@ class PistonRecord:
     velocity: np.ndarray | None = None
     force: np.ndarray | None = None
     extra: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    angle: bool = False
+    coordinate_unit: CoordinateUnit = "m"
     deviations: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     measured: str = "height"
     source: RecordSource | None = None
     complete: bool = False
 
     def __post_init__(self) -> None:
+        if self.coordinate_unit not in COORDINATES:
+            raise RecordError(f"coordinate_unit = {quote(self.coordinate_unit)}; give 'm' or 'rad'")
         for name in UNITS:
             values = getattr(self, name)
             if values is not None:
@@ -133,7 +139,7 @@ class PistonRecord:
         others = ", ".join(name for name in self.columns if name not in ("time", "height"))
         return (
             f"PistonRecord of {len(self)} samples from {self.time[0]:.6g} to {self.time[-1]:.6g} s, "
-            f"{'angle' if self.angle else 'height'} from {self.height.min():.6g} to {self.height.max():.6g} "
+            f"{self.coordinate} from {self.height.min():.6g} to {self.height.max():.6g} "
             + (f"{unit}; also {others}" if others else unit)
         )
 
@@ -173,9 +179,9 @@ class PistonRecord:
         from granular.shared.plotting import axes_or_new
 
         ax = axes_or_new(ax)
-        unit, factor = ("rad", 1.0) if self.angle else ("mm", 1e3)
+        unit, factor = DRAWN_UNITS[self.coordinate_unit]
         ax.plot(self.time, factor * self.height)
-        ax.set(xlabel="time [s]", ylabel=f"{'angle' if self.angle else 'height'} [{unit}]")
+        ax.set(xlabel="time [s]", ylabel=f"{self.coordinate} [{unit}]")
         return ax
 
     @classmethod
@@ -356,7 +362,7 @@ class PistonRecord:
             raise RecordError("a stroke is of a record with a measured force; name its column, force=...")
         measured = "force" if meaning.prescribed else record.measured
         return dataclasses.replace(
-            record, angle=meaning.angle, deviations=meaning.deviations, measured=measured
+            record, coordinate_unit=meaning.coordinate_unit, deviations=meaning.deviations, measured=measured
         )
 
     def to_csv(self, path: str | Path) -> None:
@@ -409,7 +415,12 @@ class PistonRecord:
     @property
     def units(self) -> dict[str, str]:
         """SI units of time, height, velocity and force, a dict by names, also of those that are not there."""
-        return {**UNITS, "height": "rad", "velocity": "rad/s"} if self.angle else dict(UNITS)
+        return {**UNITS, "height": self.coordinate_unit, "velocity": f"{self.coordinate_unit}/s"}
+
+    @property
+    def coordinate(self) -> str:
+        """Name of the coordinate: "height", or "angle"."""
+        return COORDINATES[self.coordinate_unit]
 
     @property
     def signal(self) -> np.ndarray:

@@ -233,7 +233,7 @@ def _choose_terms(
             column,
             degree,
             line_is_given=bool(texts) or wanted is not None,
-            angle=records[0].angle,
+            coordinate_unit=records[0].coordinate_unit,
             drive_terms=lambda weak, known: ParametricTerms().fit_open_terms(drive, weak, known),
         )
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *own))))

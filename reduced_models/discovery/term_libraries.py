@@ -233,7 +233,7 @@ def propose_library(
     degree: int,
     *,
     line_is_given: bool,
-    angle: bool,
+    coordinate_unit: str,
     drive_terms: Callable[[WeakForm, Sequence[AnyTerm]], Sequence[AnyTerm]],
 ) -> LibraryProposal:
     """Library whose best sum of terms has the least information criterion along some motions."""
@@ -248,7 +248,7 @@ def propose_library(
         if name == PHYSICAL or (name == "driven" and column is None):
             continue
         if name in _OF_THE_HEIGHT and not plain:
-            if name == "contact" or (name == "trigonometric" and not angle):
+            if name == "contact" or (name == "trigonometric" and coordinate_unit != "rad"):
                 continue
             line_here = HeightLine()
             weak_form_here = weak_form_of(line_here)

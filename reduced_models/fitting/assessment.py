@@ -153,7 +153,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
             intervals = widen_to_linear_intervals(linear, undetermined, profiled[k])
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
         model = _make_model_of_record(result, k, intervals, at_rest, motions, residuals[k])
-        drift = _DRIFT_FOUND.format(size=model.quality.zero_drift, unit=model.unit)
+        drift = _DRIFT_FOUND.format(size=model.quality.zero_drift, unit=model.coordinate_unit)
         notes = (*model.notes, drift) if drift_was_found else model.notes
         models[data.number] = dataclasses.replace(
             model,
@@ -196,7 +196,7 @@ def _make_model_of_record(
         intervals={name: pair for name, pair in intervals.items() if name not in problem.untold},
         confidence=problem.confidence,
         initial=(float(height), float(velocity)),
-        at_rest=None if rest is None else dataclasses.replace(rest, angle=record.angle),
+        at_rest=None if rest is None else dataclasses.replace(rest, coordinate_unit=record.coordinate_unit),
         no_swing=at_rest.reason if isinstance(at_rest, NoSwing) else "",
         quality=quality,
         domain=_ranges_of_motion(motions) | _range_of_observation(unknowns.observation, record),
@@ -212,7 +212,7 @@ def _make_model_of_record(
                 *grid.linearised_residuals(theta),
             ),
             *_bound_notes(parameters, problem.bounds),
-            *(() if record.angle else _suspicious_unit_notes(unknowns.amplitude, unknowns.speed)),
+            *_suspicious_unit_notes(unknowns, record.coordinate_unit),
         ),
         provenance=_provenance_words(
             record, problem, None if isinstance(at_rest, NoSwing) else at_rest.period
@@ -223,7 +223,7 @@ def _make_model_of_record(
             if state != 0.0
         },
         input_interpolation=grid.interpolation,
-        angle=record.angle,
+        coordinate_unit=record.coordinate_unit,
         sensor=_fitted_sensor(unknowns, theta),
         untold=problem.untold,
         conventions={name: value for name, value in parameters.items() if name not in known},
@@ -309,9 +309,9 @@ def _bound_notes(
     )
 
 
-def _suspicious_unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
-    acceleration = speed**2 / amplitude
-    if acceleration < VIOLENT:
+def _suspicious_unit_notes(unknowns: Unknowns, coordinate_unit: str) -> tuple[str, ...]:
+    acceleration = unknowns.speed**2 / unknowns.amplitude
+    if coordinate_unit == "rad" or acceleration < VIOLENT:
         return ()
     return (
         f"the motion accelerates at {acceleration:.2g} m/s^2; check the units of height and time, "

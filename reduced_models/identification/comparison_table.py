@@ -273,7 +273,7 @@ class Comparison:
     def __str__(self) -> str:
         best = self.best
         lines = record_lines(best.provenance.get("record", "").splitlines())
-        lines += figure_lines(swing_quantities(best, best.angle, None), confidence=best.confidence)
+        lines += figure_lines(swing_quantities(best, None), confidence=best.confidence)
         lines += [*self.law_lines(criteria=True), *best.equation_lines(), *wrap_words(self.verdict)]
         lines += [f"  {row.name} was not fitted: {row.failure}" for row in self.rows if row.failure]
         return "\n".join([*lines, *caution_lines(best.cautions)])

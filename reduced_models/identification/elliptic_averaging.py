@@ -134,7 +134,7 @@ def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> E
     averaged = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), oscillator)
     return EllipticAveraging(
         law=model.law.name,
-        unit=model.unit,
+        unit=model.coordinate_unit,
         amplitudes=_first_and_last(averaged),
         frequencies=_first_and_last(averaged_frequency(averaged, oscillator)),
         solved_amplitudes=_first_and_last(cycles.amplitude),

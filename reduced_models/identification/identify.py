@@ -227,7 +227,7 @@ def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> No
 
 def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | None) -> float | None:
     """Mass that moves [kg]: as given, else the piston of a scene."""
-    if mass is not None and record.angle:
+    if mass is not None and record.coordinate_unit == "rad":
         raise InputError(f"mass = {mass:g} kg, and the record is one of an angle; leave it out")
     if mass is None and run is not None and run.scene.piston is not None:
         return run.scene.piston.mass
@@ -248,7 +248,7 @@ def _add_check_outcomes(
         comparison = compare_on_further_records(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
-        figures = swing_quantities(model, record.angle, mass)
+        figures = swing_quantities(model, mass)
         own, no_own = measure_own_swing(record, order[0])
     duration = float(record.time[-1] - record.time[0])
     figures, parameters, own, failed = add_check_errors(figures, own, model, mass, duration, checks)

@@ -120,7 +120,7 @@ def compare_laws_of_record(
     models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
     best = comparison.best
     shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
-    figures = swing_quantities(shown, record.angle, mass)
+    figures = swing_quantities(shown, mass)
     own, no_own = measure_own_swing(record, best)
     if run is None and (wells := well_quantities(best)):
         shown, figures = best, wells

@@ -199,7 +199,7 @@ def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing:
     """
     # Free: from the envelope (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003); driven: from the
     # restoring force (Masri & Caughey 1979, doi:10.1115/1.3424568).
-    units = signal_units(record.measured, angle=record.angle)
+    units = signal_units(record.measured, record.coordinate_unit)
     signal = dataclasses.replace(record, height=record.signal)
     law: Backbone | None
     if model.law.inputs:

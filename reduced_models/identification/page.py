@@ -161,7 +161,7 @@ def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel
             "where it has none, an equivalent friction is the constant force that, next to a dashpot, "
             "loses as much at both. "
         )
-    if model.angle:
+    if model.coordinate_unit == "rad":
         return words + "Stiffness and damping are over the moment of inertia."
     if mass is None:
         return words + (
@@ -174,12 +174,12 @@ def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel
 
 
 def residual_tests_section(
-    tests: Mapping[str, ResidualTests], measured: str, *, angle: bool
+    tests: Mapping[str, ResidualTests], measured: str, coordinate_unit: str
 ) -> Iterator[Block]:
     """Residuals of each law, and whether they are noise."""
     if not tests:
         return
-    _, unit, scale = residual_axis(measured, angle=angle)
+    _, unit, scale = residual_axis(measured, coordinate_unit)
     rows = [
         (
             name,
@@ -212,7 +212,7 @@ def law_section(model: ReducedModel, remark: str) -> Iterator[Block]:
     """Fitted law: its equations, parameters, notes and quality."""
     yield Heading(f"{model.law.name}{remark}")
     yield from equations(model)
-    meaning = f"z is the {model.coordinate} in {'radians' if model.angle else 'metres'}"
+    meaning = f"z is the {model.coordinate} in {'radians' if model.coordinate_unit == 'rad' else 'metres'}"
     if model.law.parsed_equation.line is not None:
         meaning = f"z a pure number, from which the {model.coordinate} follows"
     yield Text(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
@@ -246,7 +246,7 @@ def equations(model: ReducedModel) -> Iterator[Block]:
 
 def _fit_quality_text(model: ReducedModel) -> str:
     quality = model.quality
-    size, unit = (180.0 / math.pi, "degrees") if model.angle else (1e6, "micrometres")
+    size, unit = (180.0 / math.pi, "degrees") if model.coordinate_unit == "rad" else (1e6, "micrometres")
     if model.law.prescribed:
         size, unit = 1.0, "N"
     words = (

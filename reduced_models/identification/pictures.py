@@ -58,14 +58,14 @@ class _DrawnCoordinate(NamedTuple):
 
 
 def _coordinate_axis(record: PistonRecord) -> _DrawnCoordinate:
-    units = signal_units(record.measured, angle=record.angle)
-    name = "angle" if record.angle and record.measured == "height" else record.measured
+    units = signal_units(record.measured, record.coordinate_unit)
+    name = record.coordinate if record.measured == "height" else record.measured
     return _DrawnCoordinate(name, units.length, units.scale)
 
 
-def residual_axis(measured: str, *, angle: bool) -> _DrawnCoordinate:
+def residual_axis(measured: str, coordinate_unit: str) -> _DrawnCoordinate:
     """Axis of residuals: micrometres of a height, otherwise the unit of the measured quantity."""
-    units = signal_units(measured, angle=angle)
+    units = signal_units(measured, coordinate_unit)
     if units.length == "mm":
         return _DrawnCoordinate("residual", "µm", 1e6)
     return _DrawnCoordinate("residual", units.length, units.scale)
@@ -92,7 +92,7 @@ def _draw_curves_and_residuals(
     shown, time = _coordinate_axis(record), record.time - record.time[0]
     with figure(2, 1, height=height, **_STACKED) as (drawing, (top, bottom)):
         signal = record.signal
-        difference = difference or residual_axis(record.measured, angle=record.angle)
+        difference = difference or residual_axis(record.measured, record.coordinate_unit)
         seen = _break_at_gaps(*downsample(time, shown.scale * signal))
         top.plot(*seen, color=GREY, linewidth=3.0, label=label)
         for name, values, look in curves:

@@ -324,7 +324,9 @@ class Identification:
             yield Items([f"{page.capitalise(words)}." for words in self.left_out])
         if self.lift is not None:
             yield from pictures.higher_lift_section(self.lift, self.comparison)
-        yield from page.residual_tests_section(self.residuals, self.record.measured, angle=self.record.angle)
+        yield from page.residual_tests_section(
+            self.residuals, self.record.measured, self.record.coordinate_unit
+        )
         for model in self.models:
             yield from page.law_section(model, " (best)" if model is self.best else "")
         yield from pictures.fits_section(self.record, self.models, self.best)

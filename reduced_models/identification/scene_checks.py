@@ -362,7 +362,7 @@ def _quantities_by_law(
             test_fraction=0.0,
             parameters=given_line_parameters(model),
         )
-    figures = (*swing_quantities(again, model.angle, mass), *again.parameter_quantities())
+    figures = (*swing_quantities(again, mass), *again.parameter_quantities())
     if [figure.symbol for figure in figures] != [figure.symbol for figure in reference]:
         raise InputError("its fit has no such figures")
     return figures

@@ -25,7 +25,7 @@ def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
     errors = None if figures is None else errors_of_figures(model, _well_figures, figures)
     if figures is None or errors is None or not len(model.covariance):
         return ()
-    units = engineering_units(model.angle, None)
+    units = engineering_units(model.coordinate_unit, None)
     size = f"{units.scale * figures[5]:.3g} {units.length}"
     rows = (
         (LOWER_WELL, "z1", units.length, units.scale),

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
+from granular.readers.role_units import CoordinateUnit
 from reduced_models.models.plain_data import Interval, Size, SizeOrInfinity
 from reduced_models.models.printout import figure_lines
 from reduced_models.models.quantities import DAMPING_RATIO, EQUIVALENT_FRICTION, LEVEL, QuantityWithError
@@ -60,6 +61,8 @@ class AtRest:
         what is printed then.
     calibration : mapping of str to float
         Part of half the intervals that a sensor's calibration makes, where there is one.
+    coordinate_unit : "m" or "rad"
+        Unit of the height.
     """
 
     height: float
@@ -69,7 +72,7 @@ class AtRest:
     equivalent: EquivalentDamping | None = None
     peaks: PeakDamping | None = None
     calibration: Mapping[str, SizeOrInfinity] = dataclasses.field(default_factory=dict)
-    angle: bool = False
+    coordinate_unit: CoordinateUnit = "m"
 
     def to_series(self) -> pandas.Series[float]:
         """Height, period and damping ratio with their errors, half of the intervals, as a row of a table.
@@ -113,29 +116,29 @@ class EngineeringUnits:
     inertia: float  # times the law's stiffness and damping
 
 
-def engineering_units(angle: bool, mass: float | None) -> EngineeringUnits:
+def engineering_units(coordinate_unit: str, mass: float | None) -> EngineeringUnits:
     """Units in which a coordinate and its forces are shown; mass [kg]."""
-    if angle:
+    if coordinate_unit == "rad":
         return EngineeringUnits("°", 180.0 / math.pi, "1/s²", "1/s", "rad/s²", 1.0)
     if mass is None:
         return EngineeringUnits("mm", 1e3, "N/m per kg", "N s/m per kg", "m/s²", 1.0)
     return EngineeringUnits("mm", 1e3, "N/m", "N s/m", "N", mass)
 
 
-def signal_units(measured: str, *, angle: bool) -> EngineeringUnits:
+def signal_units(measured: str, coordinate_unit: str) -> EngineeringUnits:
     """Units in which a measured height, velocity, acceleration or force is shown."""
-    units = engineering_units(angle, None)
+    units = engineering_units(coordinate_unit, None)
     if measured == "force":
         return dataclasses.replace(units, length="N", scale=1.0)
     if measured == "acceleration":
-        length, scale = ("°/s²", units.scale) if angle else ("m/s²", 1.0)
+        length, scale = ("°/s²", units.scale) if coordinate_unit == "rad" else ("m/s²", 1.0)
         return dataclasses.replace(units, length=length, scale=scale)
     return dataclasses.replace(units, length=f"{units.length}/s") if measured == "velocity" else units
 
 
 def quantities_at_rest(rest: AtRest, mass: float | None) -> tuple[QuantityWithError, ...]:
     """Equilibrium [mm or degrees], frequency [Hz], damping ratio [%], stiffness and damping; mass [kg]."""
-    units = engineering_units(rest.angle, mass)
+    units = engineering_units(rest.coordinate_unit, mass)
     inertia, quantity = units.inertia, functools.partial(_quantity_with_propagated_errors, rest)
     figures = [
         quantity(LEVEL, "z0", units.length, lambda height, *_: units.scale * height),

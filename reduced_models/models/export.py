@@ -94,7 +94,7 @@ def equations_text(model: FittedLaw) -> str:
     """Equation, parameters with units and intervals, domain and provenance; then LaTeX."""
     lines = [str(model)]
     for name, (low, high) in model.domain.items():
-        unit = {"height": model.unit, "velocity": f"{model.unit}/s"}.get(name, "")
+        unit = {"height": model.coordinate_unit, "velocity": f"{model.coordinate_unit}/s"}.get(name, "")
         lines.append(f"  seen: {name} from {low:.5g} to {high:.5g} {unit}".rstrip())
     lines += [f"  {name}: {words}" for name, words in model.provenance.items()]
     lines += ["", "LaTeX:", model.latex, model.fitted_latex]

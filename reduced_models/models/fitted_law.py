@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.readers.role_units import COORDINATES, CoordinateUnit
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
@@ -63,8 +64,8 @@ class FittedLaw:
         Hidden states at the record's start, where they are not zero.
     input_interpolation : str
         Interpolation of the inputs between samples.
-    angle : bool
-        Whether the height is an angle: [rad] stands for [m] then.
+    coordinate_unit : "m" or "rad"
+        Unit of the height; where that is an angle, [rad] stands for [m].
     """
 
     law: Law
@@ -76,7 +77,7 @@ class FittedLaw:
     provenance: Mapping[str, Lines] = dataclasses.field(default_factory=dict)
     hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
     input_interpolation: Interpolation = "spline"
-    angle: bool = False
+    coordinate_unit: CoordinateUnit = "m"
     conventions: Mapping[str, float] = dataclasses.field(default_factory=dict)
     sensor: Sensor | None = None
     observation: str = ""
@@ -92,19 +93,13 @@ class FittedLaw:
         return {name: known[name] for name in self.law.parameters}
 
     @property
-    def unit(self) -> str:
-        """Unit of the coordinate."""
-        return "rad" if self.angle else "m"
-
-    @property
     def coordinate(self) -> str:
         """Name of the coordinate."""
-        return "angle" if self.angle else "height"
+        return COORDINATES[self.coordinate_unit]
 
     def unit_of_parameter(self, name: str) -> str:
         """Return the unit of a parameter."""
-        result = self.law.units.get(name, "")
-        return _METRE.sub("rad", result) if self.angle else result
+        return _METRE.sub(self.coordinate_unit, self.law.units.get(name, ""))
 
     @property
     def height_line(self) -> HeightLine:
@@ -238,8 +233,8 @@ class FittedLaw:
             raise InputError(_incomplete_solution_text(self.law.name, times, result))
         if "height" in self.law.observations and not self.law.observes_height:
             height = observed_signal(self.law, "height", result, values, drive)
-            return PistonRecord(times, height, angle=self.angle)
-        return PistonRecord(times, result.z, result.velocity, angle=self.angle)
+            return PistonRecord(times, height, coordinate_unit=self.coordinate_unit)
+        return PistonRecord(times, result.z, result.velocity, coordinate_unit=self.coordinate_unit)
 
     def _further_coordinates_at_rest(self, values: list[float]) -> dict[str, float]:
         """Further coordinates where the law rests, from which another motion begins."""

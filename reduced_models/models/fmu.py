@@ -108,7 +108,7 @@ static const double model_start_inputs[] = {{ {c_array_initialiser([0.0] * len(p
 #define model_jacobian(parameters, state, inputs, rows) ((void)rows)
 """
     names = (model.coordinate, "velocity", *parts.hidden)
-    units = (model.unit, f"{model.unit}/s", *("" for _ in parts.hidden))
+    units = (model.coordinate_unit, f"{model.coordinate_unit}/s", *("" for _ in parts.hidden))
     variables = _variables(
         "output",
         list(zip(names, parts.initial, units, strict=True)),

@@ -71,8 +71,8 @@ class ReducedModel(PrintedModel):
         Covariance of these, in their units.
     no_swing : str
         Why ``at_rest`` is None.
-    angle : bool
-        Whether the height is an angle: [rad] stands for [m] then, in all that is said here.
+    coordinate_unit : "m" or "rad"
+        Unit of the height; where that is an angle, [rad] stands for [m] in all that is said here.
     sensor : Sensor or None
         Sensor whose signal was fitted, with its gain and offset; residual and noise are in its
         unit. None where heights were compared.
@@ -412,9 +412,9 @@ class ReducedModel(PrintedModel):
         if least >= low - margin and most <= high + margin:
             return ""
         return (
-            f"the motion goes from {least:.4g} to {most:.4g} {self.unit}, and the law "
+            f"the motion goes from {least:.4g} to {most:.4g} {self.coordinate_unit}, and the law "
             f"{self.law.name!r} was fitted to {self.coordinate}s from {low:.4g} to {high:.4g} "
-            f"{self.unit}: read it as an extrapolation"
+            f"{self.coordinate_unit}: read it as an extrapolation"
         )
 
     def to_plain(self) -> dict[str, Any]:

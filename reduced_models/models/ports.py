@@ -161,7 +161,7 @@ class PortForExport(NamedTuple):
 
 def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -> ForcePort:
     """Return a law of a record as an element; mass [kg], gravity [m/s^2]."""
-    if model.angle:
+    if model.coordinate_unit == "rad":
         raise InputError("the law is one of an angle; a force between two bodies needs a height")
     if model.law.name == DERIVED:
         raise InputError(

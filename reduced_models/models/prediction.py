@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from granular.run.piston_record import DRAWN_UNITS
 from granular.shared.errors import InputError
 from reduced_models.laws.linearization import NoSwing, small_swing
 from reduced_models.models.fitted_law import FittedLaw
@@ -176,7 +177,7 @@ def plot_model(
     """Draw a model's heights [m, rad] over time [s], over recorded ones if they are given."""
     from granular.shared.plotting import COLOURS, GREY, figure_label
 
-    unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)
+    unit, factor = DRAWN_UNITS[model.coordinate_unit]
     if recorded is not None:
         ax.plot(time, factor * recorded, ".", markersize=2.0, color=GREY, label="record")
     label = figure_label(model.law.name)
@@ -200,6 +201,6 @@ def plot_residuals(
     """Draw the residuals of a record over time; time [s], left [m, rad]."""
     from granular.shared.plotting import COLOURS
 
-    unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)
+    unit, factor = DRAWN_UNITS[model.coordinate_unit]
     ax.plot(time, factor * left, color=COLOURS[1], linewidth=0.6)
     ax.set(xlabel="time [s]", ylabel=f"residual [{unit}]")

@@ -42,7 +42,7 @@ class PrintedModel(FittedLaw):
     qualities: Mapping[str, Quality] = dataclasses.field(default_factory=dict)
 
     def __str__(self) -> str:
-        figures = swing_quantities(self, self.angle, None)
+        figures = swing_quantities(self, None)
         lines = record_lines(self.provenance.get("record", "").splitlines())
         if not self.law.prescribed:
             lines += figure_lines(figures, confidence=self.confidence) or [
@@ -53,7 +53,7 @@ class PrintedModel(FittedLaw):
         lines += wrap_words(f"{title}, {self._error_text}", "")
         lines += self.equation_lines()
         if self.quality.zero_drift:
-            size = f"{self.quality.zero_drift:.2g} {self.unit}"
+            size = f"{self.quality.zero_drift:.2g} {self.coordinate_unit}"
             relative = self.quality.zero_drift * self.quality.relative / max(self.quality.residual, 1e-300)
             size += f", {format_percent(relative)} {self.rms_noun}"
             lines.append(f"  drift of the record's zero: {size}, fitted as a random walk")
@@ -112,17 +112,18 @@ class PrintedModel(FittedLaw):
 
     def equation_lines(self, parameters: Sequence[QuantityWithError] | None = None) -> list[str]:
         """Lines of the equation, the meaning of z, and parameters, by default with errors of the fit."""
-        meaning = f"   (z: {self.coordinate} [{self.unit}])" * (self.law.parsed_equation.line is None)
+        meaning = f"   (z: {self.coordinate} [{self.coordinate_unit}])"
         values = self.parameter_quantities() if parameters is None else parameters
-        return equation_lines(f"{self.law.equation}{meaning}", values, self.intervals)
+        has_line = self.law.parsed_equation.line is not None
+        return equation_lines(self.law.equation + meaning * (not has_line), values, self.intervals)
 
 
-def swing_quantities(model: PrintedModel, angle: bool, mass: float | None) -> tuple[QuantityWithError, ...]:
+def swing_quantities(model: PrintedModel, mass: float | None) -> tuple[QuantityWithError, ...]:
     """Figures of a model's oscillation about its equilibrium; none where it has none; mass [kg]."""
     # k = m (2 pi/T)^2 and c = 4 pi m zeta/T of the linear oscillator (Inman 2014, Engineering Vibration, ch.
     # 1). A damping ratio that the record's own peaks contradict is not shown.
     rest = model.at_rest
     if rest is None:
         return ()
-    figures = quantities_at_rest(dataclasses.replace(rest, angle=angle), mass)
+    figures = quantities_at_rest(rest, mass)
     return tuple(figure for figure in figures if figure.name != LEVEL or "level" not in model.untold)

@@ -28,6 +28,7 @@ from reduced_models.models.plain_data import (
     annotations_of,
     plain_value,
     read_entries,
+    read_value,
     wrong_value_error,
 )
 from reduced_models.models.quality import Quality
@@ -67,7 +68,8 @@ def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
     line = None
     if isinstance(data, Mapping):  # models of earlier versions
         line = data.get("map")
-        data = _with_later_entries({key: item for key, item in data.items() if key not in ("map", "mapped")})
+        data = {key: item for key, item in data.items() if key not in ("map", "mapped")}
+        data = _with_later_entries(_with_coordinate_unit("model", data))
     result = read_entries({**annotations_of(kind), **_IN_FILE}, "model", data)
     if result["format"] != FORMAT:
         wanted = f"{FORMAT}, the one that this release reads,"
@@ -93,10 +95,20 @@ def _with_later_entries(data: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(data.get("quality"), Mapping):
         data["quality"] = {"rounded": False, "zero_drift": 0.0, **data["quality"]}
     if isinstance(data.get("at_rest"), Mapping):
-        data["at_rest"] = {"calibration": {}, "angle": data.get("angle", False), **data["at_rest"]}
+        rest = _with_coordinate_unit("model.at_rest", data["at_rest"])
+        data["at_rest"] = {"calibration": {}, "coordinate_unit": data.get("coordinate_unit", "m"), **rest}
         if isinstance(equivalent := data["at_rest"].get("equivalent"), Mapping):
             data["at_rest"]["equivalent"] = {"own": False, **equivalent}
     return data
+
+
+def _with_coordinate_unit(where: str, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return plain data with the unit of the coordinate, where earlier versions say that it is an angle."""
+    if "angle" not in data:
+        return dict(data)
+    angle = read_value(bool, f"{where}.angle", data["angle"])
+    others = {key: item for key, item in data.items() if key != "angle"}
+    return {"coordinate_unit": "rad" if angle else "m", **others}
 
 
 def _with_map_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:

@@ -69,7 +69,7 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
     period = 1.0 if model.at_rest is None else model.at_rest.period
     period = min([period, *(2.0 * math.pi / cycle.frequency for cycle in model.cycles)])
     low, high = model.domain.get("height", (float("nan"), float("nan")))
-    unit = model.unit
+    unit = model.coordinate_unit
     words = [
         f"The law {law.name}, fitted: {law.equation}",
         f"Source of the law: {law.source or 'own'}. Data: {model.provenance.get('data', 'unknown')}.",
@@ -339,7 +339,7 @@ def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
     return _MODELICA.format(
         name=name,
         title=escape_comment(model.law.name).replace('"', "'"),
-        unit=model.unit,
+        unit=model.coordinate_unit,
         height=repr(parts.initial[0]),
         velocity=repr(parts.initial[1]),
         acceleration=modelica_expression(parts.acceleration),

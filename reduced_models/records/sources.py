@@ -196,7 +196,7 @@ def describe_record(record: PistonRecord, period: float | None = None) -> list[s
     source = record.source
     if source is not None and source.scene:
         return [f"{sanitize(source.name)}: {source.scene}, {duration:.2g} s{cycles}"]
-    what = "angle" if record.angle and record.measured == "height" else record.measured
+    what = record.coordinate if record.measured == "height" else record.measured
     rate = f"{(len(record) - 1) / duration:.4g}"
     title = f"{what}, {len(record)} samples at {rate} Hz, {duration:.3g} s{cycles}"
     if source is None:

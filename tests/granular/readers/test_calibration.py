@@ -32,23 +32,23 @@ def scaled(text: str, zero: str | None = None, role: str = "height") -> Calibrat
 
 
 @pytest.mark.parametrize(
-    ("text", "factor", "uncertainty", "angle", "unit"),
+    ("text", "factor", "uncertainty", "unit", "raw_unit"),
     [
-        ("2.4894 mm/V", 2.4894e-3, 0.0, False, "V"),
-        ("2.4894 +- 0.003 mm/V", 2.4894e-3, 0.003 / 2.4894, False, "V"),
-        ("2 ± 0.1 mm/V", 2e-3, 0.05, False, "V"),
-        ("2 +- 5 % mm/V", 2e-3, 0.05, False, "V"),
-        ("360 deg/2048 counts", 2.0 * np.pi / 2048.0, 0.0, True, "counts"),
-        ("-0.5 um/px", -5e-7, 0.0, False, "px"),
-        ("1 in / 10 mV", 2.54e-3, 0.0, False, "mV"),
+        ("2.4894 mm/V", 2.4894e-3, 0.0, "m", "V"),
+        ("2.4894 +- 0.003 mm/V", 2.4894e-3, 0.003 / 2.4894, "m", "V"),
+        ("2 ± 0.1 mm/V", 2e-3, 0.05, "m", "V"),
+        ("2 +- 5 % mm/V", 2e-3, 0.05, "m", "V"),
+        ("360 deg/2048 counts", 2.0 * np.pi / 2048.0, 0.0, "rad", "counts"),
+        ("-0.5 um/px", -5e-7, 0.0, "m", "px"),
+        ("1 in / 10 mV", 2.54e-3, 0.0, "m", "mV"),
     ],
 )
-def test_scales(text: str, factor: float, uncertainty: float, angle: bool, unit: str) -> None:
+def test_scales(text: str, factor: float, uncertainty: float, unit: str, raw_unit: str) -> None:
     scale = scaled(text)
     assert scale.coefficients == pytest.approx([0.0, factor], rel=1e-14)
     spread = np.abs(scale.deviations).sum(axis=0)
     assert spread == pytest.approx([0.0, uncertainty * abs(factor)], rel=1e-12)
-    assert (scale.angle, scale.raw_unit) == (angle, unit)
+    assert (scale.unit, scale.raw_unit) == (unit, raw_unit)
 
 
 @pytest.mark.parametrize(
@@ -209,7 +209,7 @@ def test_a_voltage_becomes_a_height(tmp_path: Path) -> None:
 def test_counts_become_an_angle(tmp_path: Path) -> None:
     path = write(tmp_path / "encoder.csv", "time [s],encoder [counts]", TIME, HEIGHT * 1e5)
     record = PistonRecord.from_file(path, scale="360 deg/2048 counts")
-    assert record.angle
+    assert record.coordinate_unit == "rad"
     assert np.allclose(record.height, HEIGHT * 1e5 * 2.0 * np.pi / 2048.0, rtol=1e-13)
 
 

@@ -92,12 +92,12 @@ def test_what_is_guessed_is_said(tmp_path: Path) -> None:
 def test_an_angle_is_in_radians_and_returns(tmp_path: Path) -> None:
     FORMS["degrees"].write(tmp_path / "degrees.csv")
     record = PistonRecord.from_file(tmp_path / "degrees.csv")
-    assert record.angle
+    assert record.coordinate_unit == "rad"
     assert record.units["height"] == "rad"
     record.between(0.1, 0.5).to_csv(tmp_path / "back.csv")
     assert "height [rad]" in (tmp_path / "back.csv").read_text()
     back = PistonRecord.from_file(tmp_path / "back.csv")
-    assert back.angle
+    assert back.coordinate_unit == "rad"
     assert np.array_equal(back.height, record.between(0.1, 0.5).height)
 
 

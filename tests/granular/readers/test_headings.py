@@ -45,7 +45,7 @@ class Head(NamedTuple):
     columns: tuple[np.ndarray | list[str], ...]
     outcome: str = "right"
     note: str = ""
-    angle: bool = False
+    unit: str = "m"
     comma: bool = False
 
 
@@ -58,7 +58,7 @@ HEADS = {
     "a remark before the unit": Head("time (s),position (top) (mm)", (TIME, MM)),
     "a remark behind a quotient": Head("t/s;Weg/mm (roh)", (TIME, MM), comma=True),
     "a function of time": Head("t [s],x(t) [mm]", (TIME, MM)),
-    "an angle as a function of time": Head("t [s],θ(t) [deg]", (TIME, DEG), angle=True),
+    "an angle as a function of time": Head("t [s],θ(t) [deg]", (TIME, DEG), unit="rad"),
     "a unit behind an unknown name": Head("time_ms,position_x_mm", (1e3 * TIME, MM)),
     "TeX names": Head("$t_{1}$,$z_{1}$ [mm]", (TIME, MM)),
     "TeX upright units": Head(r"$t$ [$\mathrm{s}$];$x_1$ [$\mathrm{mm}$]", (TIME, MM)),
@@ -68,14 +68,14 @@ HEADS = {
     "German, in": Head("Zeit in s;Auslenkung in mm", (TIME, MM), comma=True),
     "German stroke and force": Head("Zeit [ms];Hub [mm];Kraft [N]", (1e3 * TIME, MM, HEIGHT)),
     "German deflection": Head("Messzeit[s];Durchbiegung[µm]", (TIME, 1e6 * HEIGHT), comma=True),
-    "German angle": Head("Zeit in s;Winkel in Grad", (TIME, DEG), angle=True, comma=True),
+    "German angle": Head("Zeit in s;Winkel in Grad", (TIME, DEG), unit="rad", comma=True),
     "French": Head("temps (s);déplacement (mm)", (TIME, MM), comma=True),
     "French, en": Head("temps en s;position en mm", (TIME, MM), comma=True),
     "French elongation": Head("Durée (s);Élongation (mm)", (TIME, MM), comma=True),
-    "French angle": Head("temps (s);angle (°)", (TIME, DEG), angle=True, comma=True),
+    "French angle": Head("temps (s);angle (°)", (TIME, DEG), unit="rad", comma=True),
     "Spanish": Head("Tiempo (s);Posición (mm)", (TIME, MM), comma=True),
     "Spanish displacement": Head("tiempo [s];desplazamiento [mm]", (TIME, MM)),
-    "Spanish angle": Head("tiempo/s;ángulo/grados", (TIME, DEG), angle=True, comma=True),
+    "Spanish angle": Head("tiempo/s;ángulo/grados", (TIME, DEG), unit="rad", comma=True),
     "epoch seconds": Head("timestamp,height [mm]", (1.6e9 + TIME, MM), note="since 1970"),
     "epoch milliseconds": Head("time,height [mm]", (1.6e12 + 1e3 * TIME, MM), note="since 1970"),
     "micros and millimetres": Head("micros,height_mm", (1e6 * TIME, MM)),
@@ -83,13 +83,13 @@ HEADS = {
     "mil": Head("time (s),displacement (mil)", (TIME, HEIGHT / 2.54e-5)),
     "heave": Head("time [s],heave [m]", (TIME, HEIGHT)),
     "amplitude": Head("time [s],amplitude [mm]", (TIME, MM)),
-    "roll": Head("time [s],roll [deg]", (TIME, DEG), angle=True),
-    "degrees without a unit": Head("time,theta", (TIME, DEG), note="angle in deg", angle=True),
-    "radians without a unit": Head("time,theta", (TIME, ANGLE), note="angle in rad", angle=True),
+    "roll": Head("time [s],roll [deg]", (TIME, DEG), unit="rad"),
+    "degrees without a unit": Head("time,theta", (TIME, DEG), note="angle in deg", unit="rad"),
+    "radians without a unit": Head("time,theta", (TIME, ANGLE), note="angle in rad", unit="rad"),
     "SI without units": Head("time,height", (TIME, HEIGHT)),
     "units alone": Head("[s],[mm]", (TIME, MM), note="height is column 2"),
     "angle and its velocity": Head(
-        "time [s],omega [rad/s],theta [rad]", (TIME, 50.0 * SPEED, ANGLE), angle=True
+        "time [s],omega [rad/s],theta [rad]", (TIME, 50.0 * SPEED, ANGLE), unit="rad"
     ),
     "a control next to a position": Head("time,control voltage,position", (TIME, RISING, HEIGHT)),
     "CASSY Lab": Head("t / s\tsA1 / m\tvA1 / m/s", (TIME, HEIGHT, SPEED), comma=True),
@@ -132,11 +132,11 @@ HEADS = {
     "German, in words": Head("Zeit in Sekunden;Höhe in Meter", (TIME, HEIGHT), comma=True),
     "French, in words": Head("temps en secondes;deplacement en millimetres", (TIME, MM), comma=True),
     "Spanish, in words": Head("tiempo en segundos;desplazamiento en milímetros", (TIME, MM), comma=True),
-    "Spanish angle without a unit": Head("tiempo;ángulo", (TIME, DEG), note="angle in deg", angle=True),
+    "Spanish angle without a unit": Head("tiempo;ángulo", (TIME, DEG), note="angle in deg", unit="rad"),
     "millimetres as a name": Head("time,mm", (TIME, MM)),
-    "degrees as a name": Head("Zeit;Grad", (TIME, DEG), angle=True, comma=True),
-    "TeX degrees": Head(r"$t$ [$\mathrm{s}$];$\theta$ [$^\circ$]", (TIME, DEG), angle=True),
-    "CASSY Lab, an angle": Head("t / s\tαB1 / °", (TIME, DEG), angle=True, comma=True),
+    "degrees as a name": Head("Zeit;Grad", (TIME, DEG), unit="rad", comma=True),
+    "TeX degrees": Head(r"$t$ [$\mathrm{s}$];$\theta$ [$^\circ$]", (TIME, DEG), unit="rad"),
+    "CASSY Lab, an angle": Head("t / s\tαB1 / °", (TIME, DEG), unit="rad", comma=True),
     "Tracker, its default": Head("mass_A\nt\tx\ty\t", (TIME, 0.0 * HEIGHT, HEIGHT, EMPTY), note="not 'x'"),
     # what cannot be known is refused, with what to say
     "Tracker, an angle at rest": Head(
@@ -239,12 +239,12 @@ def test_heads_are_read_right_or_refused(name: str, tmp_path: Path) -> None:
         return
     record, said = read(path)
     print(f"{name}: right {[*record.columns]}, {said.split(': ', 1)[-1] or 'nothing said'}")
-    assert record.angle == head.angle
+    assert record.coordinate_unit == head.unit
     assert np.abs(record.time - record.time[0] - TIME).max() < 1e-6
-    assert np.abs(record.height - (ANGLE if head.angle else HEIGHT)).max() < 1e-12
+    assert np.abs(record.height - (ANGLE if head.unit == "rad" else HEIGHT)).max() < 1e-12
     assert head.note in said
     if record.velocity is not None:
-        assert np.abs(record.velocity - SPEED * (50.0 if head.angle else 1.0)).max() < 1e-12
+        assert np.abs(record.velocity - SPEED * (50.0 if head.unit == "rad" else 1.0)).max() < 1e-12
     if "force" in head.head.lower() or "Load" in head.head:
         assert record.force is not None
 

@@ -168,7 +168,7 @@ def test_friction_is_the_coefficient_of_the_law_s_own_sign() -> None:
     assert found.friction == pytest.approx(model.parameters["f"], rel=1e-12)
     assert found.intervals["friction"] == pytest.approx(model.intervals["f"], rel=1e-6)
     assert re.search(r"\ndry friction +F +0\.2200", str(model.at_rest))
-    swing = [quantity.name for quantity in swing_quantities(model, angle=False, mass=None)]
+    swing = [quantity.name for quantity in swing_quantities(model, None)]
     assert "friction" in swing
 
 

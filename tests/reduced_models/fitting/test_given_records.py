@@ -63,3 +63,20 @@ def test_a_table_with_a_record_s_own_names_is_in_si_without_a_word() -> None:
 def test_anything_else_is_refused_with_what_to_give() -> None:
     with pytest.raises(InputError, match=r"give a file's name, \(time, height\), a table, or a PistonRecord"):
         list_of_records(5)
+
+
+def test_degrees_and_radians_give_one_law() -> None:
+    angle = HEIGHT - 0.06
+    records = [
+        PistonRecord.from_table({"time [s]": TIME, f"angle [{unit}]": size * angle})
+        for unit, size in (("deg", np.degrees(1.0)), ("rad", 1.0))
+    ]
+    models = [fit(record, "linear", starts=2, test_fraction=0.0) for record in records]
+    for record, model in zip(records, models, strict=True):
+        assert (record.coordinate_unit, model.coordinate_unit) == ("rad", "rad")
+        assert model.at_rest is not None
+        assert model.at_rest.coordinate_unit == "rad"
+        assert model.simulate(TIME).units["velocity"] == "rad/s"
+        assert model.parameters == pytest.approx(models[0].parameters, rel=1e-9)
+    with pytest.raises(InputError, match="give 'm' or 'rad'"):
+        PistonRecord(TIME, angle, coordinate_unit="deg")  # type: ignore[arg-type]  # a user's mistake

@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
+from granular.readers.role_units import COORDINATES
 from reduced_models import fit, identify, load_model
 from reduced_models.fitting.residual_diagnostics import count_release_transient_samples, diagnose_residuals
 from reduced_models.identification.measured_swing import measure_swing
@@ -37,7 +38,7 @@ def test_a_textbook_oscillator() -> None:
     model = dataclasses.replace(
         load_model(SAVED), at_rest=AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, intervals)
     )
-    known = {one.name: one for one in swing_quantities(model, angle=False, mass=7.5)}
+    known = {one.name: one for one in swing_quantities(model, 7.5)}
     assert known["stiffness"].value == pytest.approx(3000.0)
     assert known["stiffness"].unit == "N/m"
     assert known["damping"].value == pytest.approx(30.0)
@@ -51,11 +52,13 @@ def test_a_textbook_oscillator() -> None:
     assert known["damping"].total_error == pytest.approx(30.0 * math.hypot(0.1, 0.0036606), rel=1e-4)
     assert known["level of rest"].text_with_error == "59.10 ± 0.20 mm"
     assert known["damping ratio"].text_with_error == "10.0 ± 1.0 %"
-    angle = {one.name: one for one in swing_quantities(model, angle=True, mass=None)}
+    assert model.at_rest is not None
+    turning = dataclasses.replace(model, at_rest=dataclasses.replace(model.at_rest, coordinate_unit="rad"))
+    angle = {one.name: one for one in swing_quantities(turning, None)}
     assert angle["level of rest"].unit == "°"
     assert not any("m" in one.unit for one in angle.values())
     assert (angle["stiffness"].unit, angle["damping"].unit) == ("1/s²", "1/s")
-    assert swing_quantities(dataclasses.replace(model, at_rest=None), angle=False, mass=None) == ()
+    assert swing_quantities(dataclasses.replace(model, at_rest=None), None) == ()
 
 
 def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
@@ -64,7 +67,7 @@ def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
     equivalent = EquivalentDamping(0.005, 0.13, 0.125, others, own=True)
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.026, intervals, equivalent)
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-    known = {one.name: one for one in swing_quantities(model, angle=False, mass=8.0)}
+    known = {one.name: one for one in swing_quantities(model, 8.0)}
     assert list(known) == [
         "level of rest",
         "natural frequency",
@@ -77,9 +80,10 @@ def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
     assert known["damping ratio at 1 mm"].text_with_error == "13.0 ± 1.0 %"
     assert known["friction"].text_without_error == "1.000 N"
     assert known["friction"].unit == "N"
-    for angle, unit in ((False, "m/s²"), (True, "rad/s²")):
-        (friction,) = [one for one in swing_quantities(model, angle, None) if one.symbol == "F"]
-        assert (friction.value, friction.unit) == (0.125, unit)
+    for unit in COORDINATES:
+        model = dataclasses.replace(model, at_rest=dataclasses.replace(rest, coordinate_unit=unit))
+        (friction,) = [one for one in swing_quantities(model, None) if one.symbol == "F"]
+        assert (friction.value, friction.unit) == (0.125, f"{unit}/s²")
 
 
 def test_parts_of_an_error_add_up_in_quadrature() -> None:
@@ -87,7 +91,7 @@ def test_parts_of_an_error_add_up_in_quadrature() -> None:
     intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153), "damping_ratio": (0.09, 0.11)}
     rest = AtRest(0.0591, 0.31415, 0.1, intervals, calibration={"height": 0.0001})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-    figures = swing_quantities(model, angle=False, mass=7.5)
+    figures = swing_quantities(model, 7.5)
     level = figures[0]
     assert level.parts == pytest.approx({"fit": math.sqrt(0.03), "calibration": 0.1})
     assert level.total_error == pytest.approx(0.2)
@@ -119,7 +123,7 @@ def test_the_record_s_own_peaks_overrule_a_damping_ratio() -> None:
         rest = AtRest(0.0591, 2.0 * math.pi / 20.0, ratio, intervals, peaks=peaks)
         assert ("record's peaks" in str(rest)) == (not stands)
         model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-        known = {one.name: one for one in swing_quantities(model, False, 8.0)}
+        known = {one.name: one for one in swing_quantities(model, 8.0)}
         assert ("damping ratio" in known, "damping" in known) == (stands, stands)
         assert ("quality factor" in known) == stands
 

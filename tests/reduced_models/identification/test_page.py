@@ -54,7 +54,7 @@ def found(names: tuple[str, ...]) -> Identification:
         for place, one in enumerate(models)
     )
     table = Comparison(rows, f"{names[0]} is first", 0.01, 0.5)
-    figures = swing_quantities(model, angle=False, mass=None)
+    figures = swing_quantities(model, None)
     return Identification(record, models, table, None, figures, names[0], names, {"fits": 1.0})
 
 

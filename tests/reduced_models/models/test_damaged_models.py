@@ -165,6 +165,21 @@ def test_a_refusal_names_the_entry(path: tuple[str, ...], value: Any, words: str
     assert str(caught.value).startswith(str(file))
 
 
+def test_an_angle_of_earlier_versions_is_a_unit() -> None:
+    plain = json.loads(SAVED.read_text())
+    assert plain["angle"] is False
+    assert ReducedModel.from_plain(plain).coordinate_unit == "m"
+    turning = ReducedModel.from_plain(plain | {"angle": True})
+    assert turning.at_rest is not None
+    assert (turning.coordinate_unit, turning.at_rest.coordinate_unit) == ("rad", "rad")
+    assert turning.coordinate == "angle"
+    assert "rad" in turning.unit_of_parameter("g0")
+    again = ReducedModel.from_plain(turning.to_plain())
+    assert again.to_plain() == turning.to_plain()
+    with pytest.raises(InputError, match=r"model\.angle"):
+        ReducedModel.from_plain(plain | {"angle": 1})
+
+
 @pytest.mark.parametrize("fitted", [True, False])
 def test_a_map_beside_the_law_becomes_part_of_it(fitted: bool) -> None:
     """Of files of an earlier version; the motion stays as it was, and a note says what changed."""

@@ -66,7 +66,7 @@ def test_an_interval_that_is_not_about_its_value_is_printed_as_one() -> None:
 
 def test_figures_in_an_engineer_s_words() -> None:
     model = load_model(SAVED)
-    lines = figure_lines(swing_quantities(model, angle=False, mass=7.5), 7.5, 0.95, "1 to 2 mm: constant")
+    lines = figure_lines(swing_quantities(model, 7.5), 7.5, 0.95, "1 to 2 mm: constant")
     assert [line.split("  ")[1] for line in lines[:-1]] == [
         "natural frequency",
         "damping ratio",
@@ -105,7 +105,7 @@ def test_cautions_are_whole_or_counted() -> None:
 def test_an_angle_is_printed_in_degrees() -> None:
     model = load_model(SAVED)
     assert model.at_rest is not None
-    turned = dataclasses.replace(model.at_rest, angle=True)
+    turned = dataclasses.replace(model.at_rest, coordinate_unit="rad")
     assert " °" in str(turned)
     assert " mm" not in str(turned)
 

@@ -42,7 +42,7 @@ def test_the_same_files_come_again(lab: Path, tmp_path: Path) -> None:
 def test_each_description_is_read(name: str, lab: Path) -> None:
     record = read_record(lab / f"{name}.toml")
     assert len(record) > 1000
-    assert record.angle == (name in ("encoder", "pendulum"))
+    assert (record.coordinate_unit == "rad") == (name in ("encoder", "pendulum"))
     assert (record.force is not None) == (name in ("driven", "force-stroke"))
 
 
