@@ -24,17 +24,17 @@ from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import write_text
 from granular.shared.version import versions
-from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
-from validation.cost.work_precision import (
+from validation.measured_quantities import QUANTITIES
+from validation.report_tasks import Plain, Task, failure_lines, results_of, run_tasks
+from validation.work_precision_result import SolverSettings, WorkPrecisionPoint
+from validation.work_precision_runs import (
     ReferenceValue,
     measure_points,
     reference_values,
     run_setting,
     scenes_with_other_seeds,
 )
-from validation.measured_quantities import QUANTITIES
-from validation.report_scenes import compression_scene
-from validation.report_tasks import FAILED, Plain, Task, run_tasks
+from validation.work_precision_section import compression_scene
 
 
 class Priced(NamedTuple):
@@ -107,11 +107,12 @@ def costs(path: Path, progress: bool = True) -> dict[str, Any]:
 
     scenes = priced_scenes()
     kept = path.with_suffix("")
-    known = run_tasks("references", _references(scenes), kept, progress=progress)
-    failed = next((item for item in known if FAILED in item), None)
-    if failed is not None:
-        raise GranularError(f"the reference of {failed['label']} failed: {failed[FAILED]}")
-    entries = iter(run_tasks("settings", _rungs(scenes, known), kept, progress=progress))
+    references = run_tasks("references", _references(scenes), kept, progress=progress)
+    for line in failure_lines(references):
+        raise GranularError(f"the reference of {line}")
+    known = results_of(references)
+    rungs = run_tasks("settings", _rungs(scenes, known), kept, progress=progress)
+    entries = iter([rung.result or {} for rung in rungs])
     rows = [
         _row(item, truth, [next(entries) for _ in _settings(item)])
         for item, truth in zip(scenes, known, strict=True)

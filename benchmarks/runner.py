@@ -164,7 +164,11 @@ def benchmark(
     if where is not None:
         make_directory(where)
     results = {
-        name: run_tasks(f"benchmark-{name}", _tasks(name, full), where, progress=progress) for name in parts
+        name: [
+            outcome.to_plain()
+            for outcome in run_tasks(f"benchmark-{name}", _tasks(name, full), where, progress=progress)
+        ]
+        for name in parts
     }
     result: dict[str, Any] = {
         "parts": results,

@@ -40,9 +40,9 @@ from reduced_models.machines.response import CoupledSystem, LinearSwing, solve_h
 from research.published.judging import judged
 from research.published.results import committed
 from validation import convergence, exact_problem, hard_case_catalogue, run_hard_case
-from validation.cost.advised_setting import duration_text
 from validation.effect_costs import effect_costs
 from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED
+from validation.work_precision_result import duration_text
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
@@ -677,12 +677,12 @@ def write_effect_costs() -> None:
     """Write the time that each effect of the packaged damper adds to a step."""
     costs = effect_costs(load_scene("damper"))
     rows = ["| effect | added to nothing | taken from the whole |", "|---|---|---|"]
-    for one in costs["effects"]:
-        first, last = (f"{one[key]:.2f} ± {one[f'{key}_doubt']:.2f} µs" for key in ("first", "last"))
-        rows.append(f"| `{one['effect']}` | {first} | {last} |")
+    for one in costs.effects:
+        first, last = (f"{value:.2f} ± {doubt:.2f} µs" for value, doubt in (one[1:3], one[3:]))
+        rows.append(f"| `{one.effect}` | {first} | {last} |")
     words = (
-        f"A step of {costs['scene']} ({costs['grains']} grains) takes {costs['step']:.1f} µs of processor "
-        f"time, {costs['nothing']:.2f} µs of it without any effect:"
+        f"A step of {costs.scene} ({costs.grains} grains) takes {costs.step:.1f} µs of processor "
+        f"time, {costs.nothing:.2f} µs of it without any effect:"
     )
     write_block("effect-costs", "\n".join([words, "", *rows, ""]), DOCS / "guide" / "effects.md")
 

@@ -4,12 +4,12 @@
 >>> found = recommend_settings(scene, "rest height", 0.01)
 >>> run = simulate(scene.replace(**found.changes), **found.keywords)
 
-`exact` holds motions that are known, `hard_cases` what may break a simulation, `cost` error
-against time. On these stand the sections of the report, a file each with its tasks, tables and
-figures: `convergence_order`, `depaula_experiment`, `energy_drift`, `cost.report_section`,
-`hard_case_outcomes`; `overview` is the first screen. `report` makes the page of them in one loop, and
-`report_tasks` keeps what is measured. `custom_method` measures a user's own methods, `recommendation`
-answers which step and method to take.
+`exact` is the table of motions that are known, `hard_cases` the table of what may break a simulation,
+`work_precision_runs` measures error against time. On these stand the sections of the report, each with
+its tasks, verdict and blocks: `convergence_order`, `depaula_experiment`, `energy_drift`,
+`work_precision_section`, `hard_case_outcomes`; `overview` is the first screen. `report` makes the page of
+them, also for a user's own methods, and `report_tasks` runs tasks and keeps their outcomes.
+`recommendation` answers which step and method to take.
 """
 
 import lazy_loader

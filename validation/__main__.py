@@ -163,7 +163,7 @@ mine.py:
 def measure_own_methods(options: Any) -> None:
     """Measure methods of the user's own."""
     from granular.user_code import import_user_code
-    from validation.custom_method import method_report
+    from validation.report import method_report
 
     import_user_code(options.user_files)
     if options.scene is None and options.changes:

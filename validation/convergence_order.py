@@ -18,27 +18,33 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.linear import Root, piston_roots, root_of_steps
+from granular.linear.equilibrium import Equilibrium, equilibrium_from, settled_state
 from granular.methods import METHODS, method_named
 from granular.methods.method import COMPENSATED
+from granular.scene.loading import load_scene
+from granular.shared.blocks import Text
 from granular.shared.errors import InputError, RunError
 from validation import external_integrators
 from validation.convergence_result import (
+    BED_ROOT,
     CLEAR,
     HIGH_ORDER,
     ConvergenceResult,
-    FittedSlope,
+    convergence_blocks,
     convergence_table,
     convergence_verdict,
-    show_convergence_section,
+    fit_convergence_slope,
+    fit_line,
 )
-from validation.exact import NAMES, bed_root, bounce, exact_problem
+from validation.exact import NAMES, bounce, exact_problem
 from validation.exact.problem import ExactProblem, GrainStates
-from validation.report_tasks import Plain, Section, Task
+from validation.report_tasks import Section, Task
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -47,10 +53,6 @@ COARSE = {1: 1e-2}
 COARSE_OTHERWISE = 1e-3
 """Steps count from the first one whose error is below this part of a grain's diameter; a method of
 order one gets no nearer at a bearable price."""
-
-DECADE = 10.0
-LEAST_SPAN = 3.0
-"""Least ratio of the steps in a fit; where rounding leaves no whole decade, the table says so."""
 
 LONGER = 4.0
 """Methods of order `HIGH_ORDER` and more start from steps this much longer: a decade of steps takes
@@ -64,12 +66,8 @@ falls only one power faster, would bend the line."""
 # it is run there all the same, and its table shows the error.
 MOST_STEPS = 2**26
 NUDGES = (1, -1, 2)
-# A Fibonacci number: the stops of `closed_forms.SLIDING_TIME`, near the golden ratio, then fall evenly into
-# the step.
+# A Fibonacci number: the stops after `SLIDING_TIME`, near the golden ratio, then fall evenly into the step.
 NEIGHBOURS = 21
-# Three points would leave the slope one degree of freedom, and Student's t of 95 % is 12.7, not 4.3.
-_LEAST_POINTS = 4
-_SLACK = 0.98  # numbers of steps are whole, so a decade may be a little less
 
 FIRST_ROOT_STEP, MOST_ROOT_STEPS, ROOT_COARSE = 0.7, 20, 1e-2
 """Longest step in radians of the root, number of steps, and relative error from which steps count."""
@@ -243,29 +241,42 @@ def _rounding_error(problem: ExactProblem, solve: Solver, count: int, plain: np.
     )
 
 
-def fit_convergence_slope(
-    steps: Sequence[float], errors: Sequence[float], rounding: float
-) -> FittedSlope | None:
-    """Fit the slope over the finest decade of steps [s] whose errors [m] are `CLEAR` of the rounding [m]."""
-    clear = [k for k, error in enumerate(errors) if error > CLEAR * rounding]
-    # Behind the first error that does not stand clear, one that does is a matter of luck.
-    while clear and clear[-1] != len(clear) - 1:
-        clear.pop()
-    if len(clear) < _LEAST_POINTS or steps[0] < LEAST_SPAN * _SLACK * steps[clear[-1]]:
-        return None
-    last = clear[-1]
-    first = max((k for k in clear if steps[k] >= DECADE * _SLACK * steps[last]), default=0)
-    return _fit_line(steps, errors, first, last)
+# Roots ----------------------------------------------------------------------------------------
+
+# A piston as light as three magnets has a root near those of the grains: a step that resolves all is then not
+# so short for it that rounding hides its error.
+CHANGES: dict[str, Any] = {
+    "grains.count": 3,
+    "cell.width": "3 D",
+    "piston.mass": 0.002,
+    "piston.height": "6 D",
+    "arrangement.height": "5 D",
+    "effects.drag.coefficient": 0.01,
+}
 
 
-def _fit_line(steps: Sequence[float], errors: Sequence[float], first: int, last: int) -> FittedSlope:
-    from scipy import stats
+@cache
+def _settled_roots() -> dict[bool, tuple[Equilibrium, Root]]:
+    """Equilibrium and exact root without drag, which Runge-Kutta methods refuse, and with it."""
+    scene, positions, height = settled_state(load_scene("damper").replace(**CHANGES))
+    result = {}
+    for drags in (False, True):
+        variant = scene if drags else scene.replace(**{"effects.drag": None})
+        rest = equilibrium_from(variant, positions, height)
+        result[drags] = rest, piston_roots(rest)[0]
+    return result
 
-    chosen = slice(first, last + 1)
-    line = stats.linregress(np.log(steps[chosen]), np.log(errors[chosen]))
-    margin = float(stats.t.ppf(0.975, last - first - 1)) * float(line.stderr)
-    value = float(line.slope)
-    return FittedSlope(value, (value - margin, value + margin), first, last)
+
+def settled_root(method: str) -> tuple[Equilibrium, Root]:
+    """Equilibrium that a method can run from, and its exact root."""
+    return _settled_roots()[method_named(method).tableau is None]
+
+
+def root_error(method: str, dt: float, exact: complex | None = None) -> float:
+    """Error of a method's root over the exact one, or over another that is given [1/s]; dt [s]."""
+    rest, root = settled_root(method)
+    exact = root.s if exact is None else exact
+    return abs(root_of_steps(rest, root, dt, method) - exact) / abs(exact)
 
 
 def root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
@@ -273,7 +284,7 @@ def root_convergence(method: str, exact: complex | None = None) -> ConvergenceRe
 
     Errors are those of an oscillation of a diameter after a radian [m].
     """
-    rest, root = bed_root.settled_root(method)
+    rest, root = settled_root(method)
     diameter = rest.scene.grains.species[0].diameter
     steps: list[float] = []
     errors: list[float] = []
@@ -283,7 +294,7 @@ def root_convergence(method: str, exact: complex | None = None) -> ConvergenceRe
         step = FIRST_ROOT_STEP / abs(root.s) * math.sqrt(0.5) ** k
         started = time.perf_counter()
         less, error, more = (
-            diameter * bed_root.root_error(method, step * by, exact) for by in (1.0 - NEAR, 1.0, 1.0 + NEAR)
+            diameter * root_error(method, step * by, exact) for by in (1.0 - NEAR, 1.0, 1.0 + NEAR)
         )
         noise = max(rounding, abs(less - 2.0 * error + more), float(np.spacing(diameter)))
         if error > ROOT_COARSE * diameter and not steps:
@@ -296,9 +307,9 @@ def root_convergence(method: str, exact: complex | None = None) -> ConvergenceRe
         rounding = noise
     order = ROOT_ORDERS.get(method, method_named(method).order)
     last = len(steps) - 1
-    fit = _fit_line(steps, errors, last - 4, last) if last >= 4 else None
+    fit = fit_line(steps, errors, last - 4, last) if last >= 4 else None
     return ConvergenceResult(
-        bed_root.NAME, method, order, True, tuple(steps), tuple(errors), rounding, fit, tuple(seconds)
+        BED_ROOT, method, order, True, tuple(steps), tuple(errors), rounding, fit, tuple(seconds)
     )
 
 
@@ -316,30 +327,32 @@ OUTSIDE_PROBLEMS = ("oscillation", "bounce", "scattering", "drag")
 
 def convergence_tasks(full: bool) -> list[Task]:
     """Tasks that measure every method on every exact problem that it suits."""
-    tasks = [
-        convergence_task(method_name_to_plot(method), name, full)
-        for name in NAMES
-        for method in METHODS
-        if (full or method in QUICK_METHODS or name == QUICK_PROBLEM)
-        and method_suits_problem(exact_problem(name), method)
+    return [
+        *(
+            convergence_task(method_name_to_plot(method), name, full)
+            for name in NAMES
+            for method in METHODS
+            if (full or method in QUICK_METHODS or name == QUICK_PROBLEM)
+            and method_suits_problem(exact_problem(name), method)
+        ),
+        *(
+            _root_task(method)
+            for method in METHODS
+            if (full or method in QUICK_METHODS)
+            and not method_named(method).variable
+            and method not in STEEP_IN_ROOT
+        ),
+        *(
+            convergence_task(reference, name, full)
+            for name in (OUTSIDE_PROBLEMS if full else OUTSIDE_PROBLEMS[:1])
+            for reference in external_integrators.ORDERS
+        ),
     ]
-    tasks += [
-        Task(
-            f"{method} on {bed_root.NAME}",
-            {"problem": bed_root.NAME, "method": method},
-            partial(_measure_root_convergence, method),
-        )
-        for method in METHODS
-        if (full or method in QUICK_METHODS)
-        and not method_named(method).variable
-        and method not in STEEP_IN_ROOT
-    ]
-    problems = OUTSIDE_PROBLEMS if full else OUTSIDE_PROBLEMS[:1]
-    return tasks + [
-        convergence_task(reference, name, full)
-        for name in problems
-        for reference in external_integrators.ORDERS
-    ]
+
+
+def _root_task(method: str) -> Task:
+    key = {"problem": BED_ROOT, "method": method}
+    return Task(f"{method} on {BED_ROOT}", key, partial(root_convergence, method))
 
 
 def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task:
@@ -356,7 +369,7 @@ def method_name_to_plot(name: str) -> str:
     return f"{name}{COMPENSATED}" if high else name
 
 
-def _measure_convergence(name: str, method: str, full: bool) -> Plain:
+def _measure_convergence(name: str, method: str, full: bool) -> ConvergenceResult:
     # Methods of order one would need too many steps for all of de Paula's 2 s; those of high
     # order have too few steps that are short enough for every turn and still clear of rounding.
     reference = method in external_integrators.ORDERS
@@ -364,18 +377,12 @@ def _measure_convergence(name: str, method: str, full: bool) -> Plain:
     problem = exact_problem(name)
     if short and name == "bounce":
         problem = bounce.bounce_problem(time=bounce.SHORT)
-    if reference:
-        solve, order = external_integrators.external_solver(method), external_integrators.ORDERS[method]
-        # A Runge-Kutta method shows its order at shorter steps than a symmetric composition.
-        counts = step_counts(
-            dataclasses.replace(problem, fewest_steps=2 * problem.fewest_steps), solve, order
-        )
-        return convergence(problem, method, counts, solver=solve, order=order).to_plain()
-    return convergence(problem, method).to_plain()
-
-
-def _measure_root_convergence(method: str) -> Plain:
-    return root_convergence(method).to_plain()
+    if not reference:
+        return convergence(problem, method)
+    solve, order = external_integrators.external_solver(method), external_integrators.ORDERS[method]
+    # A Runge-Kutta method shows its order at shorter steps than a symmetric composition.
+    finer = dataclasses.replace(problem, fewest_steps=2 * problem.fewest_steps)
+    return convergence(problem, method, step_counts(finer, solve, order), solver=solve, order=order)
 
 
 def _is_shown_briefly(method: str) -> bool:
@@ -387,8 +394,8 @@ CONVERGENCE = Section(
     "convergence",
     "Order of convergence",
     convergence_tasks,
-    ConvergenceResult.from_plain,
-    lambda results: [("Orders of convergence.", convergence_table(results))],
+    ConvergenceResult,
     convergence_verdict,
-    show_convergence_section,
+    convergence_blocks,
+    lambda results: [Text("Orders of convergence."), convergence_table(results)],
 )

@@ -9,17 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.shared.plotting import COLOURS, STYLES, axes_or_new, figure
-from validation.exact.bed_root import NAME
+from granular.shared.blocks import Block, Caution, Picture, Table, Text
+from granular.shared.plotting import axes_or_new
 from validation.external_integrators import ORDERS
-from validation.report_tasks import PlainData
-from validation.text_tables import WIDTH, TextTable, add_table_to_page, draw_legend_below, text_table
+from validation.report_tasks import PlainData, PrintedTable, line_look, picture
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-    from granular.shared.html_pages import HtmlPage
 
 HIGH_ORDER = 6
 """Methods of this order and more have many stages a step; see `validation.convergence_order`."""
@@ -27,6 +24,14 @@ HIGH_ORDER = 6
 CLEAR = 7.0
 """An error this many times the rounding moves the slope of a decade by 0.04 at most, and only where
 the finest steps reach so far down: with methods of order four and more."""
+
+DECADE = 10.0
+LEAST_SPAN = 3.0
+"""Least ratio of the steps in a fit; where rounding leaves no whole decade, the table says so."""
+
+# Three points would leave the slope one degree of freedom, and Student's t of 95 % is 12.7, not 4.3.
+_LEAST_POINTS = 4
+_SLACK = 0.98  # numbers of steps are whole, so a decade may be a little less
 
 
 class FittedSlope(NamedTuple):
@@ -36,6 +41,31 @@ class FittedSlope(NamedTuple):
     interval: tuple[float, float]  # 95 %, of a line: errors are not random, it says how straight
     first: int  # index of the coarsest step of the fit
     last: int  # and of the finest
+
+
+def fit_convergence_slope(
+    steps: Sequence[float], errors: Sequence[float], rounding: float
+) -> FittedSlope | None:
+    """Fit the slope over the finest decade of steps [s] whose errors [m] are `CLEAR` of the rounding [m]."""
+    clear = [k for k, error in enumerate(errors) if error > CLEAR * rounding]
+    # Behind the first error that does not stand clear, one that does is a matter of luck.
+    while clear and clear[-1] != len(clear) - 1:
+        clear.pop()
+    if len(clear) < _LEAST_POINTS or steps[0] < LEAST_SPAN * _SLACK * steps[clear[-1]]:
+        return None
+    last = clear[-1]
+    first = max((k for k in clear if steps[k] >= DECADE * _SLACK * steps[last]), default=0)
+    return fit_line(steps, errors, first, last)
+
+
+def fit_line(steps: Sequence[float], errors: Sequence[float], first: int, last: int) -> FittedSlope:
+    from scipy import stats
+
+    chosen = slice(first, last + 1)
+    line = stats.linregress(np.log(steps[chosen]), np.log(errors[chosen]))
+    margin = float(stats.t.ppf(0.975, last - first - 1)) * float(line.stderr)
+    value = float(line.slope)
+    return FittedSlope(value, (value - margin, value + margin), first, last)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,16 +148,14 @@ class ConvergenceResult(PlainData):
             f"{self.rounding:.1g}",
         )
 
-    def table(self) -> TextTable:
+    def table(self) -> PrintedTable:
         """Step [s], error [m], local slope and wall time [s] of each run."""
-        rows = zip(self.steps, self.errors, ("", *self.local_slopes), self.seconds, strict=True)
-        return text_table(
-            ("step [s]", "error [m]", "slope", "seconds"),
-            [
-                (f"{h:.4g}", f"{e:.4g}", s if isinstance(s, str) else f"{s:.3f}", f"{t:.3g}")
-                for h, e, s, t in rows
-            ],
-        )
+        slopes = ("", *(f"{slope:.3f}" for slope in self.local_slopes))
+        rows = [
+            (f"{h:.4g}", f"{error:.4g}", slope, f"{seconds:.3g}")
+            for h, error, slope, seconds in zip(self.steps, self.errors, slopes, self.seconds, strict=True)
+        ]
+        return PrintedTable(("step [s]", "error [m]", "slope", "seconds"), rows)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Run a row: step [s], error [m], slope to it from the step before, wall time [s]."""
@@ -146,9 +174,8 @@ class ConvergenceResult(PlainData):
         axes.loglog(self.steps, shown, marker="o", markersize=3.5, label=label, **style)
         if self.fit is not None:
             chosen = slice(self.fit.first, self.fit.last + 1)
-            axes.loglog(
-                self.steps[chosen], shown[chosen], linewidth=3.0, alpha=0.35, color=axes.lines[-1].get_color()
-            )
+            colour = axes.lines[-1].get_color()
+            axes.loglog(self.steps[chosen], shown[chosen], linewidth=3.0, alpha=0.35, color=colour)
         axes.set(xlabel="time step [s]", ylabel="error [m]")
         for line in (axes.xaxis, axes.yaxis):
             line.set_minor_formatter("")  # labels between powers of ten would overlap
@@ -167,7 +194,7 @@ HEADER = (
 )
 
 
-def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
+def convergence_table(results: Sequence[ConvergenceResult]) -> PrintedTable:
     """Make a table of convergence results, one row each.
 
     Parameters
@@ -177,11 +204,11 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
 
     Returns
     -------
-    TextTable
+    PrintedTable
         Texts under `HEADER`: problem, method, its declared order, the measured slope and its 95 % interval
         (or why there is none), steps of the fit [s], least error [m] and rounding [m].
     """
-    return TextTable(HEADER, tuple(result.table_row() for result in results))
+    return PrintedTable(HEADER, [result.table_row() for result in results])
 
 
 # In the report ----------------------------------------------------------------------------------
@@ -197,13 +224,16 @@ FULL = 0.99
 # Of a root: two halvings. Its errors are of one step, and rounding cuts them off sooner.
 ROOT_SPAN = 0.6
 
+BED_ROOT = "bed-root"
+"""Name of the problem whose error is in a root."""
+
 OUTSIDE_REACH = 1e-12
 """Distance from the exact place that an outside reference must reach [m]."""
 
 
-def show_convergence_section(page: HtmlPage, results: Sequence[ConvergenceResult]) -> None:
-    """Add slopes, and a plot of error over step for each problem, to a page."""
-    page.add_paragraph(
+def convergence_blocks(results: Sequence[ConvergenceResult]) -> list[Block]:
+    """Make the table of slopes, and a plot of error over step for each problem."""
+    intro = (
         "Error at the end against the exact solution (closed forms, or quadrature of the energy "
         "integral to thirty digits), over the time step. The slope is fitted over the finest "
         f"decade of steps whose error is at least {CLEAR:g} times the measured rounding; its "
@@ -215,23 +245,29 @@ def show_convergence_section(page: HtmlPage, results: Sequence[ConvergenceResult
         "which linear algebra gives without a step; the slope is that of two halvings. An empty cell: the "
         "method does not suit the problem, or was not run on it."
     )
-    add_table_to_page(page, slope_table(results))
-    for failed in (result for result in results if not convergence_holds(result)):
-        page.add_warning(f"{failed.method} on {failed.problem} does not show its order {failed.order}.")
-    for name in dict.fromkeys(result.problem for result in results):
-        group = [result for result in results if result.problem == name and not result.is_exact]
-        if not group:
-            page.add_paragraph(f"On {name} every method shown is exact to rounding.")
-            continue
-        with figure(width=WIDTH, height=5.2) as (drawing, axes):
-            for k, result in enumerate(group):
-                style = STYLES[k // len(COLOURS) % len(STYLES)]
-                result.plot(axes, color=COLOURS[k % len(COLOURS)], linestyle=style, linewidth=1.0)
-            draw_legend_below(axes)
-            page.add_figure(drawing, f"{name}: error at the end over the time step.")
+    failed = [
+        Caution(f"{result.method} on {result.problem} does not show its order {result.order}.")
+        for result in results
+        if not convergence_holds(result)
+    ]
+    problems = dict.fromkeys(result.problem for result in results)
+    pictures = [_picture_of_problem(name, results) for name in problems]
+    return [Text(intro), slope_table(results), *failed, *pictures]
 
 
-def slope_table(results: Sequence[ConvergenceResult]) -> TextTable:
+def _picture_of_problem(name: str, results: Sequence[ConvergenceResult]) -> Picture | Text:
+    group = [result for result in results if result.problem == name and not result.is_exact]
+    if not group:
+        return Text(f"On {name} every method shown is exact to rounding.")
+
+    def draw(axes: Axes) -> None:
+        for k, result in enumerate(group):
+            result.plot(axes, linewidth=1.0, **line_look(k))
+
+    return picture(draw, f"{name}: error at the end over the time step.", height=5.2)
+
+
+def slope_table(results: Sequence[ConvergenceResult]) -> Table:
     """Table of measured slopes: a row a method, a column a problem."""
     problems = tuple(dict.fromkeys(result.problem for result in results))
     declared = {result.method: result.order for result in results}
@@ -240,7 +276,7 @@ def slope_table(results: Sequence[ConvergenceResult]) -> TextTable:
         (method, order, *(cells.get((method, problem), "") for problem in problems))
         for method, order in sorted(declared.items(), key=lambda pair: pair[1])
     ]
-    return text_table(("method", "order", *problems), rows)
+    return Table(("method", "order", *problems), rows)
 
 
 def _slope_text(result: ConvergenceResult) -> str:
@@ -261,7 +297,7 @@ def convergence_holds(result: ConvergenceResult) -> bool:
         return True  # errors of order eight are rounding before they have fallen for half a decade
     clear = (
         result.is_exact
-        or result.decades_of_fit >= (ROOT_SPAN if result.problem == NAME else FULL)
+        or result.decades_of_fit >= (ROOT_SPAN if result.problem == BED_ROOT else FULL)
         or result.order > HIGH_ORDER
     )
     tolerance = next(allowed for highest, allowed in TOLERANCES.items() if result.order <= highest)

@@ -15,22 +15,22 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
 
 from granular.effects.wall_experimental import ExperimentalWall
 from granular.schema.natural_units import Scales
+from granular.shared.blocks import Block, Picture, Text
 from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure
 from validation.exact import bounce
-from validation.report_tasks import PlainData, Section, Task
-from validation.text_tables import WIDTH, TextTable, draw_legend_below, text_table
+from validation.report_tasks import WIDTH, PlainData, PrintedTable, Section, Task, label_line, picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from granular.shared.html_pages import HtmlPage
+    from matplotlib.figure import Figure
 
 STEPS = (1e-6, 5e-7, 2e-7, 1e-7, 5e-8, 2e-8, 1e-8)
 PLAIN, COMPENSATED, TOOLKIT = "position form", "compensated increments", "toolkit, compensated"
@@ -156,7 +156,7 @@ class DepaulaStepTest(PlainData):
         ends = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
         return max(abs(run.end - ends[run.step]) for run in self.runs_of_form(TOOLKIT))
 
-    def table(self) -> TextTable:
+    def table(self) -> PrintedTable:
         """One row a run: step [s], error, rounding and peak difference [m]."""
         rounding = self.rounding_errors()
         rows = [
@@ -171,7 +171,7 @@ class DepaulaStepTest(PlainData):
             for run in self.runs
         ]
         header = ("form", "step [s]", "error [m]", "rounding [m]", "peak difference [m]", "seconds")
-        return text_table(header, rows)
+        return PrintedTable(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the errors [m] of each form over the step [s], and those relative to the finest step."""
@@ -179,27 +179,13 @@ class DepaulaStepTest(PlainData):
         for k, form in enumerate(dict.fromkeys(run.form for run in self.runs)):
             runs = self.runs_of_form(form)
             steps = [run.step for run in runs]
-            axes.loglog(
-                steps,
-                [run.error for run in runs],
-                marker="o",
-                markersize=3.5,
-                linestyle=":" if form == TOOLKIT else "-",
-                color=COLOURS[k],
-                label=form,
-            )
+            look: Any = {"marker": "o", "markersize": 3.5, "linestyle": ":" if form == TOOLKIT else "-"}
+            axes.loglog(steps, [run.error for run in runs], color=COLOURS[k], label=form, **look)
             if form != TOOLKIT:
                 away = [abs(run.end - runs[-1].end) for run in runs[:-1]]
-                axes.loglog(
-                    steps[:-1],
-                    away,
-                    marker="o",
-                    markersize=7.0,
-                    markerfacecolor="none",
-                    linestyle="none",
-                    color=COLOURS[k],
-                    label=f"{form}, relative to the finest",
-                )
+                look = {"marker": "o", "markersize": 7.0, "markerfacecolor": "none", "linestyle": "none"}
+                label = f"{form}, relative to the finest"
+                axes.loglog(steps[:-1], away, color=COLOURS[k], label=label, **look)
         axes.set(xlabel="time step [s]", ylabel="error after 2 s [m]")
         return axes
 
@@ -212,15 +198,9 @@ class DepaulaStepTest(PlainData):
         gravity = bounce.bounce_problem().scene.effects.gravity
         assert gravity is not None
         fallen = run.path[0] - 0.5 * gravity.acceleration * time**2
-        axes.plot(
-            time[fallen > 0.0],
-            1e3 * fallen[fallen > 0.0],
-            "--",
-            color=GREY,
-            linewidth=2.5,
-            zorder=0,
-            label="free fall",
-        )
+        above = fallen > 0.0
+        look: Any = {"color": GREY, "linewidth": 2.5, "zorder": 0}
+        axes.plot(time[above], 1e3 * fallen[above], "--", label="free fall", **look)
         axes.set(xlabel="time [s]", ylabel="height [mm]")
         return axes
 
@@ -228,21 +208,11 @@ class DepaulaStepTest(PlainData):
         """Draw how far each peak is from the start's height, at the finest step [m]."""
         axes = axes_or_new(ax)
         for form, colour in ((PLAIN, COLOURS[0]), (COMPENSATED, COLOURS[1])):
-            run = self.runs_of_form(form)[-1]
-            away = np.abs(run.peaks)
-            axes.semilogy(
-                1 + np.arange(len(away)), np.where(away > 0.0, away, np.nan), "o", color=colour, label=form
-            )
+            away = np.abs(self.runs_of_form(form)[-1].peaks)
+            shown = np.where(away > 0.0, away, np.nan)
+            axes.semilogy(1 + np.arange(len(away)), shown, "o", color=colour, label=form)
         axes.axhline(PRINTED_PEAKS, color="#333333", linewidth=0.8, linestyle=":")
-        axes.annotate(
-            "printed by de Paula",
-            (0.99, PRINTED_PEAKS),
-            xycoords=("axes fraction", "data"),
-            xytext=(0, 3),
-            textcoords="offset points",
-            ha="right",
-            fontsize=8,
-        )
+        label_line(axes, "printed by de Paula", PRINTED_PEAKS)
         axes.set(xlabel="bounce", ylabel="peak off the start [m]")
         axes.set_xticks(range(1, 1 + len(self.runs_of_form(PLAIN)[-1].peaks)))
         return axes
@@ -306,47 +276,51 @@ def _run_toolkit(step: float, exact: float) -> DepaulaRun:
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_depaula_section(page: HtmlPage, experiments: Sequence[DepaulaStepTest]) -> None:
-    """Add errors over the step, and the peaks, with and without rounding, to a page."""
-    for experiment in experiments:
-        clean, plain = experiment.runs_of_form(COMPENSATED)[-1], experiment.runs_of_form(PLAIN)[-1]
-        page.add_paragraph(
-            "A grain of 5 mm bounces for 2 s from 40 D [D, 2.3.4]. With compensated sums the error "
-            f"against the exact height falls with the slope {experiment.error_slope(COMPENSATED):.4f}, "
-            f"to {clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it "
-            f"is {plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: what a "
-            "plot of it shows below 1e-6 s is rounding. The greatest difference of two peaks is "
-            f"{plain.peak_difference:.1e} m there (de Paula prints {PRINTED_PEAKS:g} m) and "
-            f"{clean.peak_difference:.1e} m compensated. The toolkit's velocity form is the same "
-            "sequence: its heights, compensated, differ from those of the position form by "
-            f"{experiment.greatest_form_difference():.1g} m at most."
-        )
-        page.add_paragraph(
-            "De Paula sees its points scatter about the line, and ascribes that to errors that "
-            "are relative to the finest step. That alone makes a slope of "
-            f"{experiment.slope_relative_to_finest(COMPENSATED):.3f}, with points within "
-            f"{experiment.scatter_about_slope(COMPENSATED):.0%} of the line, as the compensated sums "
-            "show. In the plain position form rounding makes it "
-            f"{experiment.slope_relative_to_finest(PLAIN):.2f}, with points off the line by up to "
-            f"{experiment.scatter_about_slope(PLAIN):.0%}."
-        )
-        with figure(width=WIDTH, height=5.2) as (drawing, axes):
-            experiment.plot(axes)
-            draw_legend_below(axes, columns=1)
-            page.add_figure(
-                drawing,
-                "Error of the height after 2 s: against the exact one (dots), and relative to the "
-                "finest step (rings).",
-            )
-        with figure(2, 1, width=WIDTH, height=5.6) as (drawing, (above, below)):
-            experiment.plot_path(above)
-            experiment.plot_peaks(below)
-            above.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-            below.legend(fontsize=8, loc="center right")
-            page.add_figure(
-                drawing,
-                "Height over time at the finest step, and how far each peak is from the start's height.",
-            )
+def depaula_blocks(experiments: Sequence[DepaulaStepTest]) -> list[Block]:
+    """Make errors over the step, and the peaks, with and without rounding, and the table."""
+    return [block for experiment in experiments for block in _experiment_blocks(experiment)]
+
+
+def _experiment_blocks(experiment: DepaulaStepTest) -> list[Block]:
+    clean, plain = experiment.runs_of_form(COMPENSATED)[-1], experiment.runs_of_form(PLAIN)[-1]
+    errors = (
+        "A grain of 5 mm bounces for 2 s from 40 D [D, 2.3.4]. With compensated sums the error "
+        f"against the exact height falls with the slope {experiment.error_slope(COMPENSATED):.4f}, "
+        f"to {clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it "
+        f"is {plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: what a "
+        "plot of it shows below 1e-6 s is rounding. The greatest difference of two peaks is "
+        f"{plain.peak_difference:.1e} m there (de Paula prints {PRINTED_PEAKS:g} m) and "
+        f"{clean.peak_difference:.1e} m compensated. The toolkit's velocity form is the same "
+        "sequence: its heights, compensated, differ from those of the position form by "
+        f"{experiment.greatest_form_difference():.1g} m at most."
+    )
+    scatter = (
+        "De Paula sees its points scatter about the line, and ascribes that to errors that "
+        "are relative to the finest step. That alone makes a slope of "
+        f"{experiment.slope_relative_to_finest(COMPENSATED):.3f}, with points within "
+        f"{experiment.scatter_about_slope(COMPENSATED):.0%} of the line, as the compensated sums "
+        "show. In the plain position form rounding makes it "
+        f"{experiment.slope_relative_to_finest(PLAIN):.2f}, with points off the line by up to "
+        f"{experiment.scatter_about_slope(PLAIN):.0%}."
+    )
+    over_step = "Error of the height after 2 s: against the exact one (dots), and the finest step's (rings)."
+    peaks = "Height over time at the finest step, and how far each peak is from the start's height."
+    return [
+        Text(errors),
+        Text(scatter),
+        picture(experiment.plot, over_step, height=5.2, columns=1),
+        Picture(partial(_draw_path_and_peaks, experiment), peaks),
+        experiment.table(),
+    ]
+
+
+def _draw_path_and_peaks(experiment: DepaulaStepTest) -> Figure:
+    with figure(2, 1, width=WIDTH, height=5.6) as (drawing, (above, below)):
+        experiment.plot_path(above)
+        experiment.plot_peaks(below)
+        above.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        below.legend(fontsize=8, loc="center right")
+    return drawing
 
 
 def _depaula_verdict(experiments: Sequence[DepaulaStepTest]) -> tuple[str, bool]:
@@ -357,16 +331,14 @@ def _depaula_verdict(experiments: Sequence[DepaulaStepTest]) -> tuple[str, bool]
 
 def _depaula_tasks(full: bool) -> list[Task]:
     label = "seven steps" if full else "four steps"
-    return [Task(label, {"full": full}, lambda: run_depaula_experiment(full=full).to_plain())]
+    return [Task(label, {"full": full}, partial(run_depaula_experiment, full=full))]
 
 
 DEPAULA = Section(
     "depaula",
     "De Paula's test of its method",
     _depaula_tasks,
-    DepaulaStepTest.from_plain,
-    lambda experiments: [("De Paula's test.", experiment.table()) for experiment in experiments],
+    DepaulaStepTest,
     _depaula_verdict,
-    show_depaula_section,
-    tables_at_end=False,
+    depaula_blocks,
 )

@@ -6,13 +6,14 @@ An effect is added to nothing, and taken away from the whole.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -23,7 +24,9 @@ from granular.run.plan import plan
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.summary import active_effect_names
 from granular.scene.scene import Scene
+from granular.shared.blocks import Block, Heading, Table, Text
 from granular.shared.errors import GranularError
+from validation.report_tasks import PlainData
 
 STEP = 0.02
 """Time step of bare steps [tau]."""
@@ -69,7 +72,67 @@ AGREE = 0.2
 """Fraction of the greater one by which the two prices of an effect may differ to be called one."""
 
 
-def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[str, Any]:
+class EffectCost(NamedTuple):
+    """Cost of an effect added first and taken away last, with half their 95 % intervals."""
+
+    effect: str
+    first: float  # [us]
+    first_doubt: float  # [us]
+    last: float  # [us]
+    last_doubt: float  # [us]
+
+    def agrees(self) -> bool:
+        """Tell if an effect costs the same first and last, within a fifth."""
+        return abs(self.first - self.last) <= AGREE * max(abs(self.first), abs(self.last))
+
+
+@dataclasses.dataclass(frozen=True)
+class EffectCosts(PlainData):
+    """Cost of a step of a scene [us], by effect and by sum over pairs."""
+
+    scene: str
+    grains: int
+    step: float
+    nothing: float
+    effects: tuple[EffectCost, ...]
+    sums: dict[str, float]
+
+    def table(self) -> Table:
+        """Cost of each effect: what it adds first and what it saves last [us]."""
+        rows = [
+            (
+                cost.effect,
+                _cost_text(cost.first, cost.first_doubt),
+                _cost_text(cost.last, cost.last_doubt),
+                "yes" if cost.agrees() else "no",
+            )
+            for cost in self.effects
+        ]
+        columns = ("adds when it comes first [us]", "saves when taken away last [us]")
+        return Table(("effect", *columns, "alike within a fifth"), rows)
+
+    def blocks(self) -> list[Block]:
+        """Make the table, and what it says, for a page."""
+        sums = ", ".join(f"{name} {value:.3g}" for name, value in self.sums.items())
+        return [
+            Heading(f"{self.scene}: what its effects cost"),
+            Text(
+                f"Microseconds of a step of {self.grains} grains on one core, medians of interleaved "
+                f"runs: {self.step:.3g} with all effects, {self.nothing:.2g} with none. An effect "
+                "that is added to others may share their work: both prices stand where they differ by "
+                "more than a fifth. What a scene does not name leaves nothing in its step; "
+                '"python -m benchmarks --part absent" times that next to steps written by hand.'
+            ),
+            self.table(),
+            Text(f"A whole step by the sum over pairs: {sums} microseconds."),
+        ]
+
+
+def _cost_text(value: float, doubt: float) -> str:
+    return "cannot be run" if math.isnan(value) else f"{value:.3g} ± {doubt:.1g}"
+
+
+def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> EffectCosts:
     """Cost of a step of a scene, by effect and by sum over pairs [us]."""
     # Steps are timed in turn, so that a slow minute of the machine hits all alike; the cost is the median
     # over the rounds of the difference of two steps timed in one round.
@@ -82,19 +145,17 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
     calls, steps = _calls_of_equal_duration(builds)
     seconds = _time_calls(calls, rounds)
     value = {name: 1e6 * values / steps[name] for name, values in seconds.items()}
-    rows = []
-    for name in names:
-        first = _median_difference("first", value.get(f"{name} alone"), value[NOTHING])
-        last = _median_difference("last", value[FULL], value.get(f"without {name}"))
-        rows.append({"effect": name, **first, **last})
-    return {
-        "scene": scene.name,
-        "grains": scene.grains.count,
-        "step": float(np.median(value[FULL])),
-        "nothing": float(np.median(value[NOTHING])),
-        "effects": rows,
-        "sums": {name: float(np.median(value[name])) for name in SUMS if name in value},
-    }
+    costs = [
+        EffectCost(
+            name,
+            *_median_difference(value.get(f"{name} alone"), value[NOTHING]),
+            *_median_difference(value[FULL], value.get(f"without {name}")),
+        )
+        for name in names
+    ]
+    step, nothing = (float(np.median(value[name])) for name in (FULL, NOTHING))
+    sums = {name: float(np.median(value[name])) for name in SUMS if name in value}
+    return EffectCosts(scene.name, scene.grains.count, step, nothing, tuple(costs), sums)
 
 
 def _scenes_to_time(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
@@ -143,17 +204,10 @@ def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[st
     return result
 
 
-def _median_difference(name: str, more: np.ndarray | None, less: np.ndarray | None) -> dict[str, float]:
+def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float, float]:
     """Median of the differences of pairs, and half its 95 % interval; NaN without a pair."""
     if more is None or less is None:
-        return {name: math.nan, f"{name}_doubt": math.nan}
+        return math.nan, math.nan
     off = more - less
     quarters = np.percentile(off, [25.0, 75.0])
-    doubt = 1.57 * (quarters[1] - quarters[0]) / math.sqrt(len(off))
-    return {name: float(np.median(off)), f"{name}_doubt": float(doubt)}
-
-
-def first_and_last_costs_agree(row: Mapping[str, Any]) -> bool:
-    """Tell if an effect costs the same first and last, within a fifth; row [us]."""
-    first, last = row["first"], row["last"]
-    return bool(abs(first - last) <= AGREE * max(abs(first), abs(last)))
+    return float(np.median(off)), float(1.57 * (quarters[1] - quarters[0]) / math.sqrt(len(off)))

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
@@ -18,17 +19,16 @@ from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
+from granular.shared.blocks import Block, Caution, Picture, Table, Text
 from granular.shared.errors import RunError
-from granular.shared.plotting import COLOURS, GREY, STYLES, figure
+from granular.shared.plotting import COLOURS, GREY, figure
 from validation.exact import bounce
-from validation.report_tasks import PlainData, Section, Task
-from validation.text_tables import WIDTH, TextTable, draw_legend_below, text_table
+from validation.report_tasks import PlainData, Section, Task, line_look, picture
 from validation.trend_significance import BLOCKS, SIGNIFICANCE, EnergyTrend, energy_trend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from granular.shared.html_pages import HtmlPage
+    from matplotlib.figure import Figure
 
 SHOWN = 800
 """Points of a line that are kept."""
@@ -185,7 +185,7 @@ def _method_kind(name: str) -> str:
     return "reversible" if method.variable else "control"
 
 
-def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
+def energy_table(studies: Sequence[EnergyStudy]) -> Table:
     """Return a table with a row a study."""
     rows = [
         (
@@ -202,19 +202,8 @@ def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
         )
         for study in studies
     ]
-    header = (
-        "system",
-        "method",
-        "kind",
-        "step [s]",
-        "steps",
-        "swing",
-        "drift over the run",
-        "p",
-        "trend",
-        "stopped by",
-    )
-    return text_table(header, rows)
+    run = ("system", "method", "kind", "step [s]", "steps")
+    return Table((*run, "swing", "drift over the run", "p", "trend", "stopped by"), rows)
 
 
 # In the report ----------------------------------------------------------------------------------
@@ -234,49 +223,53 @@ def trend_is_as_expected(study: EnergyStudy) -> bool:
     return study.trend.verdict() == ("none" if study.keeps else CONTROLS[study.method])
 
 
-def show_energy_section(page: HtmlPage, studies: Sequence[EnergyStudy]) -> None:
-    """Add trends, the energy error over time, and phase portraits to a page."""
-    page.add_paragraph(
+def energy_blocks(studies: Sequence[EnergyStudy]) -> list[Block]:
+    """Make trends, pictures of the energy error over time, phase portraits, and the table."""
+    intro = (
         "Error of the energy over the energy turned over. A trend is claimed where it stands out "
         f"against stationary noise and against a random walk, at p below {SIGNIFICANCE:g}. "
         "Symplectic methods, and reversible variable steps, should show none; the controls gain "
         "(explicit Euler) or lose (Runge-Kutta)."
     )
-    for study in studies:
-        if not trend_is_as_expected(study):
-            page.add_warning(
-                f"{study.method} on the {study.system} {study.trend.verdict()} energy by "
-                f"{study.trend.total_drift:.1e} (p = {study.trend.p_value:.1g}), unlike its kind."
-            )
-    for system in dict.fromkeys(study.system for study in studies):
-        _energy_figures(page, system, [study for study in studies if study.system == system])
+    wrong = [
+        Caution(
+            f"{study.method} on the {study.system} {study.trend.verdict()} energy by "
+            f"{study.trend.total_drift:.1e} (p = {study.trend.p_value:.1g}), unlike its kind."
+        )
+        for study in studies
+        if not trend_is_as_expected(study)
+    ]
+    systems = dict.fromkeys(study.system for study in studies)
+    pictures = [
+        shown
+        for system in systems
+        for shown in _energy_pictures(system, [study for study in studies if study.system == system])
+    ]
+    return [Text(intro), *wrong, *pictures, energy_table(studies)]
 
 
-def _energy_figures(page: HtmlPage, system: str, group: Sequence[EnergyStudy]) -> None:
+def _energy_pictures(system: str, group: Sequence[EnergyStudy]) -> Iterator[Picture]:
     for kind, keeps in (("symplectic or reversible", True), ("controls", False)):
         runs = [run for run in group if run.keeps is keeps]
-        if not runs:
-            continue
-        with figure(width=WIDTH, height=4.2) as (drawing, axes):
-            for k, run in enumerate(runs):
-                axes.semilogy(
-                    *_error_envelope(run),
-                    color=COLOURS[k % len(COLOURS)],
-                    linestyle=STYLES[k // len(COLOURS)],
-                    label=f"{run.method}, {run.steps:.2g} steps",
-                )
-            low, high = axes.get_ylim()
-            axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
-            axes.set(ylabel="greatest energy error", xlabel="fraction of the run")
-            draw_legend_below(axes)
-            page.add_figure(
-                drawing,
+        if runs:
+            caption = (
                 f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run (of "
-                f"{_run_lengths(runs)}), over the energy turned over.",
+                f"{_run_lengths(runs)}), over the energy turned over."
             )
+            yield picture(partial(_draw_errors, runs), caption, height=4.2)
     portraits = [run for run in group if run.heights]
     if portraits:
-        _phase_portraits(page, system, portraits)
+        chosen = [run for run in portraits if run.method in PORTRAYED] or portraits[:1]
+        caption = f"{system}: phase portraits, and a zoom at the upper turning point."
+        yield Picture(partial(_phase_portraits, chosen), caption)
+
+
+def _draw_errors(runs: Sequence[EnergyStudy], axes: Axes) -> None:
+    for k, run in enumerate(runs):
+        axes.semilogy(*_error_envelope(run), **line_look(k), label=f"{run.method}, {run.steps:.2g} steps")
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
+    axes.set(ylabel="greatest energy error", xlabel="fraction of the run")
 
 
 def _run_lengths(runs: Sequence[EnergyStudy]) -> str:
@@ -292,13 +285,10 @@ def _error_envelope(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
     return middles / study.times[-1], np.where(greatest > 0.0, greatest, np.nan)
 
 
-def _phase_portraits(page: HtmlPage, system: str, group: Sequence[EnergyStudy]) -> None:
-    chosen = [run for run in group if run.method in PORTRAYED] or list(group[:1])
-    with figure(2, len(chosen), height=5.0, width=2.6 * len(chosen) + 0.8, squeeze=False) as (
-        drawing,
-        panels,
-    ):
-        for column, run in zip(panels.T, chosen, strict=True):
+def _phase_portraits(runs: Sequence[EnergyStudy]) -> Figure:
+    options: Any = {"height": 5.0, "width": 2.6 * len(runs) + 0.8, "squeeze": False}
+    with figure(2, len(runs), **options) as (drawing, panels):
+        for column, run in zip(panels.T, runs, strict=True):
             for axes in column:
                 axes.plot(run.heights, run.velocities, ".", color=COLOURS[0], markersize=1.2)
             column[0].set_title(run.method, fontsize=9)
@@ -306,7 +296,7 @@ def _phase_portraits(page: HtmlPage, system: str, group: Sequence[EnergyStudy]) 
             column[1].set_xlabel("height [D]")
         panels[0, 0].set_ylabel("velocity [m/s]")
         panels[1, 0].set_ylabel("velocity [m/s], zoom")
-        page.add_figure(drawing, f"{system}: phase portraits, and a zoom at the upper turning point.")
+    return drawing
 
 
 PORTRAYED = ("stormer-verlet", "stormer-verlet+compensated", "explicit-euler", "runge-kutta-4")
@@ -329,16 +319,14 @@ def _energy_verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
 def energy_task(run: EnergyRun, **more: Any) -> Task:
     """Task that tests the energy of one long run."""
     key = {**run._asdict(), "scene": run.scene.digest(), **more}
-    return Task(f"{run.method}: {run.system}", key, lambda: run_energy_study(run).to_plain())
+    return Task(f"{run.method}: {run.system}", key, partial(run_energy_study, run))
 
 
 ENERGY = Section(
     "energy",
     "Energy over long runs",
     lambda full: [energy_task(run) for run in report_energy_runs(full=full)],
-    EnergyStudy.from_plain,
-    lambda studies: [("Energy over long runs.", energy_table(studies))],
+    EnergyStudy,
     _energy_verdict,
-    show_energy_section,
-    tables_at_end=False,
+    energy_blocks,
 )

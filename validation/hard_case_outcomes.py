@@ -11,17 +11,14 @@ import math
 import time
 import warnings
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING
+from functools import partial
 
 from granular.methods.method import COMPENSATED
+from granular.shared.blocks import Block, Caution, Table, Text
 from granular.shared.errors import GranularError
+from validation.hard_case import BROKEN, HardCase
 from validation.hard_cases import hard_case_catalogue
-from validation.hard_cases.hard_case import BROKEN, HardCase
 from validation.report_tasks import PlainData, Section, Task
-from validation.text_tables import TextTable, add_table_to_page, text_table
-
-if TYPE_CHECKING:
-    from granular.shared.html_pages import HtmlPage
 
 ACCURATE, DEGRADED, STOPPED = "accurate", "degraded and said so", "stopped"
 SILENT, CRASHED = "SILENT FAILURE", "CRASH"
@@ -87,7 +84,7 @@ def run_hard_case(
     """
     dt = case.dt if dt is None else dt
     started = time.perf_counter()
-    kind, error, said = _run_case(case, method, dt, case.full_time if full else case.quick_time)
+    kind, error, said = _run_case(case, method, dt, case.times[full])
     name = said.split(":", 1)[0]
     allowed = (
         kind == ACCURATE
@@ -129,21 +126,20 @@ def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tup
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_outcomes_section(page: HtmlPage, outcomes: Sequence[HardCaseOutcome]) -> None:
-    """Add the outcome of every hard case to a page."""
-    page.add_paragraph(outcome_summary(outcomes))
-    for outcome in outcomes:
-        if not outcome.allowed:
-            page.add_warning(
-                f"{outcome.case} ({outcome.method}, dt {outcome.dt}): {outcome.kind}. {outcome.said}"
-            )
-    page.add_paragraph(
+def outcome_blocks(outcomes: Sequence[HardCaseOutcome]) -> list[Block]:
+    """Make the summary, a caution for each wrong ending, and the matrix of endings."""
+    wrong = [
+        Caution(f"{outcome.case} ({outcome.method}, dt {outcome.dt}): {outcome.kind}. {outcome.said}")
+        for outcome in outcomes
+        if not outcome.allowed
+    ]
+    legend = Text(
         "Each run's ending and its error, in the unit of the second column; the third says up to "
         "what the case's own run counts as accurate (ten times that for other methods, sixteen "
         "for a step four times as long). An InputError says that a method does not suit the scene. "
         "All measurements are at the end of this page, with the messages."
     )
-    add_table_to_page(page, outcome_matrix(outcomes))
+    return [Text(outcome_summary(outcomes)), *wrong, legend, outcome_matrix(outcomes)]
 
 
 def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
@@ -157,34 +153,19 @@ def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
     )
 
 
-def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
+def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> Table:
     """Matrix of outcomes: a row a case, a column for each method and step."""
     own = "its own settings"
     rows: dict[str, dict[str, str]] = {}
-    columns: dict[str, None] = {own: None}
-    first: dict[str, HardCaseOutcome] = {}
     for outcome in outcomes:
-        new = first.setdefault(outcome.case, outcome) is outcome
         step = f"with {outcome.method}" if outcome.dt == "auto" else f"dt = {outcome.dt}"
-        column = own if new else step
-        columns[column] = None
-        rows.setdefault(outcome.case, {})[column] = _ending_text(outcome)
-    return text_table(
-        ("case", "error of what [unit]", "accurate up to", *columns),
-        [
-            (
-                case,
-                _with_unit(first[case].measured),
-                f"{first[case].limit:.0e}",
-                *(row.get(column, "") for column in columns),
-            )
-            for case, row in rows.items()
-        ],
-    )
-
-
-def _with_unit(words: str) -> str:
-    return words if words.endswith("]") or not words else f"{words} [1]"
+        unit = "" if outcome.measured.endswith("]") or not outcome.measured else " [1]"
+        first = {"error of what [unit]": outcome.measured + unit, "accurate up to": f"{outcome.limit:.0e}"}
+        row = rows.setdefault(outcome.case, first)
+        row[step if own in row else own] = _ending_text(outcome)
+    columns = dict.fromkeys(column for row in rows.values() for column in row)
+    cells = [(case, *(row.get(column, "") for column in columns)) for case, row in rows.items()]
+    return Table(("case", *columns), cells)
 
 
 def _ending_text(outcome: HardCaseOutcome) -> str:
@@ -194,7 +175,7 @@ def _ending_text(outcome: HardCaseOutcome) -> str:
     return f"{outcome.kind}: {outcome.error:.1g}{wrong}"
 
 
-def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
+def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> Table:
     """Table of outcomes, one row a run."""
     rows = [
         (
@@ -209,18 +190,17 @@ def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
         )
         for outcome in outcomes
     ]
-    header = ("case", "method", "dt", "outcome", "error", "limit", "said", "seconds")
-    return text_table(header, rows)
+    return Table(("case", "method", "dt", "outcome", "error", "limit", "said", "seconds"), rows)
 
 
-def hard_case_descriptions(names: Collection[str]) -> TextTable:
+def hard_case_descriptions(names: Collection[str]) -> Table:
     """Return a table of what is hard about each case, and of what its error is."""
     rows = [
         (case.name, case.difficulty, case.measure.description)
         for case in hard_case_catalogue()
         if case.name in names
     ]
-    return text_table(("case", "what is hard", "error"), rows)
+    return Table(("case", "what is hard", "error"), rows)
 
 
 VARIATIONS = (
@@ -236,24 +216,21 @@ leave: a step four times as long leaves sixteen times the error, and methods dif
 
 def stability_tasks(full: bool) -> list[Task]:
     """Tasks that run the catalogue of hard cases."""
-
-    def task(case: HardCase, method: str, dt: float | str | None, *, late: bool) -> Task:
-        return Task(
-            case.name,
-            {"case": case.name, "method": method, "dt": str(dt), "full": late},
-            lambda: run_hard_case(case, method, dt, full=late).to_plain(),
-        )
-
     cases = hard_case_catalogue()
-    tasks = [task(case, "stormer-verlet", None, late=full) for case in cases]
+    tasks = [_task(case, "stormer-verlet", None, full) for case in cases]
     if full:
         tasks += [
-            task(_vary_settings(case, times), method, dt, late=False)
+            _task(_vary_settings(case, times), method, dt, False)
             for method, dt, times in VARIATIONS
             for case in cases
             if case.dt == "auto"
         ]
     return tasks
+
+
+def _task(case: HardCase, method: str, dt: float | str | None, full: bool) -> Task:
+    key = {"case": case.name, "method": method, "dt": str(dt), "full": full}
+    return Task(case.name, key, partial(run_hard_case, case, method, dt, full=full))
 
 
 def _vary_settings(case: HardCase, times: float) -> HardCase:
@@ -267,22 +244,26 @@ def _outcome_verdict(outcomes: Sequence[HardCaseOutcome]) -> tuple[str, bool]:
     return outcome_summary(outcomes).rstrip("."), all(outcome.allowed for outcome in outcomes)
 
 
-def _outcome_tables(outcomes: Sequence[HardCaseOutcome]) -> list[tuple[str, TextTable]]:
-    return [
-        ("Hard cases.", outcome_table(outcomes)),
-        (
-            "What is hard, and what is measured.",
-            hard_case_descriptions({outcome.case for outcome in outcomes}),
-        ),
-    ]
+def _outcome_details(outcomes: Sequence[HardCaseOutcome]) -> list[Block]:
+    names = {outcome.case for outcome in outcomes}
+    meanings = Text("What is hard, and what is measured.")
+    return [Text("Hard cases."), outcome_table(outcomes), meanings, hard_case_descriptions(names)]
+
+
+def outcome_count_table(outcomes: Sequence[HardCaseOutcome]) -> Table:
+    """Table of how many hard cases ended how, in one row."""
+    counts = [sum(outcome.kind == kind for outcome in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
+    wrong = [outcome.case for outcome in outcomes if not outcome.allowed]
+    header = ("hard cases", ACCURATE, DEGRADED, "stopped by a typed error", "ended as they must not")
+    return Table(header, [(len(outcomes), *counts, ", ".join(wrong) or "none")])
 
 
 STABILITY = Section(
     "stability",
     "Hard cases",
     stability_tasks,
-    HardCaseOutcome.from_plain,
-    _outcome_tables,
+    HardCaseOutcome,
     _outcome_verdict,
-    show_outcomes_section,
+    outcome_blocks,
+    _outcome_details,
 )

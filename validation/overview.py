@@ -6,29 +6,38 @@ hard cases end.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.methods import METHODS
 from granular.run.plan import can_run
 from granular.run.work_precision import FLOORS
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
+from granular.shared.blocks import Block, Heading, Table, Text
 from granular.shared.errors import GranularError
-from granular.shared.files import replace_non_finite_by_none
-from granular.shared.plotting import COLOURS, GREY, STYLES, figure
-from validation.cost.advised_setting import (
+from granular.shared.plotting import COLOURS, GREY, STYLES
+from validation.effect_costs import EffectCosts, effect_costs
+from validation.hard_case_outcomes import HardCaseOutcome, outcome_count_table, outcome_summary, run_hard_case
+from validation.hard_cases import COSTLY, hard_case_catalogue
+from validation.measured_quantities import QUANTITIES, MeasuredQuantity
+from validation.report_tasks import PlainData, Section, Task, picture, scene_key
+from validation.work_precision_result import (
+    LEVELS,
     USUAL,
     AdvisedSetting,
     SolverSettings,
+    WorkPrecision,
     WorkPrecisionPoint,
+    draw_points,
     duration_text,
+    label_run_times,
 )
-from validation.cost.report_section import studies_from_plain
-from validation.cost.work_precision import (
+from validation.work_precision_runs import (
     STEPS,
     depends_on_seed,
     make_work_precision,
@@ -38,27 +47,12 @@ from validation.cost.work_precision import (
     run_setting,
     scenes_with_other_seeds,
 )
-from validation.cost.work_precision_result import LEVELS, WorkPrecision, label_run_times
-from validation.effect_costs import effect_costs, first_and_last_costs_agree
-from validation.hard_case_outcomes import (
-    ACCURATE,
-    DEGRADED,
-    STOPPED,
-    HardCaseOutcome,
-    outcome_summary,
-    run_hard_case,
-)
-from validation.hard_cases import COSTLY, hard_case_catalogue
-from validation.measured_quantities import QUANTITIES, MeasuredQuantity
-from validation.report_scenes import compression_scene
-from validation.report_tasks import Plain, Section, Task, scene_key
-from validation.text_tables import WIDTH, TextTable, add_table_to_page, draw_legend_below, text_table
+from validation.work_precision_section import compression_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from granular.shared.html_pages import HtmlPage
-    from validation.cost.work_precision import ReferenceValue
+    from validation.work_precision_runs import ReferenceValue
 
 QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
 """Time that the runs of one scene may take [s]."""
@@ -76,30 +70,50 @@ SINGLE = 0.3
 """Length of a run without a piston [s]: positions mean something over a short time only."""
 
 
+class FreshStart(NamedTuple):
+    """Error of a setting that was advised, from a start that no study has seen."""
+
+    scene: str
+    quantity: str
+    level: str
+    setting: str
+    error: float
+    holds: bool
+
+    def __str__(self) -> str:
+        return f"{self.quantity} of {self.scene} to {self.level} by {self.setting}"
+
+
+@dataclasses.dataclass(frozen=True)
+class OverviewResult(PlainData):
+    """Result of a task: the studies of a scene, the costs of its effects, or the quick hard cases."""
+
+    studies: tuple[WorkPrecision, ...] = ()
+    fresh: tuple[FreshStart, ...] = ()
+    starts: int = 1
+    effects: EffectCosts | None = None
+    outcomes: tuple[HardCaseOutcome, ...] = ()
+
+
 def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[Task]:
     """Tasks that measure the accuracy and the effects' costs of scenes."""
     seconds = FULL_SECONDS if full else QUICK_SECONDS
     tasks = []
     for scene in scenes:
         key = {**scene_key(scene), "name": scene.name}
-        tasks += [
-            Task(
-                f"{scene.name}: accuracy",
-                {**key, "seconds": seconds},
-                partial(_measure_accuracy, scene, seconds),
-            ),
-            Task(f"{scene.name}: effects", {**key, "what": "effects"}, partial(_measure_effects, scene)),
-        ]
+        accuracy, effects = partial(_measure_accuracy, scene, seconds), partial(_measure_effects, scene)
+        tasks.append(Task(f"{scene.name}: accuracy", {**key, "seconds": seconds}, accuracy))
+        tasks.append(Task(f"{scene.name}: effects", {**key, "what": "effects"}, effects))
     return [*tasks, Task("hard cases", {"what": "hard cases"}, _run_hard_cases)] if hard else tasks
 
 
-def _measure_effects(scene: Scene) -> Plain:
-    return {"effects": replace_non_finite_by_none(effect_costs(scene))}
+def _measure_effects(scene: Scene) -> OverviewResult:
+    return OverviewResult(effects=effect_costs(scene))
 
 
-def _run_hard_cases() -> Plain:
+def _run_hard_cases() -> OverviewResult:
     light = [case for case in hard_case_catalogue() if not any(word in case.name for word in COSTLY)]
-    return {"outcomes": [run_hard_case(case).to_plain() for case in light]}
+    return OverviewResult(outcomes=tuple(map(run_hard_case, light)))
 
 
 def suitable_quantities(scene: Scene) -> tuple[str, ...]:
@@ -112,7 +126,7 @@ def suitable_quantities(scene: Scene) -> tuple[str, ...]:
     return (*result, *(("period", "damping ratio") if swings else ()), "energy")
 
 
-def _measure_accuracy(scene: Scene, seconds: float) -> Plain:
+def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
     """Studies of a scene's quantities, and how one fresh start met what they advise."""
     until = SINGLE if scene.piston is None else None
     chosen = [QUANTITIES[name] for name in suitable_quantities(scene)]
@@ -120,12 +134,12 @@ def _measure_accuracy(scene: Scene, seconds: float) -> Plain:
     given = [None if quantity.exact is not None else reference for quantity in chosen]
     truth = reference_values(scenes, chosen, given, until)
     rows = [measure_points(scenes, chosen, item, truth, until, 1) for item in ladder]
-    studies = [
+    studies = tuple(
         make_work_precision(scene, quantity, until, [row[k] for row in rows], truth[k])
         for k, quantity in enumerate(chosen)
-    ]
-    fresh = _check_with_fresh_start(scenes, chosen, truth, studies, until) if len(scenes) > 1 else []
-    return {"studies": [study.to_plain() for study in studies], "fresh": fresh, "starts": len(scenes)}
+    )
+    fresh = _check_with_fresh_start(scenes, chosen, truth, studies, until) if len(scenes) > 1 else ()
+    return OverviewResult(studies, tuple(fresh), len(scenes))
 
 
 def plan_runs(
@@ -165,16 +179,16 @@ def _check_with_fresh_start(
     truth: Sequence[ReferenceValue],
     studies: Sequence[WorkPrecision],
     until: float | None,
-) -> list[dict[str, Any]]:
-    """One more start, run with each setting that a single run is advised of."""
+) -> Iterator[FreshStart]:
+    """Run one more start with each setting that a single run is advised of."""
     # Its value is compared with the mean of the reference over the other starts, or with the exact one.
     last = scenes[-1].arrangement.seed
     other = scenes[0].replace(**{"arrangement.seed": last + 1})
     runs: dict[str, Any] = {}
-    result = []
     for quantity, item, study in zip(quantities, truth, studies, strict=True):
         if quantity.differs_by_start and quantity.exact is None:
             continue
+        mean = sum(item.values) / len(item.values)
         for words, level in LEVELS.items():
             best = study.cheapest_point(level)
             if best is None:
@@ -182,19 +196,8 @@ def _check_with_fresh_start(
             label = f"{best.setting.family}, {best.setting.dt}"
             if label not in runs:
                 runs[label] = run_setting(other, best.setting, until)
-            mean = sum(item.values) / len(item.values)
             error = _error_of_quantity(quantity, runs[label], mean)
-            result.append(
-                {
-                    "scene": other.name,
-                    "quantity": quantity.name,
-                    "level": words,
-                    "setting": label,
-                    "error": error,
-                    "holds": error <= level,
-                }
-            )
-    return result
+            yield FreshStart(other.name, quantity.name, words, label, error, error <= level)
 
 
 def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) -> float:
@@ -216,67 +219,45 @@ def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) ->
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_overview_section(page: HtmlPage, results: Sequence[Plain]) -> None:
-    """Add the costs of accuracy and effects of each scene, and the hard cases, to a page."""
-    for result in results:
-        if "studies" in result:
-            _show_accuracy(page, result)
-        elif "effects" in result:
-            _show_effects(page, result["effects"])
-    if outcomes := _outcomes_of_results(results):
-        page.add_section("Hard cases at a glance")
-        add_table_to_page(page, outcome_count_table(outcomes))
+def overview_blocks(results: Sequence[OverviewResult]) -> list[Block]:
+    """Make the costs of accuracy and effects of each scene, and the hard cases."""
+    return [block for result in results for block in _result_blocks(result)]
 
 
-def _outcomes_of_results(results: Sequence[Plain]) -> list[HardCaseOutcome]:
-    return [HardCaseOutcome.from_plain(row) for result in results for row in result.get("outcomes", ())]
+def _result_blocks(result: OverviewResult) -> Iterator[Block]:
+    if result.studies:
+        yield from _accuracy_blocks(result)
+    if result.effects is not None:
+        yield from result.effects.blocks()
+    if result.outcomes:
+        yield Heading("Hard cases at a glance")
+        yield outcome_count_table(result.outcomes)
 
 
-def _show_accuracy(page: HtmlPage, plain: Plain) -> None:
-    studies = studies_from_plain(plain)
-    first, starts = studies[0], plain["starts"]
-    page.add_section(f"{first.scene}: what accuracy costs")
-    if starts > 1:
-        page.add_paragraph(
-            f"Errors are means over {starts} starts, against a finer step from the same starts; "
+def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
+    first = result.studies[0]
+    yield Heading(f"{first.scene}: what accuracy costs")
+    if result.starts > 1:
+        yield Text(
+            f"Errors are means over {result.starts} starts, against a finer step from the same starts; "
             "bars end at the bound that the starts allow. Dashed: how far the starts themselves "
             f"scatter. One run cannot be trusted below {FLOORS:g} times that, whatever its step; "
             "the mean of more starts can, at their price. Where no method is named it is "
             f"{USUAL[0]}."
         )
-    with figure(width=WIDTH, height=4.2) as (drawing, axes):
-        plot_error_over_run_time(axes, studies)
-        draw_legend_below(axes)
-        until = "" if first.horizon is None else f" over {first.horizon:g} s"
-        page.add_figure(drawing, f"{first.scene}{until}: error over the time of a run.")
-    add_table_to_page(page, advice_table(studies))
+    draw = partial(plot_error_over_run_time, result.studies)
+    yield picture(draw, f"{first.run_words}: error over the time of a run.", height=4.2)
+    yield advice_table(result.studies)
 
 
-def plot_error_over_run_time(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
+def plot_error_over_run_time(studies: Sequence[WorkPrecision], axes: Axes) -> None:
     """Draw errors over the time [s] of a run: a colour a quantity, a line a method."""
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
         for j, (name, family) in enumerate(study.points_by_family().items()):
-            done = [point for point in family if not point.has_failed and point.error > 0.0]
-            seconds = [point.seconds for point in done]
+            look = {"marker": "os^vD"[j % 5], "linestyle": STYLES[j % len(STYLES)], "linewidth": 1.2}
             words = study.quantity if j == 0 else f"{study.quantity}, {name}"
-            axes.loglog(
-                seconds,
-                [point.error for point in done],
-                marker="os^vD"[j % 5],
-                markersize=3.5,
-                color=colour,
-                linestyle=STYLES[j % len(STYLES)],
-                linewidth=1.2,
-                label=words,
-            )
-            axes.vlines(
-                seconds,
-                [point.error for point in done],
-                [point.upper_error_bound for point in done],
-                color=colour,
-                linewidth=0.8,
-            )
+            draw_points(axes, family, words, color=colour, **look)
         if study.floor > 0.0:
             axes.axhline(study.floor, color=colour, linestyle=(0, (6, 3)), linewidth=0.9)
     for level in LEVELS.values():
@@ -285,7 +266,7 @@ def plot_error_over_run_time(axes: Axes, studies: Sequence[WorkPrecision]) -> No
     axes.set(xlabel="time of a run [s]", ylabel="error")
 
 
-def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
+def advice_table(studies: Sequence[WorkPrecision]) -> Table:
     """Table of the settings to take for each quantity and tolerance, with their times."""
     rows = []
     for study in studies:
@@ -299,7 +280,7 @@ def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
                 cost_of_digit_text(study, advised[0].point),
             )
         )
-    return text_table(("quantity", *LEVELS, "starts scatter by", "a digit costs"), rows)
+    return Table(("quantity", *LEVELS, "starts scatter by", "a digit costs"), rows)
 
 
 def _setting_and_price(advice: AdvisedSetting) -> str:
@@ -314,88 +295,13 @@ def _setting_and_price(advice: AdvisedSetting) -> str:
     return f"{named}{advice.point.setting.fineness}: {price}"
 
 
-# Effects ----------------------------------------------------------------------------------------
-
-
-def _show_effects(page: HtmlPage, plain: Mapping[str, Any]) -> None:
-    page.add_section(f"{plain['scene']}: what its effects cost")
-    page.add_paragraph(
-        f"Microseconds of a step of {plain['grains']} grains on one core, medians of interleaved "
-        f"runs: {plain['step']:.3g} with all effects, {plain['nothing']:.2g} with none. An effect "
-        "that is added to others may share their work: both prices stand where they differ by "
-        "more than a fifth. What a scene does not name leaves nothing in its step; "
-        '"python -m benchmarks --part absent" times that next to steps written by hand.'
-    )
-    add_table_to_page(page, effect_cost_table(plain))
-    sums = ", ".join(f"{name} {value:.3g}" for name, value in plain["sums"].items())
-    page.add_paragraph(f"A whole step by the sum over pairs: {sums} microseconds.")
-
-
-def effect_cost_table(plain: Mapping[str, Any]) -> TextTable:
-    """Table of the cost of each effect: what it adds first and what it saves last [us]."""
-    rows = []
-    for effect in plain["effects"]:
-        first, last = _effect_cost_text(effect, "first"), _effect_cost_text(effect, "last")
-        both = effect["first"] is not None and effect["last"] is not None
-        shown = "yes" if both and first_and_last_costs_agree(effect) else "no"
-        rows.append((effect["effect"], first, last, shown))
-    header = (
-        "effect",
-        "adds when it comes first [us]",
-        "saves when taken away last [us]",
-        "alike within a fifth",
-    )
-    return text_table(header, rows)
-
-
-def _effect_cost_text(mapping: Mapping[str, Any], which: str) -> str:
-    value, doubt = mapping[which], mapping[f"{which}_doubt"]
-    return "cannot be run" if value is None else f"{value:.3g} ± {doubt:.1g}"
-
-
-# Hard cases -------------------------------------------------------------------------------------
-
-
-def outcome_count_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
-    """Table of how many hard cases ended how, in one row."""
-    counts = [sum(item.kind == kind for item in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
-    wrong = [item.case for item in outcomes if not item.allowed]
-    row = (len(outcomes), *counts, ", ".join(wrong) or "none")
-    header = (
-        "hard cases",
-        "accurate",
-        "degraded and said so",
-        "stopped by a typed error",
-        "ended as they must not",
-    )
-    return text_table(header, [row])
-
-
-def _overview_tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
-    tables = []
-    for result in results:
-        if "studies" in result:
-            studies = studies_from_plain(result)
-            tables.append((f"{studies[0].scene}: what accuracy costs", advice_table(studies)))
-        elif "effects" in result:
-            plain = result["effects"]
-            tables.append((f"{plain['scene']}: what its effects cost", effect_cost_table(plain)))
-    if outcomes := _outcomes_of_results(results):
-        tables.append(("Hard cases", outcome_count_table(outcomes)))
-    return tables
-
-
-def _overview_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
-    fresh = [row for outcome in results for row in outcome.get("fresh", ())]
-    hard = _outcomes_of_results(results)
-    missed = [
-        f"{row['quantity']} of {row['scene']} to {row['level']} by {row['setting']}"
-        for row in fresh
-        if not row["holds"]
-    ]
+def _overview_verdict(results: Sequence[OverviewResult]) -> tuple[str, bool]:
+    fresh = [start for result in results for start in result.fresh]
+    hard = [outcome for result in results for outcome in result.outcomes]
+    missed = [start for start in fresh if not start.holds]
     words = f"{len(fresh) - len(missed)} of {len(fresh)} advised settings hold for a fresh start"
     if missed:
-        words += f", not {'; '.join(missed)}"
+        words += f", not {'; '.join(map(str, missed))}"
     if hard:
         words += f"; {outcome_summary(hard).rstrip('.')}"
     return words, not missed and all(outcome.allowed for outcome in hard)
@@ -412,5 +318,5 @@ def _packaged_overview_tasks(full: bool) -> list[Task]:
 
 
 OVERVIEW = Section(
-    "overview", "", _packaged_overview_tasks, dict, _overview_tables, _overview_verdict, show_overview_section
+    "overview", "", _packaged_overview_tasks, OverviewResult, _overview_verdict, overview_blocks
 )

@@ -20,16 +20,19 @@ from granular.run.work_precision import (
 )
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from validation.cost.advised_setting import (
+from validation.measured_quantities import MeasuredQuantity, quantity_named
+from validation.report_tasks import PlainData
+from validation.work_precision_result import (
     AdvisedSetting,
     SolverSettings,
+    WorkPrecision,
     WorkPrecisionPoint,
     accurate_points,
     advise_setting,
     duration_text,
     points_without_clear_error,
 )
-from validation.cost.work_precision import (
+from validation.work_precision_runs import (
     REPEATS,
     STEPS,
     candidate_settings,
@@ -39,9 +42,6 @@ from validation.cost.work_precision import (
     reference_values,
     scenes_with_other_seeds,
 )
-from validation.cost.work_precision_result import WorkPrecision
-from validation.measured_quantities import MeasuredQuantity, quantity_named
-from validation.report_tasks import PlainData
 
 SEEDS = 4
 """Further starts of a scene that has random ones: five show a scatter to a third of itself."""

@@ -1,24 +1,50 @@
-"""The report: one HTML file with everything in it, and its figures as JSON next to it."""
+"""The report: one HTML file with everything in it, and its figures as JSON next to it.
+
+The same sections measure a user's own methods on a user's own scene, next to the built-in ones.
+"""
 
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from granular.methods import METHODS, Method, method_named, resolve_method
+from granular.methods.registry import method_as_run_setting, register_methods
+from granular.scene.scene import Scene
+from granular.shared.blocks import Block, Caution, Heading, Table, cautions
+from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_json
-from granular.shared.html_pages import HtmlPage
-from validation.convergence_order import CONVERGENCE
-from validation.cost.report_section import WORK_PRECISION
+from granular.shared.html_pages import Page
+from granular.shared.terminal import blocks_text
+from validation.convergence_order import (
+    CONVERGENCE,
+    convergence_task,
+    method_name_to_plot,
+    method_suits_problem,
+)
 from validation.depaula_experiment import DEPAULA
-from validation.energy_drift import ENERGY
-from validation.hard_case_outcomes import STABILITY
-from validation.overview import OVERVIEW, outcome_count_table
-from validation.report_tasks import FAILED, Plain, Section, machine_info, run_tasks
-from validation.text_tables import add_table_to_page
+from validation.energy_drift import ENERGY, energy_task, wall_oscillation_run
+from validation.exact import NAMES, exact_problem
+from validation.hard_case_outcomes import STABILITY, outcome_count_table
+from validation.measured_quantities import quantity_named
+from validation.overview import OVERVIEW
+from validation.report_tasks import (
+    Outcome,
+    Plain,
+    Section,
+    Task,
+    failure_lines,
+    machine_info,
+    results_of,
+    run_tasks,
+)
+from validation.work_precision_runs import candidate_settings
+from validation.work_precision_section import WORK_PRECISION, Plan, frictionless_bed, work_precision_task
 
-Results = Mapping[str, Sequence[Plain]]
+Outcomes = Mapping[str, Sequence[Outcome]]
+"""Outcomes of sections by their names."""
 
 SECTIONS = {
     section.name: section for section in (OVERVIEW, CONVERGENCE, DEPAULA, ENERGY, WORK_PRECISION, STABILITY)
@@ -32,85 +58,73 @@ def report(
     full: bool = False,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Measure sections, and write ``report.html`` and ``report.json``."""
+    """Measure sections, write ``report.html`` and ``report.json``, and return what the latter holds."""
     where = None if directory is None else Path(directory)
     if where is not None:
         make_directory(where)
-    results: dict[str, Sequence[Plain]] = {
-        section.name: run_tasks(section.name, section.tasks(full), where, progress=progress)
+    outcomes = {
+        section.name: run_tasks(section.name, section.tasks(full), where, section.kind, progress=progress)
         for section in sections
     }
-    plain = summarise_verdicts(results) | {"full": full, "machine": machine_info(), "parts": results}
+    parts = {name: [outcome.to_plain() for outcome in group] for name, group in outcomes.items()}
+    plain = summarise_verdicts(outcomes) | {"full": full, "machine": machine_info(), "parts": parts}
     if where is not None:
-        report_page(results, full=full).save(where / "report.html")
+        report_page(outcomes, full=full).save(where / "report.html")
         write_json(where / "report.json", plain)
     return plain
 
 
-def report_page(results: Results, *, full: bool) -> HtmlPage:
-    """Page of the report from the results of its sections."""
-    read = {SECTIONS[name]: _read_results(name, section_entries) for name, section_entries in results.items()}
-    verdicts = summarise_verdicts(results)
+def report_page(outcomes: Outcomes, *, full: bool) -> Page:
+    """Page of the report from the outcomes of its sections."""
+    verdicts = summarise_verdicts(outcomes)
     wrong = [name for name, held in verdicts["held"].items() if not held]
     lead = f"Not all holds: {', '.join(wrong)}." if wrong else "All holds."
-    shown = HtmlPage("Proof of the numbers", lead)
-    if OVERVIEW in read:
-        _add_section(shown, OVERVIEW, read[OVERVIEW], results)
-        if STABILITY in read:
-            shown.add_section("Hard cases at a glance")
-            add_table_to_page(shown, outcome_count_table(read[STABILITY]))
-    shown.add_section("What holds")
     words = {True: "yes", False: "NO"}
-    shown.add_table(
-        ("part", "holds", "what was found"),
-        [(name, words[verdicts["held"][name]], verdict) for name, verdict in verdicts["verdicts"].items()],
-    )
-    below = {section: section_entries for section, section_entries in read.items() if section is not OVERVIEW}
-    for section, section_entries in below.items():
-        _add_section(shown, section, section_entries, results)
-    if any(section.tables_at_end for section in below):
-        shown.add_section("All measurements")
-    for section, section_entries in below.items():
-        if section.tables_at_end and section_entries:
-            for title, table in section.tables(section_entries):
-                shown.add_paragraph(title)
-                add_table_to_page(shown, table)
+    summary = [(name, words[verdicts["held"][name]], text) for name, text in verdicts["verdicts"].items()]
+    first = [name for name in outcomes if name == OVERVIEW.name]
+    below = [name for name in outcomes if name != OVERVIEW.name]
+    blocks = [
+        *(block for name in first for block in section_blocks(name, outcomes[name])),
+        *(_hard_cases_at_a_glance(outcomes) if first else ()),
+        Heading("What holds"),
+        Table(("part", "holds", "what was found"), summary),
+        *(block for name in below for block in section_blocks(name, outcomes[name])),
+    ]
+    details = [block for name in below for block in section_details(name, outcomes[name])]
+    if details:
+        blocks += [Heading("All measurements"), *details]
     made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    kind = "full" if full else "quick"
-    shown.add_footer(
-        f"Made on {made} ({kind}) with " + ", ".join(f"{k} {v}" for k, v in machine_info().items())
+    machine = ", ".join(f"{name} {value}" for name, value in machine_info().items())
+    return Page(
+        "Proof of the numbers", lead, blocks, f"Made on {made} ({'full' if full else 'quick'}) with {machine}"
     )
-    return shown
 
 
-def _read_results(name: str, results: Sequence[Plain]) -> list[Any]:
-    """Results that did not fail."""
-    return [SECTIONS[name].parse_result(result) for result in results if FAILED not in result]
+def _hard_cases_at_a_glance(outcomes: Outcomes) -> list[Block]:
+    if STABILITY.name not in outcomes:
+        return []
+    return [Heading("Hard cases at a glance"), outcome_count_table(results_of(outcomes[STABILITY.name]))]
 
 
-def _add_section(page: HtmlPage, section: Section, items: Sequence[Any], results: Results) -> None:
-    """Section's texts and figures, its tables unless they stand behind, and what failed."""
-    if section.title:
-        page.add_section(section.title)
-    if items:
-        section.show(page, items)
-    if items and not section.tables_at_end:
-        for _, table in section.tables(items):
-            add_table_to_page(page, table)
-    for line in _failure_lines(results[section.name]):
-        page.add_warning(line)
+def section_blocks(name: str, outcomes: Sequence[Outcome]) -> list[Block]:
+    """Heading, texts, tables and pictures of a section, and what failed."""
+    section, results = SECTIONS[name], results_of(outcomes)
+    heading = [Heading(section.title)] if section.title else []
+    return [*heading, *(section.blocks(results) if results else ()), *cautions(failure_lines(outcomes))]
 
 
-def _failure_lines(results: Sequence[Plain]) -> list[str]:
-    return [f"{result['label']} failed: {result[FAILED]}" for result in results if FAILED in result]
+def section_details(name: str, outcomes: Sequence[Outcome]) -> Sequence[Block]:
+    """Tables of a section for the end of the page."""
+    results = results_of(outcomes)
+    return SECTIONS[name].details(results) if results else ()
 
 
-def summarise_verdicts(results: Results) -> dict[str, Any]:
+def summarise_verdicts(outcomes: Outcomes) -> dict[str, Any]:
     """Verdicts of all sections, and if they hold."""
     verdicts, held = {}, {}
-    for name, result in results.items():
-        verdicts[name], right = SECTIONS[name].verdict(_read_results(name, result))
-        failed = len(_failure_lines(result))
+    for name, group in outcomes.items():
+        verdicts[name], right = SECTIONS[name].verdict(results_of(group))
+        failed = len(failure_lines(group))
         if failed:
             verdicts[name] += f" ({failed} could not be measured)"
         held[name] = right and not failed
@@ -118,13 +132,131 @@ def summarise_verdicts(results: Results) -> dict[str, Any]:
 
 
 def report_text(plain: Mapping[str, Any]) -> str:
-    """Text of a report for the console: tables, failures and verdicts."""
-    lines = [section_text(name, group) for name, group in plain["parts"].items()]
+    """Text of a report for the console, from its data: tables, failures and verdicts."""
+    lines = [section_text(name, outcomes_from_plain(name, group)) for name, group in plain["parts"].items()]
     return "\n".join([*lines, *(f"{name}: {verdict}" for name, verdict in plain["verdicts"].items())])
 
 
-def section_text(name: str, results: Sequence[Plain]) -> str:
-    """Text of a section for the console: its tables, and what failed."""
-    tables = SECTIONS[name].tables(_read_results(name, results))
-    texts = [f"{title}\n{table.text()}\n" for title, table in tables]
-    return "\n".join([*texts, *_failure_lines(results)])
+def outcomes_from_plain(name: str, plain: Sequence[Plain]) -> list[Outcome]:
+    """Outcomes of a section from the data of a report."""
+    return [Outcome.from_plain(name, SECTIONS[name].kind, entry) for entry in plain]
+
+
+def section_text(name: str, outcomes: Sequence[Outcome]) -> str:
+    """Text of a section for the console: its headings and tables, and what failed."""
+    shown = [
+        block for block in section_blocks(name, outcomes) if isinstance(block, Heading | Table | Caution)
+    ]
+    return blocks_text([*shown, *section_details(name, outcomes)])
+
+
+# A user's own methods ---------------------------------------------------------------------------
+
+BESIDE = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
+"""Built-in methods that are measured with them; they share their compiled code."""
+
+CONTROL = "explicit-euler"
+"""Built-in method whose energy drifts."""
+
+PERIODS = 40
+"""Periods of the swing whose energy is tested."""
+
+HORIZON = 0.02
+"""Until when the frictionless bed runs [s]: its positions still mean something."""
+
+
+def method_report(
+    directory: str | Path,
+    methods: Sequence[str | Method],
+    *,
+    scene: Scene | None = None,
+    quantities: Sequence[str] | None = None,
+    until: float | None = None,
+    progress: bool = True,
+) -> dict[str, Any]:
+    """Measure methods, and write ``report.html`` and ``report.json``.
+
+    Their order of convergence on every exact problem that they fit, the trend of the energy over a
+    long run, and error against wall time on a scene; each next to methods that are built in.
+
+    >>> method_report("out", [Method("mine", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
+
+    Parameters
+    ----------
+    directory : str or Path
+        Directory of the report.
+    methods : sequence of str or Method
+        One or more: a user's own, also by their names where those are known; see
+        `granular.user_code.import_user_code`.
+    scene : Scene, optional
+        What error against wall time is measured on; without, the packaged bed without friction, up
+        to 0.02 s.
+    quantities : sequence of str, optional
+        Of `validation.measured_quantities.QUANTITIES`: what the error is in; without, the energy, and where
+        no scene is given the positions.
+    until : float, optional
+        Stop the runs of ``scene`` at this time [s]; the whole protocol without.
+    progress : bool
+        Show a progress bar on standard error.
+
+    Returns
+    -------
+    dict
+        What the JSON file holds: the sections' results (steps and times [s], errors with their unit), a
+        verdict each, and the machine. A measurement that fails is there as failed, and its section does
+        not hold.
+
+    Raises
+    ------
+    InputError
+        If no method is given, one or a quantity is unknown, two have one name, or a method has that of a
+        built-in one and is another; if no method can run the scene, or the directory cannot be written.
+    """
+    if not methods:
+        raise InputError("no method is given; give the name of one, or a granular.Method")
+    for quantity in quantities or ():
+        quantity_named(quantity)
+    register_methods(
+        method for method in methods if isinstance(method, Method) and method.name not in METHODS
+    )
+    names = [resolve_method(method).name for method in methods]
+    every = tuple(dict.fromkeys((*names, *BESIDE)))
+    sections = (
+        CONVERGENCE._replace(tasks=lambda full: list(_convergence_tasks(every, full))),
+        ENERGY._replace(tasks=lambda _: list(_energy_tasks((*every, CONTROL)))),
+        WORK_PRECISION._replace(tasks=lambda _: [_cost_task(every, scene, quantities, until)]),
+    )
+    return report(directory, sections, progress=progress)
+
+
+def _convergence_tasks(names: Sequence[str], full: bool) -> Iterator[Task]:
+    for problem in NAMES:
+        for name in names:
+            if method_suits_problem(exact_problem(problem), name):
+                yield convergence_task(method_name_to_plot(name), problem, full, **_method_table_key(name))
+
+
+def _energy_tasks(names: Sequence[str]) -> Iterator[Task]:
+    for name in names:
+        if not method_named(name).variable:
+            yield energy_task(wall_oscillation_run(name, PERIODS), **_method_table_key(name))
+
+
+def _cost_task(
+    names: Sequence[str], scene: Scene | None, quantities: Sequence[str] | None, until: float | None
+) -> Task:
+    if scene is None:
+        scene, until = frictionless_bed(), HORIZON if until is None else until
+        quantities = quantities or ("energy", "positions")
+    settings = candidate_settings(scene, names)
+    if not settings:
+        raise InputError(f"none of {', '.join(names)} can run {scene.name!r}; give another scene")
+    tables = {name: table for name in names for table in _method_table_key(name).values()}
+    plan = Plan(scene, tuple(quantities or ("energy",)), settings, {"until": until})
+    return work_precision_task(plan, tables=tables)
+
+
+def _method_table_key(name: str) -> dict[str, Any]:
+    """Key that tells a user's own method from another one of the name."""
+    setting = method_as_run_setting(method_named(name))
+    return {} if isinstance(setting, str) else {"table": setting}

@@ -10,19 +10,24 @@ import dataclasses
 import hashlib
 import math
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, get_args, get_type_hints
 
 from granular.run.summary import custom_code_digests
+from granular.shared.blocks import Picture, Table
 from granular.shared.errors import GranularError
+from granular.shared.plotting import COLOURS, STYLES, figure
 from granular.shared.result_cache import ResultCache, digest
+from granular.shared.terminal import block_text
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from granular.scene.scene import Scene
-    from granular.shared.html_pages import HtmlPage
-    from validation.text_tables import TextTable
+    from granular.shared.blocks import Block
 
 Plain = dict[str, Any]
 
@@ -38,7 +43,7 @@ class PlainData:
         dict of str to Any
             Fields by name, nested ones too.
         """
-        plain: Plain = _to_plain(self)
+        plain: Plain = to_plain(self)
         return plain
 
     @classmethod
@@ -55,32 +60,33 @@ class PlainData:
         Self
             The result; a number that is None becomes NaN.
         """
-        result: Self = _from_plain(cls, plain)
+        result: Self = from_plain(cls, plain)
         return result
 
 
-def _to_plain(value: Any) -> Any:
+def to_plain(value: Any) -> Any:
+    """Return records and tuples as plain data; None for a number that is none."""
     if dataclasses.is_dataclass(value):
-        return {entry.name: _to_plain(getattr(value, entry.name)) for entry in dataclasses.fields(value)}
+        return {entry.name: to_plain(getattr(value, entry.name)) for entry in dataclasses.fields(value)}
     if hasattr(value, "_asdict"):
-        return {name: _to_plain(entry) for name, entry in value._asdict().items()}
+        return {name: to_plain(entry) for name, entry in value._asdict().items()}
     if isinstance(value, tuple):
-        return [_to_plain(entry) for entry in value]
+        return [to_plain(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _from_plain(kind: Any, value: Any) -> Any:
-    """Value of a field of that type."""
+def from_plain(kind: Any, value: Any) -> Any:
+    """Return the value of a type that `to_plain` made plain; a number that is None becomes NaN."""
     if value is None:
         return math.nan if kind is float else None
     if isinstance(value, list):
         first = get_args(kind)[0]
-        return tuple(_from_plain(first, entry) for entry in value)
+        return tuple(from_plain(first, entry) for entry in value)
     kinds = (kind, *get_args(kind))
     records = [entry for entry in kinds if dataclasses.is_dataclass(entry) or hasattr(entry, "_fields")]
     if isinstance(value, Mapping) and records:
         hints = get_type_hints(records[0])
-        return records[0](**{name: _from_plain(hints[name], entry) for name, entry in value.items()})
+        return records[0](**{name: from_plain(hints[name], entry) for name, entry in value.items()})
     return value
 
 
@@ -89,7 +95,30 @@ class Task(NamedTuple):
 
     label: str
     key: Plain
-    measure: Callable[[], Plain]
+    measure: Callable[[], Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """A measured task: its result, or the typed error that ended it, which is an outcome too."""
+
+    label: str
+    result: Any = None
+    failed: str | None = None
+
+    def to_plain(self) -> Plain:
+        """Return the result's fields, or the error under `FAILED`."""
+        if self.failed is not None:
+            return {FAILED: self.failed, "label": self.label}
+        plain: Plain = to_plain(self.result)
+        return plain
+
+    @classmethod
+    def from_plain(cls, label: str, kind: Any, plain: Plain) -> Outcome:
+        """Return the outcome, whose result is of that type, that `to_plain` made plain."""
+        if FAILED in plain:
+            return cls(plain["label"], failed=plain[FAILED])
+        return cls(label, from_plain(kind, plain))
 
 
 class Section(NamedTuple):
@@ -99,55 +128,110 @@ class Section(NamedTuple):
     ----------
     name : str
     title : str
-        Its heading; none for a section that writes headings of its own.
+        Its heading; none for a section whose blocks hold headings.
     tasks : callable
         Its tasks; the argument is whether all of the full ones are wanted.
-    parse_result : callable
-        A result as `tables`, `verdict` and `show` take it.
-    tables : callable
-        Tables of the results, by what is said of them: for the console, and for the page.
+    kind : type
+        Of its results, a dataclass.
     verdict : callable
         Words on the results, and whether they hold.
-    show : callable
-        Adds texts, tables and figures to a page.
-    tables_at_end : bool
-        Whether the tables stand at the end of the page, where few will read them.
+    blocks : callable
+        Texts, tables and figures of the results.
+    details : callable
+        Tables at the end of the page, where few will read them.
     """
 
     name: str
     title: str
     tasks: Callable[[bool], Sequence[Task]]
-    parse_result: Callable[[Plain], Any]
-    tables: Callable[[Sequence[Any]], Sequence[tuple[str, TextTable]]]
+    kind: type
     verdict: Callable[[Sequence[Any]], tuple[str, bool]]
-    show: Callable[[HtmlPage, Sequence[Any]], None]
-    tables_at_end: bool = True
+    blocks: Callable[[Sequence[Any]], Sequence[Block]]
+    details: Callable[[Sequence[Any]], Sequence[Block]] = lambda _: ()
 
 
 KEY_LENGTH = 24
 
 FAILED = "failed"
-"""Key of a result of a task that ended in a typed error: a failure is a result."""
+"""Key of the error of a task that ended in one."""
 
 
 def run_tasks(
-    name: str, tasks: Sequence[Task], directory: Path | None, *, progress: bool = True
-) -> list[Plain]:
-    """Return the results of tasks, those on disk included."""
-    results = []
+    name: str, tasks: Sequence[Task], directory: Path | None, kind: Any = dict, *, progress: bool = True
+) -> list[Outcome]:
+    """Return the outcomes of tasks, those on disk included; kind, the type of their results."""
     saved = None if directory is None else ResultCache(directory / "pieces")
-    for task in _iterate_with_progress(name, tasks, progress):
-        key = _task_key(name, task)
-        result: Plain | None = None if saved is None else saved.read(key)
-        if result is None:
-            try:
-                result = task.measure()
-            except GranularError as stop:
-                result = {FAILED: f"{type(stop).__name__}: {stop}", "label": task.label}
-            if saved is not None:
-                saved.keep(key, result)
-        results.append(result)
-    return results
+    return [_run_task(name, task, saved, kind) for task in _iterate_with_progress(name, tasks, progress)]
+
+
+def _run_task(name: str, task: Task, saved: ResultCache | None, kind: Any) -> Outcome:
+    key = _task_key(name, task)
+    plain = None if saved is None else saved.read(key)
+    if plain is not None:
+        return Outcome.from_plain(task.label, kind, plain)
+    try:
+        outcome = Outcome(task.label, task.measure())
+    except GranularError as stop:
+        outcome = Outcome(task.label, failed=f"{type(stop).__name__}: {stop}")
+    if saved is not None:
+        saved.keep(key, outcome.to_plain())
+    return outcome
+
+
+def results_of(outcomes: Iterable[Outcome]) -> list[Any]:
+    """Results of the outcomes that did not fail."""
+    return [outcome.result for outcome in outcomes if outcome.failed is None]
+
+
+def failure_lines(outcomes: Iterable[Outcome]) -> list[str]:
+    """One line for each outcome that failed."""
+    return [f"{outcome.label} failed: {outcome.failed}" for outcome in outcomes if outcome.failed is not None]
+
+
+class PrintedTable(Table):
+    """Table of figures, also for the console."""
+
+    def text(self) -> str:
+        """Table as text in aligned columns."""
+        return block_text(self)
+
+
+WIDTH = 5.6
+"""Width of a figure [inch]: narrow enough for its letters to be read on a phone."""
+
+
+def line_look(index: int) -> dict[str, Any]:
+    """Colour and style of a line: the colours first, then other styles."""
+    turn, colour = divmod(index, len(COLOURS))
+    return {"color": COLOURS[colour], "linestyle": STYLES[turn % len(STYLES)]}
+
+
+def label_line(axes: Axes, words: str, height: float, **options: Any) -> None:
+    """Write words at the right end of a horizontal line, above it."""
+    axes.annotate(
+        words,
+        (0.99, height),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="right",
+        fontsize=8,
+        **options,
+    )
+
+
+def picture(draw: Callable[[Axes], object], caption: str, height: float = 5.0, columns: int = 2) -> Picture:
+    """Picture of one pair of axes, with the legend below; height [inch]."""
+
+    def make() -> Figure:
+        with figure(width=WIDTH, height=height) as (drawing, axes):
+            draw(axes)
+            # Below the axes, so that a narrow page leaves the figure wide enough to be read.
+            axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=columns)
+        shown: Figure = drawing
+        return shown
+
+    return Picture(make, caption)
 
 
 def _iterate_with_progress(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[Task]:
@@ -170,7 +254,7 @@ def _task_key(name: str, task: Task) -> str:
     return f"{name}-{digest(content, KEY_LENGTH)}"
 
 
-_SHOWING = ("report.py", "text_tables.py", "html_pages.py", "plotting.py", "published.py")
+_SHOWING = ("report.py", "blocks.py", "plotting.py", "published.py")
 """Files that only show what was measured, or on which no section depends."""
 
 

@@ -10,14 +10,8 @@ import pytest
 from granular.methods import METHODS
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
-from validation.convergence_order import (
-    Solver,
-    convergence,
-    fit_convergence_slope,
-    method_name_to_plot,
-    method_suits_problem,
-)
-from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table
+from validation.convergence_order import Solver, convergence, method_name_to_plot, method_suits_problem
+from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table, fit_convergence_slope
 from validation.exact import NAMES, ExactProblem, GrainStates, bounce, exact_problem
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))

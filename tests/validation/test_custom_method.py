@@ -13,8 +13,8 @@ from granular.methods.registry import register_methods
 from granular.shared.errors import InputError
 from validation.__main__ import main
 from validation.convergence_order import convergence
-from validation.custom_method import method_report
 from validation.exact import exact_problem
+from validation.report import method_report
 
 Z = 0.1931833275037836
 MCLACHLAN = Method(

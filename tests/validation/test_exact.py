@@ -20,9 +20,8 @@ from validation.exact.bounce import (
     potential_well,
     wall_rest_height,
 )
-from validation.exact.problem import natural_units
-from validation.exact.quadrature import position_after_upper_turning, speed_from_energy
-from validation.hard_cases import head_on_collision
+from validation.exact.problem import natural_units, position_after_upper_turning, speed_from_energy
+from validation.hard_case import head_on_collision
 
 Force = Callable[[float, np.ndarray, np.ndarray, ExactProblem, Scales], np.ndarray]
 

@@ -6,10 +6,9 @@ import pytest
 
 from granular import simulate
 from granular.shared.errors import EnergyError
+from validation.hard_case import HardCase, distance_from_verlet_swing, scene_near_stability_limit
 from validation.hard_case_outcomes import CRASHED, SILENT, run_hard_case
-from validation.hard_cases import COSTLY, hard_case_catalogue, scene_near_stability_limit
-from validation.hard_cases.hard_case import HardCase
-from validation.hard_cases.one_and_two_grains import distance_from_verlet_swing
+from validation.hard_cases import COSTLY, hard_case_catalogue
 
 CASES = hard_case_catalogue()
 

@@ -11,6 +11,7 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene
 from granular.shared.errors import EnergyError, SceneError
+from validation.hard_case import ErrorMeasure, HardCase
 from validation.hard_case_outcomes import (
     ACCURATE,
     CRASHED,
@@ -20,7 +21,6 @@ from validation.hard_case_outcomes import (
     HardCaseOutcome,
     run_hard_case,
 )
-from validation.hard_cases.hard_case import ErrorMeasure, HardCase
 
 
 def scene() -> Scene:
@@ -55,7 +55,7 @@ def case(
     **options: object,
 ) -> HardCase:
     return HardCase(
-        "case", "what", made, 0.001, 0.001, ErrorMeasure("error", measure), 0.1, dt=1e-4, **options
+        "case", "what", made, (0.001, 0.001), ErrorMeasure("error", measure), 0.1, dt=1e-4, **options
     )
 
 

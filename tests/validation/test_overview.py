@@ -10,22 +10,22 @@ from typing import Any
 import pytest
 
 from granular import Scene, effect
-from granular.shared.html_pages import HtmlPage
+from granular.shared.terminal import blocks_text
 from validation import overview
-from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
-from validation.cost.report_section import work_precision_task
-from validation.cost.work_precision_result import WorkPrecision
-from validation.effect_costs import NOTHING, effect_costs, first_and_last_costs_agree
+from validation.effect_costs import NOTHING, EffectCost, EffectCosts, effect_costs
 from validation.overview import (
+    FreshStart,
+    OverviewResult,
     advice_table,
-    effect_cost_table,
+    overview_blocks,
     overview_tasks,
     plan_runs,
-    show_overview_section,
     suitable_quantities,
 )
 from validation.report import report_page, section_text, summarise_verdicts
-from validation.report_tasks import run_tasks
+from validation.report_tasks import Outcome, run_tasks
+from validation.work_precision_result import SolverSettings, WorkPrecision, WorkPrecisionPoint
+from validation.work_precision_section import Plan, work_precision_task
 
 
 def study(floor: float) -> WorkPrecision:
@@ -36,16 +36,9 @@ def study(floor: float) -> WorkPrecision:
     return WorkPrecision("damper", "period", "1", None, points, floor, "finer")
 
 
-def result(holds: bool) -> list[dict[str, object]]:
-    fresh = {
-        "scene": "damper",
-        "quantity": "period",
-        "level": "1 %",
-        "setting": "a",
-        "error": 0.1,
-        "holds": holds,
-    }
-    return [{"studies": [study(1e-4).to_plain()], "fresh": [fresh], "starts": 5}]
+def result(holds: bool) -> list[Outcome]:
+    fresh = FreshStart("damper", "period", "1 %", "a", 0.1, holds)
+    return [Outcome("damper: accuracy", OverviewResult((study(1e-4),), (fresh,), 5))]
 
 
 def test_quantities_follow_the_stages(bed: Scene, damper: Scene) -> None:
@@ -77,33 +70,24 @@ def test_a_fresh_start_that_misses_fails_the_report() -> None:
 
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
 def test_prices_that_differ_by_more_than_a_fifth_both_stand(first: float, last: float, alike: bool) -> None:
-    row = {"effect": "drag", "first": first, "first_doubt": 0.1, "last": last, "last_doubt": 0.1}
-    assert first_and_last_costs_agree(row) is alike
-    plain = {
-        "scene": "s",
-        "grains": 2,
-        "step": 3.0,
-        "nothing": 1.0,
-        "sums": {"direct": 3.0},
-        "effects": [row, {**row, "first": None}],
-    }
-    shown = effect_cost_table(plain)
-    assert shown.rows[0][3] == ("yes" if alike else "no")
-    assert shown.rows[1][1] == "cannot be run"
-    drawn = HtmlPage("page")
-    show_overview_section(drawn, [{"effects": plain}])
-    assert "direct 3 microseconds" in drawn.to_html()
+    cost = EffectCost("drag", first, 0.1, last, 0.1)
+    assert cost.agrees() is alike
+    costs = EffectCosts("s", 2, 3.0, 1.0, (cost, cost._replace(first=math.nan)), {"direct": 3.0})
+    rows = costs.table().rows
+    assert rows[0][3] == ("yes" if alike else "no")
+    assert rows[1][1] == "cannot be run"
+    again = EffectCosts.from_plain(json.loads(json.dumps(costs.to_plain(), allow_nan=False)))
+    assert "direct 3 microseconds" in blocks_text(overview_blocks([OverviewResult(effects=again)]))
 
 
 @pytest.mark.long
 def test_effects_of_a_small_bed_are_timed(small_bed: Scene) -> None:
     found = effect_costs(small_bed, rounds=3, workers=1)
-    assert {row["effect"] for row in found["effects"]} == {"dipole", "walls", "gravity", "drag"}
-    assert all(math.isfinite(row["first"]) for row in found["effects"])
-    assert 0.0 < found["nothing"] < found["step"]
-    assert set(found["sums"]) == {"direct", "cut-off", "mesh"}
-    assert NOTHING not in found["sums"]
-    json.dumps(found, allow_nan=False)
+    assert {cost.effect for cost in found.effects} == {"dipole", "walls", "gravity", "drag"}
+    assert all(math.isfinite(cost.first) for cost in found.effects)
+    assert 0.0 < found.nothing < found.step
+    assert set(found.sums) == {"direct", "cut-off", "mesh"}
+    assert NOTHING not in found.sums
 
 
 @pytest.mark.long
@@ -132,7 +116,7 @@ def test_pieces_of_an_edited_effect_are_measured_again(bed: Scene) -> None:
 
         scene = bed.replace(**{"effects.edited_push": True})
         keys.append([task.key for task in overview_tasks([scene], full=False, hard=False)])
-        keys[-1].append(work_precision_task(scene, ("energy",), (), {}).key)
+        keys[-1].append(work_precision_task(Plan(scene, ("energy",), (), {})).key)
     assert all(first != second for first, second in zip(*keys, strict=True))
 
 
@@ -146,12 +130,13 @@ def test_first_screen_of_a_small_bed(
     settle = {"kind": "hold", "name": "settle", "duration": "0.01 s"}
     scene = small_bed.replace(name="bed of 23", protocol=[settle])
     tasks = overview_tasks([scene], full=False, hard=False)[:1]
-    found = run_tasks("overview", tasks, tmp_path, progress=False)
-    (one,) = found
-    assert [each["quantity"] for each in one["studies"]] == ["piston force", "mean distance", "energy"]
-    assert one["starts"] > 1
-    assert "mean distance" in {each["quantity"] for each in one["fresh"]}
-    assert all(math.isfinite(each["error"]) for each in one["fresh"])
+    found = run_tasks("overview", tasks, tmp_path, OverviewResult, progress=False)
+    measured = found[0].result
+    assert [study.quantity for study in measured.studies] == ["piston force", "mean distance", "energy"]
+    assert measured.starts > 1
+    assert "mean distance" in {start.quantity for start in measured.fresh}
+    assert all(math.isfinite(start.error) for start in measured.fresh)
+    assert run_tasks("overview", tasks, tmp_path, OverviewResult, progress=False) == found  # from the disk
     text = section_text("overview", found)
     assert "bed of 23: what accuracy costs" in text
     assert "bed of 23" in report_page({"overview": found}, full=False).to_html()

@@ -8,14 +8,13 @@ import math
 import pytest
 
 from validation.convergence_result import ConvergenceResult, FittedSlope
-from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
-from validation.cost.work_precision_result import WorkPrecision
 from validation.depaula_experiment import COMPENSATED, PLAIN, TOOLKIT, DepaulaRun, DepaulaStepTest
 from validation.energy_drift import EnergyStudy
 from validation.hard_case_outcomes import ACCURATE, HardCaseOutcome
-from validation.report import section_text
+from validation.report import outcomes_from_plain, section_text
 from validation.report_tasks import FAILED, Plain
 from validation.trend_significance import EnergyTrend
+from validation.work_precision_result import SolverSettings, WorkPrecision, WorkPrecisionPoint
 
 ORDER = ConvergenceResult(
     "bounce",
@@ -54,7 +53,7 @@ COST = WorkPrecision(
 CASE = HardCaseOutcome("drop", "stormer-verlet", "auto", ACCURATE, 0.02, 0.1, "", True, 1.0, "distance [D]")
 SOURCE = DepaulaStepTest(
     tuple(
-        DepaulaRun(form, h, 0.1 + 1e4 * h * h, 1e4 * h * h, 1.0)
+        DepaulaRun(form, h, 0.1 + 1e4 * h * h, 1e4 * h * h, 1.0, (1e-9,), (0.2, 0.1))
         for form in (PLAIN, COMPENSATED, TOOLKIT)
         for h in (4e-6, 2e-6, 1e-6)
     )
@@ -79,7 +78,8 @@ SOURCE = DepaulaStepTest(
 )
 def test_a_parts_figures_are_said(part: str, plain: Plain, said: tuple[str, ...]) -> None:
     kept = json.loads(json.dumps(plain))  # as it comes back from a file
-    text = section_text(part, [kept, {"label": "the next", FAILED: "RunError: off"}])
+    failed = {"label": "the next", FAILED: "RunError: off"}
+    text = section_text(part, outcomes_from_plain(part, [kept, failed]))
     assert all(words in text for words in said), text
     assert "the next failed: RunError: off" in text
     assert str(math.nan) not in text

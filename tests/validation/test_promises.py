@@ -10,9 +10,9 @@ import pytest
 from granular import Scene, Trajectory, damper, load_scene, plan, simulate
 from granular.run.plan import parse_accuracy
 from validation import SolverSettings, recommend_settings
-from validation.cost.work_precision import reference_values, scenes_with_other_seeds
 from validation.measured_quantities import QUANTITIES
-from validation.report_scenes import compression_scene
+from validation.work_precision_runs import reference_values, scenes_with_other_seeds
+from validation.work_precision_section import compression_scene
 
 FRESH = 5
 FIRST = 1001

@@ -12,15 +12,15 @@ import pytest
 from granular import load_scene, plan
 from granular.methods import METHODS
 from granular.shared.errors import InputError, SceneError
-from validation.energy_drift import EnergyRun, report_energy_runs, run_energy_study
+from validation.energy_drift import EnergyRun, EnergyStudy, report_energy_runs, run_energy_study
 from validation.report import SECTIONS, report_page, summarise_verdicts
-from validation.report_tasks import FAILED, Plain, Task, run_tasks
+from validation.report_tasks import Outcome, Plain, Task, run_tasks
 from validation.trend_significance import EnergyTrend
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def measured(made: Callable[[], Plain], directory: Path | None, key: str = "a") -> list[Plain]:
+def measured(made: Callable[[], Plain], directory: Path | None, key: str = "a") -> list[Outcome]:
     return run_tasks("section", [Task("task", {"key": key}, made)], directory, progress=False)
 
 
@@ -32,7 +32,7 @@ def test_finished_pieces_are_found_again(tmp_path: Path) -> None:
         return {"value": 0.1}
 
     for _ in range(2):
-        assert measured(made, tmp_path) == [{"value": 0.1}]
+        assert measured(made, tmp_path) == [Outcome("task", {"value": 0.1})]
     assert len(calls) == 1
     measured(made, tmp_path, "b")
     assert len(calls) == 2  # another content is another task
@@ -45,16 +45,17 @@ def test_a_cut_piece_is_measured_again(tmp_path: Path) -> None:
     (kept,) = (tmp_path / "pieces").iterdir()
     kept.write_text(kept.read_text(encoding="utf-8")[:-3], encoding="utf-8")
     with pytest.warns(UserWarning, match="damaged; what it held is made anew"):
-        assert measured(lambda: {"value": 2}, tmp_path) == [{"value": 2}]
+        assert measured(lambda: {"value": 2}, tmp_path)[0].result == {"value": 2}
 
 
 def test_a_failure_is_a_result(tmp_path: Path) -> None:
     def fails() -> Plain:
         raise SceneError("a value, a limit, a remedy")
 
-    (result,) = measured(fails, tmp_path)
-    assert result[FAILED] == "SceneError: a value, a limit, a remedy"
-    results = {"convergence": [result]}
+    outcomes = measured(fails, tmp_path)
+    assert outcomes == [Outcome("task", failed="SceneError: a value, a limit, a remedy")]
+    assert measured(fails, tmp_path) == outcomes  # from the disk
+    results = {"convergence": outcomes}
     assert summarise_verdicts(results)["holds"] is False
     assert "a value, a limit, a remedy" in report_page(results, full=False).to_html()
 
@@ -73,16 +74,13 @@ def test_tasks_have_keys_of_their_own() -> None:
             assert keys
 
 
-def study(method: str, symplectic: bool, drift: float) -> Plain:
+def study(method: str, symplectic: bool, drift: float) -> Outcome:
     trend = EnergyTrend(drift, (drift, drift), 1e-9 if drift else 0.5, 1e-9 if drift else 0.5, 0.1, 1.0)
-    from validation.energy_drift import EnergyStudy
-
     times, errors = (0.0, 0.5, 1.0), (0.0, 0.5 * drift, drift)
     one = EnergyStudy(
         "swing", method, symplectic, 0.1, 10, None, times, errors, trend, (2.0, 1.0, 2.0), (0.0, -1.0, 0.0)
     )
-    plain: Plain = json.loads(json.dumps(one.to_plain()))
-    return plain
+    return Outcome("swing", one)
 
 
 def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:

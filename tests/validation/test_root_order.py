@@ -7,9 +7,8 @@ import pytest
 from granular.linear import root_of_steps
 from granular.methods import METHODS
 from granular.shared.errors import InputError
-from validation.convergence_order import STEEP_IN_ROOT, convergence_tasks, root_convergence
-from validation.convergence_result import convergence_holds
-from validation.exact import bed_root
+from validation.convergence_order import STEEP_IN_ROOT, convergence_tasks, root_convergence, settled_root
+from validation.convergence_result import BED_ROOT, convergence_holds
 
 EQUAL = [name for name, method in METHODS.items() if not method.variable and name not in STEEP_IN_ROOT]
 
@@ -27,7 +26,7 @@ def test_each_method_has_its_order_in_the_root(method: str) -> None:
 
 
 def test_a_wrong_root_shows_no_order() -> None:
-    exact = bed_root.settled_root("stormer-verlet")[1].s
+    exact = settled_root("stormer-verlet")[1].s
     wrong = root_convergence("stormer-verlet", exact * (1.0 + 1e-4))
     assert wrong.fit is not None
     assert not convergence_holds(wrong)
@@ -35,11 +34,11 @@ def test_a_wrong_root_shows_no_order() -> None:
 
 
 def test_all_methods_of_equal_steps_are_in_the_full_report() -> None:
-    tasks = [task for task in convergence_tasks(full=True) if task.key["problem"] == bed_root.NAME]
+    tasks = [task for task in convergence_tasks(full=True) if task.key["problem"] == BED_ROOT]
     assert [task.key["method"] for task in tasks] == EQUAL
 
 
 def test_a_method_that_takes_no_drag_is_refused() -> None:
-    rest, root = bed_root.settled_root("stormer-verlet")
+    rest, root = settled_root("stormer-verlet")
     with pytest.raises(InputError, match="takes no drag"):
         root_of_steps(rest, root, 1e-3, "runge-kutta-4")

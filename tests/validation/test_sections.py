@@ -7,20 +7,19 @@ import math
 
 import pytest
 
-from granular.shared.html_pages import HtmlPage
+from granular.shared.terminal import blocks_text
 from validation.convergence_result import ConvergenceResult, FittedSlope, convergence_holds, slope_table
-from validation.cost.advised_setting import USUAL, SolverSettings, WorkPrecisionPoint
-from validation.cost.report_section import advised_setting_table
-from validation.cost.work_precision_result import WorkPrecision
 from validation.depaula_experiment import (
     COMPENSATED,
     PLAIN,
     TOOLKIT,
     DepaulaRun,
     DepaulaStepTest,
-    show_depaula_section,
+    depaula_blocks,
 )
 from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED, HardCaseOutcome, outcome_matrix
+from validation.work_precision_result import USUAL, SolverSettings, WorkPrecision, WorkPrecisionPoint
+from validation.work_precision_section import advised_setting_table
 
 
 def result(
@@ -69,7 +68,7 @@ def test_slopes_stand_in_rows_by_order() -> None:
         ]
     )
     assert found.header == ("method", "order", "bounce", "drag")
-    assert found.rows == (("symplectic-euler", "1", "1.000", "1.500 (!)"), ("pefrl", "4", "4.001", ""))
+    assert found.rows == [("symplectic-euler", 1, "1.000", "1.500 (!)"), ("pefrl", 4, "4.001", "")]
 
 
 def ended(case: str, dt: str, kind: str, error: float, allowed: bool = True) -> HardCaseOutcome:
@@ -94,10 +93,10 @@ def test_outcomes_stand_in_a_row_a_case() -> None:
         "dt = auto*4",
         "dt = auto/4",
     )
-    assert found.rows == (
+    assert found.rows == [
         ("drop", "distance [D]", "1e-01", "accurate: 0.02", "degraded and said so: 0.5 (!)", "accurate: 0"),
         ("limit", "distance [D]", "1e-01", "stopped: EnergyError", "", ""),
-    )
+    ]
 
 
 def test_choices_say_their_share_of_the_default_time() -> None:
@@ -124,8 +123,7 @@ def test_the_section_of_de_paula_tells_slope_scatter_and_peaks() -> None:
     assert one.error_slope(COMPENSATED) == pytest.approx(2.0)
     assert one.slope_relative_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
     assert one.scatter_about_slope(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
-    page = HtmlPage("page")
-    show_depaula_section(page, [DepaulaStepTest.from_plain(one.to_plain())])
-    assert "slope 2.0000" in page.to_html()
-    assert "makes a slope of 2.322" in page.to_html()
-    assert "difference of two peaks is 3.0e-09 m" in page.to_html()
+    text = blocks_text(depaula_blocks([DepaulaStepTest.from_plain(one.to_plain())]))
+    assert "slope 2.0000" in text
+    assert "makes a slope of 2.322" in text
+    assert "difference of two peaks is 3.0e-09 m" in text

@@ -10,7 +10,7 @@ import pytest
 from granular import Trajectory, simulate
 from validation.energy_drift import EnergyRun, run_energy_study, variable_step_bounce_run
 from validation.exact import bounce
-from validation.hard_cases import energy_change, head_on_collision
+from validation.hard_case import energy_change, head_on_collision
 
 LIMIT = 1e-6
 

@@ -13,18 +13,17 @@ from granular import load_scene, simulate
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
-from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
-from validation.cost.work_precision import (
+from validation.exact import bounce
+from validation.measured_quantities import QUANTITIES, MeasuredQuantity, swing_period_and_damping
+from validation.recommendation import recommend_from_study, recommend_settings
+from validation.work_precision_result import LEVELS, SolverSettings, WorkPrecision, WorkPrecisionPoint
+from validation.work_precision_runs import (
     candidate_settings,
     depends_on_seed,
     deviation_over_starts,
     work_precision,
     work_precision_of_quantities,
 )
-from validation.cost.work_precision_result import LEVELS, WorkPrecision
-from validation.exact import bounce
-from validation.measured_quantities import QUANTITIES, MeasuredQuantity, swing_period_and_damping
-from validation.recommendation import recommend_from_study, recommend_settings
 
 
 def point(method: str, steps: int, error: float, seconds: float) -> WorkPrecisionPoint:

@@ -6,7 +6,7 @@ motion is periodic; with the turning points a < b (b is the start) its period is
 
     T = 2 integral_a^b dy / sqrt(2 (u(b) - u(y))),   u(y) = (1/5) y^-2.5 + G y,
 
-taken by quadrature (see `validation.exact.quadrature`). a is the other root of u(a) = u(b), where
+taken by quadrature (see `validation.exact.problem`). a is the other root of u(a) = u(b), where
 (1/5) a^-2.5 is close to G (b - a).
 
 The harmonic limit: the wall carries the weight at y_e = (1/(2 G))^(2/7); there u'' = (7/4) y_e^-4.5 =
@@ -34,12 +34,10 @@ from validation.exact.problem import (
     GrainStates,
     NaturalUnits,
     Number,
+    Potential,
     few_grains_scene,
     grain_start_state,
     natural_units,
-)
-from validation.exact.quadrature import (
-    Potential,
     oscillation_period,
     position_after_upper_turning,
     speed_from_energy,

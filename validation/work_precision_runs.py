@@ -16,10 +16,9 @@ from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import GranularError, InputError
-from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
-from validation.cost.work_precision_result import WorkPrecision
 from validation.external_integrators import solve_adaptively
 from validation.measured_quantities import MeasuredQuantity, quantity_named
+from validation.work_precision_result import SolverSettings, WorkPrecision, WorkPrecisionPoint
 
 # The least time of two counts: whatever disturbs a run makes it longer.
 REPEATS = 2

@@ -1,0 +1,454 @@
+"""The catalogue of hard cases: what is hard, what counts as accurate, which errors may end it.
+
+Only coincident grains, overlapping starts without contact, numbers that are none or cannot be
+computed with, a piston started inside the bed, steps beyond the stability limit, and de Paula's
+list of pairs, which misses some, may end in an error. All others run accurately with the default
+settings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+
+from validation import hard_case
+from validation.exact import exact_problem
+from validation.hard_case import BROKEN, ErrorMeasure, HardCase, few_grains, packaged_scene
+
+COSTLY = (
+    "slabs",
+    "friction",
+    "mass ratio",
+    "aspect",
+    "contact",
+    "drop",
+    "100 kg",
+    "packing",
+    "skin",
+    "far field",
+    "1e6 steps",
+    "damping ratio",
+    "three species",
+    "list of pairs",
+    "1e5 grains",
+)
+"""Words in the names of hard cases whose scenes take long to compile or to run."""
+
+# Errors -----------------------------------------------------------------------------------------
+
+ENERGY = ErrorMeasure("relative change of the energy", hard_case.energy_change)
+ENERGY_AFTERWARDS = ErrorMeasure("relative change of the energy afterwards", hard_case.energy_change)
+DISPLACEMENT = ErrorMeasure("displacement [D]", hard_case.greatest_displacement)
+MISSING_FORCE = ErrorMeasure(
+    "greatest force missed, over the greatest force", hard_case.greatest_missing_force
+)
+FALL = ErrorMeasure("relative error of the fall", hard_case.terminal_fall_error)
+ENERGY_OR_MOMENTUM = ErrorMeasure(
+    "relative change of energy or momentum", hard_case.energy_or_momentum_change
+)
+
+# Tables -----------------------------------------------------------------------------------------
+
+PISTONS = (
+    HardCase(
+        "full-height drop",
+        "the piston falls 55 D before it meets the bed",
+        packaged_scene("damper", hard_case.DROP, {"piston.height": "75 D"}),
+        (0.3, 3.0),
+        limit=1e-5,
+    ),
+    HardCase(
+        "100 kg piston",
+        "thirteen times the damper's mass falls on the bed",
+        packaged_scene("damper", hard_case.DROP, {"piston.mass": 100.0}),
+        (0.15, 3.0),
+    ),
+    HardCase(
+        "piston inside the bed",
+        "de Paula's N = 92 [D, 3.3]",
+        packaged_scene("bed", hard_case.INSIDE),
+        (0.05, 0.2),
+        errors=("SceneError",),
+    ),
+    HardCase(
+        "packing above 1",
+        "the grains' area is more than the cell's, without contact",
+        few_grains("bed", hard_case.SQUEEZE),
+        (0.55, 2.0),
+    ),
+    HardCase(
+        "slabs under the bed",
+        "a finite magnetic slab as the bottom, another as the piston",
+        few_grains("bed", {"effects.walls": hard_case.SLABS}),
+    ),
+    HardCase(
+        "slabs under the bed, with a gap",
+        "grains flow out between two slabs",
+        few_grains("bed", {"effects.walls": hard_case.SLABS_WITH_GAP}),
+    ),
+    HardCase(
+        "slabs with friction and a gap",
+        "grains rub on their way out between two slabs",
+        few_grains("bed", {"effects.walls": hard_case.SLABS_WITH_GAP}, hard_case.RUBBING),
+    ),
+)
+
+
+def _collisions() -> Iterator[HardCase]:
+    """Cases of forces that rise steeply within a step."""
+    for closest in (0.5, 0.1, 0.02):
+        problem = hard_case.head_on_collision(closest)
+        name, scene, time = f"head-on to {closest:g} D", problem.scene.replace, problem.time
+        distance = ErrorMeasure(
+            "distance from the exact place afterwards [D]", hard_case.make_distance_from_exact(problem)
+        )
+        yield HardCase(name, "the pair's stiffness grows like r^-5", scene, (time, time), distance, 1e-2)
+        same = "the same, judged by its energy"
+        yield HardCase(f"{name}, energy", same, scene, (time, time), ENERGY_AFTERWARDS, 1e-6)
+    for speed in (1.0, 10.0, 100.0):
+        shot, time = hard_case.shot_at_wall(speed)
+        name, what = f"shot at the wall with {speed:g} D/tau", "the wall's stiffness grows like w^-4.5"
+        yield HardCase(name, what, shot, (time, time), ENERGY_AFTERWARDS, 1e-5)
+
+
+STARTS = (
+    *(
+        HardCase(
+            name,
+            what,
+            partial(hard_case.two_grains_at_rest, distance),
+            (0.01, 0.01),
+            ENERGY,
+            1e-6,
+            ("SceneError",),
+        )
+        for name, what, distance in (
+            ("coincident grains", "two grains at one place", "0.0"),
+            ("nearly coincident grains", "two grains 1e-9 D apart", "1e-9"),
+            ("overlapping start", "two grains 0.8 D apart, without contact", "0.8"),
+        )
+    ),
+    HardCase(
+        "overlapping start with contact",
+        "two grains 0.999 D apart, with contact",
+        partial(hard_case.two_grains_at_rest, "0.999", contact={"modulus": 1e8}),
+        (0.002, 0.01),
+    ),
+)
+
+
+def _frictions() -> tuple[HardCase, ...]:
+    """Cases of dry friction, whose thresholds a step may jump over."""
+    problem = exact_problem("sliding")
+    times = (problem.time, problem.time)
+    distance = ErrorMeasure("distance from the exact place [D]", hard_case.make_distance_from_exact(problem))
+    long = {"output.scalars": 1e-2, "output.frames": 1e-2}
+    strong = {"static": 0.8, "dynamic": 0.8, "torque": "second"}
+    return (
+        HardCase(
+            "friction below the threshold",
+            "the weight is 0.7 of what static friction holds",
+            hard_case.loaded_grain,
+            (0.5, 5.0),
+            DISPLACEMENT,
+            0.0,
+        ),
+        HardCase(
+            "sliding friction",
+            "a grain slides and stops",
+            problem.scene.replace,
+            times,
+            distance,
+            1e-2,
+            dt=1e-3,
+        ),
+        HardCase(
+            "friction, step 100 times too large",
+            "a step of a fifth of the time to the stop",
+            lambda: problem.scene.replace(**long),
+            times,
+            distance,
+            10.4 * 1e-2**2 / 8.0 / 5e-3,  # a h^2/8: see the problem
+            dt=1e-2,
+            may_degrade=True,
+        ),
+        HardCase(
+            "bed with dry friction",
+            "many grains stick and slip",
+            few_grains("bed", hard_case.RUBBING),
+            (0.2, 2.0),
+            limit=1e-2,
+        ),
+        HardCase(
+            "bed with dry friction, step 100 times too large",
+            "far beyond the stability limit",
+            few_grains("bed", hard_case.RUBBING, {"output.scalars": 2e-3}),
+            (0.2, 2.0),
+            limit=1e-2,
+            errors=BROKEN,
+            dt=2e-3,
+            may_degrade=True,
+        ),
+        HardCase(
+            "slow compression with friction of 0.8",
+            "static and dynamic friction alike, the torque to second order, de Paula's protocol",
+            hard_case.slow_compression({"effects.friction": strong}),
+            (0.5, 30.0),
+        ),
+        HardCase(
+            "1e6 steps of compression under dry friction",
+            "what a step loses by rounding adds up; 1e5 steps in the quick catalogue",
+            hard_case.slow_compression({"output.scalars": 1e-3, "output.frames": 0.1}),
+            (0.2, 2.0),
+            dt=2e-6,
+        ),
+        HardCase(
+            "regularised friction with de Paula's list",
+            "forces jump where a list takes pairs in, and friction chatters",
+            few_grains("bed", hard_case.DEPAULA_SCHEME),
+            (0.2, 2.0),
+            limit=1e-2,
+            errors=BROKEN,
+            may_degrade=True,
+        ),
+    )
+
+
+DRAGS = (
+    *(
+        HardCase(
+            f"damping ratio near 1: drag of {drag:g} kg/s",
+            "a piston that just swings, or just does not",
+            few_grains("damper", {"effects.drag.coefficient": drag}),
+            (0.2, 3.0),
+        )
+        for drag in (2.0, 2.7, 4.0)
+    ),
+    *(
+        HardCase(
+            f"drag with gamma h/m = {ratio:g}",
+            "the velocity decays within a step",
+            partial(hard_case.overdamped_grain, ratio),
+            (0.1, 1.0),
+            FALL,
+        )
+        for ratio in (1.0, 1e3, 1e6)
+    ),
+)
+
+MASSES = tuple(
+    HardCase(
+        f"mass ratio {ratio:g}",
+        "a light grain bounces off a heavy one",
+        partial(hard_case.unequal_masses, ratio),
+        (0.08, 0.08),
+        ENERGY_OR_MOMENTUM,
+        1e-5,
+    )
+    for ratio in (1e2, 1e4, 1e6)
+)
+
+SIZES = (
+    HardCase(
+        "aspect ratio 0.1",
+        "half of the grains are a tenth as wide [D, 4.1]",
+        hard_case.mixture(big=("6 mm", 0.5), small=("0.6 mm", 0.5)),
+    ),
+    HardCase(
+        "three species of ratio 10",
+        "the widest grains are ten times as wide as the narrowest",
+        hard_case.mixture(big=("6 mm", 0.4), middle=("1.9 mm", 0.3), small=("0.6 mm", 0.3)),
+    ),
+)
+
+
+def _steps() -> tuple[HardCase, ...]:
+    """Cases of long steps, and of many."""
+    below, short = hard_case.scene_near_stability_limit(0.95)
+    beyond, long = hard_case.scene_near_stability_limit(1.05)
+    swing = ErrorMeasure(
+        "distance from Verlet's exact swing over its width", hard_case.distance_from_verlet_swing(0.95, short)
+    )
+    return (
+        HardCase(
+            "step at 0.95 of the stability limit",
+            "a grain 5e-6 D off its place of rest swings for ever as Verlet's mode does; the "
+            "energy of a wide swing goes up and down tenfold, by 1/(1 - 0.95^2), which the ledger "
+            "stops",
+            below,
+            (384 * short, 3840 * short),
+            swing,
+            1e-3,
+            dt=short,
+        ),
+        HardCase(
+            "step at 1.05 of the stability limit",
+            "the same grain's displacement nearly doubles in each step, until the ledger stops it",
+            beyond,
+            (20.0, 200.0),
+            DISPLACEMENT,
+            2e-5,
+            BROKEN,
+            dt=long,
+        ),
+        HardCase(
+            "many steps",
+            "1e6 steps of the bouncing grain; 1e8 in the full catalogue",
+            packaged_scene("single-particle", {"output.scalars": 0.01, "output.frames": 1.0}),
+            (1.0, 100.0),
+            limit=1e-6,
+            dt=1e-6,
+        ),
+    )
+
+
+COUNTS = tuple(
+    HardCase(words, "sums over grains or pairs are empty", few_grains("bed", {"grains.count": number}))
+    for number, words in enumerate(("no grain", "one grain", "two grains"))
+)
+
+PAIR_SUMS = (
+    *(
+        HardCase(
+            f"list of pairs within {radius} D",
+            "the list takes pairs in and leaves others out as the bed moves [D, 5.2]",
+            packaged_scene(
+                "bed",
+                hard_case.PAIR_LIST,
+                {"pairs": {"method": "verlet-list", "cut_off": f"{radius} D", "skin": "0.5 D"}},
+            ),
+            errors=("EnergyError",),
+            may_degrade=True,
+        )
+        for radius in (6.26, 7.26)
+    ),
+    HardCase(
+        "1e5 grains by the mesh",
+        "the levels of a mesh 270 times as large as a small bed's",
+        packaged_scene("bed", hard_case.MANY_GRAINS),
+        (2e-4, 2e-3),
+    ),
+    HardCase(
+        "fast grain across a skin in a step",
+        "a grain crosses its lists' skin with every step, and the radius of those it passes",
+        few_grains("bed", hard_case.FAST_GRAIN),
+        (0.04, 0.04),
+        MISSING_FORCE,
+        1e-12,
+        dt=1e-3,
+    ),
+    HardCase(
+        "far field at longer steps",
+        "a damper's far field in impulses every eighth step, as by default",
+        few_grains("damper", hard_case.FAR),
+    ),
+    HardCase(
+        "resonance of the far field's impulses",
+        "impulses every 128 steps come more often than not in step with a fast mode",
+        few_grains("bed", hard_case.RESONANT),
+        (0.2, 2.0),
+        dt=2.5e-5,
+        may_degrade=True,
+    ),
+)
+
+HUGE_GRAINS: hard_case.Changes = {
+    "grains.species": [{"name": "grain", "diameter": 10.0}],
+    "arrangement.positions": [["30 D", "40 D"]],
+    "cell.width": "60 D",
+    "output.scalars": 0.1,
+    "output.frames": 1.0,
+}
+
+EXTREMES = tuple(
+    HardCase(f"extreme: {name}", "extreme but finite", packaged_scene("single-particle", changes), times)
+    for name, changes, times in (
+        ("remanence of 1e-4 T", {"grains.remanence": 1e-4}, (0.5, 2.0)),
+        ("remanence of 100 T", {"grains.remanence": 100.0}, (0.5, 2.0)),
+        ("density of 1 kg/m^3", {"grains.density": 1.0}, (0.5, 2.0)),
+        ("density of 1e6 kg/m^3", {"grains.density": 1e6}, (0.5, 2.0)),
+        ("gravity of 1e4 m/s^2", {"effects.gravity.acceleration": 1e4}, (0.5, 2.0)),
+        ("no gravity", {"effects.gravity.acceleration": 0.0}, (0.5, 2.0)),
+        ("grains of 10 m", HUGE_GRAINS, (20.0, 100.0)),  # a fall of 400 m takes nine seconds
+    )
+)
+
+_UNCOMPUTABLE = ("InputError", "SceneError", "FieldError", "NotFiniteError", "StepCountError")
+_NOT_FINITE = ("SceneError", "FieldError", "InputError")
+
+UNHEARD_OF = (
+    *(
+        HardCase(
+            f"unheard of: {name}",
+            "its steps cannot be counted",
+            packaged_scene("single-particle", changes),
+            (0.1, 0.1),
+            errors=_UNCOMPUTABLE,
+        )
+        for name, changes in (
+            ("remanence of 1e-30 T", {"grains.remanence": 1e-30}),
+            ("remanence of 1e30 T", {"grains.remanence": 1e30}),
+            ("records every 1e-29 s", {"output.scalars": 1e-29, "output.frames": 1e-29}),
+        )
+    ),
+    HardCase(
+        "unheard of: a step of 1e10 s",
+        "it is longer than the run",
+        packaged_scene("single-particle"),
+        (0.1, 0.1),
+        errors=("InputError",),
+        dt=1e10,
+    ),
+)
+
+NOT_FINITE = tuple(
+    HardCase(
+        f"injected {value}: {words}",
+        "a number that is not finite",
+        packaged_scene("single-particle", changes),
+        (0.1, 0.1),
+        errors=_NOT_FINITE,
+        dt=value if words == "the step" else "auto",
+    )
+    for value in (math.nan, math.inf)
+    for words, changes in (
+        ("a position", {"arrangement.positions": [[0.15, value]]}),
+        ("a velocity", {"arrangement.velocities": [[0.0, value]]}),
+        ("the gravity", {"effects.gravity.acceleration": value}),
+        ("the drag", {"effects.drag.coefficient": value}),
+        ("a duration", {"protocol": [{"kind": "hold", "name": "hold", "duration": value}]}),
+        ("the step", {}),
+    )
+)
+
+
+def hard_case_catalogue() -> tuple[HardCase, ...]:
+    """Return all hard cases.
+
+    Returns
+    -------
+    tuple of HardCase
+        Cases in the order of the report.
+
+    Examples
+    --------
+    >>> from validation import hard_case_catalogue
+    >>> len(hard_case_catalogue()) > 10
+    True
+    """
+    return (
+        *PISTONS,
+        *_collisions(),
+        *STARTS,
+        *_frictions(),
+        *DRAGS,
+        *MASSES,
+        *SIZES,
+        *_steps(),
+        *COUNTS,
+        *PAIR_SUMS,
+        *EXTREMES,
+        *UNHEARD_OF,
+        *NOT_FINITE,
+    )

@@ -1,0 +1,355 @@
+"""Errors and wall times of many settings: which to take, and when only more starts help.
+
+Each setting is run from the same few starts. Its error is the mean of the deviations from a
+reference at the same starts, with a standard error next to it; how far the starts themselves
+scatter is the floor, below which a shorter step buys nothing and more starts do. A setting that
+fails stays in the picture as a failure. Positions may also be computed by outside references
+(`validation.external_integrators`); these are shown and never chosen.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from granular.run.work_precision import FLOORS, starts_for_tolerance
+from granular.shared.plotting import GREY, axes_or_new
+from validation.external_integrators import ORDERS
+from validation.report_tasks import PlainData, PrintedTable, label_line, line_look
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SURE = 0.95
+"""Probability, of one side, with which an error is to lie below its bound."""
+
+
+class SolverSettings(NamedTuple):
+    """Settings that a scene is run with.
+
+    Attributes
+    ----------
+    method : str
+        Name of a method, or of an outside reference, one of `validation.external_integrators.ORDERS`.
+    dt : float or str
+        Time step [s], or a rule such as ``"auto"``; for an outside reference its tolerance, without
+        unit.
+    changes : mapping of str to anything
+        Changes to the scene, by dotted keys, as `granular.Scene.replace` takes them.
+    """
+
+    method: str
+    dt: float | str
+    changes: Mapping[str, Any] = {}
+
+    @property
+    def is_external(self) -> bool:
+        """True where the method is one of `validation.external_integrators.ORDERS`, not the toolkit's."""
+        return self.method in ORDERS
+
+    @property
+    def fineness(self) -> str:
+        """Text of the step (seconds or a rule), or of an outside integrator's tolerance, without unit."""
+        return f"tolerance {self.dt}" if self.is_external else str(self.dt)
+
+    @property
+    def family(self) -> str:
+        """Text of method and changes, which settings that differ in their step alone have in common."""
+        changes = (f"{key.rpartition('.')[2]} {change}" for key, change in self.changes.items())
+        return ", ".join([self.method, *changes])
+
+
+USUAL = ("stormer-verlet", "auto")
+"""Method and step that `granular.simulate` takes where nothing is said."""
+
+
+@cache
+def confidence_factor(starts: int) -> float:
+    """Return the number of standard errors to add to a mean for a one-sided 95 % bound, two at least."""
+    # Student's quantile, since the scatter is estimated from the same starts; one start shows none.
+    if starts < 2:
+        return 0.0
+    from scipy.stats import t as student
+
+    return max(2.0, float(student.ppf(SURE, starts - 1)))
+
+
+@dataclasses.dataclass(frozen=True)
+class WorkPrecisionPoint:
+    """Error and time of one setting."""
+
+    setting: SolverSettings
+    error: float  # mean over the starts; NaN if it failed
+    seconds: float  # of one run [s]
+    steps: int
+    failure: str | None = None
+    doubt: float = 0.0  # standard error of the error; 0 for one start
+    starts: int = 1
+    frequency: float = 0.0  # step times highest frequency, as seen in the runs; 0 for variable steps
+
+    @property
+    def has_failed(self) -> bool:
+        """True where the run of the setting ended in an error."""
+        return self.failure is not None
+
+    def cells(self) -> tuple[str, ...]:
+        """Error, standard error, seconds and steps for a table, or the error that ended the run."""
+        if self.failure is not None:
+            return "", "", "", "", self.failure.split(":", 1)[0]
+        doubt = f"{self.doubt:.1g}" if self.doubt else ""
+        return f"{self.error:.3g}", doubt, f"{self.seconds:.3g}", f"{self.steps}", ""
+
+    @property
+    def upper_error_bound(self) -> float:
+        """Upper bound of the error, one-sided at 95 % over the starts, in the error's unit."""
+        return self.error + confidence_factor(self.starts) * self.doubt
+
+    @property
+    def lower_error_bound(self) -> float:
+        """Lower bound of the error, one-sided at 95 % over the starts, in the error's unit; 0 at least."""
+        return max(0.0, self.error - confidence_factor(self.starts) * self.doubt)
+
+
+def time_then_error(point: WorkPrecisionPoint) -> tuple[float, float]:
+    """Key that sorts by time [s], and settings as fast by their error."""
+    return point.seconds, point.error
+
+
+def group_by_family(points: Iterable[WorkPrecisionPoint]) -> dict[str, tuple[WorkPrecisionPoint, ...]]:
+    """Points grouped by method and changes of the scene, from coarse to fine steps."""
+    result: dict[str, list[WorkPrecisionPoint]] = {}
+    for point in points:
+        result.setdefault(point.setting.family, []).append(point)
+    # What failed is taken for the coarsest: too long a step is why a run fails.
+    for group in result.values():
+        group.sort(key=lambda point: 0 if point.has_failed else point.steps)
+    return {name: tuple(group) for name, group in result.items()}
+
+
+class AdvisedSetting(NamedTuple):
+    """Advice for a tolerance."""
+
+    tolerance: float
+    point: WorkPrecisionPoint | None  # None if no setting reaches the tolerance
+    starts: int  # to average over; 1 if a single run is good enough
+    floor: float  # scatter of the quantity over the starts
+
+    @property
+    def needs_more_starts(self) -> bool:
+        """True where the starts scatter by too much for a single run to reach the tolerance."""
+        return self.tolerance < FLOORS * self.floor
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of all the runs together [s]; NaN where no setting is advised."""
+        return math.nan if self.point is None else self.starts * self.point.seconds
+
+    def __str__(self) -> str:
+        if self.needs_more_starts:
+            words = f"any of these: the starts scatter by {self.floor:.2g}"
+            if self.point is None:
+                return f"{words}, and more of them would show what no setting tried is free of"
+            return f"{words}; {self.starts:.3g} starts cost {duration_text(self.seconds)}"
+        if self.point is None:
+            return "none reaches it"
+        return f"{self.point.setting.family}, {self.point.setting.fineness}"
+
+
+def duration_text(seconds: float) -> str:
+    """Text of a duration as it is read: 0.3 s, 12 minutes, 5 days; seconds [s]."""
+    sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 120.0))
+    for unit, size in sizes:
+        if seconds >= size:
+            count = seconds / (60.0 if unit == "minutes" else size)
+            return f"{float(f'{count:.2g}'):g} {unit}"
+    return f"{seconds:.2g} s"
+
+
+def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance: float) -> AdvisedSetting:
+    """Advise the fastest setting for a tolerance, and from how many starts."""
+    own = [point for point in points if not point.setting.is_external]
+    if tolerance < FLOORS * floor:
+        best = min(
+            (point for fam in group_by_family(own).values() for point in points_without_clear_error(fam)),
+            key=time_then_error,
+            default=None,
+        )
+        return AdvisedSetting(tolerance, best, starts_for_tolerance(floor, tolerance), floor)
+    sound = [point for fam in group_by_family(own).values() for point in accurate_points(fam, tolerance)]
+    return AdvisedSetting(tolerance, min(sound, key=time_then_error, default=None), 1, floor)
+
+
+def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
+    """Points of a family that are accurate to a tolerance, and not so by luck."""
+    # The bound of the error must be within the tolerance, and no point of the family with more steps clearly
+    # above it: an error that is small by chance at a long step grows again.
+    return [point for point in _finest_within(family, tolerance) if point.upper_error_bound <= tolerance]
+
+
+def points_without_clear_error(family: Sequence[WorkPrecisionPoint]) -> list[WorkPrecisionPoint]:
+    """Points of a family whose errors, and all finer ones', cannot be told from nought."""
+    return list(_finest_within(family, 0.0))
+
+
+def _finest_within(family: Sequence[WorkPrecisionPoint], tolerance: float) -> Iterator[WorkPrecisionPoint]:
+    """Points from fine to coarse, up to the first that failed or is clearly above a tolerance."""
+    return itertools.takewhile(
+        lambda point: not point.has_failed and point.lower_error_bound <= tolerance, reversed(family)
+    )
+
+
+LEVELS = {"1 %": 1e-2, "0.1 %": 1e-3, "1e-6": 1e-6}
+"""Tolerances that a picture answers for."""
+
+
+@dataclasses.dataclass(frozen=True)
+class WorkPrecision(PlainData):
+    """Errors and wall times of many settings.
+
+    Attributes
+    ----------
+    scene, quantity, unit : str
+        ``unit`` of the errors: ``"1"`` where they are relative.
+    horizon : float or None
+        Until when the scene was run [s]; None for its whole protocol.
+    points : tuple of WorkPrecisionPoint
+    floor : float
+        Standard deviation of the quantity over the starts, as an error; 0 for one start, and where
+        each start has a value of its own.
+    reference : str
+        What the errors are measured against.
+    """
+
+    scene: str
+    quantity: str
+    unit: str
+    horizon: float | None
+    points: tuple[WorkPrecisionPoint, ...]
+    floor: float
+    reference: str
+
+    def pareto_front(self) -> tuple[WorkPrecisionPoint, ...]:
+        """Pareto front, from fast to accurate: no setting is both faster and more accurate."""
+        own = [point for point in self.points if not point.has_failed and not point.setting.is_external]
+        front: list[WorkPrecisionPoint] = []
+        for point in sorted(own, key=time_then_error):
+            if not front or point.error < front[-1].error:
+                front.append(point)
+        return tuple(front)
+
+    def advise(self, tolerance: float) -> AdvisedSetting:
+        """Return the setting to take for a tolerance, and from how many starts."""
+        return advise_setting(self.points, self.floor, tolerance)
+
+    def cheapest_point(self, tolerance: float) -> WorkPrecisionPoint | None:
+        """Fastest setting one run of which is accurate to a tolerance, and not so by luck."""
+        result = self.advise(tolerance)
+        return None if result.needs_more_starts else result.point
+
+    def default_point(self) -> WorkPrecisionPoint | None:
+        """Point of the default method and step, in the first form that did not fail."""
+        finished = (point for point in self.points if not point.has_failed)
+        return next((point for point in finished if point.setting[:2] == USUAL), None)
+
+    def points_by_family(self) -> dict[str, tuple[WorkPrecisionPoint, ...]]:
+        """Points by family, from coarse to fine."""
+        return group_by_family(self.points)
+
+    def cost_of_digit(self) -> float | None:
+        """Factor by which the time grows for a tenth of the error, along the Pareto front."""
+        points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
+        if len(points) < 2 or not points[-1].error < points[0].error:
+            return None
+        digits = math.log10(points[0].error / points[-1].error)
+        return float((points[-1].seconds / points[0].seconds) ** (1.0 / digits))
+
+    @property
+    def run_words(self) -> str:
+        """Text of the scene, and of the time that it was run for if not its whole protocol."""
+        return self.scene if self.horizon is None else f"{self.scene} over {self.horizon:g} s"
+
+    @property
+    def error_label(self) -> str:
+        """Text of the error, with its unit."""
+        return f"error of the {self.quantity}" + ("" if self.unit == "1" else f" [{self.unit}]")
+
+    def table(self) -> PrintedTable:
+        """One row a setting, the front marked with a star."""
+        front = self.pareto_front()
+        rows = [
+            ("*" if point in front else "", point.setting.family, point.setting.fineness, *point.cells())
+            for point in self.points
+        ]
+        numbers = (self.error_label, "standard error", "seconds", "steps", "failed")
+        return PrintedTable(("", "setting", "dt", *numbers), rows)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw error over seconds, a line a family, what to take ringed, the floor as a band."""
+        axes = axes_or_new(ax)
+        for k, (name, family) in enumerate(self.points_by_family().items()):
+            _draw_family(axes, name, family, k)
+        best = [point for point in self.pareto_front() if point.error > 0.0]
+        seconds, errors = [point.seconds for point in best], [point.error for point in best]
+        broad: dict[str, Any] = {"color": GREY, "linewidth": 5.0, "alpha": 0.35, "zorder": 0}
+        axes.loglog(seconds, errors, label="best of all", **broad)
+        for words, level in LEVELS.items():
+            axes.axhline(level, color=DARK, linewidth=0.6, linestyle=":")
+            _mark_advised_setting(axes, words, self.advise(level))
+        if self.floor > 0.0:
+            low, high = axes.get_ylim()
+            axes.axhspan(low, self.floor, color=GREY, alpha=0.2, linewidth=0.0)
+            axes.set_ylim(low, max(high, 1.2 * self.floor))
+        label_run_times(axes)
+        axes.set(xlabel="wall time [s]", ylabel=self.error_label)
+        return axes
+
+
+# Picture ----------------------------------------------------------------------------------------
+
+DARK = "#333333"
+
+
+def _draw_family(axes: Axes, name: str, points: Sequence[WorkPrecisionPoint], k: int) -> None:
+    failed = sum(point.has_failed for point in points)
+    label = f"{name} ({failed} failed)" if failed else name
+    if points[0].setting.is_external:
+        style: dict[str, Any] = {"marker": "x", "linestyle": ":", "linewidth": 0.9}
+    else:
+        style = {"marker": "o", "linewidth": 1.5}
+    draw_points(axes, points, label, **line_look(k) | style)
+
+
+def draw_points(axes: Axes, points: Sequence[WorkPrecisionPoint], label: str, **style: Any) -> None:
+    """Draw errors over seconds as a line, with the bounds of the errors as thin bars."""
+    done = [point for point in points if not point.has_failed and point.error > 0.0]
+    seconds, errors = [point.seconds for point in done], [point.error for point in done]
+    axes.loglog(seconds, errors, markersize=3.5, label=label, **style)
+    if any(point.doubt > 0.0 for point in done):
+        bounds = [point.upper_error_bound for point in done]
+        axes.vlines(seconds, errors, bounds, color=style["color"], linewidth=0.9)
+
+
+def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> None:
+    """Ring the setting to take for a level, and name it at the level's line."""
+    best = advised.point
+    if best is not None and not advised.needs_more_starts and best.error > 0.0:
+        ring: dict[str, Any] = {"markersize": 11.0, "markerfacecolor": "none", "markeredgewidth": 1.4}
+        axes.plot(best.seconds, best.error, "o", color=DARK, **ring)
+    said = f"{advised.starts:.2g} starts" if advised.needs_more_starts else str(advised)
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
+    label_line(axes, f"{words}: {said}", advised.tolerance, bbox=box)
+
+
+def label_run_times(axes: Axes) -> None:
+    """Label an axis of run times [s] as they are read: 0.02, 0.05, 0.1 s."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axes.get_xlim()
+    subs = (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)
+    axes.xaxis.set_major_locator(LogLocator(subs=subs))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
