@@ -53,7 +53,14 @@ RESULTS = {
     ),
     *("Calibration", "CalibratedValue", "DesignCheck", "DropScores", "DropScore", "FallSummary"),
     *("ReadOptions", "RecordOverview", "DerivedModel", "MotionError", "Instability"),
-    *("ConvergenceResult", "WorkPrecision", "EnergyStudy", "HardCaseOutcome", "Recommendation"),
+    *(
+        "ConvergenceResult",
+        "WorkPrecision",
+        "EnergyStudy",
+        "HardCaseOutcome",
+        "Recommendation",
+        "CaseOutcome",
+    ),
 }
 """Results and options of public functions, whose attributes users read off the reference pages."""
 

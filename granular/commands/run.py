@@ -138,7 +138,7 @@ def sweep(options: Any) -> None:
     )
     print_result(figures, text, options.json)
     if done.unfinished:
-        errors = [outcome["error"] for outcome in done.outcomes if "cause" in outcome]
+        errors = [outcome.error for outcome in done.outcomes if outcome.cause is not None]
         raise GranularError(
             f"{len(errors)} of {len(done.cases)} cases could not be computed, the first because of "
             f"{errors[0]}; correct that, and the same command goes on with them"

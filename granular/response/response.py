@@ -19,6 +19,7 @@ from granular.shared.errors import GranularError, InputError
 from granular.shared.files import make_directory, read_text, write_text
 from granular.shared.message_text import quote, sanitize
 from granular.shared.terminal import align_columns
+from granular.studies.cases import CaseOutcome
 from granular.studies.sweep import sweep
 
 if TYPE_CHECKING:
@@ -198,7 +199,7 @@ def frequency_response(
         progress=progress,
         title="response",
     )
-    wrong = [outcome["error"] for outcome in made.outcomes if outcome["error"] is not None]
+    wrong = [outcome.error for outcome in made.outcomes if outcome.error is not None]
     if wrong:
         raise GranularError(f"{len(wrong)} of {len(made.cases)} runs failed, the first: {wrong[0]}")
     result = _steady_dataset(scene, host, key, sizes, frequencies, made.outcomes)
@@ -229,10 +230,10 @@ def _steady_dataset(
     key: str,
     sizes: Sequence[float],
     frequencies: Sequence[float],
-    outcomes: Sequence[Any],
+    outcomes: Sequence[CaseOutcome],
 ) -> xarray.Dataset:
     shape = (len(sizes), len(frequencies))
-    figures = [outcome["figures"] for outcome in outcomes]
+    figures = [outcome.figures for outcome in outcomes]
 
     def field(name: str) -> np.ndarray:
         return np.array([figure[name] for figure in figures]).reshape(shape)

@@ -12,8 +12,8 @@ from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from granular.scene.scene import Scene
 from granular.shared.progress_bars import progress_bar
-from granular.studies.cases import Case, Measure, make_cases
-from granular.studies.executors import Outcome, ProcessPool, compute_case
+from granular.studies.cases import Case, CaseOutcome, Measure, make_cases
+from granular.studies.executors import ProcessPool, compute_case
 from granular.studies.sweep import compute_outcomes_with_retries, future_outcome
 
 T = TypeVar("T")
@@ -23,7 +23,7 @@ class BackgroundCase(NamedTuple):
     """A case that was handed to an executor."""
 
     case: Case
-    future: Future[Outcome]
+    future: Future[CaseOutcome]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,11 +86,11 @@ class BackgroundCaseRunner:
 
     def wait_for_outcomes(
         self, started: Sequence[BackgroundCase], title: str, progress: bool
-    ) -> list[Outcome]:
+    ) -> list[CaseOutcome]:
         """Wait for cases, and compute the last ones; those whose process died are tried again."""
         waiting = {entry.future for entry in started}
         done = {future for future in waiting if future.done()}
-        outcomes: dict[str, Outcome] = {}
+        outcomes: dict[str, CaseOutcome] = {}
         with progress_bar(
             wanted=progress, total=len(started), initial=len(done), desc=title, unit="run"
         ) as bar:

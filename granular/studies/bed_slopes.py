@@ -142,9 +142,9 @@ def settled_beds(
         )
     result = []
     for seed, outcome in zip(seeds, study.outcomes, strict=True):
-        if outcome["error"] is not None:
-            raise InputError(f"the bed of arrangement.seed = {seed} has no equilibrium: {outcome['error']}")
-        state = outcome["figures"]
+        if outcome.error is not None:
+            raise InputError(f"the bed of arrangement.seed = {seed} has no equilibrium: {outcome.error}")
+        state = outcome.figures
         started = scene.replace(**{"arrangement.seed": seed})
         result.append((started, np.array(state["positions"]), np.array(state["height"])))
     return result

@@ -1,10 +1,11 @@
-"""The cases of a study: a scene with its changes, and a key that says what is computed."""
+"""The cases of a study: a scene with its changes, a key that says what is computed, and the outcome."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 from granular.methods.registry import method_as_run_setting, resolve_method
@@ -15,7 +16,7 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.function_digest import functions_digest
 from granular.shared.message_text import quote
-from granular.shared.result_cache import digest
+from granular.shared.result_cache import ResultCache, digest
 from granular.shared.version import __version__
 
 Measure = Callable[[Trajectory], Mapping[str, Any]]
@@ -32,6 +33,58 @@ class Case:
     scene: Scene
     settings: dict[str, Any]  # keywords of `simulate`
     key: str  # digest of scene, settings and measure
+
+
+MACHINE = "machine"
+"""A disk, memory or a process failed: the same case may succeed a moment later."""
+PROGRAM = "program"
+"""The measure or the toolkit has an error: the case fails until that is corrected."""
+ELSEWHERE = "elsewhere"
+"""Another sweep is computing the case."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CaseOutcome:
+    """Outcome of a case; only what the physics says is kept.
+
+    Attributes
+    ----------
+    figures : mapping of str to numbers
+        By the measure; none of a case that failed.
+    error : str or None
+        Class and message of the error of a case that failed.
+    warning : str or None
+        Of a case that succeeded in doubt.
+    cause : str or None
+        Of an error that is not one of the physics, and so is not kept: `MACHINE`, `PROGRAM` or `ELSEWHERE`.
+    """
+
+    figures: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    error: str | None = None
+    warning: str | None = None
+    cause: str | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class OutcomeCache:
+    """Outcomes in a study's directory, each in a file named by the key of its case."""
+
+    directory: Path
+
+    @property
+    def files(self) -> ResultCache:
+        """Files of the outcomes."""
+        return ResultCache(self.directory / "cases")
+
+    def read(self, key: str, *, warn: bool = True) -> CaseOutcome | None:
+        """Read the outcome of a case; None if there is none."""
+        plain = self.files.read(key, warn=warn)
+        return None if plain is None else CaseOutcome(plain["figures"], plain["error"], plain.get("warning"))
+
+    def keep(self, key: str, outcome: CaseOutcome) -> None:
+        """Keep the outcome of a case."""
+        warning = {} if outcome.warning is None else {"warning": outcome.warning}
+        self.files.keep(key, {"figures": outcome.figures, "error": outcome.error, **warning})
 
 
 def keep_measure_name(name: str) -> Callable[[M], M]:

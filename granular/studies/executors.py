@@ -18,8 +18,7 @@ from granular.shared.errors import GranularError, InputError, MissingPackageErro
 from granular.shared.file_locks import lock_file
 from granular.shared.files import make_directory
 from granular.shared.message_text import quote
-from granular.shared.result_cache import ResultCache
-from granular.studies.cases import Case, Measure
+from granular.studies.cases import ELSEWHERE, MACHINE, PROGRAM, Case, CaseOutcome, Measure, OutcomeCache
 
 T = TypeVar("T")
 
@@ -94,42 +93,22 @@ def case_executor(executor: Executor | None, count: int | None = None) -> Iterat
     workers.shutdown()
 
 
-Outcome = dict[str, Any]
-"""``figures`` of a case that succeeded, with the ``warning`` of one that did so in doubt; ``error`` of
-one that did not.
-
-Only what the physics says stands. An outcome that is not kept has a ``cause`` besides: one of those
-below.
-"""
-
-MACHINE = "machine"
-"""A disk, memory or a process failed: the same case may succeed a moment later."""
-PROGRAM = "program"
-"""The measure or the toolkit has an error: the case fails until that is corrected."""
-ELSEWHERE = "elsewhere"
-"""Another sweep is computing the case."""
-
 OF_THE_MACHINE = (OSError, StoreError, MemoryError)
-
-
-def outcome_cache(directory: Path) -> ResultCache:
-    """Cache of the outcomes in a study's directory, by the keys of their cases."""
-    return ResultCache(directory / "cases")
 
 
 def compute_case(
     case: Case, measure: Measure, directory: Path | None, keep_runs: bool, wait: bool = True
-) -> Outcome:
+) -> CaseOutcome:
     """Compute the outcome of a case, or read the one that was computed before."""
     try:
         if directory is None:
             return _run_case(case, measure, None)
-        cache = outcome_cache(directory)
-        make_directory(cache.directory)
-        with lock_file(cache.directory / f".{case.key}.lock", wait) as alone:
+        cache = OutcomeCache(directory)
+        make_directory(cache.files.directory)
+        with lock_file(cache.files.directory / f".{case.key}.lock", wait) as alone:
             if not alone:
-                return failed_outcome("another sweep computes it", ELSEWHERE)
-            done: Outcome | None = cache.read(case.key, warn=False)  # the study has said what is damaged
+                return CaseOutcome(error="another sweep computes it", cause=ELSEWHERE)
+            done = cache.read(case.key, warn=False)  # the study has said what is damaged
             if done is None:
                 done = _run_case(case, measure, directory / "runs" / case.key if keep_runs else None)
                 # A worker writes its result itself: it is not lost with the command that waits for it.
@@ -137,17 +116,12 @@ def compute_case(
                     cache.keep(case.key, done)
             return done
     except OF_THE_MACHINE as error:
-        return failed_outcome(f"{type(error).__name__}: {error}", MACHINE)
+        return CaseOutcome(error=f"{type(error).__name__}: {error}", cause=MACHINE)
     except Exception as error:
-        return failed_outcome(f"{type(error).__name__}: {error}", PROGRAM)
+        return CaseOutcome(error=f"{type(error).__name__}: {error}", cause=PROGRAM)
 
 
-def failed_outcome(error: str, cause: str) -> Outcome:
-    """Make the outcome of a case that failed by no error of the physics; it is not kept."""
-    return {"figures": {}, "error": error, "cause": cause}
-
-
-def _run_case(case: Case, measure: Measure, out: Path | None) -> Outcome:
+def _run_case(case: Case, measure: Measure, out: Path | None) -> CaseOutcome:
     from granular.run.simulation import simulate
 
     try:
@@ -159,10 +133,9 @@ def _run_case(case: Case, measure: Measure, out: Path | None) -> Outcome:
     except (*OF_THE_MACHINE, MissingPackageError):
         raise
     except GranularError as error:
-        return {"figures": {}, "error": f"{type(error).__name__}: {error}"}
+        return CaseOutcome(error=f"{type(error).__name__}: {error}")
     doubts = [str(warning.message) for warning in raised if issubclass(warning.category, UserWarning)]
-    warning = {"warning": "; ".join(dict.fromkeys(doubts))} if doubts else {}
-    return {"figures": figures, "error": None} | warning
+    return CaseOutcome(figures, warning="; ".join(dict.fromkeys(doubts)) or None)
 
 
 def _to_python_number(value: Any) -> Any:

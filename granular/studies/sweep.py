@@ -38,18 +38,17 @@ from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory, read_toml
 from granular.shared.message_text import sanitize
 from granular.shared.progress_bars import progress_bar
-from granular.studies.cases import Case, Measure, make_cases
-from granular.studies.executors import (
+from granular.studies.cases import (
     ELSEWHERE,
     MACHINE,
     PROGRAM,
-    Outcome,
-    ProcessPool,
-    case_executor,
-    compute_case,
-    failed_outcome,
-    outcome_cache,
+    Case,
+    CaseOutcome,
+    Measure,
+    OutcomeCache,
+    make_cases,
 )
+from granular.studies.executors import ProcessPool, case_executor, compute_case
 from granular.studies.measures import find_measure, last_values
 
 if TYPE_CHECKING:
@@ -68,16 +67,14 @@ class Study:
     ----------
     cases : tuple of Case
         Cases, those of the grid first; at least one.
-    outcomes : tuple of dict
-        ``figures`` and ``error`` (None for a success) of each case, in the order of the cases;
-        ``warning`` where it raised one; ``cause`` where the failure is not one of the physics, such as
-        a full disk, and so is not kept.
+    outcomes : tuple of CaseOutcome
+        Figures, error and warning of each case, in the order of the cases.
     reused : int
         Number of cases that had been computed before.
     """
 
     cases: tuple[Case, ...]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[CaseOutcome, ...]
     reused: int
 
     @property
@@ -91,9 +88,9 @@ class Study:
 
         rows = [
             _si_changes(case, self.varied)
-            | outcome["figures"]
-            | {name: outcome[name] for name in ("warning", "error") if name in outcome}
-            | {"key": case.key}
+            | dict(outcome.figures)
+            | ({} if outcome.warning is None else {"warning": outcome.warning})
+            | {"error": outcome.error, "key": case.key}
             for case, outcome in zip(self.cases, self.outcomes, strict=True)
         ]
         table = pandas.DataFrame(rows)
@@ -128,13 +125,13 @@ class Study:
     def failed(self) -> tuple[Case, ...]:
         """Cases that failed, by an error of the physics or of the machine, as a tuple of `Case`."""
         pairs = zip(self.cases, self.outcomes, strict=True)
-        return tuple(case for case, outcome in pairs if outcome["error"] is not None)
+        return tuple(case for case, outcome in pairs if outcome.error is not None)
 
     @property
     def unfinished(self) -> tuple[Case, ...]:
         """Cases that failed by no error of the physics, a tuple: the next sweep tries them again."""
         pairs = zip(self.cases, self.outcomes, strict=True)
-        return tuple(case for case, outcome in pairs if "cause" in outcome)
+        return tuple(case for case, outcome in pairs if outcome.cause is not None)
 
     def to_csv(self) -> str:
         """Return the table as text, with the units in its header.
@@ -245,7 +242,7 @@ def sweep(
     every = make_cases(scene, grid or {}, cases, settings, measure)
     directory = None if out is None else Path(out).absolute()
     if directory is not None:
-        make_directory(outcome_cache(directory).directory)
+        make_directory(OutcomeCache(directory).files.directory)
     done = _stored_outcomes(every, directory)
     reused = len(done)
     waiting = [case for case in every if case.key not in done]
@@ -258,7 +255,7 @@ def sweep(
         failed = 0
         for case, outcome in compute_outcomes_with_retries(waiting, measure, directory, keep_runs, pool):
             done[case.key] = outcome
-            failed += outcome["error"] is not None
+            failed += outcome.error is not None
             if failed:
                 bar.set_postfix_str(f"{failed} failed", refresh=False)
             bar.update()
@@ -269,7 +266,7 @@ def sweep(
 
 def _warn_of_doubtful_cases(study: Study) -> None:
     pairs = zip(study.cases, study.outcomes, strict=True)
-    doubtful = [(case, outcome["warning"]) for case, outcome in pairs if "warning" in outcome]
+    doubtful = [(case, outcome.warning) for case, outcome in pairs if outcome.warning is not None]
     if doubtful:
         case, words = doubtful[0]
         changes = ", ".join(f"{key} = {value}" for key, value in case.changes.items())
@@ -280,35 +277,35 @@ def _warn_of_doubtful_cases(study: Study) -> None:
         )
 
 
-def _stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str, Outcome]:
+def _stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str, CaseOutcome]:
     if directory is None:
         return {}
-    cache = outcome_cache(directory)
+    cache = OutcomeCache(directory)
     result = {case.key: cache.read(case.key) for case in cases}
     return {key: outcome for key, outcome in result.items() if outcome is not None}
 
 
 def compute_outcomes_with_retries(
     cases: Sequence[Case], measure: Measure, directory: Path | None, keep_runs: bool, pool: Executor
-) -> Iterator[tuple[Case, Outcome]]:
+) -> Iterator[tuple[Case, CaseOutcome]]:
     """Compute cases as the executor is free, and try again those that failed by the machine."""
     waiting = {case.key: case for case in cases}
     deaths, alone = 0, 0
     put_off: dict[str, set[str]] = {MACHINE: set(), ELSEWHERE: set()}
-    unkept: list[tuple[Case, Outcome]] = []
+    unkept: list[tuple[Case, CaseOutcome]] = []
     while waiting:
         batch = list(waiting.values())[: 1 if alone else None]
         lost = {case.key for case in batch}
         submitted = [(case, case.key in put_off[ELSEWHERE]) for case in batch]
         for case, outcome in _compute_cases(submitted, measure, directory, keep_runs, pool):
             lost.discard(case.key)
-            cause = outcome.get("cause")
+            cause = outcome.cause
             if cause in put_off and case.key not in put_off[cause]:
                 put_off[cause].add(case.key)
                 waiting[case.key] = waiting.pop(case.key)
                 continue
             del waiting[case.key]
-            if cause is None and "cause" in _store_outcome(case, outcome, directory):
+            if cause is None and _store_outcome(case, outcome, directory).cause is not None:
                 unkept.append((case, outcome))
                 continue
             yield case, outcome
@@ -318,7 +315,7 @@ def compute_outcomes_with_retries(
         deaths += 1
         if deaths >= ATTEMPTS and len(batch) == 1:
             del waiting[batch[0].key]
-            yield batch[0], failed_outcome(f"the worker died, {ATTEMPTS} times", MACHINE)
+            yield batch[0], CaseOutcome(error=f"the worker died, {ATTEMPTS} times", cause=MACHINE)
             deaths, alone = 0, 0
         # A worker that dies takes its other cases along. So the next ones, of which one was running then, are
         # tried alone: who dies alone has nobody else to blame.
@@ -334,9 +331,9 @@ def _compute_cases(
     directory: Path | None,
     keep_runs: bool,
     pool: Executor,
-) -> Iterator[tuple[Case, Outcome]]:
+) -> Iterator[tuple[Case, CaseOutcome]]:
     """Cases, with whether each is waited for elsewhere, as they come; the rest is taken back at the end."""
-    futures: dict[Future[Outcome], Case] = {}
+    futures: dict[Future[CaseOutcome], Case] = {}
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
             for case, wait in cases:
@@ -352,21 +349,21 @@ def _compute_cases(
                 future.cancel()
 
 
-def _store_outcome(case: Case, outcome: Outcome, directory: Path | None) -> Outcome:
-    """Outcome, after it is kept where its worker has not done so: its disk may be another."""
+def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> CaseOutcome:
+    """CaseOutcome, after it is kept where its worker has not done so: its disk may be another."""
     if directory is None:
         return outcome
-    cache = outcome_cache(directory)
+    cache = OutcomeCache(directory)
     try:
         if cache.read(case.key, warn=False) is None:  # a damaged one was told of before
             cache.keep(case.key, outcome)
     except StoreError as error:
-        return outcome | {"error": f"{type(error).__name__}: {error}", "cause": MACHINE}
+        return dataclasses.replace(outcome, error=f"{type(error).__name__}: {error}", cause=MACHINE)
     return outcome
 
 
-def future_outcome(future: Future[Outcome]) -> Outcome | None:
-    """Outcome that a worker returned."""
+def future_outcome(future: Future[CaseOutcome]) -> CaseOutcome | None:
+    """CaseOutcome that a worker returned."""
     try:
         return future.result()
     except (concurrent.futures.BrokenExecutor, concurrent.futures.CancelledError):
@@ -374,7 +371,7 @@ def future_outcome(future: Future[Outcome]) -> Outcome | None:
     except Exception as error:
         if type(error).__name__ == "KilledWorker":  # of Dask, which is imported only by its users
             return None
-        return failed_outcome(f"{type(error).__name__}: {error}", PROGRAM)
+        return CaseOutcome(error=f"{type(error).__name__}: {error}", cause=PROGRAM)
 
 
 KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")

@@ -20,6 +20,7 @@ from granular.scene.scene import Scene
 from granular.schema.field_kinds import QuantityKind
 from granular.schema.sections import find_field
 from granular.shared.errors import InputError, RecordError
+from granular.studies.cases import CaseOutcome
 from granular.studies.measures import piston_columns
 from granular.studies.sweep import sweep
 from reduced_models.fitting.fit import fit
@@ -162,13 +163,13 @@ class SceneSimulator:
             for k, position in enumerate(positions)
         ]
 
-    def _simulated_point(self, position: np.ndarray, outcomes: Sequence[Mapping[str, Any]]) -> SimulatedPoint:
+    def _simulated_point(self, position: np.ndarray, outcomes: Sequence[CaseOutcome]) -> SimulatedPoint:
         records, rows = [], []
         for seed, outcome in zip(self.seeds, outcomes, strict=True):
             try:
-                if outcome["error"] is not None:
-                    raise InputError(outcome["error"])
-                record = PistonRecord.from_columns(outcome["figures"]).with_time_from_zero()
+                if outcome.error is not None:
+                    raise InputError(outcome.error)
+                record = PistonRecord.from_columns(outcome.figures).with_time_from_zero()
                 record = record.between(0.0, self.duration * (1.0 + 1e-9))
                 figures = record_features(record, self.law, force=self.force)
             except InputError as error:

@@ -222,9 +222,9 @@ def _run_checks(
     )
     checks = []
     for seed, outcome in zip(seeds, study.outcomes, strict=True):
-        figures = {} if outcome["error"] is not None else figures_of_design_check(outcome["figures"])
+        figures = {} if outcome.error is not None else figures_of_design_check(outcome.figures)
         if not math.isfinite(figures.get("frequency", math.nan)):
-            cause = outcome["error"] or "the motion has no level of rest"
+            cause = outcome.error or "the motion has no level of rest"
             raise GranularError(
                 f"the simulation of {candidate.mass:.4g} kg on {candidate.grains} grains with a "
                 f"drag of {candidate.drag:.4g} kg/s failed: {cause}"

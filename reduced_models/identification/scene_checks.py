@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
     from granular.studies.background_cases import BackgroundCall, BackgroundCase, BackgroundCaseRunner
+    from granular.studies.cases import CaseOutcome
     from granular.studies.tolerance_parts import Part
 
 CHECK_SEEDS = 2
@@ -296,11 +297,11 @@ def _failure_text(what: str, cause: str) -> str:
     return f"the check with {what} failed: {cause}"
 
 
-def _motions_of_case(outcome: Mapping[str, Any]) -> dict[str, PistonRecord]:
+def _motions_of_case(outcome: CaseOutcome) -> dict[str, PistonRecord]:
     """Motions of `piston_record_columns` in a further run."""
-    if outcome["error"] is not None:
-        raise RecordError(" ".join(outcome["error"].split()))
-    return {name: PistonRecord.from_columns(columns) for name, columns in outcome["figures"].items()}
+    if outcome.error is not None:
+        raise RecordError(" ".join(outcome.error.split()))
+    return {name: PistonRecord.from_columns(columns) for name, columns in outcome.figures.items()}
 
 
 def add_check_errors(

@@ -10,6 +10,7 @@ from typing import Any
 
 from granular.scene.dry_friction import has_coarse_friction
 from granular.shared.result_cache import ResultCache
+from granular.studies.cases import CaseOutcome
 from research.campaign import Plain, made_now
 from research.published.calculations import kept
 from research.published.figures import Figures, rest_figures
@@ -140,17 +141,17 @@ def _starts(series: Series, directory: Path, former: Sequence[Results]) -> list[
     return result
 
 
-def _start(outcome: Plain, key: str, series: Series, seed: int, directory: Path) -> Plain:
-    if outcome["error"] is not None:
-        return {"key": key, "error": outcome["error"], "figures": {}, "versions": {}}
+def _start(outcome: CaseOutcome, key: str, series: Series, seed: int, directory: Path) -> Plain:
+    if outcome.error is not None:
+        return {"key": key, "error": outcome.error, "figures": {}, "versions": {}}
     cache = ResultCache(directory / "figures")
     name = f"{key}-{_code_of_figures()}"
     figures: Figures | None = cache.read(name)
     if figures is None:
-        figures = rest_figures(outcome["figures"], series.scene(seed))
+        figures = rest_figures(outcome.figures, series.scene(seed))
         cache.keep(name, figures)
     wanted = {k: v for k, v in figures.items() if k not in COURSES or _shows_courses(series)}
-    return {"key": key, "error": None, "figures": wanted, "versions": outcome["figures"]["versions"]}
+    return {"key": key, "error": None, "figures": wanted, "versions": outcome.figures["versions"]}
 
 
 def _from_file(results: Results, series: Series, key: str) -> Plain | None:

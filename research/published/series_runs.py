@@ -15,8 +15,7 @@ from granular.run.plan import parse_time_step
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import ResultCache
-from granular.studies.cases import make_cases
-from granular.studies.executors import Outcome, outcome_cache
+from granular.studies.cases import CaseOutcome, OutcomeCache, make_cases
 from research.published.plan import Group
 from research.published.series import Series
 
@@ -70,21 +69,21 @@ def run_groups(
 
 def _drop_runs(directory: Path) -> None:
     """Delete the runs whose outcome is kept: they were there to go on from, had it been cut off."""
-    cache = outcome_cache(directory)
+    files = OutcomeCache(directory).files
     for run in (directory / "runs").glob("*"):
-        if cache.path(run.name).exists():
+        if files.path(run.name).exists():
             shutil.rmtree(run, ignore_errors=True)
 
 
-def outcomes_of(series: Series, directory: Path) -> list[Outcome]:
+def outcomes_of(series: Series, directory: Path) -> list[CaseOutcome]:
     """What is kept of the starts of a series; those not yet run are left out."""
     result = outcomes_in_order(case_keys(series), directory)
     return [item for item in result if item is not None]
 
 
-def outcomes_in_order(keys: Sequence[str], directory: Path) -> list[Outcome | None]:
+def outcomes_in_order(keys: Sequence[str], directory: Path) -> list[CaseOutcome | None]:
     """What is kept under each key, None where nothing is."""
-    cache = outcome_cache(directory)
+    cache = OutcomeCache(directory)
     return [cache.read(key) for key in keys]
 
 
@@ -95,9 +94,9 @@ def references_in(directory: Path) -> ResultCache:
 
 def forget(series: Series, directory: Path) -> None:
     """Delete what is kept of a series, whose code has changed: outcomes and reference."""
-    cache, keys = outcome_cache(directory), case_keys(series)
+    files, keys = OutcomeCache(directory).files, case_keys(series)
     for key in keys:
-        cache.path(key).unlink(missing_ok=True)
+        files.path(key).unlink(missing_ok=True)
     references_in(directory).path(keys[0]).unlink(missing_ok=True)
 
 

@@ -21,6 +21,6 @@ def test_who_waits_computes_what_no_process_has_begun() -> None:
         cases = [{"dt": step} for step in steps]
         started = background.submit_cases(load_scene("single-particle"), cases, settings)
         outcomes = background.wait_for_outcomes(started, "cases", False)
-    assert [outcome["error"] for outcome in outcomes] == [None] * len(steps)
-    assert [outcome["figures"]["dt"] for outcome in outcomes] == steps
-    assert outcomes[-1]["figures"]["process"] == os.getpid() != outcomes[0]["figures"]["process"]
+    assert [outcome.error for outcome in outcomes] == [None] * len(steps)
+    assert [outcome.figures["dt"] for outcome in outcomes] == steps
+    assert outcomes[-1].figures["process"] == os.getpid() != outcomes[0].figures["process"]

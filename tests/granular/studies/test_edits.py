@@ -197,7 +197,7 @@ def test_every_drawn_edit_makes_runs_kernels_and_studies_new(tmp_path: Path) -> 
                     simulate(pushed(), dt=1e-4, out=run, resume=True, progress=False)
             result = sweep(unedited, measure=edited.measures["figures"], **more)
             assert (result.reused, result.failed) == (0, ())
-            assert result.outcomes[0]["figures"] == edited.measures["figures"](cast("Any", None))
+            assert result.outcomes[0].figures == edited.measures["figures"](cast("Any", None))
         again = imported(tmp_path, text_with())
         assert sweep(pushed(), measure=again.measures["figures"], **more).reused == 1
 

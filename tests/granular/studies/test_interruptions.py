@@ -22,7 +22,7 @@ import granular.run.simulation
 import granular.shared.result_cache
 from granular import Scene, Trajectory, load_scene, sweep
 from granular.shared.errors import StoreError
-from granular.studies.cases import keep_measure_name
+from granular.studies.cases import CaseOutcome, keep_measure_name
 from granular.studies.measures import last_values
 from granular.studies.sweep import Study, load_study
 
@@ -130,7 +130,7 @@ def test_an_outcome_that_cannot_be_written_is_written_later(
         assert simulate.calls == len(ACCELERATIONS)
         assert len(kept(out)) == len(ACCELERATIONS) - len(study.unfinished)
         assert len(study.unfinished) == max(0, times - 2 * len(ACCELERATIONS))
-        assert "no space left" in study.outcomes[0]["error"] if study.unfinished else True
+        assert "no space left" in study.outcomes[0].error if study.unfinished else True
         alike(swept_area(here, out).table, integer)
         assert simulate.calls == len(ACCELERATIONS) + len(study.unfinished)
 
@@ -143,9 +143,9 @@ def test_an_error_of_the_measure_is_told_of_but_not_kept(tmp_path: Path, here: E
         return {"a": 1.0 / (len(calls) > 1)}
 
     study = swept_area(here, tmp_path, measure=faulty, values=[1.0])
-    assert study.outcomes[0]["error"] == "ZeroDivisionError: float division by zero"
+    assert study.outcomes[0].error == "ZeroDivisionError: float division by zero"
     assert len(calls) == len(study.unfinished) == 1
-    assert swept_area(here, tmp_path, measure=faulty, values=[1.0]).outcomes[0]["figures"] == {"a": 1.0}
+    assert swept_area(here, tmp_path, measure=faulty, values=[1.0]).outcomes[0].figures == {"a": 1.0}
 
 
 def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
@@ -178,8 +178,8 @@ def test_a_command_whose_cases_the_machine_failed_says_so(
     from granular.commands.console import launch
 
     study = write_study(tmp_path, 2)
-    failed = {"figures": {}, "error": "OSError: no space left", "cause": "machine"}
-    sound = {"figures": {"height": 1.0}, "error": None}
+    failed = CaseOutcome(error="OSError: no space left", cause="machine")
+    sound = CaseOutcome({"height": 1.0})
 
     def computed(cases: Any, *_: Any) -> Iterator[Any]:
         yield from zip(cases, [sound, failed], strict=True)

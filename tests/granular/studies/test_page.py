@@ -15,7 +15,7 @@ import pytest
 from granular import Study, Trajectory, load_scene, sweep
 from granular.__main__ import main
 from granular.commands.console import launch
-from granular.studies.cases import make_cases
+from granular.studies.cases import CaseOutcome, make_cases
 from granular.studies.study_page import study_page
 
 GRID = {"piston.mass": ["6 kg", 7.5], "arrangement.seed": [1, 2], "effects.drag": [{"coefficient": 0.1}]}
@@ -76,7 +76,7 @@ def test_the_command_writes_both(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def computed(cases: Any, *_: Any) -> Iterator[Any]:
-        outcomes = [{"figures": {"piston_height": 0.06 + 0.01 * k}, "error": None} for k in range(2)]
+        outcomes = [CaseOutcome({"piston_height": 0.06 + 0.01 * k}) for k in range(2)]
         yield from zip(cases, outcomes, strict=True)
 
     monkeypatch.setattr("granular.studies.sweep.compute_outcomes_with_retries", computed)
@@ -92,7 +92,7 @@ def test_the_command_writes_both(
 
 def test_cases_that_failed_have_a_page_too() -> None:
     cases = make_cases(load_scene("damper"), {"piston.mass": [6.0, 7.0]}, [], SETTINGS, doubtful)
-    lost: dict[str, Any] = {"figures": {}, "error": "StepError: step 3"}
+    lost = CaseOutcome(error="StepError: step 3")
     text = study_page(Study(tuple(cases), (lost, lost), 0)).to_html()
     assert "<li>1, 2: StepError: step 3</li>" in text
     assert "<svg" not in text

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from granular import load_scene, sweep
+from granular.studies.cases import CaseOutcome
 from granular.studies.executors import DaskClusterExecutor, ExecutorLostError, cluster_executor
 
 ROOT = Path(__file__).parents[3]
@@ -51,7 +52,7 @@ class Client:
         def result() -> dict[str, Any]:
             if self.tasks <= 0:
                 raise OSError("the stream is closed")
-            return {"figures": {"seed": case.scene.arrangement.seed}, "error": None}
+            return CaseOutcome({"seed": case.scene.arrangement.seed})
 
         return There(result)
 
@@ -62,14 +63,14 @@ def test_a_scheduler_that_is_gone_ends_a_sweep_in_words(tmp_path: Path) -> None:
     with pytest.raises(ExecutorLostError, match="scheduler is gone; start it again"):
         sweep(load_scene("bed"), grid, executor=DaskClusterExecutor(Client(3, float("inf"))), **arguments)
     again = sweep(load_scene("bed"), grid, executor=DaskClusterExecutor(Client(100, 0)), **arguments)
-    assert [one["figures"]["seed"] for one in again.outcomes] == list(range(1, 9))
+    assert [one.figures["seed"] for one in again.outcomes] == list(range(1, 9))
 
 
 def test_a_scheduler_that_comes_back_is_waited_for() -> None:
     pool: Executor = DaskClusterExecutor(Client(3, 3))
     grid = {"arrangement.seed": range(1, 9)}
     study = sweep(load_scene("bed"), grid, executor=pool, progress=False)
-    assert [one["figures"]["seed"] for one in study.outcomes] == list(range(1, 9))
+    assert [one.figures["seed"] for one in study.outcomes] == list(range(1, 9))
 
 
 def test_a_task_that_was_under_way_is_lost() -> None:

@@ -13,7 +13,7 @@ import pytest
 import granular.studies.cases
 from granular import Scene, Trajectory, load_scene, sweep
 from granular.shared.errors import InputError, SceneError
-from granular.studies.cases import make_cases, measure_identity
+from granular.studies.cases import CaseOutcome, OutcomeCache, make_cases, measure_identity
 from granular.studies.measures import last_values, piston_columns
 from granular.studies.sweep import load_study
 
@@ -84,8 +84,8 @@ def test_a_failing_case_does_not_lose_the_others(tmp_path: Path, here: Executor)
         executor=here,
         progress=False,
     )
-    assert [outcome["error"] is None for outcome in study.outcomes] == [True, False]
-    assert "Error: step" in study.outcomes[1]["error"]
+    assert [outcome.error is None for outcome in study.outcomes] == [True, False]
+    assert "Error: step" in study.outcomes[1].error
     assert len(study.failed) == 1
     again = sweep(
         scene,
@@ -157,6 +157,29 @@ def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> N
     assert again.reused == 0
     assert again.outcomes == first.outcomes
     assert kept.read_bytes() == integer
+
+
+def test_a_file_of_an_outcome_is_plain(tmp_path: Path, here: Executor) -> None:
+    """What was written when outcomes were plain data is read, in the words that are written now."""
+    sound = {"figures": {"energy": 1.5}, "error": None, "warning": "doubtful"}
+    failed = {"figures": {}, "error": "EnergyError: step 3: off"}
+    arguments: dict[str, Any] = {"cases": [{}, {"cell.width": 0.4}], "dt": 1e-4, "measure": measured}
+    keys = [case.key for case in sweep(falling(), **arguments, executor=here, progress=False).cases]
+    cache = OutcomeCache(tmp_path)
+    for key, plain in zip(keys, (sound, failed), strict=True):
+        cache.files.keep(key, plain)
+    with pytest.warns(UserWarning, match="1 of 2 cases are in doubt"):
+        study = sweep(falling(), **arguments, out=tmp_path, executor=here, progress=False)
+    assert study.reused == 2
+    assert study.outcomes == (
+        CaseOutcome({"energy": 1.5}, warning="doubtful"),
+        CaseOutcome(error="EnergyError: step 3: off"),
+    )
+    assert study.failed == study.cases[1:]
+    assert not study.unfinished
+    for key, outcome, plain in zip(keys, study.outcomes, (sound, failed), strict=True):
+        cache.keep(key, outcome)
+        assert cache.files.read(key) == plain
 
 
 def test_studies_kept_before_go_on(monkeypatch: pytest.MonkeyPatch) -> None:

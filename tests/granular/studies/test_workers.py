@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from granular import load_scene, sweep
-from granular.studies.cases import Case
+from granular.studies.cases import Case, CaseOutcome
 from granular.studies.executors import ProcessPool, case_executor
 from granular.studies.sweep import ATTEMPTS
 
@@ -41,7 +41,7 @@ class Mortal(Executor):
         if self.dead:
             future.set_exception(BrokenExecutor("the worker is gone"))
         else:
-            future.set_result({"figures": {"seed": seed}, "error": None})
+            future.set_result(CaseOutcome({"seed": seed}))
         return future
 
 
@@ -64,10 +64,9 @@ def swept_area(executor: Mortal) -> dict[int, str | None]:
     """The error of each seed."""
     study = sweep(load_scene("bed"), {"arrangement.seed": SEEDS}, executor=executor, progress=False)
     assert all(
-        one["error"] or one["figures"]["seed"] == seed
-        for seed, one in zip(SEEDS, study.outcomes, strict=True)
+        one.error or one.figures["seed"] == seed for seed, one in zip(SEEDS, study.outcomes, strict=True)
     )
-    return {seed: one["error"] for seed, one in zip(SEEDS, study.outcomes, strict=True)}
+    return {seed: one.error for seed, one in zip(SEEDS, study.outcomes, strict=True)}
 
 
 @pytest.mark.parametrize("times", [1, ATTEMPTS - 1])

@@ -21,7 +21,7 @@ import pytest
 
 from granular import PistonRecord, Scene, damper, load_scene, simulate
 from granular.commands.console import INTERRUPTED, launch
-from granular.studies.cases import Case
+from granular.studies.cases import Case, CaseOutcome
 from reduced_models import calibrate
 from reduced_models.__main__ import main
 
@@ -47,7 +47,7 @@ class Springs(Executor):
         drag = scene.effects.drag.coefficient
         columns = swing(scene.piston.mass, drag, scene.arrangement.seed).columns
         figures = {name: values.tolist() for name, values in columns.items()}
-        future.set_result({"figures": figures, "error": None})
+        future.set_result(CaseOutcome(figures))
         return future
 
 

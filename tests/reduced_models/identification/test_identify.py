@@ -21,7 +21,7 @@ import pytest
 from granular import PistonRecord, Scene, simulate
 from granular.run.plan import multiply_time_step, parse_time_step
 from granular.run.trajectory import Trajectory
-from granular.studies.cases import Case
+from granular.studies.cases import Case, CaseOutcome
 from reduced_models import DiscoveryOptions, IdentifyOptions, compare, discover, identify, load_model
 from reduced_models.identification import scene_checks
 from reduced_models.identification.pictures import _break_at_gaps
@@ -265,10 +265,10 @@ class MadeUp(Executor):
         self.asked.append(case)
         future = Told(self.before)
         if isinstance(one, str):
-            future.set_result({"figures": {}, "error": one})
+            future.set_result(CaseOutcome(error=one))
         else:
             columns = {name: values.tolist() for name, values in one.columns.items()}
-            future.set_result({"figures": {RECORD: columns}, "error": None})
+            future.set_result(CaseOutcome({RECORD: columns}))
         return future
 
 
@@ -331,7 +331,7 @@ settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
 with BackgroundCaseRunner(piston_record_columns, None) as background:
     started = background.submit_cases(load_trajectory(sys.argv[1]).scene, cases, settings)
     for outcome in background.wait_for_outcomes(started, "checks", False):
-        print(sorted(outcome["figures"]), outcome["error"])
+        print(sorted(outcome.figures), outcome.error)
 """
 
 

@@ -61,8 +61,8 @@ def found(groups: list[Group], kept: Path) -> Results:
 
 def test_a_case_that_fails_loses_no_other(groups: list[Group], kept: Path, found: Results) -> None:
     good, bad = groups[0].series
-    assert [one["error"] for one in outcomes_of(good, kept)] == [None, None]
-    assert all(one["error"] for one in outcomes_of(bad, kept))
+    assert [one.error for one in outcomes_of(good, kept)] == [None, None]
+    assert all(one.error for one in outcomes_of(bad, kept))
     assert is_whole(found.series[good.key])
     assert not is_whole(found.series[bad.key])
     assert len(found.series[bad.key]["errors"]) == 2
