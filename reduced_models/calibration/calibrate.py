@@ -40,8 +40,8 @@ from reduced_models.calibration.simulations import (
     record_features,
     scene_parameter,
 )
+from reduced_models.fitting.given_records import list_of_records
 from reduced_models.fitting.options import check_fit_options
-from reduced_models.fitting.problem import list_of_records
 from reduced_models.fitting.uncertainty import undetermined_directions
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, make_directory

@@ -47,7 +47,7 @@ from reduced_models.discovery.weak_form import (
     observed_weak_form,
     weak_form,
 )
-from reduced_models.fitting.problem import RecordLike, list_of_records, refuse_prescribed_strokes
+from reduced_models.fitting.given_records import RecordLike, list_of_records, refuse_prescribed_strokes
 from reduced_models.laws.height_line import HeightLine
 from reduced_models.records.inputs import column_names
 

@@ -18,6 +18,7 @@ from reduced_models.fitting.covariance import (
     marginal_information,
     shifts_by_calibration_errors,
 )
+from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import SearchResult, delay_remarks
 from reduced_models.fitting.residual_diagnostics import (
@@ -27,7 +28,7 @@ from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
     held_at_zero_remarks,
 )
-from reduced_models.fitting.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
+from reduced_models.fitting.residuals import BLOWN_UP, remove_random_walk
 from reduced_models.fitting.uncertainty import (
     Interval,
     interval_analysis,
@@ -83,33 +84,35 @@ NOISE_TIMES, NOTABLE = 3.0, 0.05
 
 def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> tuple[ReducedModel, ...]:
     """Reduced model of each record of a fit, with intervals, quality and notes."""
-    problem, joint, theta = result.problem, result.joint, result.theta
-    normal = joint.normal_matrix(theta)
+    problem, theta = result.problem, result.theta
+    normal = problem.normal_matrix(theta)
     if not np.isfinite(normal).all():
         raise InputError(
             f"the fit of {quote(problem.law.name)} changes so steeply with its parameters "
             "that their intervals cannot be computed; try another law, or check the units"
         )
-    residuals = tuple(joint.residuals(theta))
-    covariance, independent = joint_covariance(
-        joint.linearised_residuals(theta),
-        [grid.loss for grid in joint.grids],
-        [
-            None if level is None else level / grid.unknowns.residual_unit
-            for level, grid in zip(problem.weighted_noise, joint.grids, strict=True)
-        ],
-        joint.entries,
-        joint.held_entries,
-        [
-            (grid.record.time, grid.record.height / grid.unknowns.residual_unit, grid.gain == 0.0)
-            for grid in joint.grids
-        ],
-    )
-    shifts = shifts_by_calibration_errors(joint, theta)
+    residuals = tuple(problem.residuals(theta))
+    covariance, independent = joint_covariance(problem, theta)
+    shifts = shifts_by_calibration_errors(problem, theta)
     covariance = covariance + shifts.T @ shifts
-    free = ~joint.held_entries
-    known = [
-        FitStatistics(
+    free = ~problem.held_entries
+    profiled = None
+    models = dict[int, ReducedModel]()
+    motions = [
+        data.record
+        if data.unknowns.compares_heights
+        else PistonRecord(data.record.time, data.fitted_heights(theta[data.entries]))
+        for data in problem.data
+    ]
+    for k, data in enumerate(problem.data):
+        if data.number in models:  # of which this is a further observation
+            left = remove_random_walk(residuals[k], data.gain)
+            model, quality = models[data.number], _assess_quality(result, k, residuals[k], left)
+            qualities = {**model.qualities, data.unknowns.observation: quality}
+            models[data.number] = dataclasses.replace(model, qualities=qualities)
+            continue
+        here, height = data.entries, motions[k].height
+        known = FitStatistics(
             marginal_information(normal, here, free),
             covariance[np.ix_(here, here)],
             residuals,
@@ -117,41 +120,21 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
             free[here],
             independent,
         )
-        for here in joint.entries
-    ]
-    profiled = None
-    if problem.intervals == "profile":
-        from reduced_models.fitting.profile_likelihood import profile_intervals
-
-        quantile = known[0].student_quantile(problem.confidence)
-        profiled = profile_intervals(joint, theta, covariance, quantile)
-    models = dict[int, ReducedModel]()
-    motions = [
-        grid.record
-        if grid.unknowns.compares_heights
-        else PistonRecord(grid.record.time, grid.fitted_heights(theta[here]))
-        for grid, here in zip(joint.grids, joint.entries, strict=True)
-    ]
-    for k, (here, data) in enumerate(zip(joint.entries, problem.data, strict=True)):
-        if data.number in models:  # of which this is a further observation
-            left = remove_random_walk(residuals[k], joint.grids[k].gain)
-            model, quality = models[data.number], _assess_quality(result, k, residuals[k], left)
-            qualities = {**model.qualities, data.observation: quality}
-            models[data.number] = dataclasses.replace(model, qualities=qualities)
-            continue
-        height = motions[k].height
-        linear, at_rest, undetermined = interval_analysis(
-            joint.unknowns,
+        quantile = known.student_quantile(problem.confidence)
+        intervals, at_rest, undetermined = interval_analysis(
+            problem.unknowns,
             theta[here],
-            known[k],
-            problem.confidence,
+            known,
+            quantile,
             (float(height.min()), float(height.max())),
             shifts[:, here],
         )
-        intervals = linear
-        if profiled is not None:
-            intervals = widen_to_linear_intervals(linear, undetermined, profiled[k])
-        names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
+        if problem.intervals == "profile":
+            from reduced_models.fitting.profile_likelihood import profile_intervals
+
+            profiled = profiled or profile_intervals(problem, theta, covariance, quantile)
+            intervals = widen_to_linear_intervals(intervals, undetermined, profiled[k])
+        names, matrix = physical_covariance(problem.unknowns, theta[here], known.covariance)
         model = _make_model_of_record(result, k, intervals, at_rest, motions, residuals[k])
         drift = _DRIFT_FOUND.format(size=model.quality.zero_drift, unit=model.coordinate_unit)
         notes = (*model.notes, drift) if drift_was_found else model.notes
@@ -161,7 +144,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
             covariance_names=names,
             covariance=matrix,
             notes=notes,
-            quantile=known[k].student_quantile(problem.confidence),
+            quantile=quantile,
         )
     return tuple(models.values())
 
@@ -174,18 +157,18 @@ def _make_model_of_record(
     motions: Sequence[PistonRecord],
     residuals: np.ndarray,
 ) -> ReducedModel:
-    problem, grid = result.problem, result.joint.grids[k]
-    unknowns, record = grid.unknowns, grid.record
-    theta = result.theta[result.joint.entries[k]]
+    problem, data = result.problem, result.problem.data[k]
+    unknowns, record = data.unknowns, data.record
+    theta = result.theta[data.entries]
     values, height, velocity, hidden = unknowns.physical_values(theta)
-    left = remove_random_walk(residuals, grid.gain)
+    left = remove_random_walk(residuals, data.gain)
     quality = _assess_quality(result, k, residuals, left)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
     rest = None if isinstance(at_rest, NoSwing) else at_rest
     remarks: tuple[str, ...] = ()
     if unknowns.law.inputs:
         if quality.has_structured_residuals:
-            remarks = delay_remarks(result.joint, result.theta, k, math.tau / problem.data[k].guess.frequency)
+            remarks = delay_remarks(problem, result.theta, k)
     else:
         fitted = record.height + residuals * unknowns.residual_unit
         rest, remarks = _what_peaks_show(rest, motions[k], fitted)
@@ -202,14 +185,14 @@ def _make_model_of_record(
         domain=_ranges_of_motion(motions) | _range_of_observation(unknowns.observation, record),
         notes=(
             *_model_notes(
-                quality, _robust_residual_size(grid, left), record, _release_transient_text(grid, left)
+                quality, _robust_residual_size(data, left), record, _release_transient_text(data, left)
             ),
             *problem.notes,
             *remarks,
             *held_at_zero_remarks(
                 unknowns.law,
-                np.flatnonzero(~result.joint.held_entries[result.joint.entries[k]]),
-                *grid.linearised_residuals(theta),
+                np.flatnonzero(~problem.held_entries[data.entries]),
+                *data.linearised_residuals(theta),
             ),
             *_bound_notes(parameters, problem.bounds),
             *_suspicious_unit_notes(unknowns, record.coordinate_unit),
@@ -222,7 +205,7 @@ def _make_model_of_record(
             for name, state in zip(unknowns.law.hidden, hidden, strict=True)
             if state != 0.0
         },
-        input_interpolation=grid.interpolation,
+        input_interpolation=data.interpolation,
         coordinate_unit=record.coordinate_unit,
         sensor=_fitted_sensor(unknowns, theta),
         untold=problem.untold,
@@ -234,12 +217,11 @@ def _make_model_of_record(
 
 def _cycles_of_strokes(result: SearchResult, motions: Sequence[PistonRecord]) -> tuple[HarmonicCycle, ...]:
     """Cycles of a force on prescribed strokes, as they were measured."""
-    sensor = result.problem.sensor
-    law = result.problem.law
+    sensor, law = result.problem.unknowns.sensor, result.problem.law
     if not law.prescribed or sensor is None or law.observations != ("force",):
         return ()
     gain, offset = sensor.nominal_gain, sensor.nominal_offset
-    return stroke_cycles(motions, [(grid.record.height - offset) / gain for grid in result.joint.grids])
+    return stroke_cycles(motions, [(data.record.height - offset) / gain for data in result.problem.data])
 
 
 def _fitted_sensor(unknowns: Unknowns, theta: np.ndarray) -> Sensor | None:
@@ -321,19 +303,19 @@ def _suspicious_unit_notes(unknowns: Unknowns, coordinate_unit: str) -> tuple[st
 
 def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray, left: np.ndarray) -> Quality:
     """Quality of a fit by its residuals, and by what is left of them without a fitted drift of the zero."""
-    problem, grid, here = result.problem, result.joint.grids[k], result.joint.entries[k]
-    record, swings = grid.record, problem.data[k].test_swings
+    problem, data = result.problem, result.problem.data[k]
+    record, swings, here = data.record, data.test_swings, data.entries
     swing = float(record.height.std())
-    unit = grid.unknowns.residual_unit
+    unit = data.unknowns.residual_unit
     residual, step = _rms(left) * unit, rounding_step(record.height)
-    level = problem.noise[k]
-    period = 2.0 * math.pi * grid.unknowns.amplitude / grid.unknowns.speed
+    level = data.noise if problem.known_noise else None
+    period = 2.0 * math.pi * data.unknowns.amplitude / data.unknowns.speed
     fitted = record.height + residuals * unit
     structure = diagnose_residuals(record.time, unit * left, np.gradient(fitted, record.time), period)
     error = None
     if swings:
-        unseen = grid.residuals(result.trained[here])
-        error = _error_on_held_out_swings(record, unseen, unit, swings, problem.training_masks[k])
+        unseen = data.residuals(result.trained[here])
+        error = _error_on_held_out_swings(record, unseen, unit, swings, data.training_mask)
     return Quality(
         residual=residual,
         relative=residual / swing,
@@ -348,7 +330,7 @@ def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray, left: n
         noise=noise_level(record.height, record.time) if level is None else level,
         correlation=autocorrelation_time(left),
         collocation=result.collocation,
-        shifts=_relative_small_motion_changes(grid.unknowns, result.theta[here], result.trained[here])
+        shifts=_relative_small_motion_changes(data.unknowns, result.theta[here], result.trained[here])
         if swings
         else {},
         rounded=float(np.quantile(np.abs(left), _NEARLY_ALL)) * unit <= _ROUNDED * step,
@@ -420,19 +402,19 @@ def _misfit_text(quality: Quality, record: PistonRecord) -> str:
     return "the law or the fit is not right; try another law or more starts"
 
 
-def _robust_residual_size(grid: GriddedRecord, residuals: np.ndarray) -> float:
+def _robust_residual_size(data: FitData, residuals: np.ndarray) -> float:
     """Residual [m] that notes go by: where the loss spares outliers, they do not count."""
-    if grid.loss.name == "linear":
-        return _rms(residuals) * grid.unknowns.residual_unit
+    if data.loss_name == "linear":
+        return _rms(residuals) * data.unknowns.residual_unit
     usual = float(np.median(np.abs(residuals))) / NORMAL_MEDIAN
-    return usual * grid.unknowns.residual_unit
+    return usual * data.unknowns.residual_unit
 
 
-def _release_transient_text(grid: GriddedRecord, residuals: np.ndarray) -> str:
+def _release_transient_text(data: FitData, residuals: np.ndarray) -> str:
     """Words on what a release stirs up, where a law holds but for that; empty elsewhere."""
-    left = residuals * grid.unknowns.residual_unit
-    time, period = grid.record.time, math.tau * grid.unknowns.amplitude / grid.unknowns.speed
-    start, swing = count_release_transient_samples(time, left, period), float(grid.record.height.std())
+    left = residuals * data.unknowns.residual_unit
+    time, period = data.record.time, math.tau * data.unknowns.amplitude / data.unknowns.speed
+    start, swing = count_release_transient_samples(time, left, period), float(data.record.height.std())
     after = _rms(left[start:]) / swing
     if not start or after > SLIGHT:
         return ""

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from reduced_models.fitting.joint_records import Entries, JointRecords
+from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.residual_diagnostics import (
     autocorrelation_time,
     fit_autoregression,
     gradient_covariance,
 )
-from reduced_models.fitting.residuals import Loss, cost_and_weight, half_cost_curvature
+from reduced_models.fitting.residuals import cost_and_weight, half_cost_curvature
 from reduced_models.records.derivatives import rounding_step
 
 if TYPE_CHECKING:
@@ -65,40 +65,32 @@ class FitStatistics(NamedTuple):
 
 
 def joint_covariance(
-    linear: Sequence[tuple[np.ndarray, np.ndarray]],
-    losses: Sequence[Loss],
-    noise: Sequence[float | None],
-    entries: Entries,
-    held: Bool[np.ndarray, "q"],
-    signals: Sequence[tuple[np.ndarray, np.ndarray, bool] | None],
+    problem: FitProblem, theta: Float[np.ndarray, "q"]
 ) -> tuple[Float[np.ndarray, "q q"], float]:
-    """Covariance (q, q) of a joint search vector, and the number of independent samples.
-
-    Signals are time, record in the unit of the residuals, and whether its rounding counts.
-    """
-    size = len(held)
-    free = np.flatnonzero(~held)
+    """Covariance (q, q) of a search vector, and the number of independent samples."""
+    free, size = np.flatnonzero(~problem.held_entries), len(theta)
     bread, spread, variance = np.zeros((size, size)), np.zeros((size, size)), 0.0
     independent = 0.0
+    linear = [data.linearised_residuals(theta[data.entries]) for data in problem.data]
     count = sum(len(left) for left, _ in linear)
     inflation = count / max(1, count - len(free))
     alike = _record_variance_weights([left for left, _ in linear])
-    parts = zip(linear, losses, noise, entries, alike, signals, strict=True)
-    for (left, slopes), loss, known, here, ratio, signal in parts:
+    for data, (left, slopes), ratio in zip(problem.data, linear, alike, strict=True):
+        loss, unit, here = data.loss, data.unknowns.residual_unit, np.ix_(data.entries, data.entries)
         _, weight = cost_and_weight(left, loss.compiled_arguments, np)
-        bread[np.ix_(here, here)] += slopes.T @ (half_cost_curvature(left, loss)[:, None] * slopes)
+        bread[here] += slopes.T @ (half_cost_curvature(left, loss)[:, None] * slopes)
         pull = weight * left
-        series = fit_autoregression(pull)
         level = float((pull**2).mean()) * inflation
-        if known is not None:
-            level = known**2
-            spread[np.ix_(here, here)] += level * slopes.T @ slopes
+        if problem.known_noise:
+            level = (data.weighted_noise / unit) ** 2
+            spread[here] += level * slopes.T @ slopes
             independent += len(left)
         else:
-            speed = None if signal is None else np.gradient(signal[1] + left, signal[0])
-            spread[np.ix_(here, here)] += inflation * ratio * gradient_covariance(slopes, pull, series, speed)
-            if signal is not None and signal[2]:
-                spread[np.ix_(here, here)] += standing_reading_covariance(slopes, signal[1])
+            series, signal = fit_autoregression(pull), data.record.height / unit
+            speed = np.gradient(signal + left, data.record.time)
+            spread[here] += inflation * ratio * gradient_covariance(slopes, pull, series, speed)
+            if data.gain == 0.0:
+                spread[here] += standing_reading_covariance(slopes, signal)
             still = float(series.power_spectrum(2)[0]) if level > 0.0 else 0.0
             memory = max(1.0, still / max(level, 1e-300))
             independent += len(left) / memory
@@ -129,23 +121,25 @@ def standing_reading_covariance(
 
 
 def shifts_by_calibration_errors(
-    joint: JointRecords, theta: Float[np.ndarray, "q"]
+    problem: FitProblem, theta: Float[np.ndarray, "q"]
 ) -> Float[np.ndarray, "m q"]:
     """Shifts (m, q) of a joint search vector by what sensors' calibrations leave open."""
     # Each independent deviation of one standard uncertainty is laid on the records and moves the linearised
     # fit, so that S'S is their covariance. Those of records that have equally many are of one sensor, and
     # move together.
-    size = len(joint.held_entries)
-    free = np.flatnonzero(~joint.held_entries)
+    size, free = len(theta), np.flatnonzero(~problem.held_entries)
+    if not any(data.record.deviations for data in problem.data):
+        return np.zeros((0, size))
     matrix = np.zeros((size, size))
     pulls: dict[tuple[int, str, int], np.ndarray] = {}
-    for grid, here in zip(joint.grids, joint.entries, strict=True):
-        left, slopes = grid.linearised_residuals(theta[here])
-        weighted = half_cost_curvature(left, grid.loss)[:, None] * slopes
+    for data in problem.data:
+        here = data.entries
+        left, slopes = data.linearised_residuals(theta[here])
+        weighted = half_cost_curvature(left, data.loss)[:, None] * slopes
         matrix[np.ix_(here, here)] += slopes.T @ weighted
-        for name, every in grid.record.deviations.items():
+        for name, every in data.record.deviations.items():
             for k, deviation in enumerate(every):
-                shifted, _ = grid.with_column_deviation(name, deviation).linearised_residuals(theta[here])
+                shifted, _ = data.with_column_deviation(name, deviation).linearised_residuals(theta[here])
                 pull = pulls.setdefault((len(every), name, k), np.zeros(size))
                 pull[here] += weighted.T @ (shifted - left)
     result = np.zeros((len(pulls), size))

@@ -22,9 +22,10 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import CautionWarning, InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.assessment import has_sensor_drift, models_from_fit
-from reduced_models.fitting.joint_records import JointRecords
+from reduced_models.fitting.fit_data import fine_grid
+from reduced_models.fitting.given_records import RecordLike, list_of_records, read_given_record
 from reduced_models.fitting.motion_history import fit_with_histories, is_motion_history, prepend_histories
-from reduced_models.fitting.observations import observed_records, training_data
+from reduced_models.fitting.observations import observed_data, observed_records
 from reduced_models.fitting.options import (
     STARTS,
     TEST_FRACTION,
@@ -33,14 +34,8 @@ from reduced_models.fitting.options import (
     prescribed_initial_state,
 )
 from reduced_models.fitting.parameter import Parameter, Parameters, as_parameters, parameter_settings
-from reduced_models.fitting.problem import (
-    FitProblem,
-    Intervals,
-    RecordLike,
-    list_of_records,
-    read_given_record,
-)
-from reduced_models.fitting.refinement import SearchResult, fine_grids_over_records, solve_on_verified_grids
+from reduced_models.fitting.problem import FitProblem, Intervals
+from reduced_models.fitting.refinement import SearchResult, solve_on_verified_grids
 from reduced_models.fitting.residual_diagnostics import random_walk_gain, whiteness_p_value
 from reduced_models.fitting.residuals import BLOWN_UP, LossName, remove_random_walk
 from reduced_models.fitting.search import multistart_search
@@ -201,7 +196,7 @@ def fit(
         mean_height = float(np.mean([item.height.mean() for item in records]))
         declared[law.given] = Parameter(mean_height, fixed=True)
     settings = parameter_settings(law, declared, len(records))
-    chosen, pairs, initial = settings.law, settings.bounds, how.initial
+    chosen, initial = settings.law, how.initial
     if how.drift and intervals == "profile":
         raise InputError("profile intervals know no drift; give intervals='linear'")
     histories = prepend_histories(chosen, initial, records) if is_motion_history(initial) else []
@@ -210,22 +205,18 @@ def fit(
     view = observed.view
     if histories and (view.sensor is not None or chosen.observations):
         raise InputError("initial: a motion before is followed by its heights; fit these")
-    pairs |= dict.fromkeys(view.held, (0.0, 0.0))
+    data = observed_data(
+        observed, settings, test_fraction, weights, noise, loss, how.input_interpolation or "spline", state
+    )
     problem = FitProblem(
-        law=chosen,
-        data=training_data(chosen, observed, test_fraction, weights, noise, loss, settings.by_record),
-        own=settings.own,
-        bounds=pairs,
+        data,
+        bounds=settings.bounds | dict.fromkeys(view.held, (0.0, 0.0)),
         start=settings.start,
-        initial=state,
-        loss=loss,
-        interpolation=how.input_interpolation or "spline",
         known_noise=noise is not None,
         starts=starts,
         confidence=confidence,
         intervals=intervals,
         seed=seed,
-        sensor=view.sensor,
         untold=view.untold,
         notes=observed.notes,
     )
@@ -284,28 +275,28 @@ def _best_interpolation(result: SearchResult) -> SearchResult:
     """Fit with the interpolation of the inputs that has the least held-out error."""
     # Each is fitted from the fit with splines, so that all end in the same valley.
     problem = result.problem
-    counts = [min(samples, _MOST_SAMPLES) for samples in problem.samples]
+    counts = [min(samples, _MOST_SAMPLES) for samples in problem.training]
     # One step a sample at least: what a held input does within a step has no order.
-    aligned = fine_grids_over_records(dataclasses.replace(problem, interpolation="linear"))
+    aligned = [fine_grid(problem.law, data.record, data.guess.period, "linear") for data in problem.data]
     errors = {}
     for how in INTERPOLATIONS:
-        grids = tuple(
-            grid.on_grid(steps, how) for grid, steps in zip(result.joint.grids, aligned, strict=True)
+        trial = problem.with_data(
+            dataclasses.replace(data, grid=grid, interpolation=how)
+            for data, grid in zip(problem.data, aligned, strict=True)
         )
-        joint = dataclasses.replace(result.joint, grids=grids)
-        theta = joint.refit(result.trained, counts, tolerance=1e-6)
-        errors[how] = (_mean_square_residual_after(joint, theta, counts), joint)
+        theta = trial.refit(result.trained, counts, tolerance=1e-6)
+        errors[how] = (_mean_square_residual_after(trial, theta, counts), trial)
     best = min(INTERPOLATIONS, key=lambda how: errors[how][0])
     if best == "spline" or errors[best][0] > _CLEARLY * errors["spline"][0]:
         return result
-    joint = errors[best][1]
-    return result.with_training_fit(joint, joint.refit(result.trained, problem.samples))
+    chosen = errors[best][1]
+    return result.with_training_fit(chosen, chosen.refit(result.trained, problem.training))
 
 
-def _mean_square_residual_after(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
+def _mean_square_residual_after(problem: FitProblem, theta: np.ndarray, counts: list[int]) -> float:
     """Mean squared residual behind so many samples of each record, over as many at most."""
     total, size = 0.0, 0
-    for residuals, count in zip(joint.residuals(theta), counts, strict=True):
+    for residuals, count in zip(problem.residuals(theta), counts, strict=True):
         left = residuals[count : 2 * count]
         if (np.abs(left) >= BLOWN_UP).any():
             return float("inf")
@@ -317,22 +308,21 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
     """Fit with the gains that leave least of the records' residuals."""
     # Exponential smoothing of the residuals is the filter of a random walk in white noise (Muth 1960,
     # doi:10.1080/01621459.1960.10482064): with the gain of the true ratio of both its errors are white.
-    joint, theta = result.joint, result.trained
+    problem, theta = result.problem, result.trained
     for _ in range(_DRIFT_ROUNDS):
-        gains = map(random_walk_gain, joint.residuals(theta))
-        grids = tuple(
-            dataclasses.replace(grid, gain=gain) for grid, gain in zip(joint.grids, gains, strict=True)
+        gains = map(random_walk_gain, problem.residuals(theta))
+        problem = problem.with_data(
+            dataclasses.replace(data, gain=gain) for data, gain in zip(problem.data, gains, strict=True)
         )
-        joint = dataclasses.replace(joint, grids=grids)
-        theta = joint.refit(theta, result.problem.samples, tolerance=1e-6)
-    return result.with_training_fit(joint, theta)
+        theta = problem.refit(theta, problem.training, tolerance=1e-6)
+    return result.with_training_fit(problem, theta)
 
 
 def _has_random_walk_residuals(result: SearchResult, models: Sequence[ReducedModel]) -> bool:
     """Tell whether residuals of a record drift, and are a random walk next to white noise."""
-    for data, residuals in zip(result.problem.data, result.joint.residuals(result.theta), strict=True):
+    for data, residuals in zip(result.problem.data, result.problem.residuals(result.theta), strict=True):
         model = models[data.number]
-        quality = model.qualities.get(data.observation, model.quality)
+        quality = model.qualities.get(data.unknowns.observation, model.quality)
         if quality.rounded or not has_sensor_drift(quality):
             continue
         gain = random_walk_gain(residuals)

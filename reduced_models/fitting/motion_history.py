@@ -17,8 +17,7 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from reduced_models.fitting.joint_records import JointRecords
-from reduced_models.fitting.levenberg_marquardt import Bounds
+from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.options import Initial
 from reduced_models.fitting.refinement import SearchResult
 from reduced_models.fitting.start_values import acceleration_function
@@ -77,30 +76,27 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
 
 def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
     """Fit with hidden states held where the records' histories end."""
-    problem, joint, theta = result.problem, result.joint, result.trained
+    problem, theta = result.problem, result.trained
     first = len(problem.law.parameters) + 2
-    hidden = slice(first, first + len(problem.law.hidden))
     for _ in range(_ROUNDS):
         former, theta = theta, theta.copy()
-        low, high = joint.bounds.low.copy(), joint.bounds.high.copy()
-        for data, history, here in zip(problem.data, histories, joint.entries, strict=True):
-            states = _states_at_history_end(joint, theta[here], history, data.guess.period)
-            entries = here[hidden]
-            theta[entries] = low[entries] = high[entries] = states
-        joint = dataclasses.replace(joint, bounds=Bounds(low, high))
-        theta = joint.refit(theta, problem.samples, tolerance=1e-10)
+        moved = []
+        for data, history in zip(problem.data, histories, strict=True):
+            states = _states_at_history_end(data, theta[data.entries], history)
+            theta[data.entries[first : first + len(states)]] = states
+            hidden = dict(zip(problem.law.hidden, map(float, states), strict=True))
+            moved.append(dataclasses.replace(data, initial={**data.initial, **hidden}))
+        problem = problem.with_data(moved)
+        theta = problem.refit(theta, problem.training, tolerance=1e-10)
         if np.abs(theta - former).max() <= _SAME * max(1.0, np.abs(theta).max()):
             break
-    return result.with_training_fit(joint, theta)
+    return result.with_training_fit(problem, theta)
 
 
-def _states_at_history_end(
-    joint: JointRecords, theta: np.ndarray, history: PistonRecord, period: float
-) -> np.ndarray:
+def _states_at_history_end(data: FitData, theta: np.ndarray, history: PistonRecord) -> np.ndarray:
     """Hidden states (h,) where a history ends, which is at time 0."""
-    unknowns = joint.unknowns
-    law = unknowns.law
-    values = unknowns.physical_values(theta)[0]
+    law, period = data.unknowns.law, data.guess.period
+    values = data.unknowns.physical_values(theta)[0]
     start = float(history.time[0])
     nodes = np.linspace(start, 0.0, max(_NODES_A_SWING, round(-_NODES_A_SWING * start / period)))
     motion = fit_local_cubics(history.time, history.height, period, nodes)

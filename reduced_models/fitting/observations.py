@@ -5,20 +5,22 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, RecordError, RecordWarning
 from granular.shared.message_text import quote
-from reduced_models.fitting.problem import TrainingData, split_training_data, weights_and_noise
+from reduced_models.fitting.fit_data import FitData, data_of_record
+from reduced_models.fitting.given_records import weights_and_noise
+from reduced_models.fitting.parameter import ParameterSettings
 from reduced_models.fitting.residuals import LossName
 from reduced_models.fitting.sensor_identifiability import IdentifiableSensor, identifiable_sensor
 from reduced_models.laws.law import Law
 from reduced_models.records.derivatives import noise_level
-from reduced_models.records.inputs import with_stroke_columns
-from reduced_models.records.sensor import Sensor, SensorQuantity, resolve_sensor
+from reduced_models.records.inputs import Interpolation, with_stroke_columns
+from reduced_models.records.sensor import Sensor, column_sensor, resolve_sensor
 from reduced_models.records.sensor_artefacts import keep_text, without_clipped_samples
 
 
@@ -95,16 +97,18 @@ def _strokes_with_force(records: Sequence[PistonRecord], cell: Sensor) -> Observ
     return ObservedRecords(strokes, IdentifiableSensor(sensor), (note,) * turned)
 
 
-def training_data(
-    law: Law,
+def observed_data(
     observed: ObservedRecords,
+    settings: ParameterSettings,
     test_fraction: float,
     weights: Any,
     noise: Any,
     loss: LossName,
-    fixed: Sequence[Mapping[str, float]],
-) -> tuple[TrainingData, ...]:
-    """Split what is compared of each record into a training stretch and test swings."""
+    interpolation: Interpolation,
+    initial: Mapping[str, float],
+) -> tuple[FitData, ...]:
+    """Return the data of a fit: each column that a law compares, of each record."""
+    law, view = settings.law, observed.view
     names = law.observations or ("",)
     if len(names) > 1 and (weights is not None or not isinstance(noise, Mapping | None)):
         raise InputError(
@@ -115,23 +119,30 @@ def training_data(
         _check_noise_names(law, noise)
     result = []
     shared = [_shared_samples(record, law.observations) for record in observed.records]
+    bounds = settings.bounds | dict.fromkeys(view.held, (0.0, 0.0))
     for name in names:
         own = noise.get(name) if isinstance(noise, Mapping) else noise
         given = weights_and_noise(observed.records, weights, own)
         for number, record in enumerate(observed.records):
             weight, level = given[number]
-            data = split_training_data(
+            data = data_of_record(
+                law,
                 record.select(shared[number]),
                 test_fraction,
                 None if weight is None else weight[shared[number]],
                 level,
                 loss,
-                fixed[number],
-                _reading_sensor(name) if name and observed.view.sensor is None else observed.view.sensor,
-                about_rest="level" in observed.view.untold or not law.observes_height,
-                prescribed=law.prescribed,
+                view.sensor,
+                name,
+                interpolation,
+                about_rest="level" in view.untold or not law.observes_height,
             )
-            result.append(data._replace(observation=name, number=number))
+            fixed = {key: (value, value) for key, value in settings.by_record[number].items()}
+            result.append(
+                dataclasses.replace(
+                    data, number=number, bounds=bounds | fixed, initial=initial, own=settings.own
+                )
+            )
     return tuple(result) if len(names) == 1 else _weighted_by_noise(result)
 
 
@@ -141,7 +152,7 @@ def _shared_samples(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
     if len(names) > 1:
         with warnings.catch_warnings(action="ignore"):
             for name in names:
-                signal = _reading_sensor(name).signal(record.columns)
+                signal = column_sensor(name).signal(record.columns)
                 sound = without_clipped_samples(dataclasses.replace(record, height=signal))
                 start = max(start, sound.time[0])
     if start > record.time[0]:
@@ -163,21 +174,15 @@ def _check_noise_names(law: Law, noise: Mapping[str, Any]) -> None:
         raise InputError(f"noise: {', and '.join(wrong)}; give it of {', '.join(law.observations)}")
 
 
-def _reading_sensor(name: str) -> Sensor:
-    """Sensor that reads a column as it is."""
-    quantity: Any = name if name in get_args(SensorQuantity) else "height"
-    return Sensor(quantity, gain=1.0, offset=0.0, column=name)
-
-
-def _weighted_by_noise(data: Sequence[TrainingData]) -> tuple[TrainingData, ...]:
+def _weighted_by_noise(data: Sequence[FitData]) -> tuple[FitData, ...]:
     """Weigh columns of different kinds by their noise, each in the size of its signal."""
     levels = []
     for item in data:
         level = item.noise or noise_level(item.record.height, item.record.time)
-        levels.append(level / float(np.abs(item.training.height - item.training.height.mean()).max()))
+        levels.append(level / item.unknowns.signal)
     least = max(min(levels), 1e-300)
     balances = [least / max(level, least) for level in levels]
     return tuple(
-        item._replace(weights=item.weights * balance, balance=balance)
+        dataclasses.replace(item, weights=item.weights * balance, balance=balance)
         for item, balance in zip(data, balances, strict=True)
     )

@@ -16,11 +16,11 @@ import numpy as np
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError, MissingPackageError
 from granular.shared.message_text import quote
-from reduced_models.fitting.joint_records import JointRecords, joint_vector, joint_vector_entries
-from reduced_models.fitting.levenberg_marquardt import Bounds
+from reduced_models.fitting.fit_data import FitData
+from reduced_models.fitting.given_records import list_of_records
 from reduced_models.fitting.parameter import check_parameter_names
-from reduced_models.fitting.problem import list_of_records
-from reduced_models.fitting.residuals import record_on_grid, residual_function
+from reduced_models.fitting.problem import FitProblem
+from reduced_models.fitting.residuals import residual_function
 from reduced_models.fitting.roll_out import search_vector_of_model
 from reduced_models.fitting.samples import grid_over_record
 from reduced_models.jax_setup import jax, jax_call
@@ -108,8 +108,8 @@ def sample_posterior(
         raise MissingPackageError(
             f"{error.name} is not installed; pip install 'granular-damper[posterior]'"
         ) from None
-    joint, theta = _gridded_records(model, record, per_record)
-    potential, centre, spread = _negative_log_density(joint, theta, per_record)
+    problem, theta = _data_of_models(model, record, per_record)
+    potential, centre, spread = _negative_log_density(problem, theta, per_record)
     start = np.random.default_rng(seed).normal(0.0, 0.1, (chains, len(centre)))
     kernel = numpyro.infer.NUTS(potential_fn=potential, forward_mode_differentiation=True)
     sampler = numpyro.infer.MCMC(
@@ -123,11 +123,11 @@ def sample_posterior(
     with jax_call():
         sampler.run(jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0]))
         result = np.asarray(sampler.get_samples(group_by_chain=True))
-    return arviz.from_dict(_name_draws(joint, per_record, centre + result @ spread.T))
+    return arviz.from_dict(_name_draws(problem, per_record, centre + result @ spread.T))
 
 
-def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, np.ndarray]:
-    """Return the records on their grids, and the fit."""
+def _data_of_models(model: Any, record: Any, own: Sequence[str]) -> tuple[FitProblem, np.ndarray]:
+    """Return the data of the fit, and where it ended."""
     records = [entry.with_time_from_zero() for entry in list_of_records(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
@@ -141,45 +141,46 @@ def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[Joint
     # All in the units of the first model: vectors of different units would not add up.
     unknowns, _ = search_vector_of_model(models[0], guesses[0])
     thetas = [search_vector_of_model(entry, None, unknowns)[1] for entry in models]
-    entries = joint_vector_entries(unknowns, len(records), own)
-    theta = joint_vector(thetas, entries)
-    names = unknowns.law.inputs
-    grids = tuple(
-        record_on_grid(
+    law, given = unknowns.law, [name for name, (low, high) in models[0].intervals.items() if low == high]
+    data = [
+        FitData(
             unknowns,
             record,
-            grid_over_record(record, names, guess.period, _STEPS * unknowns.law.step_ratio),
+            grid_over_record(record, law.inputs, guess.period, _STEPS * law.step_ratio),
+            np.ones(len(record)),
+            record,
+            guess,
+            len(record),
             models[0].input_interpolation,
+            bounds={name: (entry.parameters[name], entry.parameters[name]) for name in given},
+            initial={name: entry.hidden.get(name, 0.0) for name in law.hidden},
+            own=tuple(own),
+            number=number,
         )
-        for record, guess in zip(records, guesses, strict=True)
-    )
-    held = np.zeros(len(theta), dtype=bool)
-    for here in entries:
-        held[here[len(unknowns.law.parameters) + 2 :]] = True
-    for k, name in enumerate(unknowns.law.parameters):
-        low, high = models[0].intervals[name]
-        if low == high:
-            held[[here[k] for here in entries]] = True
-    bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
-    return JointRecords(grids, entries, bounds), theta
+        for number, (entry, record, guess) in enumerate(zip(models, records, guesses, strict=True))
+    ]
+    problem = FitProblem(tuple(data))
+    return problem, problem.joint_vector(thetas)
 
 
 def _negative_log_density(
-    joint: JointRecords, theta: np.ndarray, own: Sequence[str]
+    problem: FitProblem, theta: np.ndarray, own: Sequence[str]
 ) -> tuple[Any, np.ndarray, np.ndarray]:
     """Minus the logarithm of the density of scaled unknowns, with their centre and their scales."""
-    size, free = len(theta), np.flatnonzero(~joint.held_entries)
+    size, free = len(theta), np.flatnonzero(~problem.held_entries)
     normal, left = np.zeros((size, size)), []
-    for grid, here in zip(joint.grids, joint.entries, strict=True):
-        value, slopes = grid.linearised_residuals(theta[here])
+    for data in problem.data:
+        here = data.entries
+        value, slopes = data.linearised_residuals(theta[here])
         normal[np.ix_(here, here)] += slopes.T @ slopes
         left.append(value)
     count = sum(map(len, left))
     level = max(float(np.sqrt(np.concatenate(left) @ np.concatenate(left) / count)), _LEAST)
     strengths, directions = np.linalg.eigh(normal[np.ix_(free, free)])
     root = directions / np.sqrt(np.maximum(strengths, _FLAT * strengths[-1]))
-    law = joint.unknowns.law
-    saved = [np.array([here[law.parameters.index(name)] for here in joint.entries]) for name in own]
+    law = problem.law
+    entries = [data.entries for data in problem.data]
+    saved = [np.array([here[law.parameters.index(name)] for here in entries]) for name in own]
     means = [theta[here].mean() for here in saved]
     spreads = [max(theta[here].std(), 1e-3) for here in saved]
     extra = 1 + 2 * len(own)
@@ -189,16 +190,16 @@ def _negative_log_density(
     scale[np.ix_(free, np.arange(len(free)))] = level * root
     tails = [1.0 / np.sqrt(2.0 * count), *spreads, *(0.5 for _ in own)]
     scale[np.arange(size, total), len(free) + np.arange(extra)] = tails
-    samples = [grid.samples for grid in joint.grids]
-    residual = residual_function(joint.unknowns, "residual")
-    scales = joint.unknowns.scales
+    samples = [data.samples for data in problem.data]
+    residual = residual_function(problem.unknowns, "residual")
+    scales = problem.unknowns.scales
 
     def potential(scaled: Any) -> Any:
         full = centre + scale @ scaled
         noise = full[size]
         cost = sum(
             (residual(full[here], sample, scales) ** 2).sum()
-            for here, sample in zip(joint.entries, samples, strict=True)
+            for here, sample in zip(entries, samples, strict=True)
         )
         minus = 0.5 * cost * jnp.exp(-2.0 * noise) + count * noise
         for k, here in enumerate(saved):
@@ -212,12 +213,12 @@ def _negative_log_density(
     return potential, centre, scale
 
 
-def _name_draws(joint: JointRecords, own: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
+def _name_draws(problem: FitProblem, own: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
     """Draws (chain, draw, ...) by name, in their units."""
-    unknowns, size = joint.unknowns, len(joint.held_entries)
-    several = len(joint.grids) > 1
+    unknowns, size = problem.unknowns, len(problem.held_entries)
+    several = len(problem.data) > 1
     result: dict[str, Any] = {}
-    for index, here in enumerate(joint.entries):
+    for index, here in enumerate(data.entries for data in problem.data):
         theta = np.moveaxis(full[..., here], -1, 0)
         values, height, velocity, _ = unknowns.physical_values(theta)
         for name, value in zip(unknowns.law.parameters, values, strict=True):

@@ -1,276 +1,153 @@
-"""The problem that a fit solves: a law, the records that it is fitted to, and all that is asked."""
+"""The problem that a fit solves: the data of its records, and all that is asked.
+
+One search vector describes all records: what they share once, then what each has alone.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+import functools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from granular.run.piston_record import PandasOrXarray, PistonRecord
-from granular.shared.errors import InputError, RecordError
-from reduced_models.fitting.residuals import Loss, LossName
+from reduced_models.fitting.fit_data import FitData, Selection
+from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
+from reduced_models.fitting.unknowns import Pairs, Unknowns
 from reduced_models.laws.law import Law
-from reduced_models.records.derivatives import noise_level
-from reduced_models.records.first_guesses import FirstGuesses, first_guesses
-from reduced_models.records.held_out_swings import choose_test_swings
-from reduced_models.records.inputs import Interpolation
-from reduced_models.records.sensor import Sensor
-from reduced_models.records.sensor_artefacts import count_samples_in_motion, without_clipped_samples
-from reduced_models.records.sources import read_record
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-RecordLike = (
-    PistonRecord | PandasOrXarray | str | Path | Mapping[str, np.ndarray] | tuple[np.ndarray, np.ndarray]
-)
-"""A record, a table of one, the name of its file, or its times and heights."""
-Pairs = Mapping[str, tuple[float, float]]
 Intervals = Literal["linear", "profile"]
 
-_SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
-"""Scales of the losses, in standard deviations of the noise: nine tenths as sharp as least squares,
-and more, where the noise is normal (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
-_LEAST_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
-# Samples whose median is compared; up to two outliers in a row do not move it.
-_WINDOW = 5
-_FAR = 5.0  # standard deviations of the noise
-
-
-class TrainingData(NamedTuple):
-    """A record from time 0 on, the stretch that a search sees, and the swings that judge a law."""
-
-    record: PistonRecord
-    training: PistonRecord
-    test_swings: tuple[slice, ...]  # without weight in a first fit, which they judge
-    look: PistonRecord  # training stretch for first guesses, outliers clipped if the loss spares them
-    guess: FirstGuesses
-    weights: Float[np.ndarray, "n"]
-    noise: float  # [m]
-    fixed: Mapping[str, float] = {}  # parameters that are given for this record alone
-    observation: str = ""  # of the law, that the heights of record and training are
-    number: int = 0  # of the record, of which there may be several observations
-    balance: float = 1.0  # part of the weights that makes several observations count by their noise
-
-    @property
-    def weighted_noise(self) -> float:
-        """Noise [m] of the weighted residuals."""
-        return self.noise * self.balance
+_PATIENCE = 2  # trials without a gain, of a search that starts near its end
+_NEAR = 1e-6  # first damping of a search that starts near its end
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FitProblem:
-    """Records to fit together, and what is asked; see `reduced_models.fitting.fit.fit`."""
+    """Data to fit together, and what is asked; see `reduced_models.fitting.fit.fit`."""
 
-    law: Law
-    data: tuple[TrainingData, ...]
-    own: tuple[str, ...]  # parameters that each record has for itself
-    bounds: Pairs
-    start: Mapping[str, float]  # values about which parameters are looked for
-    initial: Mapping[str, float]  # [m, m/s]
-    loss: LossName
-    interpolation: Interpolation
-    known_noise: bool
-    starts: int
-    confidence: float
-    intervals: Intervals
-    seed: int
-    sensor: Sensor | None = None
+    data: tuple[FitData, ...]
+    bounds: Pairs = dataclasses.field(default_factory=dict)  # of all records
+    start: Mapping[str, float] = dataclasses.field(default_factory=dict)  # where parameters are looked for
+    known_noise: bool = False
+    starts: int = 1
+    confidence: float = 0.95
+    intervals: Intervals = "linear"
+    seed: int = 0
     notes: tuple[str, ...] = ()  # on the data
     untold: tuple[str, ...] = ()  # by the signal; level: height of rest, size: size of the motion
 
-    def bounds_of_record(self, data: TrainingData) -> Pairs:
-        """Bounds of the parameters of one of the records."""
-        return {**self.bounds, **{name: (value, value) for name, value in data.fixed.items()}}
+    @property
+    def unknowns(self) -> Unknowns:
+        """Scales of what records share."""
+        return self.data[0].unknowns
 
     @property
-    def largest_swing_record(self) -> TrainingData:
+    def law(self) -> Law:
+        """Law that is fitted."""
+        return self.unknowns.law
+
+    @property
+    def largest_swing_record(self) -> FitData:
         """The record that swings the furthest."""
         return max(self.data, key=lambda data: data.guess.amplitude)
 
     @property
-    def samples(self) -> tuple[int, ...]:
+    def training(self) -> tuple[int, ...]:
         """Number of samples of each training stretch."""
-        return tuple(len(data.training) for data in self.data)
+        return tuple(data.training for data in self.data)
 
-    @property
-    def training_masks(self) -> tuple[np.ndarray, ...]:
-        """Samples (n,) of each record that its test swings leave, as a mask."""
-        masks = tuple(np.ones(len(data.record), dtype=bool) for data in self.data)
-        for data, mask in zip(self.data, masks, strict=True):
-            for swing in data.test_swings:
-                mask[swing] = False
-        return masks
+    def with_data(self, data: Iterable[FitData]) -> FitProblem:
+        """Return the same of other data."""
+        return dataclasses.replace(self, data=tuple(data))
 
-    @property
-    def noise(self) -> tuple[float | None, ...]:
-        """Noise [m] of each record, None unless it was given."""
-        return tuple(data.noise if self.known_noise else None for data in self.data)
-
-    @property
-    def weighted_noise(self) -> tuple[float | None, ...]:
-        """Noise [m] of each record's weighted residuals, None unless it was given."""
-        return tuple(data.weighted_noise if self.known_noise else None for data in self.data)
-
-    def loss_of_record(self, data: TrainingData, unit: float) -> Loss:
-        """Loss of a record's residuals, which count in a unit; data, unit [m]."""
-        scale = _SCALES[self.loss] * max(data.weighted_noise / unit, _LEAST_SCALE)
-        return Loss(self.loss, scale)
-
-
-def split_training_data(
-    record: PistonRecord,
-    test_fraction: float,
-    weights: Float[np.ndarray, "n"] | None = None,
-    noise: float | None = None,
-    loss: LossName = "linear",
-    fixed: Mapping[str, float] | None = None,
-    sensor: Sensor | None = None,
-    *,
-    about_rest: bool = False,
-    prescribed: bool = False,
-) -> TrainingData:
-    """Split a record into its training stretch and test swings, and take a glance at it; noise [m]."""
-    # The fraction is one of the motion: an end at rest would say nothing of a law. It is whole swings spread
-    # over the motion, or its end if there are too few of them.
-    total = record.with_time_from_zero()
-    motion = total
-    if sensor is not None:
-        columns = total.columns
-        if not prescribed:
-            height = sensor.approximate_heights(columns, about_rest=about_rest)
-            # The column stays as it is, for what a law says of it.
-            extra = {**total.extra, "height": columns.get("height", height)}
-            motion = dataclasses.replace(total, height=height, extra=extra)
-        total = dataclasses.replace(
-            total, height=sensor.signal(columns), deviations=sensor.signal_deviations(total.deviations)
-        )
-    sound = without_clipped_samples(total)
-    if sound is not total:
-        seen = np.isin(total.time, sound.time)
-        total, motion = (entry.with_time_from_zero() for entry in (sound, motion.select(seen)))
-        weights = None if weights is None else weights[seen]
-    moving = count_samples_in_motion(total) if test_fraction > 0.0 and not prescribed else len(total)
-    stop = float(total.time[moving - 1]) * (1.0 - test_fraction)
-    # Two samples make a record; what is too short to fit is reported by its first guesses.
-    count = max(2, int(np.searchsorted(total.time, stop, side="right")))
-    training = total.first(count)
-    given = np.ones(len(total)) if weights is None else weights
-    level = noise or 0.0
-    if noise is None and loss != "linear":
-        level = noise_level(total.height, total.time)
-    look = motion.first(count)
-    if loss != "linear":
-        look = clip_outliers(look)
-    guess = first_guesses(look.time, look.height)
-    swings: tuple[slice, ...] = ()
-    if test_fraction > 0.0:
-        seen = motion.height if prescribed else total.height
-        swings = choose_test_swings(total.time, seen, test_fraction, moving)
-    if not swings and len(total) - count >= 2:
-        swings = (slice(count, max(moving, count + 2)),)
-    return TrainingData(total, training, swings, look, guess, given, level, fixed or {})
-
-
-def clip_outliers(record: PistonRecord) -> PistonRecord:
-    """Move samples of a record that are far from the median about them to it."""
-    # Outliers may be larger than the amplitude, and each makes two passages through rest. A Hampel filter
-    # (Pearson 2002, doi:10.1109/87.974338), its limit by the noise in third differences, or by the motion's
-    # own step if samples are few.
-    height = record.height
-    if len(height) < _WINDOW:
-        return record
-    around = np.pad(height, _WINDOW // 2, mode="edge")
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _WINDOW), axis=1)
-    step = float(np.median(np.abs(np.diff(height))))
-    limit = _FAR * max(noise_level(height, record.time), step)
-    far = np.abs(height - medians) > limit
-    return dataclasses.replace(record, height=np.where(far, medians, height))
-
-
-def record_from_table(source: Any) -> Any:
-    """Record in a table, in a mapping of names to arrays or in a pair (time, height); else the source."""
-    if isinstance(source, tuple) and len(source) == 2 and all(map(_is_plain_array, source)):
-        return PistonRecord(*source)
-    is_table = hasattr(source, "equals") or isinstance(source, Mapping)
-    return PistonRecord.from_table(source) if is_table else source
-
-
-def _is_plain_array(values: Any) -> bool:
-    """Return whether values are one column, and no table of a column."""
-    return np.ndim(values) == 1 and not hasattr(values, "equals")
-
-
-def read_given_record(source: Any) -> Any:
-    """Record in a file, as `read_record` reads it, or in a table; anything else as it is."""
-    return read_record(source) if isinstance(source, str | Path) else record_from_table(source)
-
-
-def list_of_records(record: Any) -> list[PistonRecord]:
-    """One record, file or table, or a sequence of them, as a list of records."""
-    if isinstance(single := read_given_record(record), PistonRecord):
-        return [single]
-    if isinstance(record, Sequence):
-        records = [read_given_record(item) for item in record]
-        if not records:
-            raise InputError("there is no record to fit; give at least one")
-        if all(isinstance(item, PistonRecord) for item in records):
-            return records
-    kind = type(record).__name__
-    raise InputError(
-        f"a {kind} is no record; give a file's name, (time, height), a table, or a PistonRecord, such as "
-        "read_record(path) gives"
-    )
-
-
-def refuse_prescribed_strokes(records: Sequence[PistonRecord], action: str) -> None:
-    """Refuse records of a force along a prescribed stroke."""
-    for record in records:
-        if record.measured == "force":
-            raise RecordError(
-                f"{action} is of free or driven motions, and the stroke of this record is prescribed; "
-                'for a law of its force give target="force" (--target force)'
+    def with_scales(self, unknowns: Unknowns) -> FitProblem:
+        """Return the same in common scales; what a law observes has the size of its own signal."""
+        return self.with_data(
+            dataclasses.replace(
+                data,
+                unknowns=dataclasses.replace(
+                    unknowns, observation=data.unknowns.observation, signal=data.unknowns.signal
+                )
+                if data.unknowns.observation
+                else unknowns,
             )
-
-
-def weights_and_noise(
-    records: Sequence[PistonRecord], weights: Any, noise: Any
-) -> list[tuple[np.ndarray | None, float | None]]:
-    """Weights (n,) of each record's residuals, and the noise [m] of one with the weight 1."""
-    if weights is not None and noise is not None and np.ndim(noise) > 0:
-        raise InputError("noise of each sample gives their weights; leave weights out")
-    several = len(records) > 1
-    both: list[tuple[np.ndarray | None, float | None]] = []
-    for k, record in enumerate(records):
-        weights_of_record = _option_of_record("weights", weights, k, record, several=several)
-        noise_of_record = _option_of_record("noise", noise, k, record, several=several)
-        if noise_of_record is None or noise_of_record.ndim == 0:
-            level = None if noise_of_record is None else float(noise_of_record)
-            both.append((weights_of_record, level))
-        else:
-            level = float(1.0 / np.sqrt((noise_of_record**-2.0).mean()))
-            both.append((level / noise_of_record, level))
-    return both
-
-
-def _option_of_record(
-    what: str, given: Any, k: int, record: PistonRecord, *, several: bool
-) -> np.ndarray | None:
-    if given is None:
-        return None
-    try:
-        own = np.asarray(given[k] if several and np.ndim(given) != 0 else given, dtype=np.float64)
-    except (TypeError, ValueError, IndexError):
-        own = np.array(np.nan)
-    shapes = [record.time.shape] if what == "weights" else [(), record.time.shape]
-    if own.shape not in shapes or not np.isfinite(own).all() or not (own > 0.0).all():
-        raise InputError(
-            f"{what}: give positive numbers, one a sample ({len(record)})"
-            + (", or one for all" if what == "noise" else "")
-            + (", for each record" if several else "")
+            for data in self.data
         )
-    return own
+
+    @functools.cached_property
+    def edges(self) -> Bounds:
+        """Least and greatest entries (q,) of the search vector, equal where they are held."""
+        edges = [data.edges for data in self.data]
+        return Bounds(*(self.joint_vector(side) for side in zip(*edges, strict=True)))
+
+    @property
+    def held_entries(self) -> np.ndarray:
+        """Entries (q,) of the search vector that are given, as a mask."""
+        return np.asarray(self.edges.low == self.edges.high)
+
+    def joint_vector(self, vectors: Sequence[np.ndarray]) -> Float[np.ndarray, "... q"]:
+        """Search vector of the vectors of each record; shared entries are the first's."""
+        result = np.empty((*vectors[0].shape[:-1], self._size))
+        for vector, data in zip(reversed(vectors), reversed(self.data), strict=True):
+            result[..., data.entries] = vector
+        return result
+
+    @property
+    def _size(self) -> int:
+        return 1 + max(int(data.entries.max()) for data in self.data)
+
+    def prior(self, samples: float) -> Prior:
+        """Prior about a start, for costs of so many samples."""
+        return Prior(self.joint_vector([self.unknowns.prior] * len(self.data)), samples)
+
+    def residuals(self, theta: Float[np.ndarray, "q"]) -> list[np.ndarray]:
+        """Residuals (n,) of each record, in amplitudes."""
+        return [data.residuals(theta[data.entries]) for data in self.data]
+
+    def sum_of_normal_equations(self, normals: Sequence[Normal]) -> Normal:
+        """Return the normal equations of all records, of those of each."""
+        size = self._size
+
+        def normal_equations(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            count = len(theta)
+            cost, gradient = np.zeros(count), np.zeros((count, size))
+            matrix = np.zeros((count, size, size))
+            for data, own in zip(self.data, normals, strict=True):
+                here = data.entries
+                cost_of_record, gradient_of_record, matrix_of_record = map(np.asarray, own(theta[:, here]))
+                cost += cost_of_record
+                gradient[:, here] += gradient_of_record
+                matrix[:, here[:, None], here] += matrix_of_record
+            return cost, gradient, matrix
+
+        return normal_equations
+
+    def normal_equations(self, selections: Sequence[Selection] | None = None) -> Normal:
+        """Return the normal equations of some samples of each record, or of all."""
+        chosen = selections or [None] * len(self.data)
+        normals = [data.normal_equations(here) for data, here in zip(self.data, chosen, strict=True)]
+        return self.sum_of_normal_equations(normals)
+
+    def normal_matrix(self, theta: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q q"]:
+        """Matrix J'J of all samples of all records."""
+        return np.asarray(self.normal_equations()(theta[None])[2][0])
+
+    def refit(
+        self, theta: Float[np.ndarray, "q"], selections: Sequence[int | np.ndarray], tolerance: float = 1e-11
+    ) -> Float[np.ndarray, "q"]:
+        """Fit some samples of each record, from a search vector (q,) near the fit."""
+        theta, _ = levenberg_marquardt(
+            self.normal_equations(selections),
+            theta[None],
+            self.prior(float(sum(np.sum(here) for here in selections))),
+            tolerance,
+            self.edges,
+            damping=_NEAR,
+            patience=_PATIENCE,
+        )
+        return np.asarray(theta[0])

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reduced_models.fitting.covariance import sandwich_covariance
-from reduced_models.fitting.joint_records import JointRecords
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
+from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.uncertainty import Interval, intervals_between, search_entry_names
 
 if TYPE_CHECKING:
@@ -37,24 +37,24 @@ _FIRST = 1.0  # longest first reach: further out, the linearisation is no guide
 
 
 def profile_intervals(
-    joint: JointRecords, theta: Float[np.ndarray, "q"], covariance: Float[np.ndarray, "q q"], quantile: float
+    problem: FitProblem, theta: Float[np.ndarray, "q"], covariance: Float[np.ndarray, "q q"], quantile: float
 ) -> list[dict[str, Interval]]:
     """Profile intervals of each record's parameters."""
     # The profile is measured by the variance with which the linearisation has its covariance, so that both
     # agree where the law is linear (profile t: Bates and Watts 1988, ch. 6).
-    unknowns = joint.unknowns
-    count = len(search_entry_names(unknowns, theta[joint.entries[0]])[0])
-    entries = sorted({int(entry) for here in joint.entries for entry in here[:count]})
-    free = np.flatnonzero(~joint.held_entries)
-    normal, plain = joint.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
+    unknowns = problem.unknowns
+    count = len(search_entry_names(unknowns, theta[problem.data[0].entries])[0])
+    entries = sorted({int(entry) for data in problem.data for entry in data.entries[:count]})
+    free = np.flatnonzero(~problem.held_entries)
+    normal, plain = problem.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
     plain[free] = np.diag(sandwich_covariance(normal, normal, 1.0))
-    variance = np.where(joint.held_entries, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
-    low, high = profile_interval_ends(joint, theta, entries, covariance, variance, quantile)
-    return [intervals_between(unknowns, low[here], high[here]) for here in joint.entries]
+    variance = np.where(problem.held_entries, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
+    low, high = profile_interval_ends(problem, theta, entries, covariance, variance, quantile)
+    return [intervals_between(unknowns, low[data.entries], high[data.entries]) for data in problem.data]
 
 
 def profile_interval_ends(
-    joint: JointRecords,
+    problem: FitProblem,
     theta: Float[np.ndarray, "p"],
     entries: Sequence[int],
     covariance: Float[np.ndarray, "p p"],
@@ -66,14 +66,14 @@ def profile_interval_ends(
     entry = np.repeat(np.array(entries, dtype=int), 2)
     sign = np.tile([-1.0, 1.0], len(entries))
     slack = np.where(
-        sign < 0, theta[entry] - joint.bounds.low[entry], joint.bounds.high[entry] - theta[entry]
+        sign < 0, theta[entry] - problem.edges.low[entry], problem.edges.high[entry] - theta[entry]
     )
     most = np.minimum(np.maximum(slack, 0.0), FAR)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))[entry]
     reach = np.minimum(np.minimum(quantile * spread, _FIRST), most)
     guide = theta + sign[:, None] * covariance[entry] / spread[:, None] ** 2
     distance = _distance_to_interval_end(
-        joint, theta, entry, sign, reach, most, guide, variance[entry], quantile
+        problem, theta, entry, sign, reach, most, guide, variance[entry], quantile
     )
     # Where the profile does not get there, a bound is the end, or there is none.
     distance = np.where(np.isinf(distance) & (slack < FAR), np.maximum(slack, 0.0), distance)
@@ -84,7 +84,7 @@ def profile_interval_ends(
 
 
 def _distance_to_interval_end(
-    joint: JointRecords,
+    problem: FitProblem,
     theta: np.ndarray,
     entry: np.ndarray,
     sign: np.ndarray,
@@ -95,7 +95,7 @@ def _distance_to_interval_end(
     quantile: float,
 ) -> np.ndarray:
     """Distances (s,) at which the profile t is the quantile; infinite where it never is."""
-    normal = joint.normal_equations()
+    normal = problem.normal_equations()
     least = float(np.asarray(normal(theta[None])[0])[0])
     near, near_t = np.zeros_like(reach), np.zeros_like(reach)
     far, far_t = np.full_like(reach, np.inf), np.full_like(reach, np.inf)
@@ -104,7 +104,7 @@ def _distance_to_interval_end(
     for _ in range(_ROUNDS):
         start = _vectors_along_path(theta, guide, entry, sign, reach)
         fits, costs, lacking = _refit_with_entry_fixed(
-            joint, normal, start, entry, _RESOLVED * float(variance.min())
+            problem, normal, start, entry, _RESOLVED * float(variance.min())
         )
         least = min(least, float(costs.min()))
         rise = np.sqrt(np.maximum(costs - least, 0.0) / variance)
@@ -158,16 +158,16 @@ def _vectors_along_path(
 
 
 def _refit_with_entry_fixed(
-    joint: JointRecords, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
+    problem: FitProblem, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fits (s, p) with one entry held in each, their sums of squares (s,), and what these lack."""
     # A Gauss-Newton step that would still go down by more than `resolved` shows a search that lost its way in
     # a bent valley; it is begun again from there.
     rows = np.arange(len(start))
-    low = np.tile(joint.bounds.low, (len(start), 1))
-    high = np.tile(joint.bounds.high, (len(start), 1))
+    low = np.tile(problem.edges.low, (len(start), 1))
+    high = np.tile(problem.edges.high, (len(start), 1))
     low[rows, entry] = high[rows, entry] = start[rows, entry]
-    size = sum(len(grid.record) for grid in joint.grids)
+    size = sum(len(data.record) for data in problem.data)
     free = Prior(np.zeros(start.shape[1]), float(size))
     for _ in range(_ATTEMPTS):
         tolerance = min(1e-6, resolved / float(np.asarray(normal(start)[0]).min()))

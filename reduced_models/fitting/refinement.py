@@ -16,11 +16,10 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from reduced_models.fitting.joint_records import JointRecords, joint_vector
+from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
-from reduced_models.fitting.samples import grid_over_record
+from reduced_models.fitting.residuals import BLOWN_UP, cost_and_weight
 from reduced_models.fitting.start_values import (
     append_initial_state,
     fit_to_accelerations,
@@ -30,15 +29,13 @@ from reduced_models.fitting.uncertainty import small_motion_figures
 from reduced_models.laws.linearization import NoSwing
 from reduced_models.laws.solution import Solution, observed_signal, solve_law
 from reduced_models.laws.symmetry import canonical_parameters
-from reduced_models.records.inputs import STROKE, TIME, StepGrid, has_inputs_besides_time, input_column
+from reduced_models.records.inputs import STROKE, TIME, input_column
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
 FIRST_SWINGS = 2.0
 """Swings that a search sees first."""
-COARSE_STEPS, FINE_STEPS = 16, 64
-"""Grid steps of a period: the phase error of a period is then 4e-6, and 1e-9."""
 SOLVER_LIMIT, SOLVER_SHARE = 1e-6, 0.05
 """Greatest error of the fitted solution, in amplitudes and in standard deviations of the residual;
 the larger of the two counts."""
@@ -61,7 +58,6 @@ class SearchResult:
     """A problem, and where its fit stands."""
 
     problem: FitProblem
-    joint: JointRecords
     trained: Float[np.ndarray, "q"]  # search vector without the test swings
     theta: Float[np.ndarray, "q"]  # that of all samples; before verification both are of the training
     converged: int  # starts that led to this fit
@@ -70,100 +66,74 @@ class SearchResult:
     collocation: str = "none"
     solver_errors: tuple[float, ...] = ()  # against the adaptive solution, in amplitudes
 
-    def with_training_fit(self, joint: JointRecords, trained: Float[np.ndarray, "q"]) -> SearchResult:
+    def with_training_fit(self, problem: FitProblem, trained: Float[np.ndarray, "q"]) -> SearchResult:
         """Return the result with another fit to the training stretches."""
-        return dataclasses.replace(self, joint=joint, trained=trained, theta=trained)
-
-
-def fine_grids_over_records(problem: FitProblem) -> list[StepGrid]:
-    """Fine grid over each record."""
-    # A driven law's steps end at the samples; it starts coarse, and is refined if its solution needs that.
-    law = problem.law
-    wanted = law.step_ratio * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)
-    return [
-        grid_over_record(data.record, law.inputs, data.guess.period, wanted, problem.interpolation)
-        for data in problem.data
-    ]
+        return dataclasses.replace(self, problem=problem, trained=trained, theta=trained)
 
 
 def refine_best_start(
-    problem: FitProblem, coarse: JointRecords, vectors: tuple[np.ndarray, np.ndarray]
+    problem: FitProblem, coarse: FitProblem, vectors: tuple[np.ndarray, np.ndarray]
 ) -> SearchResult:
     """Fit on fine grids from the best start of a search, compared with the fit to accelerations."""
     _, costs = vectors
-    grids = [
-        record_on_grid(
-            seen.unknowns,
-            data.record,
-            grid,
-            problem.interpolation,
-            data.weights,
-            problem.loss_of_record(data, seen.unknowns.residual_unit),
-        )
-        for data, seen, grid in zip(problem.data, coarse.grids, fine_grids_over_records(problem), strict=True)
-    ]
-    joint = JointRecords(tuple(grids), coarse.entries, coarse.bounds)
-    count = sum(problem.samples)
-    first = _best_of_equals(problem, joint, vectors)
-    reached = [float(grid.record.time[-1]) for grid in coarse.grids]
-    best = _refit_from_time(problem, joint, first, reached)
-    cost, coarse_cost = _training_cost(problem, joint, best), float(costs.min())
-    other = _collocation_fit(problem, joint, best, cost)
+    count = sum(problem.training)
+    first = _best_of_equals(problem, vectors)
+    best = _refit_from_time(problem, first, [float(data.record.time[-1]) for data in coarse.data])
+    cost, coarse_cost = _training_cost(problem, best), float(costs.min())
+    other = _collocation_fit(problem, best, cost)
     collocation = "none"
     if other is best:
         collocation = "same"
     elif other is not None:
         tie = count * TIE**2
-        other_cost = _training_cost(problem, joint, other)
+        other_cost = _training_cost(problem, other)
         collocation = "same" if other_cost * _BETTER <= cost + tie else "worse"
         if other_cost + tie < _BETTER * cost:
             coarse_cost *= other_cost / cost
-            best = joint.refit(other, problem.samples)
-            cost, collocation = _training_cost(problem, joint, best), "better"
+            best = problem.refit(other, problem.training)
+            cost, collocation = _training_cost(problem, best), "better"
     limit = agreeing_cost_limit(np.array([coarse_cost]), count)
     converged = int((costs <= limit).sum())
-    return SearchResult(problem, joint, best, best, converged, cost, coarse_cost, collocation)
+    return SearchResult(problem, best, best, converged, cost, coarse_cost, collocation)
 
 
-def _best_of_equals(
-    problem: FitProblem, joint: JointRecords, vectors: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
+def _best_of_equals(problem: FitProblem, vectors: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Vector of the least cost on a fine grid, of those that are equal on a coarse one.
 
     A coarse grid fits motions that decay within a step or two, which no solution has.
     """
     thetas, costs = vectors
-    limit = agreeing_cost_limit(costs, sum(problem.samples))
+    limit = agreeing_cost_limit(costs, sum(problem.training))
     equal = [thetas[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
     distinct = equal[:1]
     for theta in equal[1:]:
         if not any(np.allclose(theta, other, rtol=_SAME, atol=_SAME) for other in distinct):
             distinct.append(theta)
-    candidates = [_canonical_vector(problem, joint, theta) for theta in distinct]
-    slow = [theta for theta in candidates if not _is_alias(problem, joint, theta)]
+    candidates = [_canonical_vector(problem, theta) for theta in distinct]
+    slow = [theta for theta in candidates if not _is_alias(problem, theta)]
     candidates = slow or candidates
     if len(candidates) == 1:
         return candidates[0]
-    return min(candidates, key=lambda theta: _training_cost(problem, joint, theta))
+    return min(candidates, key=lambda theta: _training_cost(problem, theta))
 
 
-def _is_alias(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> bool:
+def _is_alias(problem: FitProblem, theta: np.ndarray) -> bool:
     """Tell whether a vector's small oscillation is faster than half the sampling rate of a record."""
-    for data, here in zip(problem.data, joint.entries, strict=True):
+    for data in problem.data:
         if data.guess.frequency < _NEAR_ALIAS * data.guess.fastest:
             continue
-        figures = small_motion_figures(joint.unknowns, theta[here])
+        figures = small_motion_figures(problem.unknowns, theta[data.entries])
         if not isinstance(figures, NoSwing) and math.tau / figures[1] > data.guess.fastest:
             return True
     return False
 
 
-def _canonical_vector(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> np.ndarray:
+def _canonical_vector(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
     """Search vector that means the same, its angles and signs in their canonical form."""
-    unknowns = joint.unknowns
-    saved = {*problem.own, *problem.bounds}
+    unknowns, first = problem.unknowns, problem.data[0]
+    saved = {*first.own, *problem.bounds}
     theta = theta.copy()
-    names, here = unknowns.law.parameters, joint.entries[0]
+    names, here = unknowns.law.parameters, first.entries
     values = dict(zip(names, unknowns.physical_values(theta[here])[0], strict=True))
     moved = canonical_parameters(unknowns.law, values, saved)
     for entry, name, unit in zip(here, names, unknowns.units, strict=False):
@@ -172,75 +142,65 @@ def _canonical_vector(problem: FitProblem, joint: JointRecords, theta: np.ndarra
     return theta
 
 
-def _training_cost(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> float:
+def _training_cost(problem: FitProblem, theta: np.ndarray) -> float:
     """Cost of the training stretches; infinite where the solution diverges."""
     total = 0.0
-    parts = zip(joint.grids, joint.residuals(theta), problem.samples, strict=True)
-    for grid, residuals, size in parts:
-        left = residuals[:size]
+    for data, residuals in zip(problem.data, problem.residuals(theta), strict=True):
+        left = residuals[: data.training]
         if (np.abs(left) >= BLOWN_UP).any():
             return math.inf
-        weighted = left * grid.weights[:size]
-        total += float(cost_and_weight(weighted, grid.loss.compiled_arguments, np)[0].sum())
+        weighted = left * data.weights[: data.training]
+        total += float(cost_and_weight(weighted, data.loss.compiled_arguments, np)[0].sum())
     return total
 
 
 def _refit_from_time(
-    problem: FitProblem,
-    joint: JointRecords,
-    theta: np.ndarray,
-    reached: Sequence[float],
-    tolerance: float = 1e-11,
+    problem: FitProblem, theta: np.ndarray, reached: Sequence[float], tolerance: float = 1e-11
 ) -> np.ndarray:
     """Fit the training stretches on fine grids, from a time on that a search vector has seen."""
-    fraction = min(
-        end / float(data.training.time[-1]) for end, data in zip(reached, problem.data, strict=True)
-    )
+    times = [data.record.time[: data.training] for data in problem.data]
+    fraction = min(end / float(time[-1]) for end, time in zip(reached, times, strict=True))
     while fraction < 0.999:
-        counts = [
-            max(4, int(np.searchsorted(data.training.time, fraction * data.training.time[-1])))
-            for data in problem.data
-        ]
-        theta = joint.refit(theta, counts, tolerance=max(tolerance, 1e-6))
+        counts = [max(4, int(np.searchsorted(time, fraction * time[-1]))) for time in times]
+        theta = problem.refit(theta, counts, tolerance=max(tolerance, 1e-6))
         fraction *= 2.0
-    return joint.refit(theta, problem.samples, tolerance=tolerance)
+    return problem.refit(theta, problem.training, tolerance=tolerance)
 
 
-def _collocation_fit(
-    problem: FitProblem, joint: JointRecords, theta: np.ndarray, cost: float
-) -> np.ndarray | None:
+def _collocation_fit(problem: FitProblem, theta: np.ndarray, cost: float) -> np.ndarray | None:
     """Fit that starts from accelerations in the leading record; None where there are none."""
-    unknowns, largest_swing_record = joint.unknowns, problem.largest_swing_record
+    unknowns, largest_swing_record = problem.unknowns, problem.largest_swing_record
     law = unknowns.law
-    if law.hidden or law.prescribed or problem.own or law.parsed_equation.line is not None:
+    if law.hidden or law.prescribed or problem.data[0].own or law.parsed_equation.line is not None:
         return None
-    values = np.array(unknowns.physical_values(theta[joint.entries[0]])[0])
+    values = np.array(unknowns.physical_values(theta[problem.data[0].entries])[0])
     matched = fit_to_accelerations(
         unknowns.law,
         largest_swing_record.guess,
         largest_swing_record.look,
         values,
-        problem.bounds_of_record(largest_swing_record),
+        largest_swing_record.bounds,
     )
     free = search_entries_from_draws(
         unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)}
     )
-    starts = [append_initial_state(unknowns, data, free) for data in problem.data]
-    start = np.clip(joint_vector(starts, joint.entries)[0], *joint.bounds)
+    starts = [append_initial_state(data, free) for data in problem.data]
+    start = np.clip(problem.joint_vector(starts)[0], *problem.edges)
     if not np.isfinite(start).all():
         return None
     # Next to the fit's own start of the motion: what lies in its valley need not go far.
     adjacent = theta.copy()
     count = len(unknowns.law.parameters)
-    for here in joint.entries:
-        adjacent[here[:count]] = start[here[:count]]
-    risen = _training_cost(problem, joint, adjacent) - cost
-    if _agrees_with_parabola(joint.normal_equations(problem.samples), theta, adjacent, risen):
+    for data in problem.data:
+        here = data.entries[:count]
+        adjacent[here] = start[here]
+    risen = _training_cost(problem, adjacent) - cost
+    if _agrees_with_parabola(problem.normal_equations(problem.training), theta, adjacent, risen):
         return theta
     if risen <= (_SAME_VALLEY - 1.0) * cost:
-        return joint.refit(adjacent, problem.samples, tolerance=_TELLING)
+        return problem.refit(adjacent, problem.training, tolerance=_TELLING)
     reached = [FIRST_SWINGS * data.guess.shortest_swing_period for data in problem.data]
-    return _refit_from_time(problem, joint, start, reached, _TELLING)
+    return _refit_from_time(problem, start, reached, _TELLING)
 
 
 def _agrees_with_parabola(normal: Normal, theta: np.ndarray, adjacent: np.ndarray, risen: float) -> bool:
@@ -255,36 +215,35 @@ def _agrees_with_parabola(normal: Normal, theta: np.ndarray, adjacent: np.ndarra
 
 def solve_on_verified_grids(result: SearchResult) -> SearchResult:
     """Fit all of the records, on grids whose solutions agree with the adaptive ones."""
-    joint, trained, training = result.joint, result.trained, result.problem.samples
-    lengths = [len(grid.record) for grid in joint.grids]
+    problem, trained = result.problem, result.trained
+    lengths = [len(data.record) for data in problem.data]
     while True:
-        theta = trained if lengths == list(training) else joint.refit(trained, lengths)
-        residuals = joint.residuals(theta)
+        theta = trained if lengths == list(problem.training) else problem.refit(trained, lengths)
+        residuals = problem.residuals(theta)
         if any((np.abs(left) >= BLOWN_UP).any() for left in residuals):
             raise InputError(
-                f"no start led to a solution of {quote(joint.unknowns.law.name)} that stays "
+                f"no start led to a solution of {quote(problem.law.name)} that stays "
                 "finite over the record; try another law, more starts or a shorter record"
             )
         errors, grids = [], []
-        for grid, left, here in zip(joint.grids, residuals, joint.entries, strict=True):
-            error, limit, complete = _solver_error(grid, left, theta[here])
+        for data, left in zip(problem.data, residuals, strict=True):
+            error, limit, complete = _solver_error(data, left, theta[data.entries])
             errors.append(error)
-            grids.append(grid if error <= limit else _refine_grid(grid, error, complete=complete))
-        if all(new is old for new, old in zip(grids, joint.grids, strict=True)):
-            if any(data.test_swings for data in result.problem.data):
-                trained = _refit_to_masked_samples(joint, theta, result.problem.training_masks)
+            grids.append(data if error <= limit else _refine_grid(data, error, complete=complete))
+        if all(new is old for new, old in zip(grids, problem.data, strict=True)):
+            if any(data.test_swings for data in problem.data):
+                trained = _refit_to_masked_samples(problem, theta)
             return dataclasses.replace(
-                result, joint=joint, trained=trained, theta=theta, solver_errors=tuple(errors)
+                result, problem=problem, trained=trained, theta=theta, solver_errors=tuple(errors)
             )
-        joint = dataclasses.replace(joint, grids=tuple(grids))
-        trained = joint.refit(trained, training)
+        problem = problem.with_data(grids)
+        trained = problem.refit(trained, problem.training)
 
 
-def _refit_to_masked_samples(
-    joint: JointRecords, theta: np.ndarray, masks: Sequence[np.ndarray]
-) -> np.ndarray:
-    """Fit the samples of masks from a fit to all, by Gauss-Newton steps; by a search where they fail."""
-    normal, free = joint.normal_equations(masks), ~joint.held_entries
+def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
+    """Fit without the test swings from a fit to all, by Gauss-Newton steps; by a search where they fail."""
+    masks = [data.training_mask for data in problem.data]
+    normal, free = problem.normal_equations(masks), ~problem.held_entries
     cost, gradient, matrix = (np.asarray(item)[0] for item in normal(theta[None]))
     for _ in range(_STEPS):
         scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix)[free], 1e-300))
@@ -294,22 +253,22 @@ def _refit_to_masked_samples(
         step[free] = scale * np.linalg.lstsq(scaled, scale * gradient[free], rcond=_OPEN)[0]
         if gradient @ step <= _JUDGED * cost:
             return theta
-        moved = np.clip(theta - step, *joint.bounds)
+        moved = np.clip(theta - step, *problem.edges)
         trial = tuple(np.asarray(item)[0] for item in normal(moved[None]))
         if not trial[0] < cost:
             break
         theta, (cost, gradient, matrix) = moved, trial
-    return joint.refit(theta, masks, tolerance=_JUDGED)
+    return problem.refit(theta, masks, tolerance=_JUDGED)
 
 
-def _refine_grid(grid: GriddedRecord, error: float, *, complete: bool) -> GriddedRecord:
+def _refine_grid(data: FitData, error: float, *, complete: bool) -> FitData:
     """Record on twice as many steps, because its solution is off by an error."""
-    finer = grid.grid.finer
+    finer = data.grid.finer
     if finer.steps > FINEST or not complete:
-        cause = f"is off by {error:.2g} amplitudes on a grid of {grid.grid.steps} steps"
+        cause = f"is off by {error:.2g} amplitudes on a grid of {data.grid.steps} steps"
         if not complete:
             cause = "cannot be followed by the adaptive solver"
-        law = grid.unknowns.law
+        law = data.unknowns.law
         remedy = "fit a shorter record, as of chaos, or a law that is less stiff"
         if "sign(" in law.equation:
             remedy = (
@@ -319,37 +278,37 @@ def _refine_grid(grid: GriddedRecord, error: float, *, complete: bool) -> Gridde
         raise InputError(
             f"the fitted solution of {quote(law.name)} {cause}; the limit is {SOLVER_LIMIT:g}: {remedy}"
         )
-    return grid.on_grid(finer)
+    return dataclasses.replace(data, grid=finer)
 
 
-def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray) -> tuple[float, float, bool]:
+def _solver_error(data: FitData, residuals: np.ndarray, theta: np.ndarray) -> tuple[float, float, bool]:
     """Greatest difference to the adaptive solution in amplitudes, its limit, and completeness."""
     # NaN of a solution that blows up compares false with every limit: it counts as infinite.
-    unknowns = grid.unknowns
-    reference = _adaptive_solution(grid, theta)
+    unknowns = data.unknowns
+    reference = _adaptive_solution(data, theta)
     limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
     if unknowns.law.prescribed:
-        inputs = [input_column(grid.record, name) for name in unknowns.law.inputs]
+        inputs = [input_column(data.record, name) for name in unknowns.law.inputs]
         values = unknowns.physical_values(theta)[0]
         signal = observed_signal(unknowns.law, unknowns.observation, reference, values, inputs)
         gain, offset = (1.0, 0.0) if unknowns.sensor is None else unknowns.gain_and_offset(theta)
-        left = (gain * signal + offset - grid.record.height) / unknowns.residual_unit
+        left = (gain * signal + offset - data.record.height) / unknowns.residual_unit
         error = float(np.abs(left - residuals).max())
         return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
     if unknowns.compares_heights:
-        fitted = grid.record.height + unknowns.residual_unit * residuals
+        fitted = data.record.height + unknowns.residual_unit * residuals
     else:
-        fitted = grid.fitted_heights(theta)
+        fitted = data.fitted_heights(theta)
     error = float(np.abs(reference.z - fitted).max()) / unknowns.amplitude
     return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
 
 
-def _adaptive_solution(grid: GriddedRecord, theta: np.ndarray) -> Solution:
-    unknowns, record = grid.unknowns, grid.record
+def _adaptive_solution(data: FitData, theta: np.ndarray) -> Solution:
+    unknowns, record = data.unknowns, data.record
     values, z0, v0, hidden = unknowns.physical_values(theta)
     size = unknowns.amplitude
     inputs = [input_column(record, name) for name in unknowns.law.inputs]
-    how = grid.interpolation
+    how = data.interpolation
     return solve_law(unknowns.law, record.time, z0, v0, values, size, inputs, hidden, how)
 
 
@@ -359,18 +318,18 @@ _DELAYS = np.array([-0.2, -0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1, 0.2])
 _FINE = 0.01  # period: delays tried about the best of them
 
 
-def delay_remarks(joint: JointRecords, theta: np.ndarray, k: int, period: float) -> tuple[str, ...]:
+def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, ...]:
     """Name inputs of a record that come early or late by a time that takes away half of its residual."""
-    grid = joint.grids[k]
-    before = float(np.linalg.norm(grid.linearised_residuals(theta[joint.entries[k]])[0]))
+    data, period = problem.data[k], math.tau / problem.data[k].guess.frequency
+    before = float(np.linalg.norm(data.linearised_residuals(theta[data.entries])[0]))
     remarks = []
-    for name in grid.unknowns.law.inputs:
+    for name in problem.law.inputs:
         if name in (TIME, *STROKE):
             continue
 
         def left(delay: float, here: np.ndarray, name: str = name) -> float:
-            moved = _with_shifted_input(joint, k, name, delay).grids[k]
-            residuals, slopes = moved.linearised_residuals(here[joint.entries[k]])
+            moved = _with_shifted_input(data, name, delay)
+            residuals, slopes = moved.linearised_residuals(here[data.entries])
             by_parameters = slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0]
             return float(np.linalg.norm(residuals - by_parameters))
 
@@ -381,12 +340,14 @@ def delay_remarks(joint: JointRecords, theta: np.ndarray, k: int, period: float)
         about = slice(best - 1, best + 2)
         delay, again = _parabola_minimum(_DELAYS[about] * period, np.array(tried[about]) ** 2), theta
         for _ in range(4):  # about the parameters that follow from the first
-            moved = _with_shifted_input(joint, k, name, delay)
-            again = moved.refit(again, [len(grid.record) for grid in moved.grids], tolerance=1e-6)
+            others = list(problem.data)
+            others[k] = _with_shifted_input(data, name, delay)
+            counts = [len(item.record) for item in others]
+            again = problem.with_data(others).refit(again, counts, tolerance=1e-6)
             near = delay + _FINE * period * np.array([-1.0, 0.0, 1.0])
             delay = _parabola_minimum(near, np.array([left(value, again) for value in near]) ** 2)
-        moved = _with_shifted_input(joint, k, name, delay)
-        after = float(np.linalg.norm(moved.grids[k].linearised_residuals(again[moved.entries[k]])[0]))
+        moved = _with_shifted_input(data, name, delay)
+        after = float(np.linalg.norm(moved.linearised_residuals(again[data.entries])[0]))
         if after < _HALF * before:
             remarks.append(
                 f"{name} comes {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'}: shifted by that, the "
@@ -395,12 +356,10 @@ def delay_remarks(joint: JointRecords, theta: np.ndarray, k: int, period: float)
     return tuple(remarks)
 
 
-def _with_shifted_input(joint: JointRecords, k: int, name: str, delay: float) -> JointRecords:
-    """Return the records with an input of one of them moved back by a delay [s]."""
-    grid, grids = joint.grids[k], list(joint.grids)
-    time, column = grid.record.time, input_column(grid.record, name)
-    grids[k] = grid.with_column_deviation(name, np.interp(time + delay, time, column) - column)
-    return dataclasses.replace(joint, grids=tuple(grids))
+def _with_shifted_input(data: FitData, name: str, delay: float) -> FitData:
+    """Return the data with an input moved back by a delay [s]."""
+    time, column = data.record.time, input_column(data.record, name)
+    return data.with_column_deviation(name, np.interp(time + delay, time, column) - column)
 
 
 def _parabola_minimum(x: np.ndarray, y: np.ndarray) -> float:

@@ -6,7 +6,6 @@ that diverges costs no more than one that does not.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -14,15 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
 from reduced_models.fitting.levenberg_marquardt import Normal
-from reduced_models.fitting.samples import Samples, samples_on_grid
+from reduced_models.fitting.samples import Samples
 from reduced_models.fitting.sensor_signal import solution_signal
 from reduced_models.fitting.unknowns import Unknowns, physical_values, sensor_values
 from reduced_models.jax_setup import Compiled, jax, jit
 from reduced_models.laws.equation import PROGRAMS, compile_observation, compile_rates, parse_equation
 from reduced_models.laws.solution import hermite_interpolate, solve_on_grid, states_at_samples
-from reduced_models.records.inputs import Interpolation, StepGrid
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -84,8 +81,6 @@ def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Fl
 
 
 Kind = Literal["normal", "linear", "residual", "several"]
-Selection = int | np.ndarray | None
-"""Samples of a record: the first so many, those of a mask (n,), or all."""
 
 
 class SignalForm(NamedTuple):
@@ -207,119 +202,3 @@ def _compile_residuals(
         "several": several,
     }
     return jit(functions[kind], (equation, inputs, logarithmic, sensor))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class GriddedRecord:
-    """A record on a grid, with the compiled residuals of some unknowns."""
-
-    unknowns: Unknowns
-    record: PistonRecord  # starts at time 0
-    grid: StepGrid
-    samples: Samples
-    interpolation: Interpolation
-    weights: Float[np.ndarray, "n"]
-    loss: Loss
-    gain: float = 0.0  # of the filter that takes a drift out of the residuals
-
-    def residuals(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
-        """Residuals (n,) of all samples, in amplitudes; not weighted."""
-        linear = residual_function(self.unknowns, "linear")
-        left = linear(theta, self._selected_samples(None, weighted=False), self.unknowns.scales)[0]
-        return np.asarray(left)[: len(self.record)]
-
-    def fitted_signal(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
-        """Signal (n,), or heights [m], by a search vector."""
-        return self.record.height + self.unknowns.residual_unit * self.residuals(theta)
-
-    def fitted_heights(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
-        """Heights (n,) [m] by a search vector."""
-        unknowns = self.unknowns
-        if unknowns.compares_heights:
-            return self.fitted_signal(theta)
-        if unknowns.law.prescribed:
-            return self.record.extra["z"]
-        plain = dataclasses.replace(
-            self,
-            unknowns=dataclasses.replace(unknowns, sensor=None, observation=""),
-            samples=self.samples._replace(sensor=None),
-        )
-        # About rest, since residuals of far numbers are cut.
-        plain = plain.with_heights(np.full(len(self.record), unknowns.rest))
-        return plain.fitted_signal(theta[: len(theta) - unknowns.sensor_entry_count])
-
-    def linearised_residuals(
-        self, theta: Float[np.ndarray, "p"]
-    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n p"]]:
-        """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
-        return self._linearised_samples(theta, self._selected_samples(None), slice(None))
-
-    def _linearised_samples(
-        self, theta: np.ndarray, seen: Samples, here: slice | np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        linear = residual_function(self.unknowns, "linear")
-        left, slopes = linear(theta, seen, self.unknowns.scales)
-        count = len(self.record)
-        value = np.asarray(left)[:count][here], np.asarray(slopes).T[:count][here]
-        return remove_random_walk(value[0], self.gain), remove_random_walk(value[1], self.gain)
-
-    def normal_equations(self, selection: Selection = None) -> Normal:
-        """Return the normal equations of some samples."""
-        # Only those of a single vector are without drift; over samples outside the selection the walk stays
-        # as it is.
-        seen = self._selected_samples(selection)
-        here = selection if isinstance(selection, np.ndarray) else slice(selection)
-        several = normal_equations(self.unknowns, seen, self.loss)
-
-        def single(theta: np.ndarray) -> tuple[np.ndarray, ...]:
-            left, slopes = self._linearised_samples(theta[0], seen, here)
-            cost, weight = cost_and_weight(left, self.loss.compiled_arguments, np)
-            weighted = weight[:, None] * slopes
-            return cost.sum()[None], (left @ weighted)[None], (slopes.T @ weighted)[None]
-
-        return lambda theta: single(theta) if len(theta) == 1 else several(theta)
-
-    def _selected_samples(self, selection: Selection, *, weighted: bool = True) -> Samples:
-        weight = np.zeros_like(self.samples.weight)
-        here = selection if isinstance(selection, np.ndarray) else slice(selection)
-        weight[: len(self.record)][here] = self.weights[here] if weighted else 1.0
-        return self.samples.with_weights(weight)
-
-    def with_heights(self, height: Float[np.ndarray, "n"]) -> GriddedRecord:
-        """Return the same with other heights (n,)."""
-        padded = self.samples.height.copy()
-        padded[: len(height)] = height
-        record = dataclasses.replace(self.record, height=height)
-        samples = self.samples._replace(height=padded)
-        return dataclasses.replace(self, record=record, samples=samples)
-
-    def with_column_deviation(self, name: str, deviation: Float[np.ndarray, "n"]) -> GriddedRecord:
-        """Return the same with a deviation (n,) added to a column of the record."""
-        record = self.record
-        if name in record.extra:
-            record = dataclasses.replace(record, extra={**record.extra, name: record.extra[name] + deviation})
-        else:
-            record = dataclasses.replace(record, **{name: getattr(record, name) + deviation})
-        return dataclasses.replace(self, record=record).on_grid(self.grid)
-
-    def on_grid(self, grid: StepGrid, interpolation: Interpolation | None = None) -> GriddedRecord:
-        """Return the same on another grid, or with other values of inputs between samples."""
-        how = interpolation or self.interpolation
-        samples = samples_on_grid(self.record, grid, self.unknowns.law.inputs, how)
-        samples = samples.through_sensor(self.unknowns.sensor_of_motion, self.record, grid)
-        return dataclasses.replace(self, grid=grid, samples=samples, interpolation=how)
-
-
-def record_on_grid(
-    unknowns: Unknowns,
-    record: PistonRecord,
-    grid: StepGrid,
-    how: Interpolation = "spline",
-    weights: Float[np.ndarray, "n"] | None = None,
-    loss: Loss = Loss(),  # noqa: B008
-) -> GriddedRecord:
-    """Put all samples of a record that starts at time 0 on a grid."""
-    samples = samples_on_grid(record, grid, unknowns.law.inputs, how)
-    samples = samples.through_sensor(unknowns.sensor_of_motion, record, grid)
-    given = np.ones(len(record)) if weights is None else weights
-    return GriddedRecord(unknowns, record, grid, samples, how, given, loss)

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
+from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
-from reduced_models.fitting.residuals import BLOWN_UP, record_on_grid
+from reduced_models.fitting.residuals import BLOWN_UP
 from reduced_models.fitting.samples import grid_over_record
 from reduced_models.fitting.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.held_out_swings import error_on_swings, find_whole_swings
-from reduced_models.records.sensor import Sensor
+from reduced_models.records.sensor import column_sensor
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 if TYPE_CHECKING:
@@ -103,37 +104,35 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         (guess.height - guess.rest) / guess.amplitude,
         guess.velocity / unknowns.speed,
     )
-    sensor = getattr(model, "sensor", None)
-    if sensor is not None:
-        signal = sensor.signal(total.columns)
-        size = float(np.abs(signal - signal.mean()).max())
-        unknowns = dataclasses.replace(unknowns, sensor=sensor, signal=max(size, 1e-300))
+    reading = model.sensor or (column_sensor(model.observation) if model.observation else None)
+    if reading is not None:
+        signal = reading.signal(total.columns)
+        size = max(float(np.abs(signal - signal.mean()).max()), 1e-300)
+        unknowns = dataclasses.replace(
+            unknowns, sensor=model.sensor, observation=model.observation, signal=size
+        )
         theta = np.append(theta, np.zeros(unknowns.sensor_entry_count))
         total = dataclasses.replace(total, height=signal)
-    elif model.observation:
-        signal = Sensor("height", column=model.observation).signal(total.columns)
-        size = float(np.abs(signal - signal.mean()).max())
-        unknowns = dataclasses.replace(unknowns, observation=model.observation, signal=max(size, 1e-300))
-        total = dataclasses.replace(total, height=signal)
-    steps = grid_over_record(total, law.inputs, guess.period, _STEPS * law.step_ratio)
-    grid = record_on_grid(unknowns, total, steps, model.input_interpolation)
+    seen = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))
+    grid = grid_over_record(total, law.inputs, guess.period, _STEPS * law.step_ratio)
+    weights, how = np.ones(len(total)), model.input_interpolation
+    data = FitData(unknowns, total, grid, weights, total, guess, seen, how)
     held = np.ones(len(theta), dtype=bool)
     held[first : first + 2] = False
     for name in law.other_coordinates:
         held[first + 2 + law.hidden.index(name)] = False
     held[len(held) - unknowns.sensor_entry_count :] = False
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
-    seen = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))
     prior = Prior(unknowns.prior, float(seen))
-    theta = levenberg_marquardt(grid.normal_equations(seen), theta[None], prior, 1e-9, bounds)[0][0]
-    residuals = grid.residuals(theta)
+    theta = levenberg_marquardt(data.normal_equations(seen), theta[None], prior, 1e-9, bounds)[0][0]
+    residuals = data.residuals(theta)
     lost = ~(np.abs(residuals) < BLOWN_UP)
     unit = unknowns.residual_unit
     height = total.height + unit * residuals
     height = np.where(np.maximum.accumulate(lost), np.nan, height)
     error = math.inf if lost.any() else unit * _rms(residuals)
     rest = guess.rest if model.at_rest is None else model.at_rest.height
-    if sensor is not None or model.observation:
+    if reading is not None:
         rest = float(total.height.mean())
     swing = float(total.height.std())
     motion = _record_with_heights(record, height)

@@ -85,7 +85,11 @@ def grid_over_record(
 
 
 def samples_on_grid(
-    record: PistonRecord, grid: StepGrid, names: tuple[str, ...], how: Interpolation
+    record: PistonRecord,
+    grid: StepGrid,
+    names: tuple[str, ...],
+    how: Interpolation,
+    weights: Float[np.ndarray, "n"],
 ) -> Samples:
     """Every sample of a record that starts at time 0, on a grid over all of it."""
     count = len(record)
@@ -93,7 +97,7 @@ def samples_on_grid(
     size = padded_length(count, LEAST_SAMPLES)
     grid_points, fractions, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
     grid_points[:count], fractions[:count] = point, fraction
-    heights[:count], weight[:count] = record.height, 1.0
+    heights[:count], weight[:count] = record.height, weights
     drive = _padded_drive(record, grid, names, how)
     inputs = np.zeros((size, len(names)))
     for k, name in enumerate(names):
@@ -107,13 +111,13 @@ def means_on_grid(
     grid: StepGrid,
     names: tuple[str, ...],
     how: Interpolation,
-    weights: Float[np.ndarray, "n"] | None = None,
+    weights: Float[np.ndarray, "n"],
 ) -> Samples:
     """Weighted means of the samples around each grid point, weighted by how many there are."""
     time, height = record.time, record.height
     points = padded_step_count(grid.steps) + 1
     near = np.rint(time / grid.step).astype(np.int64)
-    squares = np.ones(len(time)) if weights is None else weights**2
+    squares = weights**2
     total = np.bincount(near, weights=squares, minlength=points)
     # The mean time of the samples is not the grid point: the slope takes that out.
     level = height - np.gradient(height, time) * (time - near * grid.step)

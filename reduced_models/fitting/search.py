@@ -16,32 +16,15 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models.fitting.joint_records import (
-    JointRecords,
-    joint_normal_equations,
-    joint_vector,
-    joint_vector_entries,
-)
-from reduced_models.fitting.levenberg_marquardt import (
-    Bounds,
-    Normal,
-    Prior,
-    levenberg_marquardt,
-    promising_starts,
-)
-from reduced_models.fitting.problem import FitProblem, TrainingData
-from reduced_models.fitting.refinement import (
-    COARSE_STEPS,
-    FIRST_SWINGS,
-    SearchResult,
-    fine_grids_over_records,
-    refine_best_start,
-)
-from reduced_models.fitting.residuals import GriddedRecord, Loss, normal_equations, residual_function
-from reduced_models.fitting.samples import grid_over_record, means_on_grid, samples_on_grid
-from reduced_models.fitting.start_values import scale_unknowns, start_vectors, unknowns_of_data
+from reduced_models.fitting.fit_data import COARSE_STEPS, FitData
+from reduced_models.fitting.levenberg_marquardt import Normal, Prior, levenberg_marquardt, promising_starts
+from reduced_models.fitting.problem import FitProblem
+from reduced_models.fitting.refinement import FIRST_SWINGS, SearchResult, refine_best_start
+from reduced_models.fitting.residuals import Loss, normal_equations, residual_function
+from reduced_models.fitting.samples import grid_over_record, means_on_grid
+from reduced_models.fitting.start_values import scale_unknowns, start_vectors
 from reduced_models.fitting.strokes import stroke_start_vectors
-from reduced_models.fitting.unknowns import Unknowns, theta_bounds
+from reduced_models.fitting.unknowns import Unknowns
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
@@ -57,27 +40,27 @@ _MOST_NUMBERS = 2**26
 
 def multistart_search(problem: FitProblem) -> SearchResult:
     """Fit the training stretches from random starts."""
-    # First of all: a record with too many periods is refused before any search.
-    fine_grids_over_records(problem)
-    unknowns = scale_unknowns(problem.law, problem.largest_swing_record, problem.sensor)
-    joint = _coarse_records(problem, unknowns)
-    points = max(len(grid.samples.weight) for grid in joint.grids)
-    _check_memory(problem.starts, points, len(joint.entries[0]))
+    problem = problem.with_scales(scale_unknowns(problem.largest_swing_record))
+    every = max(1, sum(problem.training) // _STROKE_SAMPLES) if problem.law.prescribed else 1
+    coarse = problem.with_data(_coarse_data(data, every) for data in problem.data)
+    points = max(len(data.samples.weight) for data in coarse.data)
+    _check_memory(problem.starts, points, len(problem.unknowns.prior))
     if problem.law.prescribed:
-        units, theta = stroke_start_vectors(problem, joint)
-        joint = _coarse_records(problem, dataclasses.replace(unknowns, units=units))
-        normal, prior = coarse_normal_equations(problem, joint, math.inf)
-        vectors = levenberg_marquardt(normal, theta, prior, bounds=joint.bounds)
+        units, theta = stroke_start_vectors(coarse)
+        unknowns = dataclasses.replace(problem.unknowns, units=units)
+        problem, coarse = problem.with_scales(unknowns), coarse.with_scales(unknowns)
+        normal, prior = coarse_normal_equations(coarse, math.inf)
+        vectors = levenberg_marquardt(normal, theta, prior, bounds=coarse.edges)
     else:
-        vectors = _search_over_horizons(problem, joint)
-    return refine_best_start(problem, joint, vectors)
+        vectors = _search_over_horizons(coarse)
+    return refine_best_start(problem, coarse, vectors)
 
 
 def compile_fit_ahead(law: Law, starts: int) -> None:
     """Put programs on disk that a fit of a law without inputs needs for a record of few periods."""
     points = padded_step_count(0) + 1
     still = PistonRecord(np.arange(float(points)), np.zeros(points))
-    samples = means_on_grid(still, StepGrid(1.0, points - 1), (), "spline")
+    samples = means_on_grid(still, StepGrid(1.0, points - 1), (), "spline", np.ones(points))
     unknowns = Unknowns(law, (1.0,) * len(law.parameters), 0.0, 1.0, 1.0)
     theta = np.zeros((starts, len(unknowns.prior)))
     residual_function(unknowns, "normal").compile_ahead(
@@ -86,32 +69,21 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
     compile_solution_ahead(law)
 
 
-def _coarse_records(problem: FitProblem, unknowns: Unknowns) -> JointRecords:
-    """Coarse records of a problem, with the bounds of their joint search vector."""
-    every = [unknowns_of_data(unknowns, data) for data in problem.data]
-    records = joint_vector_entries(unknowns, 1 + problem.data[-1].number, problem.own)
-    entries = tuple(records[data.number] for data in problem.data)
-    edges = [theta_bounds(unknowns, problem.bounds_of_record(data), problem.initial) for data in problem.data]
-    bounds = Bounds(*(joint_vector(side, entries) for side in zip(*edges, strict=True)))
-    grids = (_coarse_record(own, problem, data) for own, data in zip(every, problem.data, strict=True))
-    return JointRecords(tuple(grids), entries, bounds)
-
-
-def _search_over_horizons(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray, np.ndarray]:
+def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
     """Search vectors (s, p) that random starts of a law lead to, and what they cost (s,)."""
-    theta = start = joint_vector(_start_vectors(problem, joint.unknowns), joint.entries)
+    theta = start = problem.joint_vector(_start_vectors(problem))
     costs = np.zeros(problem.starts)
-    for swings in _horizons_in_swings(problem, joint):
+    for swings in _horizons_in_swings(problem):
         first, last = swings == FIRST_SWINGS, math.isinf(swings)
-        normal, prior = coarse_normal_equations(problem, joint, swings)
+        normal, prior = coarse_normal_equations(problem, swings)
         if problem.law.start is None and not first:
             theta = _keep_better_starts(normal, theta, start)
         waiting = promising_starts(costs, prior.samples) if costs.any() else None
         if last:
-            theta, costs = levenberg_marquardt(normal, theta, prior, bounds=joint.bounds, waiting=waiting)
+            theta, costs = levenberg_marquardt(normal, theta, prior, bounds=problem.edges, waiting=waiting)
         else:
             theta, costs = levenberg_marquardt(
-                normal, theta, prior, _TOLERANCE, joint.bounds, trials=_TRIALS, waiting=waiting
+                normal, theta, prior, _TOLERANCE, problem.edges, trials=_TRIALS, waiting=waiting
             )
     return theta, costs
 
@@ -134,36 +106,24 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
         )
 
 
-def _start_vectors(problem: FitProblem, unknowns: Unknowns) -> list[np.ndarray]:
+def _start_vectors(problem: FitProblem) -> list[np.ndarray]:
     """Start vectors (starts, p) of each record; the first one's parameters are the largest_swing_record's."""
     vectors = [
-        start_vectors(
-            unknowns,
-            data,
-            problem.starts,
-            np.random.default_rng(problem.seed),
-            problem.start,
-            problem.bounds_of_record(data),
-        )
+        start_vectors(data, problem.starts, np.random.default_rng(problem.seed), problem.start)
         for data in problem.data
     ]
     largest_swing_record = vectors[problem.data.index(problem.largest_swing_record)]
-    shared = slice(0, len(unknowns.law.parameters))
+    names = problem.law.parameters
+    shared = [k for k, name in enumerate(names) if name not in problem.data[0].own]
     vectors[0] = vectors[0].copy()
-    keep = [unknowns.law.parameters.index(name) for name in problem.own]
-    own = vectors[0][:, keep].copy()
     vectors[0][:, shared] = largest_swing_record[:, shared]
-    vectors[0][:, keep] = own
     return vectors
 
 
-def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) -> GriddedRecord:
-    """Means of a training stretch, or of its first part, on a coarse grid."""
-    training, law, how = data.training, unknowns.law, problem.interpolation
-    weights = data.weights[: len(training)]
-    if law.prescribed:
-        every = max(1, sum(problem.samples) // _STROKE_SAMPLES)
-        training, weights = training.select(slice(None, None, every)), weights[::every]
+def _coarse_data(data: FitData, every: int) -> FitData:
+    """Means of a training stretch, each so many samples, or of its first part, on a coarse grid."""
+    law, how, seen = data.unknowns.law, data.interpolation, slice(0, data.training, every)
+    training, weights = data.record.select(seen), data.weights[seen]
     wanted = law.step_ratio * COARSE_STEPS
     period = data.guess.shortest_start_period
     grid = grid_over_record(training, law.inputs, period, wanted, how)
@@ -171,39 +131,36 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
         count = int(np.searchsorted(training.time, grid.step * _MOST_COARSE, side="right"))
         training = training.first(count)
         grid = grid_over_record(training, law.inputs, period, wanted, how)
-    weights = weights[: len(training)]
-    if not law.prescribed and (has_inputs_besides_time(law.inputs) or len(training) > _THIN * grid.steps):
-        samples = means_on_grid(training, grid, law.inputs, how, weights)
-    else:
-        # A mean of few samples is moved to its grid point by the slope between them, which is off
-        # where they are far apart: by as much as the noise, which the doubling does not survive.
-        samples = samples_on_grid(training, grid, law.inputs, how)
-        padded = np.zeros_like(samples.weight)
-        padded[: len(training)] = weights
-        samples = samples.with_weights(padded)
-    samples = samples.through_sensor(unknowns.sensor_of_motion, training, grid)
-    loss = problem.loss_of_record(data, unknowns.residual_unit)
-    return GriddedRecord(unknowns, training, grid, samples, how, weights, loss)
+    # A mean of few samples is moved to its grid point by the slope between them, which is off
+    # where they are far apart: by as much as the noise, which the doubling does not survive.
+    dense = has_inputs_besides_time(law.inputs) or len(training) > _THIN * grid.steps
+    return dataclasses.replace(
+        data,
+        record=training,
+        grid=grid,
+        weights=weights[: len(training)],
+        training=len(training),
+        means=dense and not law.prescribed,
+    )
 
 
-def coarse_normal_equations(problem: FitProblem, joint: JointRecords, swings: float) -> tuple[Normal, Prior]:
+def coarse_normal_equations(problem: FitProblem, swings: float) -> tuple[Normal, Prior]:
     """Return the normal equations of the first swings of coarse records, with the prior."""
     normals, total = [], 0.0
-    for data, grid in zip(problem.data, joint.grids, strict=True):
-        means = grid.samples
+    for data in problem.data:
+        means = data.samples
         seen = means.step * (means.point + means.fraction) <= swings * data.guess.shortest_swing_period
         weight = means.weight * seen
         total += float((weight**2).sum())
-        normals.append(normal_equations(grid.unknowns, means.with_weights(weight), grid.loss))
-    return joint_normal_equations(normals, joint.entries), joint.prior(total)
+        normals.append(normal_equations(data.unknowns, means.with_weights(weight), data.loss))
+    return problem.sum_of_normal_equations(normals), problem.prior(total)
 
 
-def _horizons_in_swings(problem: FitProblem, joint: JointRecords) -> Iterator[float]:
+def _horizons_in_swings(problem: FitProblem) -> Iterator[float]:
     """Swings that a search sees one after the other; infinitely many are all of them."""
     # Doubling finds the best fit of records whose period changes with amplitude; two swings and then
     # everything does not.
-    ends = [float(grid.record.time[-1]) for grid in joint.grids]
-    most = max(end / data.guess.shortest_swing_period for end, data in zip(ends, problem.data, strict=True))
+    most = max(data.record.time[-1] / data.guess.shortest_swing_period for data in problem.data)
     swings = FIRST_SWINGS
     while swings < most:
         yield swings

@@ -19,16 +19,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.run.piston_record import PistonRecord
+from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
-from reduced_models.fitting.problem import Pairs, TrainingData
-from reduced_models.fitting.unknowns import Unknowns
+from reduced_models.fitting.unknowns import Pairs, Unknowns
 from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.law import Law, Starts
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.derivatives import fit_local_cubics
 from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses, spectral_peaks
 from reduced_models.records.inputs import TIME, input_column, interpolate_inputs
-from reduced_models.records.sensor import Sensor
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -408,15 +407,11 @@ def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndar
     return normal
 
 
-def scale_unknowns(law: Law, data: TrainingData, sensor: Sensor | None = None) -> Unknowns:
-    """Unknowns of a law, scaled by what a glance at a record tells."""
-    guess = data.guess
-    speed = guess.amplitude * guess.frequency
-    signal = data.training.height
-    size = float(np.abs(signal - signal.mean()).max()) if sensor is not None or data.observation else 1.0
-    measured = (guess.rest, guess.amplitude, speed, sensor, max(size, 1e-300), data.observation)
+def scale_unknowns(data: FitData) -> Unknowns:
+    """Unknowns of a law, whose parameters are scaled by what a glance at a record tells."""
+    law, guess = data.unknowns.law, data.guess
     if law.prescribed:  # whose draws tell the units
-        return Unknowns(law, (1.0,) * len(law.parameters), *measured)
+        return data.unknowns
     # A rest level near zero says nothing of a parameter's size: the amplitude counts too.
     away = dataclasses.replace(
         guess, rest=abs(guess.rest) + guess.amplitude, crossings=max(guess.crossings, LEAST_CROSSINGS)
@@ -425,47 +420,31 @@ def scale_unknowns(law: Law, data: TrainingData, sensor: Sensor | None = None) -
     units = tuple(
         1.0 if name in law.positive else float(np.abs(typical[name]).mean()) or 1.0 for name in law.parameters
     )
-    return Unknowns(law, units, *measured)
-
-
-def unknowns_of_data(unknowns: Unknowns, data: TrainingData) -> Unknowns:
-    """Unknowns of a record, scaled by what is observed of it."""
-    if not data.observation:
-        return unknowns
-    signal = data.training.height
-    size = max(float(np.abs(signal - signal.mean()).max()), 1e-300)
-    return dataclasses.replace(unknowns, observation=data.observation, signal=size)
+    return dataclasses.replace(data.unknowns, units=units)
 
 
 def start_vectors(
-    unknowns: Unknowns,
-    data: TrainingData,
-    count: int,
-    random: np.random.Generator,
-    near: Mapping[str, float] | None = None,
-    bounds: Pairs | None = None,
+    data: FitData, count: int, random: np.random.Generator, near: Mapping[str, float]
 ) -> Float[np.ndarray, "count p"]:
     """Start vectors (count, p) of a search, from a record and its first guesses."""
-    draws = start_values(unknowns.law, data.guess, data.look, random, count, bounds)
-    for name, value in (near or {}).items():
+    unknowns = data.unknowns
+    draws = start_values(unknowns.law, data.guess, data.look, random, count, data.bounds)
+    for name, value in near.items():
         spread = _NEAR * random.normal(size=count) * (np.arange(count) > 0)
         positive = name in unknowns.law.positive or value != 0.0
         unit = unknowns.units[unknowns.law.parameters.index(name)]
         draws[name] = value * np.exp(spread) if positive else spread * unit
-    return append_initial_state(unknowns, data, search_entries_from_draws(unknowns, draws), draws)
+    return append_initial_state(data, search_entries_from_draws(unknowns, draws), draws)
 
 
 def append_initial_state(
-    unknowns: Unknowns,
-    data: TrainingData,
-    free: Float[np.ndarray, "count k"],
-    states: Mapping[str, np.ndarray] | None = None,
+    data: FitData, free: Float[np.ndarray, "count k"], states: Mapping[str, np.ndarray] | None = None
 ) -> Float[np.ndarray, "count p"]:
     """Parameters (count, k) with the initial state of record and sensor behind them."""
-    count, guess = len(free), data.guess
+    count, guess, unknowns = len(free), data.guess, data.unknowns
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
-    sensor = np.tile(_sensor_start(unknowns, data.training.height), (count, 1))
+    sensor = np.tile(_sensor_start(unknowns, data.record.height[: data.training]), (count, 1))
     still = np.zeros(count)
     hidden = np.reshape([(states or {}).get(name, still) for name in unknowns.law.hidden], (-1, count)).T
     return np.column_stack([free, height, velocity, hidden, sensor])

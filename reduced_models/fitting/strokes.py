@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reduced_models.fitting.joint_records import JointRecords
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.residuals import residual_function
 from reduced_models.fitting.start_values import parameters_linear_in
@@ -34,13 +33,11 @@ _POWERS = {
 """Powers of half a stroke, of its largest speed and of the signal that make a unit."""
 
 
-def stroke_start_vectors(
-    problem: FitProblem, joint: JointRecords
-) -> tuple[tuple[float, ...], Float[np.ndarray, "s q"]]:
+def stroke_start_vectors(problem: FitProblem) -> tuple[tuple[float, ...], Float[np.ndarray, "s q"]]:
     """Units of the parameters, and search vectors in them: the best of many draws."""
-    random, unknowns, law = np.random.default_rng(problem.seed), joint.unknowns, joint.unknowns.law
-    low, high = joint.bounds
-    names = _names_of_entries(joint)
+    random, unknowns, law = np.random.default_rng(problem.seed), problem.unknowns, problem.law
+    low, high = problem.edges
+    names = _names_of_entries(problem)
     open_ones = [k for k in names if low[k] < high[k]]
     known = {str(symbol) for rate in law.parsed_equation.rates for symbol in rate.free_symbols}
     linear = parameters_linear_in(law.parsed_equation.observations[unknowns.observation], law, known)
@@ -57,8 +54,10 @@ def stroke_start_vectors(
     def residuals(values: np.ndarray) -> np.ndarray:
         vectors = np.clip(np.where(logs, np.log(np.where(logs, values, 1.0)), values), low, high)
         left = [
-            residual_function(grid.unknowns, "several")(vectors[:, here], grid.samples, grid.unknowns.scales)
-            for grid, here in zip(joint.grids, joint.entries, strict=True)
+            residual_function(data.unknowns, "several")(
+                vectors[:, data.entries], data.samples, data.unknowns.scales
+            )
+            for data in problem.data
         ]
         return np.nan_to_num(np.concatenate(left), nan=1e9, posinf=1e9, neginf=-1e9)
 
@@ -79,13 +78,16 @@ def stroke_start_vectors(
     best = np.abs(values[0, : len(low)])
     units = np.where(logs | (best == 0.0) | ~np.isin(np.arange(len(low)), list(names)), 1.0, best)
     theta = np.where(logs, np.log(np.where(logs, values, 1.0)), values / units)
-    return tuple(units[joint.entries[0][: len(law.parameters)]]), theta
+    return tuple(units[problem.data[0].entries[: len(law.parameters)]]), theta
 
 
-def _names_of_entries(joint: JointRecords) -> dict[int, str]:
+def _names_of_entries(problem: FitProblem) -> dict[int, str]:
     """Parameters by their entries of the joint vector; records have their own of some."""
-    names = joint.unknowns.law.parameters
-    return {int(k): name for here in joint.entries for k, name in zip(here[: len(names)], names, strict=True)}
+    return {
+        int(k): name
+        for data in problem.data
+        for k, name in zip(data.entries, problem.law.parameters, strict=False)
+    }
 
 
 def _natural_size(unknowns: Unknowns, name: str, random: np.random.Generator | None = None) -> float:

@@ -50,12 +50,11 @@ def interval_analysis(
     unknowns: Unknowns,
     theta: Float[np.ndarray, "p"],
     known: FitStatistics,
-    confidence: float,  # between 0 and 1
+    quantile: float,
     seen: tuple[float, float],
     shifts: Float[np.ndarray, "m p"],
 ) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[ParameterDirection, ...]]:
     """Intervals of a fit, its small swing at rest, and the directions that the data leave open; seen [m]."""
-    quantile = known.student_quantile(confidence)
     names, values, logs = search_entry_names(unknowns, theta)
     intervals = {}
     for k, name in enumerate(names):

@@ -15,6 +15,9 @@ from reduced_models.records.sensor import Sensor
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+Pairs = Mapping[str, tuple[float, float]]
+"""Least and greatest values by names."""
+
 # A factor of e^3 = 20 either way for a logarithm. It keeps open directions from running away; by a sample's
 # information it moves nothing that a record tells.
 _PRIOR_SPREAD = 3.0
@@ -102,7 +105,7 @@ class Unknowns:
 
 
 def theta_bounds(
-    unknowns: Unknowns, bounds: Mapping[str, tuple[float, float]], initial: Mapping[str, float] | None = None
+    unknowns: Unknowns, bounds: Pairs, initial: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest entries (p,) of the search vector, equal where held; initial [m, m/s] by name."""
     edges = np.full((2, len(unknowns.prior)), [[-np.inf], [np.inf]])
@@ -119,8 +122,8 @@ def theta_bounds(
     if unknowns.law.prescribed:  # the stroke is no state
         edges[:, count : count + 2] = 0.0
     for k, name in enumerate(names, count):
-        if name in (initial or {}):
-            value = (initial or {})[name]
+        if name in initial:
+            value = initial[name]
             if name == "height":
                 value = (value - unknowns.rest) / unknowns.amplitude
             elif name == "velocity":

@@ -19,6 +19,7 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.fit import fit, resolve_law
+from reduced_models.fitting.given_records import RecordLike, list_of_records
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_fit_options
 from reduced_models.fitting.parameter import (
     Parameter,
@@ -28,7 +29,6 @@ from reduced_models.fitting.parameter import (
     given_line_parameters,
     is_per_record,
 )
-from reduced_models.fitting.problem import RecordLike, list_of_records
 from reduced_models.fitting.roll_out import RollOut, roll_out
 from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (

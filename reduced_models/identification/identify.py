@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from granular.run.piston_record import PandasOrXarray, PistonRecord
 from granular.shared.errors import CautionWarning, InputError
 from granular.shared.message_text import quote
+from reduced_models.fitting.given_records import record_from_table
 from reduced_models.fitting.options import STARTS, check_fit_options
-from reduced_models.fitting.problem import record_from_table
 from reduced_models.identification.comparison import compare_on_further_records
 from reduced_models.identification.laws_of_record import Stopwatch, compare_laws_of_record, measure_own_swing
 from reduced_models.identification.options import IdentifyOptions

@@ -341,3 +341,9 @@ def _nominal_value(setting: Setting | None, free: float) -> float:
     if isinstance(setting, tuple):
         return 0.5 * (setting[0] + setting[1])
     return free if setting is None or isinstance(setting, str) else float(setting)
+
+
+def column_sensor(name: str) -> Sensor:
+    """Sensor that reads a column as it is."""
+    quantity: Any = name if name in get_args(SensorQuantity) else "height"
+    return Sensor(quantity, gain=1.0, offset=0.0, column=name)

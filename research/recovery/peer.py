@@ -12,8 +12,8 @@ import numpy as np
 
 from granular.run.piston_record import PistonRecord
 from granular.shared.result_cache import digest
+from reduced_models.fitting.fit_data import data_of_record
 from reduced_models.fitting.options import STARTS, TEST_FRACTION
-from reduced_models.fitting.problem import split_training_data
 from reduced_models.fitting.start_values import scale_unknowns, start_vectors
 from reduced_models.fitting.unknowns import Unknowns
 from reduced_models.laws.equation import compile_rates
@@ -87,11 +87,10 @@ class Problem(NamedTuple):
 
 def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
     """The first of the random starts that ``fit(record, law)`` searches from."""
-    data = split_training_data(record, TEST_FRACTION)
-    unknowns = scale_unknowns(law, data)
-    random = np.random.default_rng(0)
-    result = start_vectors(unknowns, data, STARTS, random)
-    return Problem(record, unknowns, result[:starts])
+    data = data_of_record(law, record, TEST_FRACTION)
+    data = dataclasses.replace(data, unknowns=scale_unknowns(data))
+    result = start_vectors(data, STARTS, np.random.default_rng(0), {})
+    return Problem(record, data.unknowns, result[:starts])
 
 
 def problem_key(given: Problem) -> str:

@@ -299,7 +299,7 @@ def test_records_with_too_many_periods_are_refused() -> None:
 
 
 def test_a_grid_that_is_too_coarse_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reduced_models.fitting.refinement.FINE_STEPS", 4)
+    monkeypatch.setattr("reduced_models.fitting.fit_data.FINE_STEPS", 4)
     model = fit(linear_record(), "linear")
     assert model.quality.solver_error <= SOLVER_LIMIT
     assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-6)

@@ -8,7 +8,7 @@ import numpy as np
 
 from granular import PistonRecord
 from reduced_models import fit
-from reduced_models.fitting.problem import clip_outliers
+from reduced_models.fitting.fit_data import clip_outliers
 
 TIME = np.linspace(0.0, 40.0, 2000)
 

@@ -17,7 +17,8 @@ from scipy import signal
 from granular.readers.read_options import ALL, ReadOptions
 from granular.shared.errors import RecordError
 from reduced_models import PistonRecord, fit, read_record, read_releases
-from reduced_models.fitting.problem import split_training_data
+from reduced_models.fitting.fit_data import data_of_record
+from reduced_models.laws import LAWS
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
 from reduced_models.records.release import active_inputs
 from reduced_models.records.sources import describe_record
@@ -349,10 +350,12 @@ def test_clipped_samples_are_kept_where_the_user_says_so(tmp_path: Path) -> None
     every = (-math.inf, math.inf)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        left = split_training_data(clipped, 0.1).record
+        left = data_of_record(LAWS["linear"], clipped, 0.1).record
         kept = [dataclasses.replace(clipped, complete=True), read_record(file, between=every)]
-        assert [len(split_training_data(entry, 0.1).record) for entry in kept] == [len(clipped)] * 2
-        cut = split_training_data(PistonRecord.from_file(file), 0.1).record
+        assert [len(data_of_record(LAWS["linear"], entry, 0.1).record) for entry in kept] == [
+            len(clipped)
+        ] * 2
+        cut = data_of_record(LAWS["linear"], PistonRecord.from_file(file), 0.1).record
     for entry, remedy in ((left, "complete=True of the PistonRecord"), (cut, "--between :")):
         assert len(entry) < len(clipped)
         assert f"(clipped) and are left out; to keep them: {remedy}" in describe_record(entry)[-1]

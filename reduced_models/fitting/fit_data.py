@@ -1,0 +1,279 @@
+"""Data of a fit: what is compared of a record, on the grid of a solution, and what judges a law."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.run.piston_record import PistonRecord
+from reduced_models.fitting.levenberg_marquardt import Bounds, Normal
+from reduced_models.fitting.residuals import (
+    Loss,
+    LossName,
+    cost_and_weight,
+    normal_equations,
+    remove_random_walk,
+    residual_function,
+)
+from reduced_models.fitting.samples import Samples, grid_over_record, means_on_grid, samples_on_grid
+from reduced_models.fitting.unknowns import Pairs, Unknowns, theta_bounds
+from reduced_models.laws.law import Law
+from reduced_models.records.derivatives import noise_level
+from reduced_models.records.first_guesses import FirstGuesses, first_guesses
+from reduced_models.records.held_out_swings import choose_test_swings
+from reduced_models.records.inputs import Interpolation, StepGrid, has_inputs_besides_time
+from reduced_models.records.sensor import Sensor, column_sensor
+from reduced_models.records.sensor_artefacts import count_samples_in_motion, without_clipped_samples
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
+_SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
+"""Scales of the losses, in standard deviations of the noise: nine tenths as sharp as least squares,
+and more, where the noise is normal (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
+_LEAST_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
+# Samples whose median is compared; up to two outliers in a row do not move it.
+_WINDOW = 5
+_FAR = 5.0  # standard deviations of the noise
+COARSE_STEPS, FINE_STEPS = 16, 64
+"""Grid steps of a period: the phase error of a period is then 4e-6, and 1e-9."""
+
+Selection = int | np.ndarray | None
+"""Samples of a record: the first so many, those of a mask (n,), or all."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FitData:
+    """One column of a record as a fit compares it; several records, or columns, are a tuple of these."""
+
+    unknowns: Unknowns
+    record: PistonRecord  # from time 0 on; its heights are what is compared
+    grid: StepGrid
+    weights: Float[np.ndarray, "n"]
+    look: PistonRecord  # motion of the training stretch, outliers clipped if the loss spares them
+    guess: FirstGuesses  # from it
+    training: int  # samples that a search sees, from the first on
+    interpolation: Interpolation = "spline"
+    test_swings: tuple[slice, ...] = ()  # without weight in a first fit, which they judge
+    noise: float = 0.0  # [m]
+    balance: float = 1.0  # part of the weights that makes several columns count by their noise
+    loss_name: LossName = "linear"
+    bounds: Pairs = dataclasses.field(default_factory=dict)  # of parameters, equal where one is given
+    initial: Mapping[str, float] = dataclasses.field(default_factory=dict)  # given of the start [m, m/s]
+    own: tuple[str, ...] = ()  # parameters that this record has for itself
+    number: int = 0  # of the record, of which several columns may be compared
+    gain: float = 0.0  # of the filter that takes a drift out of the residuals
+    means: bool = False  # whether means about the grid's points stand for the samples
+
+    @functools.cached_property
+    def samples(self) -> Samples:
+        """Samples on the grid, as compiled code takes them."""
+        make = means_on_grid if self.means else samples_on_grid
+        unknowns = self.unknowns
+        result = make(self.record, self.grid, unknowns.law.inputs, self.interpolation, self.weights)
+        return result.through_sensor(unknowns.sensor_of_motion, self.record, self.grid)
+
+    @functools.cached_property
+    def entries(self) -> Int[np.ndarray, "p"]:
+        """Entries of the joint search vector that are this record's: shared ones first, then its own."""
+        names, length = self.unknowns.law.parameters, len(self.unknowns.prior)
+        private = np.array([k >= len(names) or names[k] in self.own for k in range(length)])
+        result = np.cumsum(~private) - 1
+        count, shared = int(private.sum()), length - int(private.sum())
+        result[private] = shared + self.number * count + np.arange(count)
+        return result
+
+    @property
+    def edges(self) -> Bounds:
+        """Least and greatest entries (p,) of the record's search vector, equal where they are held."""
+        return Bounds(*theta_bounds(self.unknowns, self.bounds, self.initial))
+
+    @property
+    def training_mask(self) -> np.ndarray:
+        """Samples (n,) that the test swings leave."""
+        result = np.ones(len(self.record), dtype=bool)
+        for swing in self.test_swings:
+            result[swing] = False
+        return result
+
+    @property
+    def weighted_noise(self) -> float:
+        """Noise [m] of the weighted residuals."""
+        return self.noise * self.balance
+
+    @property
+    def loss(self) -> Loss:
+        """Loss of the residuals, which count in a unit."""
+        level = max(self.weighted_noise / self.unknowns.residual_unit, _LEAST_SCALE)
+        return Loss(self.loss_name, _SCALES[self.loss_name] * level)
+
+    def residuals(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
+        """Residuals (n,) of all samples, in amplitudes; not weighted."""
+        linear = residual_function(self.unknowns, "linear")
+        left = linear(theta, self._selected_samples(None, weighted=False), self.unknowns.scales)[0]
+        return np.asarray(left)[: len(self.record)]
+
+    def fitted_signal(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
+        """Signal (n,), or heights [m], by a search vector."""
+        return self.record.height + self.unknowns.residual_unit * self.residuals(theta)
+
+    def fitted_heights(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
+        """Heights (n,) [m] by a search vector."""
+        unknowns = self.unknowns
+        if unknowns.compares_heights:
+            return self.fitted_signal(theta)
+        if unknowns.law.prescribed:
+            return self.record.extra["z"]
+        # About rest, since residuals of far numbers are cut.
+        still = dataclasses.replace(self.record, height=np.full(len(self.record), unknowns.rest))
+        heights = dataclasses.replace(unknowns, sensor=None, observation="")
+        plain = dataclasses.replace(self, unknowns=heights, record=still)
+        return plain.fitted_signal(theta[: len(theta) - unknowns.sensor_entry_count])
+
+    def linearised_residuals(
+        self, theta: Float[np.ndarray, "p"]
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n p"]]:
+        """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
+        return self._linearised_samples(theta, self._selected_samples(None), slice(None))
+
+    def _linearised_samples(
+        self, theta: np.ndarray, seen: Samples, here: slice | np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        linear = residual_function(self.unknowns, "linear")
+        left, slopes = linear(theta, seen, self.unknowns.scales)
+        count = len(self.record)
+        value = np.asarray(left)[:count][here], np.asarray(slopes).T[:count][here]
+        return remove_random_walk(value[0], self.gain), remove_random_walk(value[1], self.gain)
+
+    def normal_equations(self, selection: Selection = None) -> Normal:
+        """Return the normal equations of some samples."""
+        # Only those of a single vector are without drift; over samples outside the selection the walk stays
+        # as it is.
+        seen = self._selected_samples(selection)
+        here = selection if isinstance(selection, np.ndarray) else slice(selection)
+        loss = self.loss
+        several = normal_equations(self.unknowns, seen, loss)
+
+        def single(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+            left, slopes = self._linearised_samples(theta[0], seen, here)
+            cost, weight = cost_and_weight(left, loss.compiled_arguments, np)
+            weighted = weight[:, None] * slopes
+            return cost.sum()[None], (left @ weighted)[None], (slopes.T @ weighted)[None]
+
+        return lambda theta: single(theta) if len(theta) == 1 else several(theta)
+
+    def _selected_samples(self, selection: Selection, *, weighted: bool = True) -> Samples:
+        weight = np.zeros_like(self.samples.weight)
+        here = selection if isinstance(selection, np.ndarray) else slice(selection)
+        weight[: len(self.record)][here] = self.weights[here] if weighted else 1.0
+        return self.samples.with_weights(weight)
+
+    def with_column_deviation(self, name: str, deviation: Float[np.ndarray, "n"]) -> FitData:
+        """Return the same with a deviation (n,) added to a column of the record."""
+        record = self.record
+        if name in record.extra:
+            record = dataclasses.replace(record, extra={**record.extra, name: record.extra[name] + deviation})
+        else:
+            record = dataclasses.replace(record, **{name: getattr(record, name) + deviation})
+        return dataclasses.replace(self, record=record)
+
+
+def data_of_record(
+    law: Law,
+    record: PistonRecord,
+    test_fraction: float,
+    weights: Float[np.ndarray, "n"] | None = None,
+    noise: float | None = None,
+    loss: LossName = "linear",
+    sensor: Sensor | None = None,
+    observation: str = "",
+    interpolation: Interpolation = "spline",
+    *,
+    about_rest: bool = False,
+) -> FitData:
+    """Split a record into its training stretch and test swings, and take a glance at it; noise [m]."""
+    # The fraction is one of the motion: an end at rest would say nothing of a law. It is whole swings spread
+    # over the motion, or its end if there are too few of them.
+    total = record.with_time_from_zero()
+    motion, prescribed = total, law.prescribed
+    reading = sensor or (column_sensor(observation) if observation else None)
+    if reading is not None:
+        columns = total.columns
+        if not prescribed:
+            height = reading.approximate_heights(columns, about_rest=about_rest)
+            # The column stays as it is, for what a law says of it.
+            extra = {**total.extra, "height": columns.get("height", height)}
+            motion = dataclasses.replace(total, height=height, extra=extra)
+        total = dataclasses.replace(
+            total, height=reading.signal(columns), deviations=reading.signal_deviations(total.deviations)
+        )
+    sound = without_clipped_samples(total)
+    if sound is not total:
+        seen = np.isin(total.time, sound.time)
+        total, motion = (entry.with_time_from_zero() for entry in (sound, motion.select(seen)))
+        weights = None if weights is None else weights[seen]
+    moving = count_samples_in_motion(total) if test_fraction > 0.0 and not prescribed else len(total)
+    stop = float(total.time[moving - 1]) * (1.0 - test_fraction)
+    # Two samples make a record; what is too short to fit is reported by its first guesses.
+    count = max(2, int(np.searchsorted(total.time, stop, side="right")))
+    given = np.ones(len(total)) if weights is None else weights
+    level = noise or 0.0
+    if noise is None and loss != "linear":
+        level = noise_level(total.height, total.time)
+    look = motion.first(count)
+    if loss != "linear":
+        look = clip_outliers(look)
+    guess = first_guesses(look.time, look.height)
+    swings: tuple[slice, ...] = ()
+    if test_fraction > 0.0:
+        seen = motion.height if prescribed else total.height
+        swings = choose_test_swings(total.time, seen, test_fraction, moving)
+    if not swings and len(total) - count >= 2:
+        swings = (slice(count, max(moving, count + 2)),)
+    size = float(np.abs(total.height[:count] - total.height[:count].mean()).max()) if reading else 1.0
+    speed = guess.amplitude * guess.frequency
+    units = (1.0,) * len(law.parameters)
+    unknowns = Unknowns(
+        law, units, guess.rest, guess.amplitude, speed, sensor, max(size, 1e-300), observation
+    )
+    return FitData(
+        unknowns,
+        total,
+        fine_grid(law, total, guess.period, interpolation),
+        given,
+        look,
+        guess,
+        count,
+        interpolation,
+        swings,
+        level,
+        loss_name=loss,
+    )
+
+
+def fine_grid(law: Law, record: PistonRecord, period: float, how: Interpolation) -> StepGrid:
+    """Fine grid over a record that starts at time 0; period [s]."""
+    # A driven law's steps end at the samples; it starts coarse, and is refined if its solution needs that.
+    wanted = law.step_ratio * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)
+    return grid_over_record(record, law.inputs, period, wanted, how)
+
+
+def clip_outliers(record: PistonRecord) -> PistonRecord:
+    """Move samples of a record that are far from the median about them to it."""
+    # Outliers may be larger than the amplitude, and each makes two passages through rest. A Hampel filter
+    # (Pearson 2002, doi:10.1109/87.974338), its limit by the noise in third differences, or by the motion's
+    # own step if samples are few.
+    height = record.height
+    if len(height) < _WINDOW:
+        return record
+    around = np.pad(height, _WINDOW // 2, mode="edge")
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _WINDOW), axis=1)
+    step = float(np.median(np.abs(np.diff(height))))
+    limit = _FAR * max(noise_level(height, record.time), step)
+    far = np.abs(height - medians) > limit
+    return dataclasses.replace(record, height=np.where(far, medians, height))
