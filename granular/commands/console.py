@@ -1,18 +1,15 @@
 r"""Command lines of the three packages, in one idiom.
 
-A command is a function of the parsed options. Right above it, in the decorator `command`, stand its
-name, what it does, its options and examples; `option` takes what
-`argparse.ArgumentParser.add_argument` takes. Options of several commands are named once, in
-`granular.commands.options`. Heavy imports stand in the function, so that ``--help`` is fast.
+A command is a function: its signature holds the options (see `granular.commands.signature`), its
+docstring says what it does, and the decorator `command` above it has the examples. Options of several
+commands are named once, in `granular.commands.options`. Heavy imports stand in the function, so that
+``--help`` is fast.
 
-    @command(
-        "show", "tell what a scene holds, in SI and in natural units",
-        SCENE, CHANGES, IMPORT, OUTPUT,
-        examples="example:\n  %(prog)s damper --set piston.mass=6.5",
-    )
-    def show(options: Any) -> None:
-        scene = scene_from_options(options)
-        print_result(derived_scene_values(scene), scene_text(scene), options.json)
+    @command(examples="example:\n  %(prog)s damper --set piston.mass=6.5")
+    def show(scene: SceneName, *, changes: Changes, output: Output) -> None:
+        \"""Tell what a scene holds, in SI and in natural units.\"""
+        loaded = changes.load(scene)
+        print_result(derived_scene_values(loaded), scene_text(loaded), output.json)
 
 A package's ``__main__`` lists its commands in a `Program`.
 
@@ -26,6 +23,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import gc
+import inspect
 import io
 import json
 import os
@@ -33,8 +31,10 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from typing import Any, NamedTuple, NoReturn, TextIO
 
+from granular.commands.signature import add_options, call_with_options
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.command_line import set_command
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_package_error
@@ -46,6 +46,9 @@ from granular.shared.version import __version__
 
 # As argparse has it, and as shells have it: 128 and the number of the signal, SIGINT or SIGTERM.
 BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
+
+
+_PROGRAM: ContextVar[str] = ContextVar("program", default="")
 
 
 class Parser(argparse.ArgumentParser):
@@ -147,41 +150,24 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     print(f"warning: {one_line(message)}", file=sys.stderr)
 
 
-Option = Callable[[argparse._ActionsContainer], object]
-"""Adds itself, an option or several, to a command's parser."""
-
-
-def option(*names: str, **settings: Any) -> Option:
-    """Declare an option or an argument of a command."""
-    return lambda parser: parser.add_argument(*names, **settings)
-
-
-def option_group(*options: Option, title: str | None = None) -> Option:
-    """Join several options to one; with a title they stand under it in the help."""
-
-    def add(parser: argparse._ActionsContainer) -> None:
-        target = parser if title is None else parser.add_argument_group(title)
-        for add_option in options:
-            add_option(target)
-
-    return add
-
-
 class Command(NamedTuple):
     """A command of a program."""
 
     name: str
     summary: str
-    options: tuple[Option, ...]
     examples: str
-    carry_out: Callable[[Any], None]
+    carry_out: Callable[..., None]
 
 
-def command(
-    name: str, summary: str, *options: Option, examples: str
-) -> Callable[[Callable[[Any], None]], Command]:
-    """Make the function below it a command of a program."""
-    return lambda carry_out: Command(name, summary, options, examples, carry_out)
+def command(examples: str, name: str | None = None) -> Callable[[Callable[..., None]], Command]:
+    """Make the function below it a command of a program, called as the function if not otherwise."""
+
+    def decorate(carry_out: Callable[..., None]) -> Command:
+        words = inspect.getdoc(carry_out) or ""
+        summary = words[:1].lower() + words[1:].rstrip(".")
+        return Command(name or carry_out.__name__.replace("_", "-"), summary, examples, carry_out)
+
+    return decorate
 
 
 class Program(NamedTuple):
@@ -210,8 +196,7 @@ class Program(NamedTuple):
                 formatter_class=raw,
                 description=offered.summary[0].upper() + offered.summary[1:] + ".",
             )
-            parser.set_defaults(prog=parser.prog)
-            option_group(*offered.options)(parser)
+            add_options(parser, offered.carry_out)
             top.parsers[offered.name] = parser
         return top
 
@@ -223,7 +208,8 @@ class Program(NamedTuple):
             raise InputError(_unknown_argument_message(rest, parser.parsers[options.command]))
         chosen = next(offered for offered in self.commands if offered.name == options.command)
         set_command(parser.prog, arguments)
-        chosen.carry_out(options)
+        _PROGRAM.set(parser.parsers[chosen.name].prog)
+        call_with_options(chosen.carry_out, options)
 
 
 def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentParser) -> str:
@@ -236,30 +222,35 @@ def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentPars
     return f"{words}; see {parser.prog} --help"
 
 
-def pick_options(options: Any, *names: str) -> dict[str, Any]:
-    """Pick options as keyword arguments of a function that calls them the same."""
-    return {name: getattr(options, name) for name in names}
+def current_program() -> str:
+    """Program and command that are carried out, for messages."""
+    return _PROGRAM.get()
 
 
-def given_options(options: Any, *names: str) -> dict[str, Any]:
-    """Pick options as `pick_options` does, but for those that are not given."""
-    return {name: value for name, value in pick_options(options, *names).items() if value is not None}
+def given(**options: Any) -> dict[str, Any]:
+    """Keep the options that are given, as keyword arguments of a function."""
+    return {name: value for name, value in options.items() if value is not None}
 
 
-def require_options(options: Any, **arguments: str) -> None:
-    """Refuse a command without arguments that only some forms of it need."""
-    missing = [words for name, words in arguments.items() if getattr(options, name) in (None, [])]
+def require_options(**options: Any) -> None:
+    """Refuse a command without options that only some forms of it need."""
+    missing = [_spelling(name) for name, value in options.items() if value in (None, ())]
     if missing:
         raise InputError(
-            f"the following arguments are required: {', '.join(missing)}; see {options.prog} --help"
+            f"the following arguments are required: {', '.join(missing)}; see {_PROGRAM.get()} --help"
         )
 
 
-def refuse_options(options: Any, form: str, *names: str, **written: str) -> None:
+def refuse_options(form: str, **options: Any) -> None:
     """Refuse options that a form of a command, such as ``--impulse``, does not take."""
-    for name, words in ({name: f"--{name}" for name in names} | written).items():
-        if getattr(options, name) not in (None, [], False):
-            raise InputError(f"{words} does not go with {form}; leave it out")
+    for name, value in options.items():
+        if value not in (None, (), False):
+            raise InputError(f"{_spelling(name)} does not go with {form}; leave it out")
+
+
+def _spelling(name: str) -> str:
+    """Spell a parameter as an option; an argument, in capitals, as it is, and ``set_`` without its end."""
+    return name if name.isupper() else f"--{name.rstrip('_').replace('_', '-')}"
 
 
 def add_version_option(parser: argparse.ArgumentParser) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from granular.commands.console import command, given_options, option, print_result
-from granular.commands.options import IMPORT, OUTPUT, RUN, quantity_reader
+from granular.commands.console import command, given, print_result
+from granular.commands.options import Output, OwnCode, RunDirectory
+from granular.commands.signature import Option, Seconds
 from granular.shared.files import check_output_file, make_directory, write_text
 
 if TYPE_CHECKING:
@@ -14,16 +15,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-@command(
-    "observe",
-    "observables of every frame of a run, as a table",
-    RUN,
-    option("names", metavar="NAME", nargs="+", help="of an observable; see below, or your own"),
-    IMPORT,
-    option("-o", "--out", metavar="FILE", help="write the table to this CSV file"),
-    option("--force", action="store_true", help="replace the file if it is there"),
-    OUTPUT,
-    examples="""\
+@command("""\
 examples:
   %(prog)s runs/bed mean_distance hexatic_order -o order.csv
   %(prog)s runs/bed greatest_force --import mine.py
@@ -45,37 +37,31 @@ mine.py:
 
   @observable("N", "greatest force on a grain")
   def greatest_force(frame):
-      return np.nanmax(np.linalg.norm(frame.forces, axis=1))""",
-)
-def observe(options: Any) -> None:
-    """Print observables of every frame of a run as a table, or write it to a CSV file."""
+      return np.nanmax(np.linalg.norm(frame.forces, axis=1))""")
+def observe(
+    run: RunDirectory,
+    names: Annotated[tuple[str, ...], Option("of an observable; see below, or your own", "NAME")],
+    *,
+    own: OwnCode,
+    out: Annotated[str | None, Option("write the table to this CSV file", "FILE", "-o")] = None,
+    force: Annotated[bool, Option("replace the file if it is there")] = False,
+    output: Output,
+) -> None:
+    """Observables of every frame of a run, as a table."""
     from granular.observables.catalogue import find_observable, observables_table
     from granular.run.trajectory import load_trajectory
-    from granular.user_code import import_user_code
 
-    if options.out is not None:
-        check_output_file(Path(options.out), options.force)  # before anything is computed
-    own = import_user_code(options.user_files).observables
-    run = load_trajectory(options.run)
-    table = observables_table(run, [find_observable(name, own) for name in options.names])
-    if options.out is not None:
-        write_text(Path(options.out), table.to_csv(index=False))
-    text = table.to_string(index=False) if options.out is None else f"written to {options.out}"
-    print_result({"table": table.to_dict("list"), "out": options.out}, text, options.json)
+    if out is not None:
+        check_output_file(Path(out), force)  # before anything is computed
+    known = own.run().observables
+    table = observables_table(load_trajectory(run), [find_observable(name, known) for name in names])
+    if out is not None:
+        write_text(Path(out), table.to_csv(index=False))
+    text = table.to_string(index=False) if out is None else f"written to {out}"
+    print_result({"table": table.to_dict("list"), "out": out}, text, output.json)
 
 
-@command(
-    "defects",
-    "follow dislocations, vacancies and other defects of a run from frame to frame",
-    RUN,
-    option("--start", type=quantity_reader("s"), metavar="T", default=0.0, help="first time"),
-    option("--stop", type=quantity_reader("s"), metavar="T", help="last time"),
-    option("--reach", type=float, metavar="A", help="largest displacement from frame to frame, in spacings"),
-    option("--memory", type=int, metavar="N", help="frames that a defect may be out of sight"),
-    option("--least", type=int, metavar="N", help="leave out what was seen in fewer frames"),
-    option("-o", "--out", metavar="DIR", help="write tables and a picture there"),
-    OUTPUT,
-    examples="""\
+@command("""\
 examples:
   %(prog)s runs/bed --start 0.2s --stop 0.5s
   %(prog)s runs/bed -o defects
@@ -84,31 +70,42 @@ what is written to the directory:
   tracks.csv   kind, life, Burgers vector, speed, glide and climb of each defect
   events.csv   births, annihilations, reactions, and what enters and leaves at the rim
   paths.csv    where each defect was in each frame
-  paths.png    the paths over the Voronoi cells of the last frame""",
-)
-def defects(options: Any) -> None:
-    """Follow the defects of a run, and print or write their tracks and events."""
+  paths.png    the paths over the Voronoi cells of the last frame""")
+def defects(
+    run: RunDirectory,
+    *,
+    start: Annotated[Seconds, Option("first time", "T")] = 0.0,
+    stop: Annotated[Seconds | None, Option("last time", "T")] = None,
+    reach: Annotated[
+        float | None, Option("largest displacement from frame to frame, in spacings", "A")
+    ] = None,
+    memory: Annotated[int | None, Option("frames that a defect may be out of sight", "N")] = None,
+    least: Annotated[int | None, Option("leave out what was seen in fewer frames", "N")] = None,
+    out: Annotated[str | None, Option("write tables and a picture there", "DIR", "-o")] = None,
+    output: Output,
+) -> None:
+    """Follow dislocations, vacancies and other defects of a run from frame to frame."""
     from granular.observables.defect_tracks import track_defects
     from granular.run.trajectory import load_trajectory
 
-    run = load_trajectory(options.run)
-    chosen = given_options(options, "stop", "reach", "memory", "least")
-    motion = track_defects(run, options.start, **chosen)
+    trajectory = load_trajectory(run)
+    chosen = given(stop=stop, reach=reach, memory=memory, least=least)
+    motion = track_defects(trajectory, start, **chosen)
     tracks, events = _defect_track_table(motion), _defect_event_table(motion)
-    if options.out is not None:
+    if out is not None:
         times = motion["frame_time"].values
-        last = run.dataset["frame_time"].values.searchsorted(times[-1])
-        positions = run.scene.cell.wrap_positions(run.dataset["position"].values[last])
-        _write_defect_tables(Path(options.out), motion, positions)
+        last = trajectory.dataset["frame_time"].values.searchsorted(times[-1])
+        positions = trajectory.scene.cell.wrap_positions(trajectory.dataset["position"].values[last])
+        _write_defect_tables(Path(out), motion, positions)
     result = {
         "tracks": tracks.to_dict("list"),
         "events": events.to_dict("list"),
         "conserved": motion.attrs["conserved"],
-        "out": options.out,
+        "out": out,
     }
     words = tracks.to_string(index=False, na_rep="", float_format="%.4g") if len(tracks) else ""
     text = f"{len(tracks)} defects, {len(events)} events\n{words}"
-    print_result(result, text if options.out is None else f"written to {options.out}", options.json)
+    print_result(result, text if out is None else f"written to {out}", output.json)
 
 
 def _defect_track_table(motion: xarray.Dataset) -> pandas.DataFrame:

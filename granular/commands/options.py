@@ -1,146 +1,162 @@
-"""Options that commands of all three packages share, and what reads them."""
+"""Options that commands of all three packages share."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable, Sequence
+import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from granular.commands.console import option, option_group
-from granular.shared.errors import GranularError, InputError
+from granular.commands.signature import Option, Reader
+from granular.shared.errors import InputError
 from granular.shared.files import parse_toml
 from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene
-
-SCENE = option("scene", metavar="SCENE", help="name of a packaged scene, or path to a TOML file")
-CHANGES = option(
-    "--set",
-    dest="changes",
-    metavar="KEY=VALUE",
-    action="append",
-    default=[],
-    help="change the scene: dotted key and value, such as piston.mass=6.5 or "
-    "'effects.drag.coefficient=0.2 kg/s'; 'none' takes a part away (repeatable)",
-)
-IMPORT = option(
-    "--import",
-    dest="user_files",
-    metavar="FILE",
-    action="append",
-    default=[],
-    help="run this Python file of yours first: its effects, methods and measures are then "
-    "known by their names (repeatable)",
-)
-RUN = option("run", metavar="RUN", help="directory that a run was written to")
-
-DT = option("--dt", default="auto", help="time step [s], 'auto' (default), or a multiple such as auto/2")
-METHOD = option(
-    "--method",
-    default="stormer-verlet",
-    help="integration method, by name (stormer-verlet); the command 'scenes --methods' lists them",
-)
-THREADS = option(
-    "--threads", type=int, help="number of threads; the result is the same to the last bit with any number"
-)
-ACCURACY = option(
-    "--accuracy",
-    metavar="TEXT",
-    help="choose dt, method and sum over pairs for this error, such as '1e-3 rest height'",
-)
-ENGINE = option(
-    "--engine", metavar="NAME", default="numba", help="what advances the bed: numba, or an installed engine"
-)
-WORKERS = option("--workers", type=int, metavar="N", help="processes (all processors)")
+    from granular.user_code import UserCode
 
 
-PARTS = option_group(
-    option(
-        "--part",
-        dest="parts",
-        metavar="KEY=TOLERANCE",
-        action="append",
-        default=[],
-        help="standard deviation of a number of the scene: dotted key and tolerance, such as "
-        "grains.remanence=2.5%% or 'cell.separation=0.05 mm' (repeatable)",
-    ),
-    option("--usual", action="store_true", help="usual tolerances of all parts that the scene names"),
-)
-OUTPUT = option_group(
-    option("--json", action="store_true", help="print one JSON object"),
-    option("--quiet", action="store_true", help="no progress bar"),
-)
-
-
-def scene_from_options(options: Any) -> Scene:
-    """Load the scene that a command was given, with its changes, after the user's own code."""
-    from granular.scene.loading import load_scene
-    from granular.user_code import import_user_code
-
-    import_user_code(getattr(options, "user_files", ()))
-    return load_scene(options.scene).replace(**parse_changes(options.changes))
-
-
-def scene_or_run_from_options(options: Any, source: str) -> Scene | Path:
-    """Load the scene that a command was given, with its changes, or return the directory of a run."""
-    from granular.run.run_directory import is_run_directory
-
-    path = Path(source)
-    if not is_run_directory(path):
-        options.scene = source
-        return scene_from_options(options)
-    if options.changes:
-        raise InputError(f"--set changes a scene; {source} is a run, whose scene is fixed")
-    return path
-
-
-def parse_changes(items: Sequence[str]) -> dict[str, Any]:
-    """Parse the changes to a scene from ``KEY=VALUE`` texts."""
-    changes: dict[str, Any] = {}
-    for item in items:
-        key, equals, value = item.partition("=")
-        if not equals or not key.strip():
-            raise InputError(f"--set {quote(item)} is not KEY=VALUE; write for instance piston.mass=6.5")
-        try:
-            changes[key.strip()] = parse_toml(f"value = {value}")["value"]
-        except ValueError:
-            changes[key.strip()] = value.strip()
-    return changes
-
-
-def parts_from_options(options: Any, scene: Scene | None) -> dict[str, str | float]:
-    """Tolerances of a scene's parts by their keys: the usual ones, and those that a command was given."""
-    result: dict[str, str | float] = {}
-    if options.usual and scene is not None:
-        from granular.studies.tolerance_parts import usual_parts
-
-        result = usual_parts(scene)
-    for item in options.parts:
-        key, equals, tolerance = item.partition("=")
-        if not equals or not key.strip():
-            raise InputError(f"--part {quote(item)} is not KEY=TOLERANCE; write grains.remanence=2.5%")
-        result[key.strip()] = tolerance.strip()
-    return result
-
-
-def quantity_reader(unit: str) -> Callable[[str], float]:
-    """Make the reader of an option that holds a quantity."""
-
-    def read(text: str) -> float:
-        from granular.schema.units import si_value
-
-        try:
-            return si_value(text, unit)
-        except GranularError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    return read
-
-
-def parse_time_step(text: str) -> float | str:
-    """Read a time step of the command line: seconds, a quantity, or a multiple of "auto" [s]."""
+def _parse_time_step(text: str) -> float | str:
+    """Read a time step: seconds, a quantity, or a multiple of "auto" [s]."""
     from granular.schema.units import si_value
 
     return text if text.startswith("auto") else si_value(text, "s")
+
+
+SceneName = Annotated[str, Option("name of a packaged scene, or path to a TOML file", "SCENE")]
+RunDirectory = Annotated[str, Option("directory that a run was written to", "RUN")]
+TimeStep = Annotated[
+    float | str,
+    Reader(_parse_time_step),
+    Option("time step [s], 'auto' (default), or a multiple such as auto/2"),
+]
+MethodName = Annotated[
+    str, Option("integration method, by name (stormer-verlet); the command 'scenes --methods' lists them")
+]
+ThreadCount = Annotated[
+    int | None, Option("number of threads; the result is the same to the last bit with any number")
+]
+Accuracy = Annotated[
+    str | None,
+    Option("choose dt, method and sum over pairs for this error, such as '1e-3 rest height'", "TEXT"),
+]
+WorkerCount = Annotated[int | None, Option("processes (all processors)", "N")]
+
+
+@dataclasses.dataclass(frozen=True)
+class Output:
+    """What a command prints."""
+
+    json: Annotated[bool, Option("print one JSON object")] = False
+    quiet: Annotated[bool, Option("no progress bar")] = False
+
+    @property
+    def progress(self) -> bool:
+        """Return true if long work shows a bar."""
+        return not self.quiet
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnCode:
+    """Files of the user's own, which are run first."""
+
+    user_files: Annotated[
+        tuple[str, ...],
+        Option(
+            "run this Python file of yours first: its effects, methods and measures are then known by their "
+            "names (repeatable)",
+            "FILE",
+            name="--import",
+        ),
+    ] = ()
+
+    def run(self) -> UserCode:
+        """Run the files."""
+        from granular.user_code import import_user_code
+
+        return import_user_code(self.user_files)
+
+
+@dataclasses.dataclass(frozen=True)
+class Changes(OwnCode):
+    """Changes of a scene, which may name effects of the user's own."""
+
+    changes: Annotated[
+        tuple[str, ...],
+        Option(
+            "change the scene: dotted key and value, such as piston.mass=6.5 or "
+            "'effects.drag.coefficient=0.2 kg/s'; 'none' takes a part away (repeatable)",
+            "KEY=VALUE",
+            name="--set",
+        ),
+    ] = ()
+
+    def apply(self, scene: Scene) -> Scene:
+        """Return the scene with the changes."""
+        return scene.replace(**self.values())
+
+    def values(self) -> dict[str, Any]:
+        """Read the changes by their dotted keys."""
+        values: dict[str, Any] = {}
+        for key, value in _split_pairs("--set", self.changes, "KEY=VALUE", "for instance piston.mass=6.5"):
+            try:
+                values[key] = parse_toml(f"value = {value}")["value"]
+            except ValueError:
+                values[key] = value
+        return values
+
+    def load(self, name: str) -> Scene:
+        """Load a scene with the changes, after the user's own code."""
+        from granular.scene.loading import load_scene
+
+        self.run()
+        return self.apply(load_scene(name))
+
+    def load_scene_or_run(self, source: str) -> Scene | Path:
+        """Load a scene with the changes, or return the directory of a run."""
+        from granular.run.run_directory import is_run_directory
+
+        path = Path(source)
+        if not is_run_directory(path):
+            return self.load(source)
+        if self.changes:
+            raise InputError(f"--set changes a scene; {source} is a run, whose scene is fixed")
+        return path
+
+
+@dataclasses.dataclass(frozen=True)
+class Parts:
+    """Tolerances of a scene's parts."""
+
+    parts: Annotated[
+        tuple[str, ...],
+        Option(
+            "standard deviation of a number of the scene: dotted key and tolerance, such as "
+            "grains.remanence=2.5%% or 'cell.separation=0.05 mm' (repeatable)",
+            "KEY=TOLERANCE",
+            name="--part",
+        ),
+    ] = ()
+    usual: Annotated[bool, Option("usual tolerances of all parts that the scene names")] = False
+
+    def __bool__(self) -> bool:
+        return bool(self.parts) or self.usual
+
+    def of_scene(self, scene: Scene | None) -> dict[str, str | float]:
+        """Read tolerances by their keys: the usual ones, and those that were given."""
+        tolerances: dict[str, str | float] = {}
+        if self.usual and scene is not None:
+            from granular.studies.tolerance_parts import usual_parts
+
+            tolerances = usual_parts(scene)
+        return tolerances | dict(_split_pairs("--part", self.parts, "KEY=TOLERANCE", "grains.remanence=2.5%"))
+
+
+def _split_pairs(option: str, items: tuple[str, ...], form: str, example: str) -> Iterator[tuple[str, str]]:
+    """Split texts ``KEY=VALUE`` of an option."""
+    for item in items:
+        key, equals, value = item.partition("=")
+        if not equals or not key.strip():
+            raise InputError(f"{option} {quote(item)} is not {form}; write {example}")
+        yield key.strip(), value.strip()

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from granular.commands.console import command, option, pick_options, print_result
+from granular.commands.console import command, print_result
 from granular.commands.options import (
-    ACCURACY,
-    CHANGES,
-    DT,
-    ENGINE,
-    IMPORT,
-    METHOD,
-    OUTPUT,
-    SCENE,
-    THREADS,
-    WORKERS,
-    parse_time_step,
-    quantity_reader,
-    scene_from_options,
+    Accuracy,
+    Changes,
+    MethodName,
+    Output,
+    OwnCode,
+    SceneName,
+    ThreadCount,
+    TimeStep,
+    WorkerCount,
 )
+from granular.commands.signature import Option, Seconds
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import write_text
 
@@ -28,39 +25,42 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 
-@command(
-    "run",
-    "run a scene",
-    SCENE,
-    CHANGES,
-    option("-o", "--out", metavar="DIR", help="directory to write the run to"),
-    option("--t-end", type=quantity_reader("s"), metavar="T", help="stop at this time, as 0.5 or '500 ms'"),
-    option("--resume", action="store_true", help="go on with the run in DIR"),
-    DT,
-    METHOD,
-    IMPORT,
-    THREADS,
-    ACCURACY,
-    ENGINE,
-    OUTPUT,
-    examples="""\
+@command("""\
 examples:
   %(prog)s bed --t-end 0.5 -o runs/bed
   %(prog)s damper --set piston.mass=6.5 --set 'effects.drag.coefficient=0.2 kg/s'
   %(prog)s damper --accuracy '1e-2 rest height'
-  %(prog)s damper -o runs/damper --resume     # goes on after Ctrl-C""",
-)
-def run(options: Any) -> None:
-    """Run a scene, and print its outcome."""
+  %(prog)s damper -o runs/damper --resume     # goes on after Ctrl-C""")
+def run(
+    scene: SceneName,
+    *,
+    changes: Changes,
+    out: Annotated[str | None, Option("directory to write the run to", "DIR", "-o")] = None,
+    t_end: Annotated[Seconds | None, Option("stop at this time, as 0.5 or '500 ms'", "T")] = None,
+    resume: Annotated[bool, Option("go on with the run in DIR")] = False,
+    dt: TimeStep = "auto",
+    method: MethodName = "stormer-verlet",
+    threads: ThreadCount = None,
+    accuracy: Accuracy = None,
+    engine: Annotated[str, Option("what advances the bed: numba, or an installed engine", "NAME")] = "numba",
+    output: Output,
+) -> None:
+    """Run a scene."""
     from granular.run.simulation import simulate
 
     done = simulate(
-        scene_from_options(options),
-        dt=parse_time_step(options.dt),
-        progress=not options.quiet,
-        **pick_options(options, "t_end", "method", "out", "resume", "threads", "accuracy", "engine"),
+        changes.load(scene),
+        dt=dt,
+        t_end=t_end,
+        method=method,
+        out=out,
+        resume=resume,
+        threads=threads,
+        accuracy=accuracy,
+        engine=engine,
+        progress=output.progress,
     )
-    print_result(*_run_outcome_text(done), options.json)
+    print_result(*_run_outcome_text(done), output.json)
 
 
 def _run_outcome_text(done: Trajectory) -> tuple[dict[str, Any], str]:
@@ -76,18 +76,7 @@ def _run_outcome_text(done: Trajectory) -> tuple[dict[str, Any], str]:
     return figures, "\n".join([*lines, figures["price"]])
 
 
-@command(
-    "sweep",
-    "run a scene under many changes, from a study's file",
-    option("study", metavar="STUDY", help="the study's TOML file"),
-    option("-o", "--out", metavar="DIR", required=True, help="directory that keeps what is done"),
-    WORKERS,
-    option("--dask", metavar="ADDRESS", help="run on the Dask cluster at this address"),
-    option("--mpi", action="store_true", help="run on the ranks of mpi4py.futures"),
-    option("--keep-runs", action="store_true", help="keep the whole runs too"),
-    IMPORT,
-    OUTPUT,
-    examples="""\
+@command("""\
 example:
   %(prog)s study.toml -o studies/mass      # again: goes on where it was
 
@@ -100,28 +89,38 @@ study.toml:
   "piston.mass" = [6.0, 7.5]
   "arrangement.seed" = [1, 2, 3]
   [[cases]]                    # and one by one
-  "piston.mass" = "9 kg" """,
-)
-def sweep(options: Any) -> None:
-    """Run a study, a scene under many changes, and write its table and report."""
+  "piston.mass" = "9 kg" """)
+def sweep(
+    study: Annotated[str, Option("the study's TOML file", "STUDY")],
+    *,
+    out: Annotated[str, Option("directory that keeps what is done", "DIR", "-o")],
+    workers: WorkerCount = None,
+    dask: Annotated[str | None, Option("run on the Dask cluster at this address", "ADDRESS")] = None,
+    mpi: Annotated[bool, Option("run on the ranks of mpi4py.futures")] = False,
+    keep_runs: Annotated[bool, Option("keep the whole runs too")] = False,
+    own: OwnCode,
+    output: Output,
+) -> None:
+    """Run a scene under many changes, from a study's file."""
     from granular.studies.executors import cluster_executor
     from granular.studies.study_page import study_page
     from granular.studies.sweep import load_study
     from granular.studies.sweep import sweep as run_study
-    from granular.user_code import import_user_code
 
-    study = load_study(options.study, import_user_code(options.user_files).measures)
-    if options.workers is not None and options.workers < 1:
-        raise InputError(f"--workers {options.workers}; give at least 1")
-    with cluster_executor(options.dask, options.mpi) as pool:
+    settings = load_study(study, own.run().measures)
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers {workers}; give at least 1")
+    with cluster_executor(dask, mpi) as pool:
         done = run_study(
-            study.pop("scene"),
+            settings.pop("scene"),
             executor=pool,
-            progress=not options.quiet,
-            **pick_options(options, "out", "keep_runs", "workers"),
-            **study,
+            out=out,
+            keep_runs=keep_runs,
+            workers=workers,
+            progress=output.progress,
+            **settings,
         )
-    path, page = Path(options.out) / "table.csv", Path(options.out) / "report.html"
+    path, page = Path(out) / "table.csv", Path(out) / "report.html"
     write_text(path, done.to_csv())
     study_page(done).save(page)
     figures = {
@@ -136,7 +135,7 @@ def sweep(options: Any) -> None:
         f"{len(done.cases)} cases, {done.reused} of them done before, {len(done.failed)} "
         f"failed; table in {path}, pictures in {page}"
     )
-    print_result(figures, text, options.json)
+    print_result(figures, text, output.json)
     if done.unfinished:
         errors = [outcome.error for outcome in done.outcomes if outcome.cause is not None]
         raise GranularError(

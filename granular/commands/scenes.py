@@ -5,62 +5,48 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from textwrap import indent
-from typing import Any
+from typing import Annotated, Literal
 
-from granular.commands.console import command, option, pick_options, print_result, refuse_options
-from granular.commands.options import (
-    ACCURACY,
-    CHANGES,
-    DT,
-    IMPORT,
-    METHOD,
-    OUTPUT,
-    SCENE,
-    THREADS,
-    parse_changes,
-    parse_time_step,
-    scene_from_options,
-)
+from granular.commands.console import command, print_result, refuse_options
+from granular.commands.options import Accuracy, Changes, MethodName, Output, SceneName, ThreadCount, TimeStep
+from granular.commands.signature import Option
 from granular.shared.errors import InputError
 
 
-@command(
-    "scenes",
-    "list the packaged scenes",
-    option("--methods", action="store_true", help="list the integration methods instead"),
-    option(
-        "--warm-up",
-        metavar="SCENE",
-        nargs="*",
-        help="compile what these scenes need, once and for all later starts: names or TOML files "
-        "(all packaged scenes)",
-    ),
-    CHANGES,
-    IMPORT,
-    OUTPUT,
-    examples="""\
+@command("""\
 examples:
   %(prog)s
   %(prog)s --methods
   %(prog)s --warm-up          # all packaged scenes; for images and continuous integration
-  %(prog)s --warm-up damper my-bed.toml --set effects.friction=true""",
-)
-def scenes(options: Any) -> None:
-    """List the packaged scenes or the methods, or compile what scenes need."""
-    from granular.user_code import import_user_code
-
-    import_user_code(options.user_files)
-    if options.warm_up is not None:
-        _warm_up(options)
+  %(prog)s --warm-up damper my-bed.toml --set effects.friction=true""")
+def scenes(
+    *,
+    methods: Annotated[bool, Option("list the integration methods instead")] = False,
+    warm_up: Annotated[
+        tuple[str, ...] | None,
+        Option(
+            "compile what these scenes need, once and for all later starts: names or TOML files (all "
+            "packaged scenes)",
+            "SCENE",
+            nargs="*",
+        ),
+    ] = None,
+    changes: Changes,
+    output: Output,
+) -> None:
+    """List the packaged scenes."""
+    changes.run()
+    if warm_up is not None:
+        _warm_up(warm_up, changes, output)
         return
-    refuse_options(options, "a list", changes="--set")
-    if options.methods:
-        _list_methods(options)
+    refuse_options("a list", set=changes.changes)
+    if methods:
+        _list_methods(output)
     else:
-        _list_scenes(options)
+        _list_scenes(output)
 
 
-def _list_scenes(options: Any) -> None:
+def _list_scenes(output: Output) -> None:
     """List the packaged scenes, and what scenes can name."""
     from granular.effects.registry import effect_names
     from granular.methods.registry import GROUP as METHOD_GROUP
@@ -83,25 +69,24 @@ def _list_scenes(options: Any) -> None:
         "observables": (*OBSERVABLES, *entry_point_names(OBSERVABLE_GROUP)),
     }
     more = [f"{what}: {', '.join(some)}" for what, some in known.items()]
-    print_result(first, "\n".join([*lines, "", *more]), options.json)
+    print_result(first, "\n".join([*lines, "", *more]), output.json)
 
 
-def _list_methods(options: Any) -> None:
+def _list_methods(output: Output) -> None:
     """List the methods that are built in, those of the user's own, and those installed."""
     from granular.methods.registry import all_methods
 
     methods = all_methods()
-    print_result({name: method.to_plain() for name, method in methods.items()}, repr(methods), options.json)
+    print_result({name: method.to_plain() for name, method in methods.items()}, repr(methods), output.json)
 
 
-def _warm_up(options: Any) -> None:
+def _warm_up(names: tuple[str, ...], changes: Changes, output: Output) -> None:
     """Compile what scenes need."""
     from granular.compiled.cache_folder import kernel_cache_folder
     from granular.run.simulation import compile_and_cache_kernels
     from granular.scene.loading import load_scene, scene_names
 
-    changes = parse_changes(options.changes)
-    scenes = [load_scene(name).replace(**changes) for name in options.warm_up or scene_names()]
+    scenes = [changes.apply(load_scene(name)) for name in names or scene_names()]
     seconds = compile_and_cache_kernels(scenes)
     folder = kernel_cache_folder()
     if folder is None:
@@ -112,57 +97,52 @@ def _warm_up(options: Any) -> None:
     print_result(
         {"seconds": seconds, "folder": str(folder)},
         "\n".join([*lines, f"compiled code is in {folder}"]),
-        options.json,
+        output.json,
     )
 
 
-@command(
-    "show",
-    "tell what a scene holds, in SI and in natural units, and how it is run",
-    SCENE,
-    CHANGES,
-    DT,
-    METHOD,
-    ACCURACY,
-    THREADS,
-    IMPORT,
-    OUTPUT,
-    examples="""\
+@command("""\
 examples:
   %(prog)s damper --set piston.mass=6.5
-  %(prog)s damper --accuracy '1 %% period'     # method, step and sum over pairs for it""",
-)
-def show(options: Any) -> None:
-    """Print the values of a scene in SI and in natural units, and the plan of its run."""
+  %(prog)s damper --accuracy '1 %% period'     # method, step and sum over pairs for it""")
+def show(
+    scene: SceneName,
+    *,
+    changes: Changes,
+    dt: TimeStep = "auto",
+    method: MethodName = "stormer-verlet",
+    accuracy: Accuracy = None,
+    threads: ThreadCount = None,
+    output: Output,
+) -> None:
+    """Tell what a scene holds, in SI and in natural units, and how it is run."""
     from granular.run.plan import plan
     from granular.run.summary import derived_scene_values, scene_text
 
-    scene = scene_from_options(options)
-    dt = parse_time_step(options.dt)
-    chosen = plan(scene, dt, **pick_options(options, "method", "accuracy", "threads"))
-    figures = {"scene": scene.to_plain(), "figures": derived_scene_values(scene), "plan": chosen.to_plain()}
-    print_result(figures, f"{scene_text(scene)}\nrun by\n{indent(str(chosen), '  ')}", options.json)
+    loaded = changes.load(scene)
+    chosen = plan(loaded, dt, method=method, accuracy=accuracy, threads=threads)
+    values = derived_scene_values(loaded)
+    figures = {"scene": loaded.to_plain(), "figures": values, "plan": chosen.to_plain()}
+    print_result(figures, f"{scene_text(loaded)}\nrun by\n{indent(str(chosen), '  ')}", output.json)
 
 
-@command(
-    "schema",
-    "print the JSON schema of scene or study files, for editors",
-    option("--of", choices=("scene", "study"), default="scene", help="kind of file"),
-    option("-o", "--out", metavar="FILE", help="write it there instead of printing it"),
-    examples="""\
+@command("""\
 examples:
   %(prog)s -o scene.schema.json
-  %(prog)s --of study -o study.schema.json""",
-)
-def schema(options: Any) -> None:
-    """Print the JSON schema of scene or study files, or write it to a file."""
+  %(prog)s --of study -o study.schema.json""")
+def schema(
+    *,
+    of: Annotated[Literal["scene", "study"], Option("kind of file")] = "scene",
+    out: Annotated[str | None, Option("write it there instead of printing it", "FILE", "-o")] = None,
+) -> None:
+    """Print the JSON schema of scene or study files, for editors."""
     from granular.scene.json_schema import scene_schema, study_schema
     from granular.shared.files import write_text
 
-    plain = {"scene": scene_schema, "study": study_schema}[options.of]()
+    plain = {"scene": scene_schema, "study": study_schema}[of]()
     text = json.dumps(plain, indent=2, ensure_ascii=False)
-    if options.out is None:
+    if out is None:
         print(text)
         return
-    write_text(Path(options.out), text + "\n")
-    print(options.out)
+    write_text(Path(out), text + "\n")
+    print(out)

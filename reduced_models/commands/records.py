@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from granular.commands.console import Option, command, option, option_group, print_result
-from granular.commands.options import OUTPUT
+from granular.commands.console import command, print_result
+from granular.commands.options import Output
+from granular.commands.signature import Option
 from granular.readers.read_options import ALL
 from granular.shared.errors import CautionWarning, InputError, SceneError
 from granular.shared.message_text import quote
@@ -20,99 +22,126 @@ if TYPE_CHECKING:
     from granular.run.piston_record import PistonRecord
 
 
-def repeated_option(*names: str, **settings: Any) -> Option:
-    """Declare an option that may be given several times."""
-    return option(*names, action="append", default=[], **settings)
-
-
-A_SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
-SOURCES = option("sources", nargs="*", metavar="SOURCE", help=A_SOURCE)
+_A_SOURCE = Option(
+    "a scene (name or TOML file), a run directory, or a record as an instrument wrote it", "SOURCE"
+)
+Source = Annotated[str, _A_SOURCE]
+Sources = Annotated[tuple[str, ...], _A_SOURCE]
 
 _PAIRS = re.compile(r",(?=[^,=]+=)")
 """Commas between pairs, and not in a heading as it stands in a file."""
 
-READING = option_group(
-    repeated_option(
-        "--columns",
-        metavar="ROLE=NAME,...",
-        help="which column is time, height (or angle; or stroke, where it is prescribed and the force "
-        "is measured), velocity, force, acceleration, base_height, base_acceleration, or an input that "
-        "is called so: by name, or by number from 1",
-    ),
-    option("--units", action="append", default=[], metavar="NAME=UNIT,...", help="such as height=mm"),
-    option("--decimal", metavar="SIGN", help="sign of the decimals, . or ,"),
-    option("--skip", type=int, default=0, metavar="N", help="leave N lines at the head"),
-    option("--sheet", metavar="NAME", help="of a workbook, a group, or a variable"),
-    option("--flip", action="store_true", help="the coordinate grows downwards"),
-    option(
-        "--between",
-        metavar="T:T",
-        help="only the samples between these times [s]; ':' for all, also those before a release, "
-        "which are left out otherwise",
-    ),
-    repeated_option(
-        "--scale",
-        metavar="[COLUMN=]SCALE",
-        help="calibration of the height, or of a COLUMN, such as '2.4894 +- 0.003 mm/V' (repeatable)",
-    ),
-    repeated_option(
-        "--zero", metavar="[COLUMN=]VALUE", help="the column's number at the height 0: '2.513 V' (repeatable)"
-    ),
-    repeated_option(
-        "--calibration",
-        metavar="[COLUMN=]FILE",
-        help="instead of a scale, a file of points with the columns raw, value and uncertainty, "
-        "through which a straight line is laid (repeatable)",
-    ),
-    option(
-        "--release",
-        metavar="N",
-        help="which of several releases in a file: its number, or 'all' of them together (for fit, "
-        "compare and discover); the first if not given",
-    ),
-    option("--rate", metavar="RATE", help="sampling rate of a file without times: '610.35 Hz'"),
-    option(
-        "--sort",
-        action="store_true",
-        help="put the rows in the order of their times, those of one time as their mean",
-    ),
-    title="how a record's file is read, where it is not to be guessed",
-)
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """Options of reading a record's file, as they were typed."""
+
+    title: ClassVar[str] = "how a record's file is read, where it is not to be guessed"
+
+    columns: Annotated[
+        tuple[str, ...],
+        Option(
+            "which column is time, height (or angle; or stroke, where it is prescribed and the force is "
+            "measured), velocity, force, acceleration, base_height, base_acceleration, or an input that is "
+            "called so: by name, or by number from 1",
+            "ROLE=NAME,...",
+        ),
+    ] = ()
+    units: Annotated[tuple[str, ...], Option("such as height=mm", "NAME=UNIT,...")] = ()
+    decimal: Annotated[str | None, Option("sign of the decimals, . or ,", "SIGN")] = None
+    skip: Annotated[int, Option("leave N lines at the head", "N")] = 0
+    sheet: Annotated[str | None, Option("of a workbook, a group, or a variable", "NAME")] = None
+    flip: Annotated[bool, Option("the coordinate grows downwards")] = False
+    between: Annotated[
+        str | None,
+        Option(
+            "only the samples between these times [s]; ':' for all, also those before a release, which are "
+            "left out otherwise",
+            "T:T",
+        ),
+    ] = None
+    scale: Annotated[
+        tuple[str, ...],
+        Option(
+            "calibration of the height, or of a COLUMN, such as '2.4894 +- 0.003 mm/V' (repeatable)",
+            "[COLUMN=]SCALE",
+        ),
+    ] = ()
+    zero: Annotated[
+        tuple[str, ...],
+        Option("the column's number at the height 0: '2.513 V' (repeatable)", "[COLUMN=]VALUE"),
+    ] = ()
+    calibration: Annotated[
+        tuple[str, ...],
+        Option(
+            "instead of a scale, a file of points with the columns raw, value and uncertainty, through which "
+            "a straight line is laid (repeatable)",
+            "[COLUMN=]FILE",
+        ),
+    ] = ()
+    release: Annotated[
+        str | None,
+        Option(
+            "which of several releases in a file: its number, or 'all' of them together (for fit, compare "
+            "and discover); the first if not given",
+            "N",
+        ),
+    ] = None
+    rate: Annotated[str | None, Option("sampling rate of a file without times: '610.35 Hz'", "RATE")] = None
+    sort: Annotated[
+        bool, Option("put the rows in the order of their times, those of one time as their mean")
+    ] = False
+
+    def parse(self) -> ReadOptions:
+        """Read the texts."""
+        from granular.readers.read_options import ReadOptions
+
+        calibrations = _parse_by_column("--calibration", self.calibration) or {}
+        return ReadOptions(
+            columns=_parse_pairs("--columns", self.columns),
+            units=_parse_pairs("--units", self.units),
+            between=_parse_time_range(self.between),
+            scale=_parse_by_column("--scale", self.scale),
+            zero=_parse_by_column("--zero", self.zero),
+            calibration={column: {"points": file} for column, file in calibrations.items()},
+            **{name: getattr(self, name) for name in _AS_TYPED},
+        )
+
+    def load(self, sources: Sequence[str], output: Output) -> list[PistonRecord]:
+        """Load the records of some sources, scenes simulated first; all releases of a file if asked."""
+        from reduced_models.records.sources import (
+            is_record_file,
+            load_record,
+            open_source,
+            options_with_description,
+            read_releases,
+        )
+
+        said = self.parse()
+        records: list[PistonRecord] = []
+        for source in sources:
+            path = Path(source)
+            if is_record_file(path) and options_with_description(path, said).release == ALL:
+                records += read_releases(path, **said.to_plain())
+            else:
+                records.append(load_record(open_source(source, said), output.progress))
+        return records
 
 
-def parse_reading_options(options: Any) -> ReadOptions:
-    """Options of reading a file, from the options of the command line."""
-    from granular.readers.read_options import ReadOptions
+_AS_TYPED = ("decimal", "skip", "sheet", "flip", "release", "rate", "sort")
 
-    between = None
-    if options.between is not None:
-        start, colon, stop = options.between.partition(":")
-        try:
-            between = (_parse_time(start, -math.inf), _parse_time(stop, math.inf))
-        except SceneError:
-            colon = ""
-        if not colon:
-            raise InputError(
-                f"--between {quote(options.between)}; give two times, such as 0.5:6 or '5 ms:6 s'"
-            )
-    return ReadOptions(
-        columns=_parse_pairs("--columns", options.columns),
-        units=_parse_pairs("--units", options.units),
-        decimal=options.decimal,
-        skip=options.skip,
-        sheet=options.sheet,
-        flip=options.flip,
-        between=between,
-        scale=_parse_by_column("--scale", options.scale),
-        zero=_parse_by_column("--zero", options.zero),
-        calibration={
-            column: {"points": file}
-            for column, file in (_parse_by_column("--calibration", options.calibration) or {}).items()
-        },
-        release=options.release,
-        rate=options.rate,
-        sort=options.sort,
-    )
+
+def _parse_time_range(text: str | None) -> tuple[float, float] | None:
+    """Read two times [s]; infinite where one is missing."""
+    if text is None:
+        return None
+    start, colon, stop = text.partition(":")
+    try:
+        if colon:
+            return _parse_time(start, -math.inf), _parse_time(stop, math.inf)
+    except SceneError:
+        pass
+    raise InputError(f"--between {quote(text)}; give two times, such as 0.5:6 or '5 ms:6 s'")
 
 
 def _parse_by_column(option: str, items: Sequence[str]) -> dict[str, str] | None:
@@ -147,61 +176,39 @@ def _parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     return pairs
 
 
-def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
-    """Return the records of some sources, scenes simulated first; all releases of a file where asked."""
-    from reduced_models.records.sources import (
-        is_record_file,
-        load_record,
-        open_source,
-        options_with_description,
-        read_releases,
-    )
-
-    said = parse_reading_options(options)
-    records: list[PistonRecord] = []
-    for source in sources:
-        path = Path(source)
-        if is_record_file(path) and options_with_description(path, said).release == ALL:
-            records += read_releases(path, **said.to_plain())
-        else:
-            records.append(load_record(open_source(source, said), not options.quiet))
-    return records
-
-
-def leave_cautions_to_print_out(options: Any) -> None:
+def leave_cautions_to_print_out(output: Output) -> None:
     """Silence the warnings that a print-out for people repeats."""
-    if not options.json:
+    if not output.json:
         warnings.simplefilter("ignore", CautionWarning)
 
 
-def print_result_and_report_path(result: Any, options: Any, text: str | None = None) -> None:
-    """Print a result, in other words than its own where these are given; and its report's place."""
+def print_result_and_report_path(
+    result: Any, out: str | None, output: Output, text: str | None = None
+) -> None:
+    """Print a result, in other words than its own if these are given; and its report's place."""
     text = str(result) if text is None else text
-    if options.out is not None:
-        text += f"\nreport: {options.out}/report.html"
-    print_result(result.to_plain(), text, options.json)
+    if out is not None:
+        text += f"\nreport: {out}/report.html"
+    print_result(result.to_plain(), text, output.json)
 
 
-@command(
-    "look",
-    "show what is understood of a record's file, before anything is fitted",
-    option("file", metavar="FILE", help="a record as an instrument wrote it"),
-    option("--plot", metavar="FILE", help="draw the motion to this file (.png, .svg)"),
-    option(
-        "--write",
-        metavar="FILE",
-        help="write what was understood to this TOML file, which every command takes as a record",
-    ),
-    READING,
-    OUTPUT,
-    examples="""\
+@command("""\
 examples:
   %(prog)s lab.csv
   %(prog)s lab.csv --columns time=t,height=dist --units height=mm --flip --between 0.5:6
-  %(prog)s lab.csv --decimal , --skip 12 --write record.toml    # then: identify record.toml""",
-)
-def look(options: Any) -> None:
-    """Show what was understood, and keep it if asked."""
+  %(prog)s lab.csv --decimal , --skip 12 --write record.toml    # then: identify record.toml""")
+def look(
+    file: Annotated[str, Option("a record as an instrument wrote it", "FILE")],
+    *,
+    plot: Annotated[str | None, Option("draw the motion to this file (.png, .svg)", "FILE")] = None,
+    write: Annotated[
+        str | None,
+        Option("write what was understood to this TOML file, which every command takes as a record", "FILE"),
+    ] = None,
+    reading: Reading,
+    output: Output,
+) -> None:
+    """Show what is understood of a record's file, before anything is fitted."""
     from granular.readers.read_options import (
         ReadOptions,
         is_record_description,
@@ -210,42 +217,38 @@ def look(options: Any) -> None:
     )
     from reduced_models.records.record_overview import overview_of_record_file, plot_overview
 
-    said, path = parse_reading_options(options), Path(options.file)
+    said, path = reading.parse(), Path(file)
     seen = overview_of_record_file(path, said)
-    if options.plot is not None:
+    if plot is not None:
         from granular.render import save_picture
 
-        save_picture(plot_overview(seen), options.plot, overwrite=True)
-    if options.write is not None:
+        save_picture(plot_overview(seen), plot, overwrite=True)
+    if write is not None:
         if is_record_description(path):
             path, described = read_record_description(path)
             said = described.merge(said)
         columns = {role: name for role, name in seen.meaning.source.items() if name}
         understood = ReadOptions(columns=columns, units=seen.meaning.units)
-        write_record_description(Path(options.write), path, understood.merge(said))
+        write_record_description(Path(write), path, understood.merge(said))
     text = str(seen)
-    if options.write is not None:
-        text += f"\nwritten to {options.write}"
-    print_result(seen.to_plain() | {"description": options.write}, text, options.json)
+    if write is not None:
+        text += f"\nwritten to {write}"
+    print_result(seen.to_plain() | {"description": write}, text, output.json)
 
 
-@command(
-    "example",
-    "write records as instruments write them, made ones and a real one, to try the other commands on",
-    option(
-        "-o", "--out", default="lab", metavar="DIR", help="directory for them (lab); nothing is overwritten"
-    ),
-    OUTPUT,
-    examples="""\
+@command("""\
 examples:
   %(prog)s
-  %(prog)s -o somewhere        # then: identify somewhere/lvdt.toml --law linear""",
-)
-def example(options: Any) -> None:
-    """Write the example records."""
+  %(prog)s -o somewhere        # then: identify somewhere/lvdt.toml --law linear""")
+def example(
+    *,
+    out: Annotated[str, Option("directory for them (lab); nothing is overwritten", "DIR", "-o")] = "lab",
+    output: Output,
+) -> None:
+    """Write records as instruments write them, made ones and a real one, to try the other commands on."""
     from reduced_models.records.example_records import write_example_records
 
-    truths = write_example_records(options.out)
-    lines = [f"written to {options.out}, each with a .toml that says how it is read:"]
+    truths = write_example_records(out)
+    lines = [f"written to {out}, each with a .toml that says how it is read:"]
     lines += [f"  {name:18} {truth}" for name, truth in truths.items()]
-    print_result({"directory": options.out, "records": truths}, "\n".join(lines), options.json)
+    print_result({"directory": out, "records": truths}, "\n".join(lines), output.json)

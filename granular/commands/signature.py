@@ -1,0 +1,178 @@
+"""Options of a command, from the signature of the function that carries it out.
+
+    def run(
+        scene: SceneName,  # an argument of the command, since it has its place in Python too
+        *,
+        t_end: Annotated[Seconds | None, Option("stop at this time, as 0.5 or '500 ms'", "T")] = None,
+        resume: Annotated[bool, Option("go on with the run in DIR")] = False,
+        output: Output,  # a dataclass: a group of options
+    ) -> None:
+        \"\"\"Run a scene.\"\"\"
+
+``t_end`` is ``--t-end T``, read as a time in SI; a tuple is an option that may be given several
+times, a `Literal` a choice, and what has no default is required. Annotations are evaluated, so their
+names are imported where the module is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import inspect
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+from granular.shared.errors import GranularError
+
+_NONE = type(None)
+
+
+class Option(NamedTuple):
+    """Help of an option or argument, and its names if they are not those in Python."""
+
+    help: str
+    metavar: str | None = None
+    short: str | None = None
+    name: str | None = None
+    nargs: str | None = None
+
+
+class Reader(NamedTuple):
+    """Function that reads an option's text, and raises an error of the toolkit."""
+
+    read: Callable[[str], Any]
+
+
+def quantity(unit: str) -> Reader:
+    """Make the reader of a quantity, such as '500 ms', in SI."""
+
+    def read(text: str) -> float:
+        from granular.schema.units import si_value
+
+        return si_value(text, unit)
+
+    return Reader(read)
+
+
+Seconds = Annotated[float, quantity("s")]
+Hertz = Annotated[float, quantity("Hz")]
+Metres = Annotated[float, quantity("m")]
+Kilograms = Annotated[float, quantity("kg")]
+Fraction = Annotated[float, quantity("1")]
+
+
+class _Field(NamedTuple):
+    name: str
+    hint: Any
+    default: Any
+    is_option: bool
+
+
+def add_options(parser: argparse._ActionsContainer, carry_out: Callable[..., None]) -> None:
+    """Add the options of a function to a parser; those of a group stand under its title in the help."""
+    for field in _fields(carry_out):
+        if dataclasses.is_dataclass(field.hint):
+            title = getattr(field.hint, "title", None)
+            target = parser if title is None else parser.add_argument_group(title)
+            for member in _members(field.hint):
+                _add_option(target, member)
+        else:
+            _add_option(parser, field)
+
+
+def call_with_options(carry_out: Callable[..., None], options: argparse.Namespace) -> None:
+    """Call a function with the options that were parsed."""
+    arguments = {}
+    for field in _fields(carry_out):
+        if dataclasses.is_dataclass(field.hint):
+            group = {member.name: _parsed(member, options) for member in _members(field.hint)}
+            arguments[field.name] = field.hint(**group)  # type: ignore[operator]  # a class
+        else:
+            arguments[field.name] = _parsed(field, options)
+    carry_out(**arguments)
+
+
+def _fields(carry_out: Callable[..., None]) -> list[_Field]:
+    hints = get_type_hints(carry_out, include_extras=True)
+    return [
+        _Field(name, hints[name], given.default, given.kind is given.KEYWORD_ONLY)
+        for name, given in inspect.signature(carry_out).parameters.items()
+    ]
+
+
+def _members(group: Any) -> list[_Field]:
+    hints = get_type_hints(group, include_extras=True)
+    missing, empty = dataclasses.MISSING, inspect.Parameter.empty
+    return [
+        _Field(field.name, hints[field.name], empty if field.default is missing else field.default, True)
+        for field in dataclasses.fields(group)
+    ]
+
+
+def _parsed(field: _Field, options: argparse.Namespace) -> Any:
+    value = getattr(options, field.name)
+    return tuple(value) if isinstance(value, list) else field.default if value is None else value
+
+
+def _flatten(hint: Any) -> Iterator[Any]:
+    """Types and notes inside an annotation."""
+    if get_origin(hint) is Annotated:
+        inner, *notes = get_args(hint)
+        yield from reversed(notes)  # the outermost first
+        yield from _flatten(inner)
+    elif get_args(hint) and get_origin(hint) is not Literal:
+        for part in get_args(hint):
+            yield from _flatten(part)
+    else:
+        yield hint
+
+
+def _add_option(parser: argparse._ActionsContainer, field: _Field) -> None:
+    parts = list(_flatten(field.hint))
+    about = next(part for part in parts if isinstance(part, Option))
+    names = [field.name]
+    if field.is_option:
+        long = about.name or f"--{field.name.replace('_', '-')}"
+        names = [long] if about.short is None else [about.short, long]
+    parser.add_argument(*names, **_settings(field, about, parts))
+
+
+def _settings(field: _Field, about: Option, parts: list[Any]) -> dict[str, Any]:
+    """Make the settings of argparse for an option or an argument."""
+    settings: dict[str, Any] = {"help": about.help}
+    required = field.default is inspect.Parameter.empty
+    if field.is_option:
+        settings |= {"dest": field.name, "required": required}
+    if not required:
+        settings["default"] = field.default
+    if bool in parts:
+        return settings | {"action": argparse.BooleanOptionalAction if _NONE in parts else "store_true"}
+    if about.metavar is not None:
+        settings["metavar"] = about.metavar
+    choices = [part for part in parts if get_origin(part) is Literal]
+    if choices:
+        settings["choices"] = get_args(choices[0])
+    readers = [part.read for part in parts if isinstance(part, Reader)]
+    if readers:
+        settings["type"] = _refuse_by_argparse(readers[0])
+    elif int in parts:
+        settings["type"] = int
+    if about.nargs is not None:
+        settings["nargs"] = about.nargs
+    elif Ellipsis in parts and field.is_option:
+        settings |= {"action": "append", "default": None}
+    elif Ellipsis in parts:
+        settings["nargs"] = "+" if required else "*"
+    return settings
+
+
+def _refuse_by_argparse(read: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Let argparse name the option whose text a reader refuses."""
+
+    def type_of_option(text: str) -> Any:
+        try:
+            return read(text)
+        except GranularError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return type_of_option
