@@ -10,7 +10,8 @@ from typing import Any
 
 from benchmarks import PARTS
 from granular.commands.console import Parser, add_version_option, launch, print_result
-from granular.commands.options import OUTPUT
+from granular.commands.options import Output
+from granular.commands.signature import add_group
 from granular.shared.errors import InputError
 
 EXAMPLES = "\n".join(f"  {name:10}{words}" for name, words in PARTS.items())
@@ -54,7 +55,7 @@ def parser() -> Parser:
     length = item.add_mutually_exclusive_group()
     length.add_argument("--quick", action="store_true", help="within a few minutes (default)")
     length.add_argument("--full", action="store_true", help="everything, an hour or so")
-    OUTPUT(item)
+    add_group(item, Output)
     return item
 
 

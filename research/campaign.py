@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from granular.commands.console import Parser, add_version_option, print_result
-from granular.commands.options import OUTPUT
+from granular.commands.options import Output
+from granular.commands.signature import add_group
 from granular.shared.errors import InputError
 from granular.shared.files import replace_non_finite_by_none, write_text
 from granular.shared.result_cache import ResultCache
@@ -137,7 +138,7 @@ class Campaign(Generic[Results]):
             help="write blocks and pictures of the committed results into the pages",
         )
         self.add_options(item)
-        OUTPUT(item)
+        add_group(item, Output)
         return item
 
     def main(self, arguments: Sequence[str]) -> None:

@@ -2,212 +2,201 @@
 
 from __future__ import annotations
 
-import argparse
+import dataclasses
 import sys
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from granular.commands.console import (
     Command,
-    Option,
     Program,
     command,
+    current_program,
     launch,
-    option,
-    option_group,
     print_result,
     refuse_options,
 )
-from granular.commands.options import (
-    CHANGES,
-    IMPORT,
-    OUTPUT,
-    SCENE,
-    parse_changes,
-    quantity_reader,
-    scene_from_options,
-)
+from granular.commands.options import Changes, Output, SceneName
+from granular.commands.signature import Fraction, Option, Seconds
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     from validation.report_tasks import Section
 
 REPORT = "out/validation"
-"""Directory of the report where none is given."""
+"""Directory of the report if none is given."""
 
 METHOD_REPORT = "out/method"
 """The same, of a user's own methods."""
 
-UNTIL = option("--t-end", type=quantity_reader("s"), metavar="T", help="stop each run at this time [s]")
+EndTime = Annotated[Seconds | None, Option("stop each run at this time [s]", "T")]
 
 
-def _full_or_quick_option(parser: argparse._ActionsContainer) -> None:
-    length = parser.add_mutually_exclusive_group()
-    length.add_argument("--quick", action="store_true", help="within a few minutes (default)")
-    length.add_argument("--full", action="store_true", help="everything, an hour or so")
+@dataclasses.dataclass(frozen=True)
+class Measuring:
+    """Extent of the measurements, and the directory that keeps them."""
+
+    out: Annotated[
+        str | None,
+        Option(
+            "directory for the report; what is measured is kept there and found again "
+            f"({REPORT} for 'report' if not given)",
+            "DIR",
+            "-o",
+        ),
+    ] = None
+    quick: Annotated[bool, Option("within a few minutes (default)")] = False
+    full: Annotated[bool, Option("everything, an hour or so")] = False
+
+    def __post_init__(self) -> None:
+        if self.quick and self.full:
+            raise InputError("--quick does not go with --full; leave one out")
+
+    def print_sections(self, sections: Iterable[Section], output: Output, default: str | None = None) -> None:
+        """Measure sections of the report, and print them."""
+        from validation.report import report
+
+        out = self.out or default
+        result = report(out, tuple(sections), full=self.full, progress=output.progress)
+        _print_report(result, out, output)
 
 
-def _measuring_options(default: str = "") -> Option:
-    """Options of what measures sections of the report."""
-    words = "directory for the report; what is measured is kept there and found again"
-    return option_group(
-        option("-o", "--out", metavar="DIR", help=words + default), _full_or_quick_option, OUTPUT
-    )
-
-
-@command(
-    "report",
-    "all parts: report.html, and report.json next to it",
-    option(
-        "scenes",
-        metavar="SCENE",
-        nargs="*",
-        help="only what accuracy and effects cost, in these scenes: packaged names, or TOML files",
-    ),
-    option(
-        "--overview",
-        action="store_true",
-        help="only what accuracy and effects cost, in the packaged damper and in a compression; "
-        "printed, and written where -o says so",
-    ),
-    CHANGES,
-    IMPORT,
-    _measuring_options(f" ({REPORT} if not given)"),
-    examples="""\
-examples:
-  %(prog)s damper --quick                # what accuracy and effects cost in one scene
-  %(prog)s mine.toml bed -o out/mine
-  %(prog)s --full -o out/validation      # goes on where it was stopped""",
-)
-def measure_report(options: Any) -> None:
-    """Measure all sections, the overview alone, or scenes of the user's own."""
-    from granular.scene.loading import load_scene
-    from granular.user_code import import_user_code
-    from validation.overview import OVERVIEW, overview_section_for
-    from validation.report import SECTIONS
-
-    import_user_code(options.user_files)
-    changes = parse_changes(options.changes)
-    if changes and not options.scenes:
-        raise InputError(f"--set changes a scene; name one, such as: {options.prog} damper")
-    if options.overview:
-        refuse_options(options, "--overview, which is of packaged scenes", scenes="SCENE")
-        _measure_sections(options, [OVERVIEW], options.out)
-    elif options.scenes:
-        scenes = [load_scene(scene).replace(**changes) for scene in options.scenes]
-        _measure_sections(options, [overview_section_for(scenes)], options.out or REPORT)
-    else:
-        _measure_sections(options, SECTIONS.values(), options.out or REPORT)
-
-
-def _section_command(name: str, summary: str, *options: Option, examples: str = "") -> Command:
-    """Command that measures one section of the report."""
-
-    def carry_out(chosen: Any) -> None:
-        from validation.report import SECTIONS
-
-        wanted = "depaula" if getattr(chosen, "depaula", False) else name
-        _measure_sections(chosen, [SECTIONS[wanted]], chosen.out)
-
-    examples = examples or "example:\n  %(prog)s --quick"
-    return command(name, summary, *options, _measuring_options(), examples=examples)(carry_out)
-
-
-def _measure_sections(options: Any, sections: Iterable[Section], out: str | None) -> None:
-    from validation.report import report as measure
-
-    _show_sections(measure(out, tuple(sections), full=options.full, progress=not options.quiet), out, options)
-
-
-def _show_sections(result: dict[str, Any], out: str | None, options: Any) -> None:
+def _print_report(result: dict[str, Any], out: str | None, output: Output) -> None:
     from validation.report import report_text
 
     text = report_text(result)
     if out is not None:
         text += f"\nreport: {out}/report.html"
-    print_result(result, text, options.json)
+    print_result(result, text, output.json)
 
 
-@command(
-    "method",
-    "methods of your own: order, energy, and error against wall time",
-    option("names", metavar="NAME", nargs="+", help="of a method, also of a built-in one"),
-    IMPORT,
-    option("--scene", help="measure errors over wall time on it: a name, or a TOML file"),
-    CHANGES,
-    option(
-        "--quantity",
-        dest="quantities",
-        metavar="Q",
-        action="append",
-        help="what the error is in, such as energy or 'rest height' (repeatable)",
-    ),
-    UNTIL,
-    option(
-        "-o",
-        "--out",
-        metavar="DIR",
-        default=METHOD_REPORT,
-        help=f"directory for the report ({METHOD_REPORT} if not given)",
-    ),
-    OUTPUT,
-    examples="""\
+@command("""\
+examples:
+  %(prog)s damper --quick                # what accuracy and effects cost in one scene
+  %(prog)s mine.toml bed -o out/mine
+  %(prog)s --full -o out/validation      # goes on where it was stopped""")
+def report(
+    scenes: Annotated[
+        tuple[str, ...],
+        Option(
+            "only what accuracy and effects cost, in these scenes: packaged names, or TOML files", "SCENE"
+        ),
+    ] = (),
+    *,
+    overview: Annotated[
+        bool,
+        Option(
+            "only what accuracy and effects cost, in the packaged damper and in a compression; printed, and "
+            "written where -o says so"
+        ),
+    ] = False,
+    changes: Changes,
+    measuring: Measuring,
+    output: Output,
+) -> None:
+    """All parts: report.html, and report.json next to it."""
+    from granular.scene.loading import load_scene
+    from validation.overview import OVERVIEW, overview_section_for
+    from validation.report import SECTIONS
+
+    changes.run()
+    if changes.changes and not scenes:
+        raise InputError(f"--set changes a scene; name one, such as: {current_program()} damper")
+    if overview:
+        refuse_options("--overview, which is of packaged scenes", SCENE=scenes)
+        measuring.print_sections([OVERVIEW], output)
+    elif scenes:
+        section = overview_section_for([changes.apply(load_scene(name)) for name in scenes])
+        measuring.print_sections([section], output, REPORT)
+    else:
+        measuring.print_sections(SECTIONS.values(), output, REPORT)
+
+
+@command(examples="examples:\n  %(prog)s --quick\n  %(prog)s --depaula --quick")
+def convergence(
+    *,
+    depaula: Annotated[
+        bool, Option("instead, de Paula's test of its method, with and without rounding")
+    ] = False,
+    measuring: Measuring,
+    output: Output,
+) -> None:
+    """Orders of convergence against exact solutions."""
+    from validation.report import SECTIONS
+
+    measuring.print_sections([SECTIONS["depaula" if depaula else "convergence"]], output)
+
+
+def _section_command(name: str, summary: str) -> Command:
+    """Command that measures one section of the report."""
+
+    def carry_out(*, measuring: Measuring, output: Output) -> None:
+        from validation.report import SECTIONS
+
+        measuring.print_sections([SECTIONS[name]], output)
+
+    return Command(name, summary, "example:\n  %(prog)s --quick", carry_out)
+
+
+@command("""\
 example:
   %(prog)s mclachlan-2 --import mine.py --scene bed.toml --quantity energy
 
 mine.py:
   from granular import Method
   z = 0.1931833275037836
-  method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""",
-)
-def measure_own_methods(options: Any) -> None:
-    """Measure methods of the user's own."""
-    from granular.user_code import import_user_code
+  method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""")
+def method(
+    names: Annotated[tuple[str, ...], Option("of a method, also of a built-in one", "NAME")],
+    *,
+    scene: Annotated[
+        str | None, Option("measure errors over wall time on it: a name, or a TOML file")
+    ] = None,
+    changes: Changes,
+    quantities: Annotated[
+        tuple[str, ...],
+        Option("what the error is in, such as energy or 'rest height' (repeatable)", "Q", name="--quantity"),
+    ] = (),
+    t_end: EndTime = None,
+    out: Annotated[
+        str, Option(f"directory for the report ({METHOD_REPORT} if not given)", "DIR", "-o")
+    ] = METHOD_REPORT,
+    output: Output,
+) -> None:
+    """Methods of your own: order, energy, and error against wall time."""
     from validation.report import method_report
 
-    import_user_code(options.user_files)
-    if options.scene is None and options.changes:
+    changes.run()
+    if scene is None and changes.changes:
         raise InputError("--set changes a scene; give one by --scene")
     result = method_report(
-        options.out,
-        options.names,
-        scene=options.scene and scene_from_options(options),
-        quantities=options.quantities,
-        until=options.t_end,
-        progress=not options.quiet,
+        out,
+        names,
+        scene=None if scene is None else changes.load(scene),
+        quantities=quantities or None,
+        until=t_end,
+        progress=output.progress,
     )
-    _show_sections(result, options.out, options)
+    _print_report(result, out, output)
 
 
-@command(
-    "cheapest",
-    "the setting that reaches a tolerance in the least time",
-    SCENE,
-    CHANGES,
-    IMPORT,
-    option("quantity", help="such as energy, positions, 'rest height', period"),
-    option("tolerance", type=quantity_reader("1"), help="error that is allowed, such as 0.01 or '1 %%'"),
-    UNTIL,
-    OUTPUT,
-    examples="example:\n  %(prog)s damper 'rest height' 0.01",
-)
-def print_recommendation(options: Any) -> None:
-    """Recommend how to run a scene."""
+@command("example:\n  %(prog)s damper 'rest height' 0.01")
+def cheapest(
+    scene: SceneName,
+    quantity: Annotated[str, Option("such as energy, positions, 'rest height', period")],
+    tolerance: Annotated[Fraction, Option("error that is allowed, such as 0.01 or '1 %%'")],
+    *,
+    changes: Changes,
+    t_end: EndTime = None,
+    output: Output,
+) -> None:
+    """Find the setting that reaches a tolerance in the least time."""
     from validation.recommendation import recommend_settings
 
-    result = recommend_settings(
-        scene_from_options(options),
-        options.quantity,
-        options.tolerance,
-        until=options.t_end,
-        progress=not options.quiet,
-    )
-    print_result(result.to_plain(), str(result), options.json)
+    loaded = changes.load(scene)
+    result = recommend_settings(loaded, quantity, tolerance, until=t_end, progress=output.progress)
+    print_result(result.to_plain(), str(result), output.json)
 
-
-DEPAULA = option(
-    "--depaula", action="store_true", help="instead, de Paula's test of its method, with and without rounding"
-)
 
 PROGRAM = Program(
     "python -m validation",
@@ -217,18 +206,13 @@ how far to trust it, and what accuracy costs:
   %(prog)s report
   %(prog)s cheapest damper "rest height" 0.01""",
     (
-        measure_report,
-        _section_command(
-            "convergence",
-            "orders of convergence against exact solutions",
-            DEPAULA,
-            examples="examples:\n  %(prog)s --quick\n  %(prog)s --depaula --quick",
-        ),
+        report,
+        convergence,
         _section_command("energy", "energy over long runs, tested for trends"),
         _section_command("work-precision", "error against wall time"),
         _section_command("stability", "the catalogue of hard cases"),
-        measure_own_methods,
-        print_recommendation,
+        method,
+        cheapest,
     ),
 )
 parser, main = PROGRAM.parser, PROGRAM.main

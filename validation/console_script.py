@@ -9,19 +9,11 @@ import argparse
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from granular.commands.console import (
-    Parser,
-    Program,
-    add_version_option,
-    command,
-    launch,
-    option,
-    option_group,
-    print_result,
-)
-from granular.commands.options import OUTPUT
+from granular.commands.console import Parser, Program, add_version_option, command, launch, print_result
+from granular.commands.options import Output
+from granular.commands.signature import Option, add_options
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 
@@ -49,8 +41,6 @@ _VALIDATE = "validate"
 
 _FIRST = ("identify", "look", "fit", "design", "run", "render", "sweep", "response")
 """Commands that are shown where none is given."""
-
-_SHELLS = ("bash", "zsh", "fish")
 
 
 def main() -> int:
@@ -129,19 +119,17 @@ def _list_all_commands(programs: dict[str, Program]) -> str:
     return "\n".join([*lines, f"example:\n  {PROG} identify damper -o out"])
 
 
-@command(
-    "cite",
-    "print the papers behind scenes, runs, methods, laws and models, as BibTeX",
-    option("things", nargs="*", metavar="THING", help="scene, run, method, law or model.json"),
-    OUTPUT,
-    examples="examples:\n  %(prog)s\n  %(prog)s damper blanes-moan-4 van-der-pol-like > used.bib",
-)
-def print_citations(options: Any) -> None:
-    """Print BibTeX entries of the papers behind scenes, runs, methods, laws and models."""
+@command("examples:\n  %(prog)s\n  %(prog)s damper blanes-moan-4 van-der-pol-like > used.bib")
+def cite(
+    things: Annotated[tuple[str, ...], Option("scene, run, method, law or model.json", "THING")] = (),
+    *,
+    output: Output,
+) -> None:
+    """Print the papers behind scenes, runs, methods, laws and models, as BibTeX."""
     from granular.shared.citations import cite as bibtex
 
-    text = bibtex(*map(_resolve_cited_name, options.things))
-    print_result({"bibtex": text}, text, options.json)
+    text = bibtex(*map(_resolve_cited_name, things))
+    print_result({"bibtex": text}, text, output.json)
 
 
 def _resolve_cited_name(name: str) -> Any:
@@ -166,16 +154,13 @@ def _resolve_cited_name(name: str) -> Any:
     raise InputError(unknown_word_message(name, (*scene_names(), *METHODS, *LAWS), "scene, method or law"))
 
 
-@command(
-    "completion",
-    "print a script by which a shell completes commands and options",
-    option("shell", choices=_SHELLS, help="shell that is to complete them"),
-    examples="""\
+@command("""\
 examples:
   eval "$(%(prog)s bash)"                                        # in ~/.bashrc
-  %(prog)s fish > ~/.config/fish/completions/granular-damper.fish""",
-)
-def print_completion_script(options: Any) -> None:
+  %(prog)s fish > ~/.config/fish/completions/granular-damper.fish""")
+def completion(
+    shell: Annotated[Literal["bash", "zsh", "fish"], Option("shell that is to complete them")],
+) -> None:
     """Print a script by which a shell completes commands and options."""
     try:
         import shtab
@@ -187,9 +172,9 @@ def print_completion_script(options: Any) -> None:
     for program in _load_programs().values():
         for entry in program.commands:
             parser = parsers.add_parser(entry.name, help=entry.summary)
-            option_group(*entry.options)(parser)
-    print(shtab.complete(top, shell=options.shell))
+            add_options(parser, entry.carry_out)
+    print(shtab.complete(top, shell=shell))
 
 
-OWN = Program(PROG, "About the toolkit.", "", (print_citations, print_completion_script))
+OWN = Program(PROG, "About the toolkit.", "", (cite, completion))
 """Commands of no package."""

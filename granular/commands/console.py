@@ -34,7 +34,7 @@ from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from typing import Any, NamedTuple, NoReturn, TextIO
 
-from granular.commands.signature import add_options, call_with_options
+from granular.commands.signature import add_options, arguments_of
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.command_line import set_command
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_package_error
@@ -209,7 +209,7 @@ class Program(NamedTuple):
         chosen = next(offered for offered in self.commands if offered.name == options.command)
         set_command(parser.prog, arguments)
         _PROGRAM.set(parser.parsers[chosen.name].prog)
-        call_with_options(chosen.carry_out, options)
+        chosen.carry_out(**arguments_of(chosen.carry_out, options))
 
 
 def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentParser) -> str:

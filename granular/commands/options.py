@@ -46,7 +46,7 @@ WorkerCount = Annotated[int | None, Option("processes (all processors)", "N")]
 
 @dataclasses.dataclass(frozen=True)
 class Output:
-    """What a command prints."""
+    """Options of printing."""
 
     json: Annotated[bool, Option("print one JSON object")] = False
     quiet: Annotated[bool, Option("no progress bar")] = False

@@ -69,27 +69,32 @@ class _Field(NamedTuple):
 
 
 def add_options(parser: argparse._ActionsContainer, carry_out: Callable[..., None]) -> None:
-    """Add the options of a function to a parser; those of a group stand under its title in the help."""
+    """Add the options of a function to a parser."""
     for field in _fields(carry_out):
         if dataclasses.is_dataclass(field.hint):
-            title = getattr(field.hint, "title", None)
-            target = parser if title is None else parser.add_argument_group(title)
-            for member in _members(field.hint):
-                _add_option(target, member)
+            add_group(parser, field.hint)
         else:
             _add_option(parser, field)
 
 
-def call_with_options(carry_out: Callable[..., None], options: argparse.Namespace) -> None:
-    """Call a function with the options that were parsed."""
-    arguments = {}
+def add_group(parser: argparse._ActionsContainer, group: Any) -> None:
+    """Add the options of a group, a dataclass, to a parser, below its title if it has one."""
+    title = getattr(group, "title", None)
+    target = parser if title is None else parser.add_argument_group(title)
+    for member in _members(group):
+        _add_option(target, member)
+
+
+def arguments_of(carry_out: Callable[..., None], options: argparse.Namespace) -> dict[str, Any]:
+    """Gather the arguments of a function from the options that were parsed."""
+    arguments: dict[str, Any] = {}
     for field in _fields(carry_out):
         if dataclasses.is_dataclass(field.hint):
-            group = {member.name: _parsed(member, options) for member in _members(field.hint)}
-            arguments[field.name] = field.hint(**group)  # type: ignore[operator]  # a class
+            values = {member.name: _parsed(member, options) for member in _members(field.hint)}
+            arguments[field.name] = field.hint(**values)  # type: ignore[operator]  # a class
         else:
             arguments[field.name] = _parsed(field, options)
-    carry_out(**arguments)
+    return arguments
 
 
 def _fields(carry_out: Callable[..., None]) -> list[_Field]:

@@ -76,11 +76,11 @@ def _repeated_cases(study: Study, figures: list[str]) -> Iterator[Block]:
     """Means of the figures over random starts, ± standard deviation."""
     others = [name for name in study.varied if name != _SEED]
     table, groups = study.table, dict[tuple[str, ...], list[int]]()
-    for place, row in enumerate(table[others].to_numpy()):
-        groups.setdefault(tuple(map(_cell_text, row)), []).append(place)
+    for index, row in enumerate(table[others].to_numpy()):
+        groups.setdefault(tuple(map(_cell_text, row)), []).append(index)
     rows = [
-        [*values, str(len(places)), *(_mean_text(table[name].iloc[places]) for name in figures)]
-        for values, places in groups.items()
+        [*values, str(len(indices)), *(_mean_text(table[name].iloc[indices]) for name in figures)]
+        for values, indices in groups.items()
     ]
     header = [*(_label_with_unit(study, name) for name in (*others, "starts", *figures))]
     yield Heading("Means over random starts")

@@ -105,8 +105,8 @@ def identify(
     if hasattr(opened, "replace"):
         opened = plan_run(changes.apply(opened), dt, method, threads, checks=not no_checks)
     else:
-        own_method = None if method == METHOD else method
-        of_scene = {"dt": dt, "method": own_method, "threads": threads, "set": changes.changes or None}
+        named_method = None if method == METHOD else method
+        of_scene = {"dt": dt, "method": named_method, "threads": threads, "set": changes.changes or None}
         for name in given(**of_scene):
             raise InputError(f"--{name} applies to a scene only; this is a run or a record: leave it out")
     tolerances = parts.of_scene(getattr(opened, "scene", None)) if parts else None

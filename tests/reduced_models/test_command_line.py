@@ -13,10 +13,11 @@ import sympy
 
 from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch
+from granular.commands.signature import arguments_of
 from granular.shared.files import replace_non_finite_by_none
 from reduced_models.__main__ import main, parser
 from reduced_models.commands.identification import parse_parameters
-from reduced_models.commands.records import parse_reading_options
+from reduced_models.commands.records import look
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.fitting.parameter import parameter_settings
 from reduced_models.laws import LAWS
@@ -196,7 +197,7 @@ def test_numbers_have_units_where_they_are_taken() -> None:
     options = parser().parse_args(words)
     assert (options.frequency, options.damping, options.small_share) == (3.5, 0.04, 0.25)
     options = parser().parse_args(["look", "lab.csv", "--between", "500 ms:"])
-    assert parse_reading_options(options).between == (0.5, math.inf)
+    assert arguments_of(look.carry_out, options)["reading"].parse().between == (0.5, math.inf)
 
 
 def test_laws_list_themselves(capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
+from granular.commands.signature import arguments_of
 from granular.readers.file_formats import interpret_record_file
 from granular.shared.errors import RecordError
 from reduced_models.__main__ import parser
-from reduced_models.commands.records import parse_reading_options
+from reduced_models.commands.records import look
 
 COUNT, STEP = 400, 0.005
 TIME = STEP * np.arange(COUNT)
@@ -391,7 +392,9 @@ FILES = (
 
 def read(path: Path, words: list[str]) -> tuple[PistonRecord, Any, str]:
     """Record, meaning of the columns, and notes, by the options of the command line."""
-    options = parse_reading_options(parser().parse_args(["look", str(path), *words]))
+    options = arguments_of(look.carry_out, parser().parse_args(["look", str(path), *words]))[
+        "reading"
+    ].parse()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         record = PistonRecord.from_file(path, **options.to_plain())
