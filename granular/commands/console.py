@@ -30,18 +30,20 @@ import os
 import sys
 import textwrap
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextvars import ContextVar
 from typing import Any, NamedTuple, NoReturn, TextIO
 
 from granular.commands.signature import add_options, arguments_of
 from granular.schema.field_kinds import unknown_word_message
+from granular.shared.blocks import Block
 from granular.shared.command_line import set_command
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_package_error
 from granular.shared.files import replace_non_finite_by_none
 from granular.shared.garbage import rare_garbage_collection
 from granular.shared.message_text import one_line, printable, sanitize
 from granular.shared.stop_signals import handle_sigterm
+from granular.shared.terminal import print_blocks
 from granular.shared.version import __version__
 
 # As argparse has it, and as shells have it: 128 and the number of the signal, SIGINT or SIGTERM.
@@ -263,12 +265,14 @@ def add_version_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
-    """Print a result: one JSON object, or a text for people, with long notes in several lines."""
+def print_result(result: dict[str, Any], shown: str | Iterable[Block], as_json: bool) -> None:
+    """Print a result: one JSON object, or blocks or a text for people, with long notes in several lines."""
     if as_json:
         print(json.dumps(replace_non_finite_by_none(result), allow_nan=False))
+    elif isinstance(shown, str):
+        print("\n".join(map(_wrap_note, printable(shown).split("\n"))))
     else:
-        print("\n".join(map(_wrap_note, printable(text).split("\n"))))
+        print_blocks(shown, sys.stdout)
 
 
 def _wrap_note(line: str) -> str:

@@ -10,6 +10,7 @@ from typing import Annotated
 from granular.commands.console import command, print_result
 from granular.commands.options import Changes, Output
 from granular.commands.signature import Fraction, Option
+from granular.shared.blocks import Printout, Text
 from granular.shared.files import make_directory
 
 
@@ -67,12 +68,13 @@ def modes(
     plain = motions.to_plain() | {key: part.to_plain() for key, part in parts.items() if part is not None}
     if over is not None:
         motions = dataclasses.replace(motions, slopes=over.mean, deviation=over.deviation)
-    lines = [str(motions), *([] if rubbing is None else [str(rubbing)]), f"computed in {seconds:.1f} s"]
+    took = f"computed in {seconds:.1f} s"
     if not at_run:
-        lines[-1] += f", after {began - started:.1f} s for a run of the scene to rest"
+        took += f", after {began - started:.1f} s for a run of the scene to rest"
+    blocks = [*motions.blocks(), *([] if rubbing is None else [Printout(str(rubbing))]), Text(took)]
     if out is not None:
         make_directory(Path(out))
         modes_page(motions).save(Path(out) / "report.html")
-        lines.append(f"report: {out}/report.html")
+        blocks.append(Text(f"report: {out}/report.html"))
     figures = {"seconds": seconds, "settling_seconds": began - started, "out": out}
-    print_result(plain | figures, "\n".join(lines), output.json)
+    print_result(plain | figures, blocks, output.json)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from granular.commands.console import command, given, print_result
 from granular.commands.options import Output, OwnCode, RunDirectory
 from granular.commands.signature import Option, Seconds
+from granular.shared.blocks import Block, Table, Text, format_number
 from granular.shared.files import check_output_file, make_directory, write_text
 
 if TYPE_CHECKING:
@@ -57,8 +59,8 @@ def observe(
     table = observables_table(load_trajectory(run), [find_observable(name, known) for name in names])
     if out is not None:
         write_text(Path(out), table.to_csv(index=False))
-    text = table.to_string(index=False) if out is None else f"written to {out}"
-    print_result({"table": table.to_dict("list"), "out": out}, text, output.json)
+    shown = _table(table) if out is None else Text(f"written to {out}")
+    print_result({"table": table.to_dict("list"), "out": out}, [shown], output.json)
 
 
 @command("""\
@@ -103,9 +105,19 @@ def defects(
         "conserved": motion.attrs["conserved"],
         "out": out,
     }
-    words = tracks.to_string(index=False, na_rep="", float_format="%.4g") if len(tracks) else ""
-    text = f"{len(tracks)} defects, {len(events)} events\n{words}"
-    print_result(result, text if out is None else f"written to {out}", output.json)
+    blocks: list[Block] = [Text(f"{len(tracks)} defects, {len(events)} events"), _table(tracks)]
+    print_result(result, blocks if out is None else f"written to {out}", output.json)
+
+
+def _table(frame: pandas.DataFrame) -> Table:
+    rows = [[_cell_text(value) for value in row] for row in frame.itertuples(index=False)]
+    return Table(list(map(str, frame.columns)), rows)
+
+
+def _cell_text(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else format_number(value, 6)
+    return str(value)
 
 
 def _defect_track_table(motion: xarray.Dataset) -> pandas.DataFrame:

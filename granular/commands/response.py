@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from granular.commands.console import command, given, print_result, refuse_options, require_options
 from granular.commands.options import Changes, Output, SceneName, TimeStep, WorkerCount
 from granular.commands.signature import Fraction, Hertz, Option, Seconds, quantity
+from granular.shared.blocks import Block, Text
 from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_text
 from granular.shared.message_text import quote
@@ -169,18 +170,20 @@ def _print_response(result: FrequencyResponse, swept: bool, out: str | None, out
     """Say how far the machine moves."""
     from granular.response.transients import sweep_rate_at_peak
 
-    lines = [result.table]
+    blocks: list[Block] = [result.table]
     figures: dict[str, Any] = {"peaks": result.peaks(), "out": out}
     if swept:
         figures["sweep_rate"] = sweep_rate_at_peak(result)
         if figures["sweep_rate"] is not None:
-            lines.append(
-                f"sweep rate at the peak: {figures['sweep_rate']:.2g} of what the machine with "
-                "its damper can follow; far below 1 is slow enough"
+            blocks.append(
+                Text(
+                    f"sweep rate at the peak: {figures['sweep_rate']:.2g} of what the machine with "
+                    "its damper can follow; far below 1 is slow enough"
+                )
             )
     if out is not None:
-        lines.append(_write_response(result, Path(out)))
-    print_result(figures, "\n".join(lines), output.json)
+        blocks.append(Text(_write_response(result, Path(out))))
+    print_result(figures, blocks, output.json)
 
 
 def _measure_impulse(

@@ -45,4 +45,4 @@ def silo(
         with figure(width=5.5) as (drawing, axes):
             result.plot(axes)
             save_picture(drawing, Path(out) / "silo.png", overwrite=True)
-    print_result(result.to_plain() | {"out": out}, str(result), output.json)
+    print_result(result.to_plain() | {"out": out}, result.blocks(), output.json)

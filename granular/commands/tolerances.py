@@ -8,6 +8,7 @@ from typing import Annotated
 from granular.commands.console import command, print_result
 from granular.commands.options import Changes, Output, Parts, SceneName
 from granular.commands.signature import Metres, Option
+from granular.shared.blocks import Text
 from granular.shared.files import make_directory
 
 
@@ -56,9 +57,9 @@ def tolerances(
         seed=seed,
         progress=output.progress,
     )
-    text = str(result)
+    blocks = result.blocks()
     if out is not None:
         make_directory(Path(out))
         tolerances_page(result, loaded).save(Path(out) / "report.html")
-        text += f"\nreport: {out}/report.html"
-    print_result(result.to_plain() | {"out": out}, text, output.json)
+        blocks.append(Text(f"report: {out}/report.html"))
+    print_result(result.to_plain() | {"out": out}, blocks, output.json)

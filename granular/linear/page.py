@@ -55,7 +55,7 @@ def _blocks(motions: SmallMotions) -> Iterator[Block]:
         yield Caution(f"{DRY_FRICTION[0].upper()}{DRY_FRICTION[1:]}.")
     if not rest.is_stable:
         yield Caution("The equilibrium is not stable: some small displacement lowers the energy.")
-    yield Printout(str(motions).split("\n  d ln")[0])
+    yield Printout(motions.figures_text)
     yield from _modes(motions)
     yield from _curves(motions)
     yield Heading("What a percent changes")

@@ -20,7 +20,8 @@ from granular.linear.slopes import Slopes, slopes
 from granular.run.trajectory import Trajectory
 from granular.scene.dimensionless_groups import dimensionless_groups, groups_line
 from granular.scene.scene import Scene
-from granular.shared.terminal import align_columns
+from granular.shared.blocks import Block, Printout, Table, Text
+from granular.shared.html_pages import Shown
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -36,7 +37,7 @@ NO_SLOPE = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SmallMotions:
+class SmallMotions(Shown):
     """Small motions of a bed under a free piston.
 
     Attributes
@@ -108,8 +109,15 @@ class SmallMotions:
             "slopes": dict(zip(self.slopes.keys, self.slopes.values.tolist(), strict=True)),
         }
 
-    def __str__(self) -> str:
-        """Figures in lines."""
+    def blocks(self) -> list[Block]:
+        """Figures, and the table of slopes."""
+        slopes = Table(("d ln / d ln", "z0", "f0", "zeta"), slope_rows(self))
+        notes = [Text(f"note: {DRY_FRICTION}")] if self.rest.frictionless else []
+        return [Printout(self.figures_text), slopes, *notes]
+
+    @property
+    def figures_text(self) -> str:
+        """Equilibrium, roots, stiffness, mass and damping in lines."""
         rest, scene, at_root = self.rest, self.rest.scene, self.dynamic_stiffness
         assert rest.piston_height is not None
         stable = "stable" if rest.is_stable else "NOT STABLE"
@@ -135,10 +143,6 @@ class SmallMotions:
             lines.append(f"  loss                 {losses}")
         if groups := groups_line(scene):
             lines.append(f"  groups               {groups}")
-        header = ("d ln / d ln", "z0", "f0", "zeta")
-        lines += [f"  {line}" for line in align_columns([header, *slope_rows(self)]).splitlines()]
-        if rest.frictionless:
-            lines.append(f"  note: {DRY_FRICTION}")
         return "\n".join(lines)
 
 

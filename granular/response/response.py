@@ -15,10 +15,10 @@ from granular.effects.host_structure import Host
 from granular.response.linear_system import linear_host_comparison, without_damper
 from granular.response.steady import steady_figures
 from granular.scene.scene import Scene
+from granular.shared.blocks import Table, format_number
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import make_directory, read_text, write_text
 from granular.shared.message_text import quote, sanitize
-from granular.shared.terminal import align_columns
 from granular.studies.cases import CaseOutcome
 from granular.studies.sweep import sweep
 
@@ -92,11 +92,10 @@ class FrequencyResponse:
         return {"frequency": dense, "alone": alone, "ideal": ideal}
 
     @property
-    def table(self) -> str:
-        """Peaks of `peaks` as text in columns, in SI."""
+    def table(self) -> Table:
+        """Table of `peaks`, in SI."""
         rows = self.peaks()
-        head = tuple(rows[0])
-        return align_columns([head, *(tuple(f"{row[key]:.4g}" for key in head) for row in rows)])
+        return Table(tuple(rows[0]), [[format_number(value) for value in row.values()] for row in rows])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the displacement [mm] over the frequency [Hz], with and without the damper."""

@@ -37,6 +37,20 @@ def made_with(libraries: Sequence[str] = ()) -> str:
     return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in versions(libraries).items())
 
 
+class Shown:
+    """A result that is shown by its blocks, as text and in a notebook."""
+
+    def blocks(self) -> Iterable[Block]:
+        """Blocks that show the result."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return blocks_text(self.blocks())
+
+    def _repr_html_(self) -> str:
+        return blocks_html(self.blocks())
+
+
 @dataclasses.dataclass(frozen=True)
 class Page:
     """A page of blocks: a notebook shows it, and `save` writes it as one HTML file."""
@@ -107,17 +121,16 @@ def _block_html(block: Block) -> str:
 def _table_html(table: Table) -> str:
     """Table that scrolls if it is wider than the page."""
     head = "".join(f"<th>{_escape(cell)}</th>" for cell in table.header)
-    rows = ("".join(f"<td>{_escape(_keep_together(str(cell)))}</td>" for cell in row) for row in table.rows)
-    body = "".join(f"<tr>{cells}</tr>" for cells in rows)
+    body = "".join(f"<tr>{''.join(map(_cell_html, row))}</tr>" for row in table.rows)
     head = f"<thead><tr>{head}</tr></thead>" if any(table.header) else ""
     return f'<div class="scroll"><table>{head}<tbody>{body}</tbody></table></div>'
 
 
-def _keep_together(cell: str) -> str:
-    """Keep a number and its unit on one line: 1e-06 is not broken at its sign."""
-    if "," in cell or len(cell) > LONGEST_NUMBER or not cell.lstrip("+-")[:1].isdigit():
-        return cell
-    return cell.replace("-", "\u2011").replace(" ", "\u00a0")
+def _cell_html(cell: object) -> str:
+    """Cell of a table; a number stays on one line with its unit and its sign."""
+    words = str(cell)
+    is_number = words.lstrip("+-±<")[:1].isdigit() and len(words) <= LONGEST_NUMBER and "," not in words
+    return f"<td{' class=number' if is_number else ''}>{_escape(words)}</td>"
 
 
 def _picture_html(picture: Picture) -> str:

@@ -2,7 +2,7 @@ for (const drawing of document.querySelectorAll("figure svg"))
   drawing.addEventListener("click", () => drawing.parentNode.classList.toggle("large"));
 document.addEventListener("keydown", event => { if (event.key === "Escape")
   document.querySelectorAll("figure.large").forEach(shown => shown.classList.remove("large")); });
-const number = cell => parseFloat(cell.replaceAll("\u2011", "-").replace(/^[<>≈ ]+/, ""));
+const number = cell => parseFloat(cell.replace(/^[<>≈ ]+/, ""));
 function compare(a, b) {
   const [x, y] = [number(a), number(b)];
   return isNaN(x) || isNaN(y) ? isNaN(x) - isNaN(y) || a.localeCompare(b) : x - y;

@@ -21,8 +21,9 @@ import numpy as np
 from granular.linear.equilibrium import settled_state
 from granular.run.simulation import simulate
 from granular.scene.scene import Scene
+from granular.shared.blocks import Block, Table, Text
 from granular.shared.errors import InputError
-from granular.shared.terminal import align_columns
+from granular.shared.terminal import blocks_text
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -122,13 +123,17 @@ class SiloFlow(NamedTuple):
             rows.append([f"{opening / self.diameter:g} D", mean, scatter, law, clogs])
         return rows
 
-    def __str__(self) -> str:
+    def blocks(self) -> list[Block]:
+        """Table of the openings, and the law."""
         factor, margin = self.law
         head = ["opening", "grains/s", "sd", "law", "clogged"]
         law = f"Q = {factor:.3f} sqrt(g/D) (b/D - {margin:.2f})^(3/2)"
         if not np.isfinite(factor):
             law = "no law: fewer than two openings flow"
-        return f"{align_columns([head, *self.rows()])}\n{law}"
+        return [Table(head, self.rows()), Text(law)]
+
+    def __str__(self) -> str:
+        return blocks_text(self.blocks())
 
     def to_plain(self) -> dict[str, Any]:
         """Figures as plain data, in SI.

@@ -21,9 +21,10 @@ from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.friction import names_friction
 from granular.linear.roots import Root, refine_root, require_free_piston
 from granular.scene.scene import Scene
+from granular.shared.blocks import Block, Table, Text
 from granular.shared.errors import InputError
+from granular.shared.html_pages import Shown
 from granular.shared.progress_bars import progress_bar
-from granular.shared.terminal import align_columns
 from granular.studies.bed_slopes import settled_beds
 from granular.studies.tolerance_parts import Part, move_parts, read_parts
 
@@ -55,7 +56,7 @@ BEDS_DIFFER = 0.1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Tolerances:
+class Tolerances(Shown):
     """Standard deviations of a damper's figures by the tolerances of its parts.
 
     The figures are equilibrium height [m], natural frequency [Hz] and damping ratio.
@@ -217,10 +218,12 @@ class Tolerances:
             notes.append(f"Grains pack otherwise in {self.rearranged} drawn dampers, which count so.")
         return tuple(notes)
 
-    def __str__(self) -> str:
-        """Table in lines."""
+    def blocks(self) -> list[Block]:
+        """Table of all parts, with totals and notes."""
+        header, *rows = table_rows(self)
         head = f"{self.scene}: tolerances of {len(self.parts)} parts"
-        return "\n".join([head, self.means, align_columns(table_rows(self)), self.summary, *self.notes])
+        texts = map(Text, (self.summary, *self.notes))
+        return [Text(head), Text(self.means), Table(header, rows), *texts]
 
 
 def table_rows(result: Tolerances) -> list[tuple[str, ...]]:

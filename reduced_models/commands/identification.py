@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from granular.commands.console import command, given, print_result, refuse_options, require_options
 from granular.commands.options import Changes, MethodName, Output, Parts, ThreadCount, TimeStep
 from granular.commands.signature import Fraction, Kilograms, Option, Seconds
+from granular.shared.blocks import Block, Text
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.message_text import quote
@@ -406,11 +407,11 @@ def _compare_response(directory: str, output: Output) -> None:
         | {"outside": peak.outside or None}
         for peak in peaks
     ]
-    lines = [response.table, why] if law is None else [law.peak_table]
-    lines += [f"warning: under {peak.force:g} N {peak.outside}" for peak in peaks if peak.outside]
+    blocks: list[Block] = [response.table, Text(why)] if law is None else [law.peak_table]
+    blocks += [Text(f"warning: under {peak.force:g} N {peak.outside}") for peak in peaks if peak.outside]
     print_result(
         {"peaks": rows, "missing": why or None, "report": str(path)},
-        "\n".join([*lines, f"written to {path}"]),
+        [*blocks, Text(f"written to {path}")],
         output.json,
     )
 

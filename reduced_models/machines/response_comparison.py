@@ -11,10 +11,9 @@ import numpy as np
 
 from granular.response.report_page import PageComparison, response_page
 from granular.response.response import FrequencyResponse
-from granular.shared.blocks import format_number
+from granular.shared.blocks import Table, format_number
 from granular.shared.errors import InputError
 from granular.shared.html_pages import Page
-from granular.shared.terminal import align_columns
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.machines.response import predicted_response
 
@@ -56,9 +55,9 @@ class ResponseComparison:
     linear: dict[float, np.ndarray]  # [m]
 
     @property
-    def peak_table(self) -> str:
-        """The peaks in columns."""
-        return align_columns([_HEAD, *_table_cells(self.peaks)])
+    def peak_table(self) -> Table:
+        """Table of the peaks."""
+        return Table(_HEAD, _table_cells(self.peaks))
 
 
 _HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error [%]", "linear [mm]", "error [%]")

@@ -1,9 +1,15 @@
-"""Texts as LaTeX."""
+"""Blocks as text, for a terminal and as LaTeX."""
 
 from __future__ import annotations
 
-from granular.shared.blocks import Table
-from granular.shared.terminal import latex_array
+import io
+import re
+
+import pytest
+
+from granular.shared.blocks import Block, Caution, Equation, Heading, Items, Picture, Printout, Table, Text
+from granular.shared.html_pages import Shown
+from granular.shared.terminal import blocks_text, latex_array, print_blocks
 
 
 def test_signs_of_latex_are_letters() -> None:
@@ -11,3 +17,59 @@ def test_signs_of_latex_are_letters() -> None:
     assert r"\text{a\_1 \& 50 \%} & \text{\{x\}\^{}2} \\" in found
     assert r"\text{law} & \text{C:\textbackslash{}} \\ \hline" in found
     assert found.startswith("$$\\begin{array}{ll}\n")
+
+
+BLOCKS = [
+    Heading("Errors"),
+    Text("Two laws."),
+    Caution("few cycles"),
+    Items(["one", "two"]),
+    Table(["law", "error [%]"], [["linear", 12.5], ["duffing", "3"]]),
+    Printout("a = 1\nb = 2"),
+    Equation("<math></math>"),
+    Picture(lambda: pytest.fail("a terminal draws nothing"), "a curve"),
+]
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_blocks_as_plain_text() -> None:
+    stream = io.StringIO()
+    print_blocks(BLOCKS, stream)
+    lines = stream.getvalue().splitlines()
+    assert lines == blocks_text(BLOCKS).splitlines()
+    assert lines[1:] == [
+        "Errors",
+        "Two laws.",
+        "caution: few cycles",
+        "  one",
+        "  two",
+        "law      error [%]",
+        "linear   12.5",
+        "duffing  3",
+        "a = 1",
+        "b = 2",
+    ]
+
+
+def test_a_table_is_broken_to_the_width_of_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    stream = Terminal()
+    print_blocks([Table(["law", "what it says"], [["[bold]x[/]", "many words " * 8]])], stream)
+    lines = [re.sub("\x1b\\[[0-9;]*m", "", line).rstrip() for line in stream.getvalue().splitlines()]
+    assert max(map(len, lines)) <= 40
+    assert any("[bold]x[/]" in line for line in lines)
+    assert sum(line.count("many words") for line in lines) >= 4
+
+
+def test_a_notebook_shows_a_result_as_text_and_html() -> None:
+    class Result(Shown):
+        def blocks(self) -> list[Block]:
+            return [Text("a < b"), Table(["k"], [["1e-06 m"]])]
+
+    assert str(Result()) == "a < b\nk\n1e-06 m"
+    assert "<p>a &lt; b</p>" in Result()._repr_html_()
+    assert "<td class=number>1e-06 m</td>" in Result()._repr_html_()

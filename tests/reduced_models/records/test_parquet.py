@@ -53,7 +53,7 @@ def test_profile_intervals_on_the_command_line(folder: Path, capsys: pytest.Capt
         found[how] = np.array(model["intervals"]["omega"])
     assert found["profile"] == pytest.approx(found["linear"], rel=1e-5)
     assert launch(main, [*words, "--intervals", "profil"]) == BAD_INPUT
-    assert "give 'linear' or 'profile'" in capsys.readouterr().err
+    assert "choose from" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", COMMANDS)
