@@ -28,9 +28,9 @@ from validation.measured_quantities import QUANTITIES
 from validation.report_tasks import Plain, Task, failure_lines, results_of, run_tasks
 from validation.work_precision_result import SolverSettings, WorkPrecisionPoint
 from validation.work_precision_runs import (
+    Comparison,
     ReferenceValue,
-    measure_points,
-    reference_values,
+    compare_with_references,
     run_setting,
     scenes_with_other_seeds,
 )
@@ -154,9 +154,10 @@ def _truth(item: Priced) -> Plain:
     reference = SolverSettings("stormer-verlet", item.reference)
     chosen = [QUANTITIES[name] for name in item.quantities]
     given = [None if entry.exact is not None else reference for entry in chosen]
+    known = compare_with_references(scenes, chosen, given, None)
     return {
         name: {"values": [float(value) for value in truth.values], "floor": truth.floor}
-        for name, truth in zip(item.quantities, reference_values(scenes, chosen, given, None), strict=True)
+        for name, truth in zip(item.quantities, known.truth, strict=True)
     }
 
 
@@ -165,7 +166,8 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     scenes = scenes_with_other_seeds(item.scene, item.starts - 1)
     chosen = [QUANTITIES[name] for name in item.quantities]
     known = [ReferenceValue("", tuple(entry["values"]), entry["floor"]) for entry in truth.values()]
-    result = measure_points(scenes, chosen, setting, known, None, 1)
+    points = Comparison(scenes, chosen, None, known).points(setting)
+    result = [point for point in points if point is not None]
     if any(entry.has_failed for entry in result):
         return {}
     started = time.process_time()  # other programs take none of it

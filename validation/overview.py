@@ -39,11 +39,10 @@ from validation.work_precision_result import (
 )
 from validation.work_precision_runs import (
     STEPS,
+    Comparison,
+    compare_with_references,
     depends_on_seed,
-    make_work_precision,
-    measure_points,
     reference_setting,
-    reference_values,
     run_setting,
     scenes_with_other_seeds,
 )
@@ -51,8 +50,6 @@ from validation.work_precision_section import compression_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from validation.work_precision_runs import ReferenceValue
 
 QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
 """Time that the runs of one scene may take [s]."""
@@ -132,13 +129,9 @@ def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
     chosen = [QUANTITIES[name] for name in suitable_quantities(scene)]
     ladder, scenes, reference = plan_runs(scene, until, seconds)
     given = [None if quantity.exact is not None else reference for quantity in chosen]
-    truth = reference_values(scenes, chosen, given, until)
-    rows = [measure_points(scenes, chosen, item, truth, until, 1) for item in ladder]
-    studies = tuple(
-        make_work_precision(scene, quantity, until, [row[k] for row in rows], truth[k])
-        for k, quantity in enumerate(chosen)
-    )
-    fresh = _check_with_fresh_start(scenes, chosen, truth, studies, until) if len(scenes) > 1 else ()
+    comparison = compare_with_references(scenes, chosen, given, until)
+    studies = comparison.studies([comparison.points(setting) for setting in ladder])
+    fresh = _check_with_fresh_start(comparison, studies) if len(scenes) > 1 else ()
     return OverviewResult(studies, tuple(fresh), len(scenes))
 
 
@@ -173,19 +166,13 @@ def _run_seconds(scene: Scene, setting: SolverSettings, until: float | None) -> 
     return time.perf_counter() - start
 
 
-def _check_with_fresh_start(
-    scenes: Sequence[Scene],
-    quantities: Sequence[MeasuredQuantity],
-    truth: Sequence[ReferenceValue],
-    studies: Sequence[WorkPrecision],
-    until: float | None,
-) -> Iterator[FreshStart]:
+def _check_with_fresh_start(comparison: Comparison, studies: Sequence[WorkPrecision]) -> Iterator[FreshStart]:
     """Run one more start with each setting that a single run is advised of."""
     # Its value is compared with the mean of the reference over the other starts, or with the exact one.
-    last = scenes[-1].arrangement.seed
-    other = scenes[0].replace(**{"arrangement.seed": last + 1})
+    last = comparison.scenes[-1].arrangement.seed
+    other = comparison.scenes[0].replace(**{"arrangement.seed": last + 1})
     runs: dict[str, Any] = {}
-    for quantity, item, study in zip(quantities, truth, studies, strict=True):
+    for quantity, item, study in zip(comparison.quantities, comparison.truth, studies, strict=True):
         if quantity.differs_by_start and quantity.exact is None:
             continue
         mean = sum(item.values) / len(item.values)
@@ -195,7 +182,7 @@ def _check_with_fresh_start(
                 continue
             label = f"{best.setting.family}, {best.setting.dt}"
             if label not in runs:
-                runs[label] = run_setting(other, best.setting, until)
+                runs[label] = run_setting(other, best.setting, comparison.until)
             error = _error_of_quantity(quantity, runs[label], mean)
             yield FreshStart(other.name, quantity.name, words, label, error, error <= level)
 

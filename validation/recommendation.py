@@ -36,10 +36,8 @@ from validation.work_precision_runs import (
     REPEATS,
     STEPS,
     candidate_settings,
-    make_work_precision,
-    measure_points,
+    compare_with_references,
     reference_setting,
-    reference_values,
     scenes_with_other_seeds,
 )
 
@@ -259,7 +257,8 @@ def _measure_until_decided(
     from granular.shared.progress_bars import progress_bar
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
-        (truth,) = reference_values(scenes, [quantity], [reference], until)
+        comparison = compare_with_references(scenes, [quantity], [reference], until)
+        (truth,) = comparison.truth
         tried: list[WorkPrecisionPoint] = []
         for family in dict.fromkeys(setting.family for setting in settings):
             own: list[WorkPrecisionPoint] = []
@@ -270,10 +269,10 @@ def _measure_until_decided(
                 if _too_dear(setting, tried + own, best):
                     break
                 bar.set_description(f"{family}, {setting.dt}, against {truth.words}")
-                own += measure_points(scenes, [quantity], setting, [truth], until, REPEATS)
+                own += filter(None, comparison.points(setting, REPEATS))
                 bar.update()
             tried += own
-    return make_work_precision(scenes[0], quantity, until, tried, truth)
+    return comparison.studies([[point] for point in tried])[0]
 
 
 def _finest_points_suffice(

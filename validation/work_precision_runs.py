@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import time
 import warnings
@@ -108,36 +109,9 @@ def work_precision_of_quantities(
         raise InputError("no settings are given; give at least one method and step")
     if repeats < 1:
         raise InputError(f"repeats = {repeats}; give a number of runs from 1")
-    scenes = scenes_with_other_seeds(scene, seeds)
-    truth = reference_values(scenes, chosen, references or [None] * len(chosen), until)
-    rows = [
-        measure_points(scenes, chosen, quantity, truth, until, repeats)
-        for quantity in wanted
-        if not quantity.is_external
-    ]
-    outside = [quantity for quantity in wanted if quantity.is_external]
-    return tuple(
-        make_work_precision(
-            scene,
-            quantity,
-            until,
-            [*(row[k] for row in rows), *_outside_points(scene, quantity, outside, truth[k], until)],
-            truth[k],
-        )
-        for k, quantity in enumerate(chosen)
-    )
-
-
-def make_work_precision(
-    scene: Scene,
-    quantity: MeasuredQuantity,
-    until: float | None,
-    points: Iterable[WorkPrecisionPoint],
-    truth: ReferenceValue,
-) -> WorkPrecision:
-    """Work-precision study of points that were measured against a reference; until [s]."""
-    unit = "1" if quantity.relative else quantity.unit
-    return WorkPrecision(scene.name, quantity.name, unit, until, tuple(points), truth.floor, truth.words)
+    given = references or [None] * len(chosen)
+    comparison = compare_with_references(scenes_with_other_seeds(scene, seeds), chosen, given, until)
+    return comparison.studies([comparison.points(setting, repeats) for setting in wanted])
 
 
 STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
@@ -170,13 +144,63 @@ def depends_on_seed(scene: Scene) -> bool:
     )
 
 
-def reference_values(
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Starts of a scene, and the true values that quantities of its runs are compared with."""
+
+    scenes: Sequence[Scene]
+    quantities: Sequence[MeasuredQuantity]
+    until: float | None  # [s]
+    truth: Sequence[ReferenceValue]  # of each quantity
+
+    def points(self, setting: SolverSettings, repeats: int = 1) -> list[WorkPrecisionPoint | None]:
+        """Measure error and time of a setting, for each quantity from the same runs."""
+        if setting.is_external:
+            return self._external_points(setting)
+        try:
+            _compile_setting(self.scenes[0], setting)
+            timed = [_run_and_time(scene, setting, self.until, repeats) for scene in self.scenes]
+        except GranularError as stop:
+            return [_failed_point(setting, stop) for _ in self.quantities]
+        runs = [run for run, _ in timed]
+        seconds = float(np.mean([spent for _, spent in timed]))
+        return [
+            _point_of_runs(setting, quantity, runs, item, seconds)
+            for quantity, item in zip(self.quantities, self.truth, strict=True)
+        ]
+
+    def _external_points(self, setting: SolverSettings) -> list[WorkPrecisionPoint | None]:
+        """Points of an outside reference, which gives positions only; compiled before it counts."""
+        return [
+            _external_point(self.scenes[0], quantity, setting, item.values[0], self.until)
+            if quantity.name == "positions" and self.until is not None
+            else None
+            for quantity, item in zip(self.quantities, self.truth, strict=True)
+        ]
+
+    def studies(self, rows: Sequence[Sequence[WorkPrecisionPoint | None]]) -> tuple[WorkPrecision, ...]:
+        """Make a study for each quantity, of the points of each setting."""
+        return tuple(
+            WorkPrecision(
+                self.scenes[0].name,
+                quantity.name,
+                "1" if quantity.relative else quantity.unit,
+                self.until,
+                tuple(point for row in rows if (point := row[k]) is not None),
+                self.truth[k].floor,
+                self.truth[k].words,
+            )
+            for k, quantity in enumerate(self.quantities)
+        )
+
+
+def compare_with_references(
     scenes: Sequence[Scene],
     quantities: Sequence[MeasuredQuantity],
     given: Sequence[Reference],
     until: float | None,
-) -> list[ReferenceValue]:
-    """Return reference values of quantities, from runs, given numbers or exact solutions; until [s]."""
+) -> Comparison:
+    """Find the true values of quantities, from runs, given numbers or exact solutions; until [s]."""
     runs: dict[str, list[Trajectory]] = {}
     truth = []
     for quantity, reference in zip(quantities, given, strict=True):
@@ -192,7 +216,7 @@ def reference_values(
         else:
             words = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
             truth.append(ReferenceValue(words, (wanted,) * len(scenes), 0.0))
-    return truth
+    return Comparison(scenes, quantities, until, truth)
 
 
 def reference_setting(scene: Scene) -> SolverSettings:
@@ -217,33 +241,21 @@ def run_setting(scene: Scene, setting: SolverSettings, until: float | None) -> T
         )
 
 
-def measure_points(
-    scenes: Sequence[Scene],
-    quantities: Sequence[MeasuredQuantity],
+def _point_of_runs(
     setting: SolverSettings,
-    truth: Sequence[ReferenceValue],
-    until: float | None,
-    repeats: int,
-) -> list[WorkPrecisionPoint]:
-    """Measure error and time of one setting, for several quantities from the same runs; until [s]."""
+    quantity: MeasuredQuantity,
+    runs: Sequence[Trajectory],
+    truth: ReferenceValue,
+    seconds: float,
+) -> WorkPrecisionPoint:
+    settings = [run.settings() for run in runs]
+    steps = round(float(np.mean([entry["steps"] for entry in settings])))
+    frequency = max(entry.get("step_times_highest_frequency", 0.0) for entry in settings)
     try:
-        _compile_setting(scenes[0], setting)
-        runs, seconds = zip(*(_run_and_time(scene, setting, until, repeats) for scene in scenes), strict=True)
+        error, doubt = deviation_over_starts(quantity, [quantity.measure(run) for run in runs], truth.values)
     except GranularError as stop:
-        return [_failed_point(setting, stop)] * len(quantities)
-    steps = round(float(np.mean([run.settings()["steps"] for run in runs])))
-    frequency = max(run.settings().get("step_times_highest_frequency", 0.0) for run in runs)
-    measured = []
-    for quantity, item in zip(quantities, truth, strict=True):
-        try:
-            values = [quantity.measure(run) for run in runs]
-            error, doubt = deviation_over_starts(quantity, values, item.values)
-            took, starts = float(np.mean(seconds)), len(scenes)
-            point = WorkPrecisionPoint(setting, error, took, steps, None, doubt, starts, frequency)
-            measured.append(point)
-        except GranularError as stop:
-            measured.append(_failed_point(setting, stop))
-    return measured
+        return _failed_point(setting, stop)
+    return WorkPrecisionPoint(setting, error, seconds, steps, None, doubt, len(runs), frequency)
 
 
 def deviation_over_starts(
@@ -298,23 +310,12 @@ def _compile_setting(scene: Scene, setting: SolverSettings) -> None:
         run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 
 
-def _outside_points(
-    scene: Scene,
-    quantity: MeasuredQuantity,
-    settings: Sequence[SolverSettings],
-    truth: ReferenceValue,
-    until: float | None,
-) -> list[WorkPrecisionPoint]:
-    """Points of the outside references, which give positions only; compiled before they count."""
-    if quantity.name != "positions" or until is None:
-        return []
-    length = Scales.from_grains(scene.grains).length
-    result = []
-    for setting in settings:
-        solve_adaptively(setting.method, scene, 1e-3 * until, 1e-2)
-        started = time.perf_counter()
-        solved = solve_adaptively(setting.method, scene, until, float(setting.dt))
-        seconds = time.perf_counter() - started
-        error = quantity.error(solved.positions / length, truth.values[0])
-        result.append(WorkPrecisionPoint(setting, error, seconds, solved.steps or 0))
-    return result
+def _external_point(
+    scene: Scene, quantity: MeasuredQuantity, setting: SolverSettings, truth: Value, until: float
+) -> WorkPrecisionPoint:
+    solve_adaptively(setting.method, scene, 1e-3 * until, 1e-2)
+    started = time.perf_counter()
+    solved = solve_adaptively(setting.method, scene, until, float(setting.dt))
+    seconds = time.perf_counter() - started
+    error = quantity.error(solved.positions / Scales.from_grains(scene.grains).length, truth)
+    return WorkPrecisionPoint(setting, error, seconds, solved.steps or 0)

@@ -11,7 +11,7 @@ from granular import Scene, Trajectory, damper, load_scene, plan, simulate
 from granular.run.plan import parse_accuracy
 from validation import SolverSettings, recommend_settings
 from validation.measured_quantities import QUANTITIES
-from validation.work_precision_runs import reference_values, scenes_with_other_seeds
+from validation.work_precision_runs import compare_with_references, scenes_with_other_seeds
 from validation.work_precision_section import compression_scene
 
 FRESH = 5
@@ -41,7 +41,8 @@ def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[floa
     one = QUANTITIES[quantity]
     if one.exact is not None:
         return [one.error(one.measure(run), one.exact) for run in runs]
-    (truth,) = reference_values(scenes_with_other_seeds(scene, KNOWN_STARTS - 1), [one], [REFERENCE], None)
+    others = scenes_with_other_seeds(scene, KNOWN_STARTS - 1)
+    (truth,) = compare_with_references(others, [one], [REFERENCE], None).truth
     mean = sum(truth.values) / len(truth.values)
     return [one.error(one.measure(run), mean) for run in runs]
 
