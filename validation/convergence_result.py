@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.shared.blocks import Block, Caution, Picture, Table, Text
-from granular.shared.plotting import axes_or_new
+from granular.shared.plotting import axes_or_new, line_style
 from validation.external_integrators import ORDERS
-from validation.report_tasks import PlainData, PrintedTable, line_look, picture
+from validation.report_tasks import PlainData, PrintedTable, picture
 
 if TYPE_CHECKING:
     import pandas
@@ -262,7 +262,7 @@ def _picture_of_problem(name: str, results: Sequence[ConvergenceResult]) -> Pict
 
     def draw(axes: Axes) -> None:
         for k, result in enumerate(group):
-            result.plot(axes, linewidth=1.0, **line_look(k))
+            result.plot(axes, linewidth=1.0, **line_style(k))
 
     return picture(draw, f"{name}: error at the end over the time step.", height=5.2)
 

@@ -21,9 +21,9 @@ from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.blocks import Block, Caution, Picture, Table, Text
 from granular.shared.errors import RunError
-from granular.shared.plotting import COLOURS, GREY, figure
+from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from validation.exact import bounce
-from validation.report_tasks import PlainData, Section, Task, line_look, picture
+from validation.report_tasks import PlainData, Section, Task, picture
 from validation.trend_significance import BLOCKS, SIGNIFICANCE, EnergyTrend, energy_trend
 
 if TYPE_CHECKING:
@@ -266,7 +266,7 @@ def _energy_pictures(system: str, group: Sequence[EnergyStudy]) -> Iterator[Pict
 
 def _draw_errors(runs: Sequence[EnergyStudy], axes: Axes) -> None:
     for k, run in enumerate(runs):
-        axes.semilogy(*_error_envelope(run), **line_look(k), label=f"{run.method}, {run.steps:.2g} steps")
+        axes.semilogy(*_error_envelope(run), **line_style(k), label=f"{run.method}, {run.steps:.2g} steps")
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
     axes.set(ylabel="greatest energy error", xlabel="fraction of the run")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, get_args, get_type_hint
 from granular.run.summary import custom_code_digests
 from granular.shared.blocks import Picture, Table
 from granular.shared.errors import GranularError
-from granular.shared.plotting import COLOURS, STYLES, figure
+from granular.shared.plotting import figure
 from granular.shared.result_cache import ResultCache, digest
 from granular.shared.terminal import block_text
 
@@ -198,12 +198,6 @@ class PrintedTable(Table):
 
 WIDTH = 5.6
 """Width of a figure [inch]: narrow enough for its letters to be read on a phone."""
-
-
-def line_look(index: int) -> dict[str, Any]:
-    """Colour and style of a line: the colours first, then other styles."""
-    turn, colour = divmod(index, len(COLOURS))
-    return {"color": COLOURS[colour], "linestyle": STYLES[turn % len(STYLES)]}
 
 
 def label_line(axes: Axes, words: str, height: float, **options: Any) -> None:

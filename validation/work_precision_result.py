@@ -17,9 +17,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.run.work_precision import FLOORS, starts_for_tolerance
-from granular.shared.plotting import GREY, axes_or_new
+from granular.shared.plotting import GREY, axes_or_new, line_style
 from validation.external_integrators import ORDERS
-from validation.report_tasks import PlainData, PrintedTable, label_line, line_look
+from validation.report_tasks import PlainData, PrintedTable, label_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -320,7 +320,7 @@ def _draw_family(axes: Axes, name: str, points: Sequence[WorkPrecisionPoint], k:
         style: dict[str, Any] = {"marker": "x", "linestyle": ":", "linewidth": 0.9}
     else:
         style = {"marker": "o", "linewidth": 1.5}
-    draw_points(axes, points, label, **line_look(k) | style)
+    draw_points(axes, points, label, **line_style(k) | style)
 
 
 def draw_points(axes: Axes, points: Sequence[WorkPrecisionPoint], label: str, **style: Any) -> None:

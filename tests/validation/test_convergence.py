@@ -1,17 +1,31 @@
-"""The measurement of orders, on errors of known law, on controls, and on the toolkit."""
+"""The measurement of orders, on errors of known law, on controls, on the toolkit, and in a root."""
 
 from __future__ import annotations
-
-import json
 
 import numpy as np
 import pytest
 
+from granular.linear import root_of_steps
 from granular.methods import METHODS
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
-from validation.convergence_order import Solver, convergence, method_name_to_plot, method_suits_problem
-from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table, fit_convergence_slope
+from validation.convergence_order import (
+    STEEP_IN_ROOT,
+    Solver,
+    convergence,
+    convergence_tasks,
+    method_name_to_plot,
+    method_suits_problem,
+    root_convergence,
+    settled_root,
+)
+from validation.convergence_result import (
+    BED_ROOT,
+    CLEAR,
+    convergence_holds,
+    convergence_table,
+    fit_convergence_slope,
+)
 from validation.exact import NAMES, ExactProblem, GrainStates, bounce, exact_problem
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))
@@ -112,15 +126,13 @@ def test_controls_are_told_apart() -> None:
     assert not wrong.shows_declared_order(0.3)
 
 
-def test_result_survives_json() -> None:
+def test_too_few_steps_show_no_order() -> None:
     counts = (64, 80, 96, 112)
     problem = exact_problem("oscillation")
     result = convergence(problem, "verlet", counts, solver=plain_verlet(), order=2)
     assert result.fit is None  # less than half a decade
     with pytest.raises(InputError, match="each at least 2"):
         convergence(problem, "verlet", [], solver=plain_verlet(), order=2)
-    again = ConvergenceResult.from_plain(json.loads(json.dumps(result.to_plain())))
-    assert again == result
     assert len(convergence_table([result]).rows[0]) == len(convergence_table([result]).header)
     assert len(result.table().rows) == len(counts)
     table = result.to_dataframe()
@@ -166,3 +178,37 @@ def test_every_method_has_its_order(name: str, method: str) -> None:
     assert result.shows_declared_order(TOLERANCE[order]), convergence_table([result]).text()
     if order <= 6 and not result.is_exact:
         assert result.decades_of_fit > 0.99
+
+
+EQUAL = [name for name, method in METHODS.items() if not method.variable and name not in STEEP_IN_ROOT]
+
+
+QUICK = "stormer-verlet"
+
+
+@pytest.mark.parametrize(
+    "method", [QUICK, *(pytest.param(name, marks=pytest.mark.long) for name in EQUAL if name != QUICK)]
+)
+def test_each_method_has_its_order_in_the_root(method: str) -> None:
+    result = root_convergence(method)
+    assert result.fit is not None
+    assert convergence_holds(result), (result.fit, result.table().text())
+
+
+def test_a_wrong_root_shows_no_order() -> None:
+    exact = settled_root("stormer-verlet")[1].s
+    wrong = root_convergence("stormer-verlet", exact * (1.0 + 1e-4))
+    assert wrong.fit is not None
+    assert not convergence_holds(wrong)
+    assert not wrong.shows_declared_order(0.3)
+
+
+def test_all_methods_of_equal_steps_are_in_the_full_report() -> None:
+    tasks = [task for task in convergence_tasks(full=True) if task.key["problem"] == BED_ROOT]
+    assert [task.key["method"] for task in tasks] == EQUAL
+
+
+def test_a_method_that_takes_no_drag_is_refused() -> None:
+    rest, root = settled_root("stormer-verlet")
+    with pytest.raises(InputError, match="takes no drag"):
+        root_of_steps(rest, root, 1e-3, "runge-kutta-4")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,6 @@ from validation.depaula_experiment import (
     PLAIN,
     STEPS,
     TOOLKIT,
-    DepaulaRun,
     DepaulaStepTest,
     _integrate_compensated_form,
     _integrate_position_form,
@@ -60,19 +57,6 @@ def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaStepTest) -
         for k, exact in heights.items():
             clear = 1e-9 if one.form == COMPENSATED else 1e-5  # rounding of the position form
             assert one.path[k] == pytest.approx(exact, abs=clear)
-
-
-def test_experiment_survives_json(coarse: DepaulaStepTest) -> None:
-    again = DepaulaStepTest.from_plain(json.loads(json.dumps(coarse.to_plain())))
-    assert again == coarse
-    assert len(again.table().rows) == 8
-
-
-def test_slopes_of_known_errors() -> None:
-    runs = tuple(DepaulaRun(PLAIN, h, 1.0 + h**2, h**2, 0.0) for h in (1e-1, 1e-2, 1e-3))
-    one = DepaulaStepTest(runs)
-    assert one.error_slope(PLAIN, finest=1e-3) == pytest.approx(2.0)
-    assert one.slope_relative_to_finest(PLAIN) == pytest.approx(2.0, abs=0.01)
 
 
 def test_position_form_and_velocity_form_are_one_sequence() -> None:

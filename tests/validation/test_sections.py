@@ -1,9 +1,11 @@
-"""Tables of the report that answer at a glance, on results made by hand."""
+"""Sections of the report, on results made by hand: tables that answer at a glance, JSON and texts."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+from typing import Any
 
 import pytest
 
@@ -17,9 +19,64 @@ from validation.depaula_experiment import (
     DepaulaStepTest,
     depaula_blocks,
 )
+from validation.effect_costs import EffectCost, EffectCosts
+from validation.energy_drift import EnergyStudy
 from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED, HardCaseOutcome, outcome_matrix
+from validation.overview import OverviewResult
+from validation.report import outcomes_from_plain, report_page, section_text
+from validation.report_tasks import Outcome
+from validation.trend_significance import EnergyTrend
 from validation.work_precision_result import USUAL, SolverSettings, WorkPrecision, WorkPrecisionPoint
-from validation.work_precision_section import advised_setting_table
+from validation.work_precision_section import Studies, advised_setting_table
+
+ORDER = ConvergenceResult(
+    *("bounce", "pefrl", 4, True, (0.1, 0.01), (1.0, 1e-4), 1e-9),
+    fit=FittedSlope(4.01, (3.9, 4.1), 0, 1),
+    seconds=(0.1, 1.0),
+)
+UNFITTED = dataclasses.replace(ORDER, method="of-three-steps", fit=None)
+TREND = EnergyTrend(1e-3, (5e-4, 2e-3), 1e-3, 1e-3, 0.1, 1.0)
+ENERGY = EnergyStudy(
+    *("swing", "explicit-euler", False, 0.1, 10, None, (0.0, 0.5, 1.0), (0.0, 5e-4, 1e-3), TREND),
+    heights=(2.0, 1.0, 2.0),
+    velocities=(0.0, -1.0, 0.0),
+)
+POINT = WorkPrecisionPoint(SolverSettings("stormer-verlet", "auto*8"), 2e-3, 1.5, 100, None, 1e-4, 5)
+COST = WorkPrecision("damper", "period", "1", None, (POINT,), 1e-4, "finer")
+DROP = HardCaseOutcome("drop", "stormer-verlet", "auto", ACCURATE, 0.02, 0.1, "", True, 1.0, "distance [D]")
+EFFECTS = EffectCosts("bed", 2, 3.0, 1.0, (EffectCost("drag", 1.5, 0.1, 1.25, 0.1),), {"direct": 3.0})
+RUNS = tuple(
+    DepaulaRun(form, h, 0.1 + error * h * h, error * h * h, 1.0, (1e-9, -2e-9), (0.2, 0.1, 0.2))
+    for form, error in ((PLAIN, 1e4), (COMPENSATED, 1e3), (TOOLKIT, 1e3))
+    for h in (4e-6, 2e-6, 1e-6)
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "result", "said"),
+    [
+        ("convergence", ORDER, ("bounce", "pefrl", "4.0100")),
+        ("convergence", UNFITTED, ("of-three-steps", "too few steps above rounding")),
+        ("depaula", DepaulaStepTest(RUNS), ("4e-06", "1.60e-07")),
+        ("energy", ENERGY, ("swing", "explicit-euler", "gains")),
+        ("work-precision", Studies((COST,)), ("period of damper", "auto*8", "1.5")),
+        ("stability", DROP, ("drop", "auto", "2.0e-02")),
+        ("overview", OverviewResult((COST,), (), 5), ("damper: what accuracy costs", "auto*8: 1.5 s")),
+        ("overview", OverviewResult(effects=EFFECTS), ("bed: what its effects cost", "1.25 ± 0.1")),
+        ("overview", OverviewResult(outcomes=(DROP,)), ("Hard cases at a glance", "1")),
+    ],
+)
+def test_figures_of_a_section_are_kept_and_said(name: str, result: Any, said: tuple[str, ...]) -> None:
+    """As they come back from a file, on the console and on the page, with what failed."""
+    outcomes = [Outcome("one", result), Outcome("the next", failed="RunError: off")]
+    plain = json.loads(json.dumps([outcome.to_plain() for outcome in outcomes], allow_nan=False))
+    read = outcomes_from_plain(name, plain)
+    assert [outcome.result for outcome in read] == [result, None]
+    text, page = section_text(name, read), report_page({name: read}, full=False).to_html()
+    assert all(words in text for words in (*said, "the next failed: RunError: off")), text
+    assert str(math.nan) not in text
+    assert said[0] in page.replace("\u2011", "-")  # which keeps a number on one line
+    assert "the next failed: RunError: off" in page
 
 
 def result(
@@ -114,16 +171,11 @@ def test_choices_say_their_share_of_the_default_time() -> None:
 
 def test_the_section_of_de_paula_tells_slope_scatter_and_peaks() -> None:
     """Errors of h^2 without rounding: relative to the finest of 4, 2, 1 they are 15 and 3."""
-    runs = [
-        DepaulaRun(form, h, 0.1 + error * h * h, error * h * h, 1.0, (1e-9, -2e-9), (0.2, 0.1, 0.2))
-        for form, error in ((PLAIN, 1e4), (COMPENSATED, 1e3), (TOOLKIT, 1e3))
-        for h in (4e-6, 2e-6, 1e-6)
-    ]
-    one = DepaulaStepTest(tuple(runs))
-    assert one.error_slope(COMPENSATED) == pytest.approx(2.0)
-    assert one.slope_relative_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
-    assert one.scatter_about_slope(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
-    text = blocks_text(depaula_blocks([DepaulaStepTest.from_plain(one.to_plain())]))
+    experiment = DepaulaStepTest(RUNS)
+    assert experiment.error_slope(COMPENSATED) == pytest.approx(2.0)
+    assert experiment.slope_relative_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
+    assert experiment.scatter_about_slope(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
+    text = blocks_text(depaula_blocks([experiment]))
     assert "slope 2.0000" in text
     assert "makes a slope of 2.322" in text
     assert "difference of two peaks is 3.0e-09 m" in text

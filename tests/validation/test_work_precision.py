@@ -14,7 +14,7 @@ from granular.run.piston_record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
 from validation.exact import bounce
-from validation.measured_quantities import QUANTITIES, MeasuredQuantity, swing_period_and_damping
+from validation.measured_quantities import MeasuredQuantity, swing_period_and_damping
 from validation.recommendation import recommend_from_study, recommend_settings
 from validation.work_precision_result import LEVELS, SolverSettings, WorkPrecision, WorkPrecisionPoint
 from validation.work_precision_runs import (
@@ -106,14 +106,6 @@ def test_choice_is_a_command_and_keywords() -> None:
         "--method stormer-verlet"
     )
     json.dumps(found.to_plain(), allow_nan=False)
-
-
-def test_study_survives_json() -> None:
-    one = study(point("a", 10, 1e-2, 1.0), FAILED, floor=0.1)
-    again = WorkPrecision.from_plain(json.loads(json.dumps(one.to_plain(), allow_nan=False)))
-    assert again.table() == one.table()
-    assert again.points[1].has_failed
-    assert math.isnan(again.points[1].error)
 
 
 def test_study_of_the_lone_grain() -> None:
@@ -285,7 +277,3 @@ def test_small_swing_of_a_damped_oscillation(period: float, ratio: float) -> Non
     height = 0.06 + 1e-3 * np.exp(-ratio * omega * time) * np.cos(damped * time + 0.3)
     found = swing_period_and_damping(PistonRecord(time=time, height=height))
     assert found == pytest.approx((period, ratio), rel=1e-3)
-
-
-def test_quantities_have_names() -> None:
-    assert all(name == one.name for name, one in QUANTITIES.items())

@@ -241,16 +241,13 @@ def _both_grain_states(
 
 # A piston that drives a grain --------------------------------------------------------------------
 
-DRIVEN_TIME = 0.05
-PISTON_SPEED = 0.5
-"""V [m/s]"""
 # Distance at the start [D]: the piston's force there is 1/128 of that at one diameter.
 GAP = 4.0
 
 
-def driven_piston_problem(speed: float = PISTON_SPEED, time: float = DRIVEN_TIME) -> ExactProblem:
-    """Make the problem of a grain at rest that a piston strikes at constant speed; speed [m/s], time [s]."""
-    top = 40.0
+def driven_piston_problem() -> ExactProblem:
+    """Make the problem of a grain at rest that a piston strikes at constant speed."""
+    top, speed, time = 40.0, 0.5, 0.05  # [D], [m/s], [s]
     scene = few_grains_scene(
         "driven-piston",
         time,
