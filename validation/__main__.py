@@ -18,6 +18,7 @@ from granular.commands.console import (
 )
 from granular.commands.options import Changes, Output, SceneName
 from granular.commands.signature import Fraction, Option, Seconds
+from granular.shared.blocks import Text
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,12 +63,10 @@ class Measuring:
 
 
 def _print_report(result: dict[str, Any], out: str | None, output: Output) -> None:
-    from validation.report import report_text
+    from validation.report import console_blocks
 
-    text = report_text(result)
-    if out is not None:
-        text += f"\nreport: {out}/report.html"
-    print_result(result, text, output.json)
+    written = [] if out is None else [Text(f"report: {out}/report.html")]
+    print_result(result, [*console_blocks(result), *written], output.json)
 
 
 @command("""\

@@ -13,11 +13,10 @@ from typing import Any
 from granular.methods import METHODS, Method, method_named, resolve_method
 from granular.methods.registry import method_as_run_setting, register_methods
 from granular.scene.scene import Scene
-from granular.shared.blocks import Block, Caution, Heading, Table, cautions
+from granular.shared.blocks import Block, Caution, Heading, Table, Text, cautions
 from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_json
 from granular.shared.html_pages import Page
-from granular.shared.terminal import blocks_text
 from validation.convergence_order import (
     CONVERGENCE,
     convergence_task,
@@ -131,23 +130,25 @@ def summarise_verdicts(outcomes: Outcomes) -> dict[str, Any]:
     return {"verdicts": verdicts, "held": held, "holds": all(held.values())}
 
 
-def report_text(plain: Mapping[str, Any]) -> str:
-    """Text of a report for the console, from its data: tables, failures and verdicts."""
-    lines = [section_text(name, outcomes_from_plain(name, group)) for name, group in plain["parts"].items()]
-    return "\n".join([*lines, *(f"{name}: {verdict}" for name, verdict in plain["verdicts"].items())])
+def console_blocks(plain: Mapping[str, Any]) -> list[Block]:
+    """Tables, failures and verdicts of a report for the console, from its data."""
+    parts = plain["parts"].items()
+    tables = [
+        block for name, group in parts for block in section_tables(name, outcomes_from_plain(name, group))
+    ]
+    return [*tables, *(Text(f"{name}: {verdict}") for name, verdict in plain["verdicts"].items())]
+
+
+def section_tables(name: str, outcomes: Sequence[Outcome]) -> list[Block]:
+    """Headings and tables of a section, and what failed."""
+    blocks = section_blocks(name, outcomes)
+    shown = [block for block in blocks if isinstance(block, Heading | Table | Caution)]
+    return [*shown, *section_details(name, outcomes)]
 
 
 def outcomes_from_plain(name: str, plain: Sequence[Plain]) -> list[Outcome]:
     """Outcomes of a section from the data of a report."""
     return [Outcome.from_plain(name, SECTIONS[name].kind, entry) for entry in plain]
-
-
-def section_text(name: str, outcomes: Sequence[Outcome]) -> str:
-    """Text of a section for the console: its headings and tables, and what failed."""
-    shown = [
-        block for block in section_blocks(name, outcomes) if isinstance(block, Heading | Table | Caution)
-    ]
-    return blocks_text([*shown, *section_details(name, outcomes)])
 
 
 # A user's own methods ---------------------------------------------------------------------------

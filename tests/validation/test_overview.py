@@ -22,7 +22,7 @@ from validation.overview import (
     plan_runs,
     suitable_quantities,
 )
-from validation.report import report_page, section_text, summarise_verdicts
+from validation.report import report_page, section_tables, summarise_verdicts
 from validation.report_tasks import Outcome, run_tasks
 from validation.work_precision_result import SolverSettings, WorkPrecision, WorkPrecisionPoint
 from validation.work_precision_section import Plan, work_precision_task
@@ -137,6 +137,6 @@ def test_first_screen_of_a_small_bed(
     assert "mean distance" in {start.quantity for start in measured.fresh}
     assert all(math.isfinite(start.error) for start in measured.fresh)
     assert run_tasks("overview", tasks, tmp_path, OverviewResult, progress=False) == found  # from the disk
-    text = section_text("overview", found)
+    text = blocks_text(section_tables("overview", found))
     assert "bed of 23: what accuracy costs" in text
     assert "bed of 23" in report_page({"overview": found}, full=False).to_html()

@@ -136,7 +136,7 @@ def test_help_and_bad_input(command: Command) -> None:
         (("cheapest", "single-particle", "energy", "0"), "above 0"),
         (("cheapest", "no-scene", "energy", "0.1"), "unknown scene"),
         (("nothing",), "--help"),
-        (("report", "--quick", "--full"), "not allowed with"),
+        (("report", "--quick", "--full"), "does not go with"),
     ):
         done = command("validation", *words)
         assert done.returncode == 2

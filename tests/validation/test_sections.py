@@ -23,7 +23,7 @@ from validation.effect_costs import EffectCost, EffectCosts
 from validation.energy_drift import EnergyStudy
 from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED, HardCaseOutcome, outcome_matrix
 from validation.overview import OverviewResult
-from validation.report import outcomes_from_plain, report_page, section_text
+from validation.report import outcomes_from_plain, report_page, section_tables
 from validation.report_tasks import Outcome
 from validation.trend_significance import EnergyTrend
 from validation.work_precision_result import USUAL, SolverSettings, WorkPrecision, WorkPrecisionPoint
@@ -72,7 +72,7 @@ def test_figures_of_a_section_are_kept_and_said(name: str, result: Any, said: tu
     plain = json.loads(json.dumps([outcome.to_plain() for outcome in outcomes], allow_nan=False))
     read = outcomes_from_plain(name, plain)
     assert [outcome.result for outcome in read] == [result, None]
-    text, page = section_text(name, read), report_page({name: read}, full=False).to_html()
+    text, page = blocks_text(section_tables(name, read)), report_page({name: read}, full=False).to_html()
     assert all(words in text for words in (*said, "the next failed: RunError: off")), text
     assert str(math.nan) not in text
     assert said[0] in page.replace("\u2011", "-")  # which keeps a number on one line
