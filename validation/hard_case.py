@@ -138,6 +138,13 @@ def greatest_missing_force(run: Trajectory) -> float:
     return worst
 
 
+ENERGY = ErrorMeasure("relative change of the energy", energy_change)
+ENERGY_AFTERWARDS = ErrorMeasure("relative change of the energy afterwards", energy_change)
+DISPLACEMENT = ErrorMeasure("displacement [D]", greatest_displacement)
+MISSING_FORCE = ErrorMeasure("greatest force missed, over the greatest force", greatest_missing_force)
+FALL = ErrorMeasure("relative error of the fall", terminal_fall_error)
+ENERGY_OR_MOMENTUM = ErrorMeasure("relative change of energy or momentum", energy_or_momentum_change)
+
 # Scenes -----------------------------------------------------------------------------------------
 
 

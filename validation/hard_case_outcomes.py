@@ -217,15 +217,13 @@ leave: a step four times as long leaves sixteen times the error, and methods dif
 def stability_tasks(full: bool) -> list[Task]:
     """Tasks that run the catalogue of hard cases."""
     cases = hard_case_catalogue()
-    tasks = [_task(case, "stormer-verlet", None, full) for case in cases]
-    if full:
-        tasks += [
-            _task(_vary_settings(case, times), method, dt, False)
-            for method, dt, times in VARIATIONS
-            for case in cases
-            if case.dt == "auto"
-        ]
-    return tasks
+    variations = [
+        _task(_vary_settings(case, times), method, dt, False)
+        for method, dt, times in (VARIATIONS if full else ())
+        for case in cases
+        if case.dt == "auto"
+    ]
+    return [*(_task(case, "stormer-verlet", None, full) for case in cases), *variations]
 
 
 def _task(case: HardCase, method: str, dt: float | str | None, full: bool) -> Task:

@@ -16,40 +16,6 @@ from validation import hard_case
 from validation.exact import exact_problem
 from validation.hard_case import BROKEN, ErrorMeasure, HardCase, few_grains, packaged_scene
 
-COSTLY = (
-    "slabs",
-    "friction",
-    "mass ratio",
-    "aspect",
-    "contact",
-    "drop",
-    "100 kg",
-    "packing",
-    "skin",
-    "far field",
-    "1e6 steps",
-    "damping ratio",
-    "three species",
-    "list of pairs",
-    "1e5 grains",
-)
-"""Words in the names of hard cases whose scenes take long to compile or to run."""
-
-# Errors -----------------------------------------------------------------------------------------
-
-ENERGY = ErrorMeasure("relative change of the energy", hard_case.energy_change)
-ENERGY_AFTERWARDS = ErrorMeasure("relative change of the energy afterwards", hard_case.energy_change)
-DISPLACEMENT = ErrorMeasure("displacement [D]", hard_case.greatest_displacement)
-MISSING_FORCE = ErrorMeasure(
-    "greatest force missed, over the greatest force", hard_case.greatest_missing_force
-)
-FALL = ErrorMeasure("relative error of the fall", hard_case.terminal_fall_error)
-ENERGY_OR_MOMENTUM = ErrorMeasure(
-    "relative change of energy or momentum", hard_case.energy_or_momentum_change
-)
-
-# Tables -----------------------------------------------------------------------------------------
-
 PISTONS = (
     HardCase(
         "full-height drop",
@@ -105,11 +71,11 @@ def _collisions() -> Iterator[HardCase]:
         )
         yield HardCase(name, "the pair's stiffness grows like r^-5", scene, (time, time), distance, 1e-2)
         same = "the same, judged by its energy"
-        yield HardCase(f"{name}, energy", same, scene, (time, time), ENERGY_AFTERWARDS, 1e-6)
+        yield HardCase(f"{name}, energy", same, scene, (time, time), hard_case.ENERGY_AFTERWARDS, 1e-6)
     for speed in (1.0, 10.0, 100.0):
         shot, time = hard_case.shot_at_wall(speed)
         name, what = f"shot at the wall with {speed:g} D/tau", "the wall's stiffness grows like w^-4.5"
-        yield HardCase(name, what, shot, (time, time), ENERGY_AFTERWARDS, 1e-5)
+        yield HardCase(name, what, shot, (time, time), hard_case.ENERGY_AFTERWARDS, 1e-5)
 
 
 STARTS = (
@@ -119,7 +85,7 @@ STARTS = (
             what,
             partial(hard_case.two_grains_at_rest, distance),
             (0.01, 0.01),
-            ENERGY,
+            hard_case.ENERGY,
             1e-6,
             ("SceneError",),
         )
@@ -151,7 +117,7 @@ def _frictions() -> tuple[HardCase, ...]:
             "the weight is 0.7 of what static friction holds",
             hard_case.loaded_grain,
             (0.5, 5.0),
-            DISPLACEMENT,
+            hard_case.DISPLACEMENT,
             0.0,
         ),
         HardCase(
@@ -231,7 +197,7 @@ DRAGS = (
             "the velocity decays within a step",
             partial(hard_case.overdamped_grain, ratio),
             (0.1, 1.0),
-            FALL,
+            hard_case.FALL,
         )
         for ratio in (1.0, 1e3, 1e6)
     ),
@@ -243,7 +209,7 @@ MASSES = tuple(
         "a light grain bounces off a heavy one",
         partial(hard_case.unequal_masses, ratio),
         (0.08, 0.08),
-        ENERGY_OR_MOMENTUM,
+        hard_case.ENERGY_OR_MOMENTUM,
         1e-5,
     )
     for ratio in (1e2, 1e4, 1e6)
@@ -287,7 +253,7 @@ def _steps() -> tuple[HardCase, ...]:
             "the same grain's displacement nearly doubles in each step, until the ledger stops it",
             beyond,
             (20.0, 200.0),
-            DISPLACEMENT,
+            hard_case.DISPLACEMENT,
             2e-5,
             BROKEN,
             dt=long,
@@ -334,7 +300,7 @@ PAIR_SUMS = (
         "a grain crosses its lists' skin with every step, and the radius of those it passes",
         few_grains("bed", hard_case.FAST_GRAIN),
         (0.04, 0.04),
-        MISSING_FORCE,
+        hard_case.MISSING_FORCE,
         1e-12,
         dt=1e-3,
     ),

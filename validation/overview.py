@@ -23,7 +23,7 @@ from granular.shared.errors import GranularError
 from granular.shared.plotting import COLOURS, GREY, STYLES
 from validation.effect_costs import EffectCosts, effect_costs
 from validation.hard_case_outcomes import HardCaseOutcome, outcome_count_table, outcome_summary, run_hard_case
-from validation.hard_cases import COSTLY, hard_case_catalogue
+from validation.hard_cases import hard_case_catalogue
 from validation.measured_quantities import QUANTITIES, MeasuredQuantity
 from validation.report_tasks import PlainData, Section, Task, picture, scene_key
 from validation.work_precision_result import (
@@ -65,6 +65,26 @@ FRACTION = 0.25
 
 SINGLE = 0.3
 """Length of a run without a piston [s]: positions mean something over a short time only."""
+
+
+COSTLY = (
+    "slabs",
+    "friction",
+    "mass ratio",
+    "aspect",
+    "contact",
+    "drop",
+    "100 kg",
+    "packing",
+    "skin",
+    "far field",
+    "1e6 steps",
+    "damping ratio",
+    "three species",
+    "list of pairs",
+    "1e5 grains",
+)
+"""Words in the names of hard cases whose scenes take long to compile or to run."""
 
 
 class FreshStart(NamedTuple):

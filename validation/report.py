@@ -80,11 +80,9 @@ def report_page(outcomes: Outcomes, *, full: bool) -> Page:
     lead = f"Not all holds: {', '.join(wrong)}." if wrong else "All holds."
     words = {True: "yes", False: "NO"}
     summary = [(name, words[verdicts["held"][name]], text) for name, text in verdicts["verdicts"].items()]
-    first = [name for name in outcomes if name == OVERVIEW.name]
     below = [name for name in outcomes if name != OVERVIEW.name]
     blocks = [
-        *(block for name in first for block in section_blocks(name, outcomes[name])),
-        *(_hard_cases_at_a_glance(outcomes) if first else ()),
+        *_first_screen(outcomes),
         Heading("What holds"),
         Table(("part", "holds", "what was found"), summary),
         *(block for name in below for block in section_blocks(name, outcomes[name])),
@@ -99,10 +97,15 @@ def report_page(outcomes: Outcomes, *, full: bool) -> Page:
     )
 
 
-def _hard_cases_at_a_glance(outcomes: Outcomes) -> list[Block]:
-    if STABILITY.name not in outcomes:
+def _first_screen(outcomes: Outcomes) -> list[Block]:
+    """Overview, with the hard cases at a glance; none of a report without it."""
+    if OVERVIEW.name not in outcomes:
         return []
-    return [Heading("Hard cases at a glance"), outcome_count_table(results_of(outcomes[STABILITY.name]))]
+    blocks = section_blocks(OVERVIEW.name, outcomes[OVERVIEW.name])
+    if STABILITY.name in outcomes:
+        hard = results_of(outcomes[STABILITY.name])
+        blocks += [Heading("Hard cases at a glance"), outcome_count_table(hard)]
+    return blocks
 
 
 def section_blocks(name: str, outcomes: Sequence[Outcome]) -> list[Block]:

@@ -17,7 +17,8 @@ from validation.hard_case import (
     scene_near_stability_limit,
 )
 from validation.hard_case_outcomes import ACCURATE, CRASHED, DEGRADED, SILENT, STOPPED, run_hard_case
-from validation.hard_cases import COSTLY, hard_case_catalogue
+from validation.hard_cases import hard_case_catalogue
+from validation.overview import COSTLY
 
 CASES = hard_case_catalogue()
 
