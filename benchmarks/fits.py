@@ -87,7 +87,7 @@ def _measured(law: str, samples: int, rounds: int, store: str) -> dict[str, Any]
 
 def measured_here(law: str, samples: int, rounds: int) -> dict[str, Any]:
     """Seconds of the first fit and of some further ones in this process, and how good they are."""
-    from granular.run.piston_record import PistonRecord
+    from granular.records.record import PistonRecord
     from reduced_models.fitting.fit import fit
     from reduced_models.laws.catalogue import law_named
     from reduced_models.laws.solution import solve_law

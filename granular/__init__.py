@@ -5,7 +5,7 @@
 >>> record = run.piston()
 
 Each folder knows those before it. ``shared`` is what all need; ``formulas`` reads text,
-``compiled`` compiles kernels, ``schema`` holds sections with their units, ``readers`` read records.
+``compiled`` compiles kernels, ``schema`` holds sections with their units, ``records`` read records.
 ``pairs`` sums over pairs and ``kernel_data`` is what kernels see; on these stand the ``effects``,
 the stages of a ``protocol`` and the ``methods`` of integration, and on them the ``engine``, one
 compiled loop. A ``scene`` names what acts, and becomes the engine's constants; a ``run`` goes

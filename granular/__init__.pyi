@@ -2,8 +2,8 @@ from .effects.custom import effect, wall_law
 from .linear.equilibrium import Equilibrium, equilibrium
 from .methods import Method
 from .protocol.custom_stages import stage
+from .records.record import PistonRecord
 from .run.evaluation import Evaluation, evaluate
-from .run.piston_record import PistonRecord
 from .run.plan import Plan, plan
 from .run.simulation import simulate
 from .run.summary import run_text, scene_text

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.run.trajectory import Trajectory
 from granular.schema.field_kinds import unknown_word_message
 from granular.schema.natural_units import Scales

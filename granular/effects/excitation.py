@@ -131,7 +131,7 @@ class Excitation(Section):
                 )
 
     def _load_record_as_table(self) -> None:
-        from granular.readers.file_formats import read_time_series
+        from granular.records.formats import read_time_series
 
         unit = "N" if self.acceleration is None else "m/s^2"
         with at_key("file", errors=RecordError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 from collections.abc import Sequence
@@ -14,8 +15,9 @@ import numpy as np
 from granular.effects.shaking import Shaking
 from granular.methods import Method, resolve_method
 from granular.protocol import Stage
-from granular.run.piston_record import PistonRecord
-from granular.run.record_source import source_of_scene
+from granular.protocol.driven_piston_stages import Lift
+from granular.records.options import RecordSource
+from granular.records.record import PistonRecord
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import unknown_word_message
@@ -228,7 +230,7 @@ class Trajectory:
             drive["outer_force"] = outer_force(protocol, starts, indices, time)
         if host is not None and host.mount == "base" and "base_acceleration" in data:
             drive["base_acceleration"] = data["base_acceleration"].values[chosen][last]
-        source = source_of_scene(self.scene, name)
+        source = _source_of_scene(self.scene, name)
         return PistonRecord(time=time, **columns, extra=drive, source=source)
 
     def _stage_index(self, name: str) -> int:
@@ -399,3 +401,14 @@ def outer_force(
             inside = stage == index
             force[inside] = segment.outer_force(np.maximum(time[inside] - start, 0.0))
     return force
+
+
+def _source_of_scene(scene: Scene, stage: str | None) -> RecordSource:
+    """Source of a record that was simulated: the bed, its piston and what the record is of."""
+    what = "the whole run" if stage is None else f"stage {stage!r}"
+    for before, item in itertools.pairwise(scene.protocol):
+        if item.name == stage and isinstance(before, Lift):
+            what = f"free decay after a {1e3 * before.by:.3g} mm lift"
+    mass = None if scene.piston is None else scene.piston.mass  # a driven piston may have none
+    piston = "" if mass is None else f"piston {mass:.4g} kg, "
+    return RecordSource(scene.name, scene=f"{scene.grains.count} magnets, {piston}{what}")

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.methods import resolve_method
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.run.plan import multiply_time_step, parse_time_step
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, RecordError

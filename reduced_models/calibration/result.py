@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.scene.scene import Scene
 from granular.shared.blocks import Heading, Picture, Printout, Table, cautions
 from granular.shared.files import write_json

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import QuantityKind
 from granular.schema.sections import find_field

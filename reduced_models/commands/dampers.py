@@ -56,7 +56,7 @@ def calibrate(
     output: Output,
 ) -> None:
     """Fit numbers of a scene to a record, by simulations."""
-    from granular.run.piston_record import PistonRecord
+    from granular.records.record import PistonRecord
     from granular.scene.scene import Scene
     from reduced_models.calibration.calibrate import calibrate as calibrate_scene
     from reduced_models.records.sources import open_source

@@ -23,7 +23,7 @@ from reduced_models.commands.records import (
 )
 
 if TYPE_CHECKING:
-    from granular.run.piston_record import PistonRecord
+    from granular.records.record import PistonRecord
     from reduced_models.fitting.parameter import Parameter
 
 LawNames = Annotated[
@@ -93,7 +93,7 @@ def identify(
     output: Output,
 ) -> None:
     """Simulate or read a motion, compare laws, and write a report."""
-    from granular.run.piston_record import PistonRecord
+    from granular.records.record import PistonRecord
     from granular.shared.progress_bars import print_above_bar
     from reduced_models.identification.identify import identify as identify_source
     from reduced_models.identification.identify import plan_run

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from granular.commands.console import command, print_result
 from granular.commands.options import Output
 from granular.commands.signature import Option
-from granular.readers.read_options import ALL
+from granular.records.options import ALL
 from granular.shared.errors import CautionWarning, InputError, SceneError
 from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
-    from granular.readers.read_options import ReadOptions
-    from granular.run.piston_record import PistonRecord
+    from granular.records.options import ReadOptions
+    from granular.records.record import PistonRecord
 
 
 _A_SOURCE = Option(
@@ -94,7 +94,7 @@ class Reading:
 
     def parse(self) -> ReadOptions:
         """Read the texts."""
-        from granular.readers.read_options import ReadOptions
+        from granular.records.options import ReadOptions
 
         calibrations = _parse_by_column("--calibration", self.calibration) or {}
         return ReadOptions(
@@ -209,7 +209,7 @@ def look(
     output: Output,
 ) -> None:
     """Show what is understood of a record's file, before anything is fitted."""
-    from granular.readers.read_options import (
+    from granular.records.options import (
         ReadOptions,
         is_record_description,
         read_record_description,

@@ -21,7 +21,7 @@ import numpy as np
 from granular.linear.equilibrium import Equilibrium, equilibrium
 from granular.linear.roots import MASS_FRACTION, Root, modal_coordinate, piston_roots, require_free_piston
 from granular.protocol.driven_piston_stages import Lift
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.run.trajectory import Trajectory, frame_heights
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, RecordError

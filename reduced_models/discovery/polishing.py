@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, TimeBudgetError
 from reduced_models.discovery.parametric_terms import ParametricTerms
 from reduced_models.discovery.result import CandidateEquation

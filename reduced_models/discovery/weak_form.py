@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.discovery.terms import AnyTerm, MotionState, evaluate_expression
 from reduced_models.laws.height_line import HeightLine

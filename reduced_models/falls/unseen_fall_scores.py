@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import quote
 from granular.shared.terminal import align_columns

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.fitting.covariance import (

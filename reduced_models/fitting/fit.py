@@ -18,7 +18,7 @@ from typing import Any, Concatenate, ParamSpec, Protocol, cast, overload
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import CautionWarning, InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.assessment import has_sensor_drift, models_from_fit

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal
 from reduced_models.fitting.residuals import (
     Loss,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.piston_record import PandasOrXarray, PistonRecord
+from granular.records.record import PandasOrXarray, PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models.records.sources import read_record
 

@@ -14,7 +14,7 @@ from typing import TypeGuard
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.fit_data import FitData

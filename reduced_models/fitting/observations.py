@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import InputError, RecordError, RecordWarning
 from granular.shared.message_text import quote
 from reduced_models.fitting.fit_data import FitData, data_of_record

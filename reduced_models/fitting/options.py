@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from typing import Literal, get_args
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote

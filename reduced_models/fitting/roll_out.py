@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
 from reduced_models.fitting.residuals import BLOWN_UP

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from reduced_models.fitting.sensor_signal import SensorSignalTables, sensor_signal_tables
 from reduced_models.laws.solution import (
     CHUNK,

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.fitting.fit_data import COARSE_STEPS, FitData
 from reduced_models.fitting.levenberg_marquardt import Normal, Prior, levenberg_marquardt, promising_starts

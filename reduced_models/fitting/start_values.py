@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.fitting.unknowns import Pairs, Unknowns

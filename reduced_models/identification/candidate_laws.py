@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.readers.column_headers import tells_of_motion
-from granular.run.piston_record import PistonRecord
+from granular.records.headings import tells_of_motion
+from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import format_factor, quote
 from reduced_models.discovery.subset_selection import score_subsets

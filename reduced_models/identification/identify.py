@@ -11,7 +11,7 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from granular.run.piston_record import PandasOrXarray, PistonRecord
+from granular.records.record import PandasOrXarray, PistonRecord
 from granular.shared.errors import CautionWarning, InputError
 from granular.shared.message_text import quote
 from reduced_models.fitting.given_records import record_from_table

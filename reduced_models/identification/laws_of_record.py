@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordWarning, TimeBudgetError
 from granular.shared.message_text import sanitize
 from reduced_models.fitting.levenberg_marquardt import spent_budget_text, time_budget

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.blocks import Block, Heading, Picture, Table, Text, format_number
 from granular.shared.errors import GranularError, RecordError
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure, figure_label, label_log_axis_plainly

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from granular.run.record_source import RecordSource
+from granular.records.options import RecordSource
 from granular.shared.blocks import Block, Caution, Equation, Heading, Table, Text, cautions, format_number
 from granular.shared.command_line import current_command
 from granular.shared.html_pages import Page, made_with

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.scene.bed_drawing import draw_bed
 from granular.shared.blocks import Block, Caution, Heading, Picture, Printout, Table, Text, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, figure_label, line_style

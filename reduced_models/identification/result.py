@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.blocks import Block, Caution, Heading, Items, Table, Text, cautions
 from granular.shared.files import make_directory, write_text
 from granular.shared.html_pages import Page, made_with

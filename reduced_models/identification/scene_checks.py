@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordError
 from reduced_models.falls.unseen_fall_scores import (
     FALL_LAWS,

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from granular.readers.role_units import CoordinateUnit
+from granular.records.headings import CoordinateUnit
 from reduced_models.models.plain_data import Interval, Size, SizeOrInfinity
 from reduced_models.models.printout import figure_lines
 from reduced_models.models.quantities import DAMPING_RATIO, EQUIVALENT_FRICTION, LEVEL, QuantityWithError

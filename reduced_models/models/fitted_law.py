@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.readers.role_units import COORDINATES, CoordinateUnit
-from granular.run.piston_record import PistonRecord
+from granular.records.headings import COORDINATES, CoordinateUnit
+from granular.records.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.laws.height_line import HeightLine

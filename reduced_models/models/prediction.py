@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from granular.run.piston_record import DRAWN_UNITS
+from granular.records.record import DRAWN_UNITS
 from granular.shared.errors import InputError
 from reduced_models.laws.linearization import NoSwing, small_swing
 from reduced_models.models.fitted_law import FittedLaw

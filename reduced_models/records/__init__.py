@@ -1,5 +1,5 @@
 """Records of a piston, and what can be read off them without a law."""
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 
 __all__ = ["PistonRecord"]

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.readers.read_options import ReadOptions, write_record_description
+from granular.records.options import ReadOptions, write_record_description
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from reduced_models.records.sources import make_directory, shortened_path_text

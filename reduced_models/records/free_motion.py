@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.readers.read_options import ALL
-from granular.run.piston_record import PistonRecord
+from granular.records.options import ALL
+from granular.records.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.message_text import quote
 from reduced_models.records.derivatives import noise_level

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.readers.file_formats import interpret_record_file
-from granular.readers.read_options import ReadOptions
-from granular.readers.sheet_interpretation import SheetInterpretation
-from granular.run.piston_record import PistonRecord
+from granular.records.formats import interpret_record_file
+from granular.records.interpret import SheetInterpretation
+from granular.records.options import ReadOptions
+from granular.records.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.message_text import sanitize
 from reduced_models.records.derivatives import noise_level, rounding_step

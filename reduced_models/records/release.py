@@ -18,7 +18,7 @@ import warnings
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import RecordWarning
 from reduced_models.records.derivatives import noise_level, spectral_peak_frequency
 from reduced_models.records.first_guesses import LEAST_SAMPLES

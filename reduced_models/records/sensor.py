@@ -9,9 +9,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from granular.readers.column_headers import BASE_ACCELERATION, BASE_HEIGHT
-from granular.readers.signal_integration import integrate_without_drift
-from granular.run.piston_record import PistonRecord
+from granular.records.headings import BASE_ACCELERATION, BASE_HEIGHT
+from granular.records.integration import integrate_without_drift
+from granular.records.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from granular.shared.message_text import quote
 from reduced_models.records.derivatives import derivatives
@@ -170,7 +170,7 @@ class Sensor:
         """Heights behind the signal, roughly: the record's, or else the integrated signal.
 
         The signal is taken with the nominal gain and offset and without its filter, and integrated by
-        `granular.readers.signal_integration.integrate_without_drift`.
+        `granular.records.integration.integrate_without_drift`.
 
         Parameters
         ----------

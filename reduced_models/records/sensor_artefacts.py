@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
-from granular.run.record_source import RecordSource
+from granular.records.options import RecordSource
+from granular.records.record import PistonRecord
 from granular.shared.errors import RecordWarning
 from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, zero_crossing_times

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.readers.read_options import ReadOptions, is_record_description, read_record_description
-from granular.run.piston_record import PistonRecord
+from granular.records.options import ReadOptions, is_record_description, read_record_description
+from granular.records.record import PistonRecord
 from granular.shared.errors import InputError, RecordError, RecordWarning, StoreError
 from granular.shared.message_text import one_line, quote, sanitize
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
@@ -101,7 +101,7 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     **said
         How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``, ``between``,
         ``scale``, ``zero``, ``calibration``, ``rate``, ``sort`` and ``release``, the fields of
-        `granular.readers.read_options.ReadOptions`.
+        `granular.records.options.ReadOptions`.
 
     Returns
     -------

@@ -16,7 +16,7 @@ from research.discovery.systems import INPUT, SYSTEMS, System, made_record, syst
 if TYPE_CHECKING:
     import sympy
 
-    from granular.run.piston_record import PistonRecord
+    from granular.records.record import PistonRecord
 
 NOISES = (0.001, 0.01, 0.03, 0.1)
 """Standard deviations of the noise, over that of the motion."""

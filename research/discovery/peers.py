@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.formulas import algebra, parse
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from reduced_models.discovery.term_libraries import library_terms
 from reduced_models.discovery.terms import AnyTerm, MotionState, linear_combination, state_symbols
 from reduced_models.records.first_guesses import first_guesses

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.formulas import algebra
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
 from reduced_models.discovery.terms import parse_term_expressions, split_terms, state_symbols

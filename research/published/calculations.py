@@ -118,7 +118,7 @@ def slab_exponent(_: bool) -> Numbers:
 
 def oscillator(_: bool) -> Numbers:
     """The demonstration of [D, eq. 5.8]: its motion, made from the formula, fitted again."""
-    from granular.run.piston_record import PistonRecord
+    from granular.records.record import PistonRecord
     from reduced_models import fit
 
     t = np.linspace(0.0, OSCILLATOR_SPAN, 1501)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.scene.published_beds import damper
 from granular.scene.scene import Scene
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.scene.scene import Scene
 from validation.published import published_value
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.result_cache import digest
 from reduced_models.fitting.fit_data import data_of_record
 from reduced_models.fitting.options import STARTS, TEST_FRACTION

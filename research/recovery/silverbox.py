@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
 from granular.shared.message_text import sanitize

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 

@@ -38,7 +38,7 @@ SEEN_ON = {
     "granular/export": ("export",),
     "granular/methods": METHODS,
     "granular/observables": ("observe",),
-    "granular/readers": RECORDS,
+    "granular/records": RECORDS,
     "granular/response": ("response",),
     "granular/scene": ("run", "show", "identify"),
     "granular/shared/files.py": WRITERS,

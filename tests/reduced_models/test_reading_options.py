@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.readers.read_options import ReadOptions
+from granular.records.options import ReadOptions
 from granular.shared.errors import InputError
 from reduced_models.__main__ import parser
 from reduced_models.records.inputs import input_column
@@ -214,15 +214,15 @@ def texts(path: Path) -> list[str]:
     ]
 
 
-def named_by_readers() -> set[str]:
+def named_by_records() -> set[str]:
     """Options that their errors and notes advise, as "--columns height=NAME"."""
     form = re.compile(r"--([a-z]+)\b")
-    files = (ROOT / "granular" / "readers").glob("*.py")
+    files = (ROOT / "granular" / "records").glob("*.py")
     return {word for file in files for text in texts(file) for word in form.findall(text)}
 
 
 def test_options_that_errors_advise_are_there() -> None:
-    named = named_by_readers()
+    named = named_by_records()
     assert {"columns", "units", "flip", "rate", "scale", "sort", "sheet", "skip", "decimal"} <= named
     fields = {field.name for field in dataclasses.fields(ReadOptions)}
     assert named <= fields

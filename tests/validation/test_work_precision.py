@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import load_scene, simulate
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
 from validation.exact import bounce

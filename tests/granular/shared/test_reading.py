@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene, simulate
-from granular.readers import parquet
+from granular.records import binary
 from granular.shared import files
 from granular.shared.errors import InputError, RecordError, SceneError
 from granular.shared.files import parse_toml, read_text, read_toml
@@ -61,7 +61,7 @@ def test_few_bytes_may_hold_many_numbers(tmp_path: Path, monkeypatch: pytest.Mon
     pytest.importorskip("pyarrow")
     path = tmp_path / "record.parquet"
     PistonRecord(np.arange(1000.0), np.ones(1000)).to_parquet(path)
-    monkeypatch.setattr(parquet, "_MAX_NUMBERS", 1999)
+    monkeypatch.setattr(binary, "_MAX_NUMBERS", 1999)
     with pytest.raises(RecordError, match="1000 rows of 2 columns of numbers; at most 1999"):
         PistonRecord.from_parquet(path)
     with path.open("r+b") as file:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import LawEstimator, Parameter
 

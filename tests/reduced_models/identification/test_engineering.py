@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
-from granular.readers.role_units import COORDINATES
+from granular.records.headings import COORDINATES
 from reduced_models import fit, identify, load_model
 from reduced_models.fitting.residual_diagnostics import count_release_transient_samples, diagnose_residuals
 from reduced_models.identification.measured_swing import measure_swing

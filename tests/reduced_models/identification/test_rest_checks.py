@@ -8,7 +8,7 @@ import pytest
 from granular import Scene, Trajectory, simulate
 from granular.linear import piston_roots, root_of_steps
 from granular.linear.equilibrium import COARSE_REST, settling_changes
-from granular.run.piston_record import PistonRecord
+from granular.records.record import PistonRecord
 from reduced_models import fit
 from reduced_models.identification.scene_checks import (
     RecordsOfRest,

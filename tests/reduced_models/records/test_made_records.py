@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from granular.readers.read_options import ReadOptions, write_record_description
+from granular.records.options import ReadOptions, write_record_description
 from reduced_models import identify
 from reduced_models.records.sources import read_record
 

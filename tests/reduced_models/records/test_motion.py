@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from granular.readers.read_options import ALL, ReadOptions
+from granular.records.options import ALL, ReadOptions
 from granular.shared.errors import RecordError
 from reduced_models import PistonRecord, fit, read_record, read_releases
 from reduced_models.fitting.fit_data import data_of_record

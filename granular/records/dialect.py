@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import csv
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from granular.readers.table_cells import LOST, is_number, is_timestamp
+from granular.records.sheet import LOST, is_number, is_timestamp
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 _LOOKED_AT = 200
@@ -38,12 +39,12 @@ def detect_dialect(
 ) -> Dialect | None:
     """Detect the dialect in which most lines are rows of numbers."""
     sample = [line.text for line in lines_to_inspect(lines)]
-    best: tuple[tuple[int, float, int], Dialect] | None = None
-    for separator in SEPARATORS:
-        for mark in (".", ",") if decimal is None else (decimal,):
-            candidate = _try_dialect(sample, separator, mark, least_numbers)
-            if candidate is not None and (best is None or candidate[0] > best[0]):
-                best = candidate
+    tried = [
+        _try_dialect(sample, separator, mark, least_numbers)
+        for separator in SEPARATORS
+        for mark in ((".", ",") if decimal is None else (decimal,))
+    ]
+    best = max(filter(None, tried), key=lambda item: item[0], default=None)
     return None if best is None else best[1]
 
 
@@ -67,7 +68,9 @@ def _try_dialect(
 ) -> tuple[tuple[int, float, int], Dialect] | None:
     """Count the lines that a dialect explains, the fraction of numbers in them, and columns."""
     rows = [split_fields(line, separator) for line in sample]
-    if decimal == "," and any(_is_number_with_point(cell) for row in rows for cell in row):
+    if decimal == "," and any(
+        "." in cell and is_number(cell, ".") and not is_timestamp(cell) for row in rows for cell in row
+    ):
         return None
     numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
     widths = collections.Counter(
@@ -121,25 +124,16 @@ def replace_decimal_commas(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
     return [NumberedLine(line.number, _COMMA.sub(r"\1.\2", line.text)) for line in lines]
 
 
-def _is_number_with_point(cell: str) -> bool:
-    return "." in cell and is_number(cell, ".") and not is_timestamp(cell)
-
-
 def split_fields(line: str, separator: str) -> list[str]:
     """Split a line into its fields, without the spaces around them."""
     if separator == " ":
         return line.split()
-    return [cell.strip() for cell in _split_quoted(line, separator) or line.split(separator)]
-
-
-def _split_quoted(line: str, separator: str) -> list[str] | None:
-    """Split a line with quotes; None if it has none, or cannot be split by them."""
-    if '"' not in line:
-        return None
-    try:
-        return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-    except csv.Error:  # such as a cell of more than 131072 characters, which is no number either
-        return None
+    cells = line.split(separator)
+    if '"' in line:
+        # not a cell of more than 131072 characters, which is no number either
+        with contextlib.suppress(csv.Error):
+            cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True)) or cells
+    return [cell.strip() for cell in cells]
 
 
 _WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
@@ -152,9 +146,9 @@ def split_header(line: str, separator: str) -> list[str]:
 
 def is_table_row(fields: Sequence[str], dialect: Dialect) -> bool:
     """Tell a line of the table: as many fields, of which some are numbers."""
-    if not dialect.width <= len(trim_fields(fields, dialect.width)) <= dialect.width:
-        return False
-    return any(is_number(fields[k], dialect.decimal) for k in dialect.numeric)
+    return len(trim_fields(fields, dialect.width)) == dialect.width and any(
+        is_number(fields[k], dialect.decimal) for k in dialect.numeric
+    )
 
 
 def trim_fields(fields: Sequence[str], width: int) -> Sequence[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import functools
 import io
 import itertools
 import math
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.readers.column_headers import (
+from granular.records.headings import (
     ACCELERATION,
     HEIGHT,
     TIME,
@@ -21,23 +22,21 @@ from granular.readers.column_headers import (
     is_unit,
     name_and_unit,
 )
-from granular.readers.delimited import read_delimited
-from granular.readers.read_options import ANGLE, STROKE, ReadOptions, note_on_other_tables
-from granular.readers.sheet import Column, Sheet, report_parsing_errors
+from granular.records.options import ANGLE, STROKE, ReadOptions, note_on_other_tables
+from granular.records.sheet import Column, Sheet, report_parsing_errors
+from granular.records.text import read_delimited
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-
 _END = "***End_of_Header***"
 _X_VALUE = "x_value"
-
-
-def is_labview(text: str) -> bool:
-    """Tell the text of a LabVIEW measurement file (.lvm) by its first words."""
-    return text.lstrip().startswith("LabVIEW Measurement")
+LABVIEW = re.compile(r"\s*LabVIEW Measurement")
+"""First words of a LabVIEW measurement file (.lvm)."""
+RIGOL = re.compile(r"X(,[^,\r\n]+)+,Start,Increment,?\s*[\r\n]+Sequence,")
+"""First two lines in files of the series DS1000Z, DS2000 and DS4000."""
 
 
 def read_labview(text: str, options: ReadOptions) -> Sheet:
@@ -49,31 +48,33 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
     mark = "," if any(line.startswith("Separator,") for line in lines[: ends[0]]) else "\t"
     file_head = _header_entries(lines[: ends[0]], mark)
     decimal = options.decimal or file_head.get("Decimal_Separator", ["."])[0]
+    without_times = file_head.get("X_Columns", [""])[0] == "No"
     head = _header_entries(lines[ends[0] + 1 : ends[1]], mark) if len(ends) > 1 else {}
-    begin = ends[1] + 1 if len(ends) > 1 else ends[0] + 1
+    begin = ends[:2][-1] + 1
     later = next((k for k in range(begin + 1, len(lines)) if lines[k].startswith("Channels")), None)
-    notes = []
-    if later is not None:
-        notes.append(f"segments from line {later + 1} on are left out")
     body = "\n".join([*[""] * begin, *lines[begin:later]])
-    sheet = read_delimited(_select_sample_lines(body, file_head), decimal, 0)
-    sheet.form, sheet.notes = "LabVIEW measurement", [*sheet.notes, *notes]
-    labels = head.get("Y_Unit_Label", [])
-    for column, label in itertools.zip_longest(sheet.columns[1:], labels[: len(sheet.columns) - 1]):
+    if without_times:  # the lines begin with the separator
+        body = re.sub(r"(?m)^(?=[\t,])", "0", body)
+    sheet = read_delimited(body, decimal, 0)
+    sheet.form = "LabVIEW measurement"
+    if later is not None:
+        sheet.notes.append(f"segments from line {later + 1} on are left out")
+    labels = head.get("Y_Unit_Label", [])[: len(sheet.columns) - 1]
+    for column, label in itertools.zip_longest(sheet.columns[1:], labels):
         column.name, unit = name_and_unit(column.heading, label, sheet.notes)
         column.unit = unit if label or is_unit(unit or "") else None
-    without_times = file_head.get("X_Columns", [""])[0] == "No"
-    channels, times, clocks = [], None, SampledTimes()
+    channels, times = [], None
+    clock = functools.cache(_even_times)  # one array for channels that share a clock
     for number, column in enumerate(sheet.columns):
-        start = _seconds_of_start(head, number - 1)
-        if column.name.lower() == _X_VALUE:
-            start = _seconds_of_start(head, number)
+        name = column.name.lower()
+        start = _seconds_of_start(head, number if name == _X_VALUE else number - 1)
+        if name == _X_VALUE:
             times = column.values if column.values is None or start == 0.0 else column.values + start
-        elif column.name.lower() != "comment" and column.values is not None:
+        elif name != "comment" and column.values is not None:
             if without_times:
                 # National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020.
-                first, step = (_header_number(head, name, number - 1, decimal) for name in ("X0", "Delta_X"))
-                times = clocks.at(first + start, step, len(column.values))
+                first, step = (_header_number(head, key, number - 1, decimal) for key in ("X0", "Delta_X"))
+                times = clock(first + start, step, len(column.values))
             if times is not None:
                 channels.append(SampledChannel(column, times))
     if channels:
@@ -94,19 +95,9 @@ def _seconds_of_start(head: dict[str, list[str]], channel: int) -> float:
     return (own - first).total_seconds()
 
 
-def _select_sample_lines(body: str, head: dict[str, list[str]]) -> str:
-    """Return lines that begin with a number; without times they begin with the separator."""
-    if head.get("X_Columns", [""])[0] != "No":
-        return body
-    return re.sub(r"(?m)^(?=[\t,])", "0", body)
-
-
 def _header_entries(lines: list[str], mark: str) -> dict[str, list[str]]:
-    entries = {}
-    for line in lines:
-        name, *values = line.strip().split(mark)
-        entries[name] = [value.strip() for value in values] or [""]
-    return entries
+    rows = [line.strip().split(mark) for line in lines]
+    return {name: [value.strip() for value in values] or [""] for name, *values in rows}
 
 
 def _header_number(head: dict[str, list[str]], name: str, channel: int, decimal: str) -> float:
@@ -145,39 +136,31 @@ def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
         channels.remove(channel)
     columns = [_tdms_column(channel, notes) for channel in channels]
     if timed:
-        clocks = SampledTimes()
-        times = [_tdms_times(channel, timed[0], clocks) for channel in channels]
+        clock = functools.cache(_even_times)
+        times = [clock(*_tdms_clock(channel, timed[0])) for channel in channels]
         columns = columns_on_one_clock(list(map(SampledChannel, columns, times)), options, notes)
     return Sheet(columns, None, True, f"group {quote(name)} of a TDMS file", notes)
 
 
 def _tdms_column(channel: Any, notes: list[str]) -> Column:
-    name, unit = name_and_unit(channel.name, channel.properties.get("unit_string"), notes)
-    unit = unit if channel.properties.get("unit_string") or is_unit(unit or "") else None
+    label = channel.properties.get("unit_string")
+    name, unit = name_and_unit(channel.name, label, notes)
+    unit = unit if label or is_unit(unit or "") else None
     return Column(name, unit, np.asarray(channel[:], dtype=np.float64), heading=channel.name)
 
 
-def _tdms_times(channel: Any, first: Any, clocks: SampledTimes) -> Float[np.ndarray, "n"]:
-    """Return the times of a channel's samples since the start of another one [s]."""
+def _tdms_clock(channel: Any, first: Any) -> tuple[float, float, int]:
+    """Return the first time since the start of another channel [s], the step [s] and the count of samples."""
     own = channel.properties if channel.properties.get("wf_increment") else first.properties
     starts = [properties.get("wf_start_time") for properties in (own, first.properties)]
     delay = 0.0
-    if all(start is not None for start in starts):
+    if None not in starts:
         here, there = (np.datetime64(start, "us") for start in starts)
         delay = float((here - there) / np.timedelta64(1, "us")) * 1e-6
-    begin = delay + float(own.get("wf_start_offset", 0.0))
-    return clocks.at(begin, float(own["wf_increment"]), len(channel))
+    return delay + float(own.get("wf_start_offset", 0.0)), float(own["wf_increment"]), len(channel)
 
 
 # Rigol -----------------------------------------------------------------------------------------
-
-# First two lines in files of the series DS1000Z, DS2000 and DS4000.
-_HEAD = re.compile(r"X(,[^,\r\n]+)+,Start,Increment,?\s*[\r\n]+Sequence,")
-
-
-def is_rigol(text: str) -> bool:
-    """Tell the text of a waveform that a Rigol oscilloscope saved, by its first lines."""
-    return _HEAD.match(text) is not None
 
 
 def read_rigol(text: str) -> Sheet:
@@ -195,10 +178,8 @@ def read_rigol(text: str) -> Sheet:
     sequence, *values = (column.values for column in sheet.columns)
     if sequence is None:
         raise RecordError("the numbers of samples are none; save it anew")
-    sheet.columns = [
-        Column(TIME, "s", np.asarray(first + step * sequence)),
-        *map(Column, channels, said[1:-2], values),
-    ]
+    times = Column(TIME, "s", np.asarray(first + step * sequence))
+    sheet.columns = [times, *map(Column, channels, said[1:-2], values)]
     sheet.header, sheet.form = True, "waveform of a Rigol oscilloscope"
     return sheet
 
@@ -215,10 +196,16 @@ def _parse_seconds(text: str) -> float:
     return value
 
 
+# Channels with clocks ----------------------------------------------------------------------------
+
 _MOTION = (HEIGHT, ANGLE, STROKE, VELOCITY, ACCELERATION)
 _SAME = 1e-3
 """Fraction of a step of the clock up to which two times are the same."""
 _LEAST_SAMPLES = 2
+
+
+def _even_times(first: float, step: float, count: int) -> Float[np.ndarray, "n"]:
+    return first + step * np.arange(count)
 
 
 class SampledChannel(NamedTuple):
@@ -254,34 +241,19 @@ def columns_on_one_clock(
             if together.sum() < common.sum():
                 notes[-1] += "; the record is cut to those of both"
             common = together
+    columns = [Column(TIME, "s", times), *(column for column, _ in channels)]
     if not common.all():
-        times = times[common]
-        for column, _ in channels:
+        for column in columns:
             assert column.values is not None
             column.values = column.values[common]
-    return [Column(TIME, "s", times), *(column for column, _ in channels)]
-
-
-class SampledTimes:
-    """Times of evenly sampled channels, one array for all that share a clock."""
-
-    def __init__(self) -> None:
-        self._made: dict[tuple[float, float, int], Float[np.ndarray, "n"]] = {}
-
-    def at(self, first: float, step: float, count: int) -> Float[np.ndarray, "n"]:
-        """Return the times of so many samples from a first one on, a step apart [s]."""
-        key = (first, step, count)
-        if key not in self._made:
-            self._made[key] = first + step * np.arange(count)
-        return self._made[key]
+    return columns
 
 
 def _motion_channel(channels: Sequence[SampledChannel], options: ReadOptions) -> SampledChannel:
     """Channel that the options, or else its name, calls the coordinate; or else the first."""
-    for role in _MOTION:
-        said = options.columns.get(role)
+    for said in (str(options.columns[role]) for role in _MOTION if role in options.columns):
         for number, channel in enumerate(channels, start=2):  # the times are column 1
-            if said is not None and (channel.column.is_called(str(said)) or str(said) == str(number)):
+            if channel.column.is_called(said) or said == str(number):
                 return channel
     named = (channel for channel in channels if guess_column_role(channel.column.name) == HEIGHT)
     return next(named, channels[0])

@@ -12,27 +12,26 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.readers.column_headers import ACCELERATION, FORCE, TIME, guess_column_role, normalize_unit
-from granular.readers.column_roles import find_time_column, has_same_dimension, is_index
-from granular.readers.delimited import read_delimited
-from granular.readers.instruments import is_labview, is_rigol, read_labview, read_rigol, read_tdms
-from granular.readers.matlab import read_matlab
-from granular.readers.parquet import read_parquet
-from granular.readers.read_options import (
-    ReadOptions,
-    is_record_description,
-    name_description_in_errors,
-    read_record_description,
+from granular.records.binary import MAX_WORKBOOK_BYTES, read_matlab, read_parquet, read_workbook
+from granular.records.headings import (
+    ACCELERATION,
+    FORCE,
+    TIME,
+    guess_column_role,
+    has_dimension_of,
+    normalize_unit,
 )
-from granular.readers.sheet import Column, Sheet
-from granular.readers.sheet_interpretation import (
+from granular.records.instruments import LABVIEW, RIGOL, read_labview, read_rigol, read_tdms
+from granular.records.interpret import (
     SheetInterpretation,
     interpret_sheet,
     require_numeric_values,
     spread_rounded_times,
 )
-from granular.readers.workbook import MAX_BYTES as MAX_WORKBOOK_BYTES
-from granular.readers.workbook import is_old_workbook, read_workbook
+from granular.records.options import ReadOptions, described_file, name_description_in_errors
+from granular.records.roles import find_time_column, is_index
+from granular.records.sheet import Column, Sheet
+from granular.records.text import read_delimited
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, RecordWarning, SceneError
 from granular.shared.files import report_read_errors as reading_file
@@ -55,6 +54,8 @@ _LEGACY = "cp1252"
 """The encoding of Windows in Western Europe and America, unless a program says otherwise."""
 _ROLES = {"N": FORCE, "m/s^2": ACCELERATION}
 """The quantity of a column by the unit of its numbers."""
+_OLD_WORKBOOK = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+"""First bytes of a workbook of Excel 97 to 2003, whatever its file is called."""
 _UNIVERSAL = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*(\d{2,4}b?)[ \t\r\n]")
 """Beginning of a universal file (SDRC): a line of -1, and the number of a data set."""
 _MAX_SHOWN = 20
@@ -71,12 +72,12 @@ def interpret_record_file(
     path: Path, options: ReadOptions, form: FileFormat | None = None
 ) -> SheetInterpretation:
     """Read the columns of a file, or of the file that a description names, with their meaning, in SI."""
-    if not is_record_description(path):
-        return _interpret_file(path, _load_calibration_points(path, options), form)
-    file, described = read_record_description(path)
-    every = _load_calibration_points(path, described.merge(options))
+    file, described = described_file(path, options)
+    every = _load_calibration_points(path, described)
     with name_description_in_errors(path, file):
-        return _interpret_file(file, every, None)
+        sheet = read_sheet(file, every, form if file == path else None)
+        with _name_file_in_errors(file):
+            return interpret_sheet(sheet, every)
 
 
 def _load_calibration_points(path: Path, options: ReadOptions) -> ReadOptions:
@@ -102,12 +103,6 @@ def _read_calibration_points(path: Path) -> dict[str, Any]:
         }
     points["units"] = {name: column.unit for name, column in columns.items() if column.unit}
     return points
-
-
-def _interpret_file(path: Path, options: ReadOptions, form: FileFormat | None) -> SheetInterpretation:
-    sheet = read_sheet(path, options, form)
-    with _name_file_in_errors(path):
-        return interpret_sheet(sheet, options)
 
 
 def read_sheet(path: Path, options: ReadOptions, form: FileFormat | None = None) -> Sheet:
@@ -142,7 +137,7 @@ def _read_bytes(path: Path, max_bytes: int) -> bytes:
 
 def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
     """Read the table of a text file, in any of the encodings that instruments write."""
-    if is_old_workbook(content):  # as many programs call their tables of text, too
+    if content.startswith(_OLD_WORKBOOK):  # .xls, as many programs call their tables of text, too
         return read_workbook(content, options)
     if universal := _UNIVERSAL.match(content):
         raise RecordError(
@@ -151,9 +146,9 @@ def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
             "numpy.c_[data['x'], data['data']], delimiter=',', header='time [s],height [m]', comments='')"
         )
     text, encoding = _decode_text(content)
-    if is_labview(text):
+    if LABVIEW.match(text):
         sheet = read_labview(text, options)
-    elif is_rigol(text):
+    elif RIGOL.match(text):
         sheet = read_rigol(text)
     else:
         sheet = read_delimited(text, options.decimal, options.skip, 2 if options.rate is None else 1)
@@ -218,8 +213,7 @@ def read_time_series(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"], Flo
         time = find_time_column(sheet)
         other = _choose_value_column(sheet, time, unit)
         name = sanitize(other.name) or f"column {sheet.columns.index(other) + 1}"
-        times = require_numeric_values(sheet, TIME, time) * _unit_factor(TIME, time, "s")
-        values = require_numeric_values(sheet, name, other) * _unit_factor(name, other, unit)
+        times, values = _in_si(sheet, TIME, time, "s"), _in_si(sheet, name, other, unit)
     here, notes = np.isfinite(times) & np.isfinite(values), list(sheet.notes)
     if not here.all():
         first = sheet.describe_row(int(np.argmin(here)))
@@ -235,7 +229,7 @@ def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     others = [column for column in sheet.columns if column is not time and not is_index(sheet, column)]
     choices: Sequence[list[Column]] = (
         others,
-        [column for column in others if column.unit and has_same_dimension(column.unit, unit)],
+        [column for column in others if has_dimension_of(column.unit, unit)],
         [column for column in others if guess_column_role(column.name) == _ROLES.get(unit, "")],
         [] if any(column.name for column in others) else others[:1],
     )
@@ -249,10 +243,11 @@ def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     return chosen[0]
 
 
-def _unit_factor(name: str, column: Column, wanted: str) -> float:
-    """Factor of the numbers of a column; those without a unit stay as they are."""
+def _in_si(sheet: Sheet, name: str, column: Column, wanted: str) -> Float[np.ndarray, "n"]:
+    """Return the numbers of a column in SI; those without a unit stay as they are."""
+    values = require_numeric_values(sheet, name, column)
     if column.unit is None or column.clock:
-        return 1.0
+        return values
     try:
         size, dimension = unit_size(normalize_unit(column.unit))
     except SceneError as error:
@@ -262,4 +257,4 @@ def _unit_factor(name: str, column: Column, wanted: str) -> float:
             f"{name}: the unit {quote(column.unit)} does not fit; one of {wanted} is wanted: "
             "correct it, or convert the numbers"
         )
-    return size
+    return values * size

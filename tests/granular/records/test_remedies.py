@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.readers.column_headers import name_and_unit, parse_header, tells_of_motion
+from granular.records.headings import name_and_unit, parse_header, tells_of_motion
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError
 

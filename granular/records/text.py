@@ -12,10 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.column_headers import TIME, guess_column_role, is_unit, name_and_unit, parse_header
-from granular.readers.sheet import Column, Sheet
-from granular.readers.table_cells import LOST, is_number, is_timestamp, parse_number, parse_timestamps
-from granular.readers.text_dialect import (
+from granular.records.dialect import (
     SEPARATORS,
     Dialect,
     NumberedLine,
@@ -28,12 +25,14 @@ from granular.readers.text_dialect import (
     split_header,
     trim_fields,
 )
+from granular.records.headings import TIME, guess_column_role, is_unit, name_and_unit, parse_header
+from granular.records.sheet import LOST, Column, Sheet, column_of_texts, is_number, is_timestamp, parse_number
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote, sanitize
 
-COMMENTS = "#%!"
+_COMMENTS = "#%!"
 """Characters that begin a comment."""
-JSON = re.compile(r'\s*(?:\{\s*"|\[\s*[\[{"\d-])')
+_JSON = re.compile(r'\s*(?:\{\s*"|\[\s*[\[{"\d-])')
 """Beginning of a file of JSON."""
 _MOST_COLUMNS = 50_000
 _BEGINS_WITH_QUANTITY = re.compile(r'\s*"?[+-]?[.,]?\d')
@@ -63,31 +62,25 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least_c
         for number, line in enumerate(re.split(r"\r\n|\r|\n", text)[skip:], start=skip + 1)
         if line.strip()
     ]
-    if not lines:
-        raise RecordError("is empty; a header and samples are wanted")
-    if lines[0].text.lstrip()[0] in "{[" and JSON.match(text):
+    if lines and lines[0].text.lstrip()[0] in "{[" and _JSON.match(text):
         raise RecordError(
             "is JSON, which is not read; write it as CSV, with pandas: "
             "pandas.read_json(FILE).to_csv('record.csv')"
         )
     _refuse_too_many_columns(lines)
-    plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
+    plain = [line for line in lines if line.text.lstrip()[0] not in _COMMENTS]
     if not plain:
         raise RecordError("is empty; a header and samples are wanted")
     plain, row_with_units = _strip_units_of_cells(plain)
     dialect = detect_dialect(plain, decimal, least_columns)
     if dialect is None:
         single = detect_dialect(plain, decimal, 1)
-        if single is not None and single.width == 1:
-            raise RecordError(
-                "is not separated by commas, semicolons, tabs or spaces: it holds one column of numbers; "
-                "give how many samples there are in a second (--rate '100 Hz'), or a time and a coordinate"
-            )
-        raise RecordError(_no_table_error(plain or lines))
-    start, head = _find_first_row(plain, dialect)
+        raise RecordError(_no_table_text(plain, one_column=single is not None and single.width == 1))
+    start = _find_first_row(plain, dialect)
+    head, below = plain[:start], plain[start:]
     _check_lines_above_table(head, dialect)
-    names, units = _read_header(head, dialect, lines, plain[start].number)
-    below, commas = plain[start:], dialect.decimal == ","
+    names, units = _read_header(head, dialect, lines, below[0].number)
+    commas = dialect.decimal == ","
     if dialect.separator == "," and not names and _has_decimal_commas(below, dialect, decimal):
         below, commas = replace_decimal_commas(below), True
         dialect = detect_dialect(below, ".", least_columns) or dialect
@@ -96,11 +89,8 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least_c
         in_cells = _units_of_fields(row_with_units, dialect.separator)
         units = [here or above for here, above in itertools.zip_longest(in_cells, units, fillvalue="")]
     columns = _make_columns(rows, dialect, names, units, notes)
-    words = f"text separated by {SEPARATORS[dialect.separator]}"
-    if commas:
-        words += ", decimal commas"
-    numbers = np.array([line.number for line in rows])
-    return Sheet(columns, numbers, bool(names), words, notes)
+    words = f"text separated by {SEPARATORS[dialect.separator]}" + ", decimal commas" * commas
+    return Sheet(columns, np.array([line.number for line in rows]), bool(names), words, notes)
 
 
 def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine], str]:
@@ -111,11 +101,12 @@ def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine]
     sample = [line.text for line in lines_to_inspect(lines) if _BEGINS_WITH_QUANTITY.match(line.text)]
     if max(map(len, sample), default=0) > _LONGEST_ROW:
         return lines, ""
+    examples = {tuple(match[2] for match in _units_in(text)): text for text in reversed(sample)}
     counted = collections.Counter(tuple(match[2] for match in _units_in(text)) for text in sample)
-    if not counted or 2 * sum(count for units, count in counted.items() if units) <= len(sample):
+    del counted[()]
+    if 2 * counted.total() <= len(sample):
         return lines, ""
-    units = max((units for units in counted if units), key=counted.__getitem__)
-    example = next(text for text in sample if tuple(match[2] for match in _units_in(text)) == units)
+    units = max(counted, key=counted.__getitem__)
     stripped = []
     for line in lines:
         matches = _units_in(line.text) if _BEGINS_WITH_QUANTITY.match(line.text) else []
@@ -125,8 +116,8 @@ def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine]
                 f"line {line.number} holds a number in {quote(odd.pop())}, and others are in "
                 f"{' and '.join(map(quote, units))}; write each column in one unit"
             )
-        stripped.append(NumberedLine(line.number, _without(line.text, matches, 2)) if matches else line)
-    return stripped, example
+        stripped.append(NumberedLine(line.number, _without(line.text, matches, 2)))
+    return stripped, examples[units]
 
 
 def _units_of_fields(row: str, separator: str) -> list[str]:
@@ -151,25 +142,31 @@ def _without(text: str, matches: Sequence[re.Match[str]], group: int) -> str:
 
 def _refuse_too_many_columns(lines: Sequence[NumberedLine]) -> None:
     for line in lines:
-        if len(line.text) > 2 * _MOST_COLUMNS:
-            width = 1 + max(map(line.text.count, SEPARATORS))
-            if width > _MOST_COLUMNS:
-                raise RecordError(
-                    f"line {line.number} has {width} values; at most "
-                    f"{_MOST_COLUMNS} columns are read: write a sample to a line, and fewer columns"
-                )
+        long = len(line.text) > 2 * _MOST_COLUMNS
+        width = 1 + max(map(line.text.count, SEPARATORS)) if long else 1
+        if width > _MOST_COLUMNS:
+            raise RecordError(
+                f"line {line.number} has {width} values; at most "
+                f"{_MOST_COLUMNS} columns are read: write a sample to a line, and fewer columns"
+            )
 
 
-def _no_table_error(lines: Sequence[NumberedLine]) -> str:
-    head = next((line.text for line in lines), "")
+def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
+    """Return the words of an error where no lines are rows of numbers."""
+    if one_column:
+        return (
+            "is not separated by commas, semicolons, tabs or spaces: it holds one column of numbers; "
+            "give how many samples there are in a second (--rate '100 Hz'), or a time and a coordinate"
+        )
+    head = lines[0].text
     separator = max(SEPARATORS, key=lambda mark: len(split_fields(head, mark)))
     names = split_fields(head, separator)
-    for row, line in enumerate(lines[1:2]):
+    for line in lines[1:2]:
         cells = split_fields(line.text, separator)
         for name, cell in zip(names, cells, strict=False):
             if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in LOST:
                 return (
-                    f"{sanitize(parse_header(name)[0])} of sample {row} (line "
+                    f"{sanitize(parse_header(name)[0])} of sample 0 (line "
                     f"{line.number}) is {quote(cell)}, not a number; correct or drop it"
                 )
     if len(names) > 1:
@@ -186,15 +183,17 @@ def _no_table_error(lines: Sequence[NumberedLine]) -> str:
 # Beginning, header, end ------------------------------------------------------------------------
 
 
-def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> tuple[int, Sequence[NumberedLine]]:
-    """Return the index of the first row, and the lines above it."""
+def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> int:
+    """Return the index of the first row."""
+
+    def fields(k: int) -> list[str]:
+        return split_fields(lines[k].text, dialect.separator)
+
     full_rows = (
         k
-        for k, line in enumerate(lines)
-        if len(fields := trim_fields(split_fields(line.text, dialect.separator), dialect.width))
-        == dialect.width
-        and all(is_number(fields[j], dialect.decimal) or fields[j] in LOST for j in dialect.numeric)
-        and is_table_row(fields, dialect)
+        for k in range(len(lines))
+        if is_table_row(cells := fields(k), dialect)
+        and all(is_number(cells[j], dialect.decimal) or cells[j] in LOST for j in dialect.numeric)
     )
     full = next(full_rows, None)
     if full is None:
@@ -202,12 +201,9 @@ def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> tuple[in
         raise RecordError(f"no line holds numbers in each of the columns {numbers}: correct the lines")
     start = full
     # A row with a wrong number stands above the first that is right, and below the header.
-    while start and is_table_row(split_fields(lines[start - 1].text, dialect.separator), dialect):
+    while start and is_table_row(fields(start - 1), dialect):
         start -= 1
-    above = [k for k in range(start) if _is_header(split_fields(lines[k].text, dialect.separator), dialect)]
-    if not above and start != full:
-        start = full
-    return start, lines[:start]
+    return start if any(_is_header(fields(k), dialect) for k in range(start)) else full
 
 
 def _is_header(fields: Sequence[str], dialect: Dialect) -> bool:
@@ -229,20 +225,20 @@ def _check_lines_above_table(head: Sequence[NumberedLine], dialect: Dialect) -> 
             f"between {SEPARATORS[dialect.separator]}, as those below do; write all lines alike, or say "
             "how many at the head are no rows (--skip 12)"
         )
-    for index in range(len(head) - 1, -1, -1):
-        fields = split_fields(head[index].text, dialect.separator)
+    below: list[str] = []
+    for line in reversed(head):
+        fields = split_fields(line.text, dialect.separator)
         names = len(fields) > 1 and any(guess_column_role(parse_header(field)[0]) for field in fields)
-        if not names or any(is_number(field, dialect.decimal) for field in fields):
-            continue
-        below = [] if index + 1 == len(head) else split_fields(head[index + 1].text, dialect.separator)
-        odd = [field for field in below if is_number(field, dialect.decimal)]
-        if odd or (not below and len(fields) < dialect.width):
-            raise RecordError(
-                f"sample 0 has {len(below) or dialect.width} values for "
-                f"{len(fields)} columns (below line {head[index].number}); separate all lines "
-                "alike, and by another character than the decimals"
-            )
-        return
+        if names and not any(is_number(field, dialect.decimal) for field in fields):
+            odd = any(is_number(field, dialect.decimal) for field in below)
+            if odd or (not below and len(fields) < dialect.width):
+                raise RecordError(
+                    f"sample 0 has {len(below) or dialect.width} values for "
+                    f"{len(fields)} columns (below line {line.number}); separate all lines "
+                    "alike, and by another character than the decimals"
+                )
+            return
+        below = fields
 
 
 def _has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool:
@@ -265,9 +261,9 @@ def _read_header(
     headers = [row for row in rows if _is_header(row, dialect)]
     if not headers:
         comments = [
-            line.text.lstrip().lstrip(COMMENTS + "/ ")
+            line.text.lstrip().lstrip(_COMMENTS + "/ ")
             for line in every
-            if line.number < start and line.text.lstrip()[0] in COMMENTS
+            if line.number < start and line.text.lstrip()[0] in _COMMENTS
         ]
         rows = [_split_header_line(text, dialect) for text in comments[-3:]]
         headers = [row for row in rows if _is_header(row, dialect) and len(row) == dialect.width]
@@ -275,12 +271,11 @@ def _read_header(
         return [], []
     if not all(is_unit(cell) or cell in LOST for cell in headers[-1]):
         return _best_header_row(headers)
-    units = list(headers.pop())
+    units = headers.pop()
     if headers:
-        return list(headers[-1]), units
+        return headers[-1], units
     # A row of units alone, or below one whose names hold numbers, such as that of a channel.
-    above = rows[-2] if len(rows) > 1 and len(rows[-2]) >= dialect.width else []
-    return list(above), units
+    return rows[-2] if len(rows) > 1 and len(rows[-2]) >= dialect.width else [], units
 
 
 def _split_header_line(line: str, dialect: Dialect) -> list[str]:
@@ -291,25 +286,31 @@ def _split_header_line(line: str, dialect: Dialect) -> list[str]:
     splits = [re.split(mark, line.strip()) for mark in _HEADER_SEPARATORS]
     for cells in (*splits, _NAME_AND_UNIT.findall(line), split_header(line, " ")):
         names = [cell.strip(' "') for cell in cells]
-        if len(names) == dialect.width and all(names):
-            # a title above rows without a header may hold a quantity too
-            timed = any(guess_column_role(parse_header(name)[0]) == TIME for name in names)
-            if timed or all(map(_is_column_header, names)) or all(map(is_unit, names)):
-                return names
+        # a title above rows without a header may hold a quantity too
+        if (
+            len(names) == dialect.width
+            and all(names)
+            and (
+                any(map(_names_time, names)) or all(map(_is_column_header, names)) or all(map(is_unit, names))
+            )
+        ):
+            return names
     return fields
 
 
-def _best_header_row(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
+def _best_header_row(rows: Sequence[list[str]]) -> tuple[list[str], list[str]]:
     """Return names and units: the lowest row that names a time, else the lowest row."""
-    if any(_is_column_header(cell) for cell in rows[-1]):
-        return list(rows[-1]), []
+    if any(map(_is_column_header, rows[-1])):
+        return rows[-1], []
     # Loggers write what was done to a column, such as averaging, below its name and unit.
-    for index in range(len(rows) - 1, -1, -1):
-        if any(guess_column_role(parse_header(cell)[0]) == TIME for cell in rows[index]):
-            below = rows[index + 1] if index + 1 < len(rows) else []
-            units = [cell if is_unit(cell) else "" for cell in below]
-            return list(rows[index]), units
-    return list(rows[-1]), []
+    for row, below in zip(reversed(rows), ([], *reversed(rows)), strict=False):
+        if any(map(_names_time, row)):
+            return row, [cell if is_unit(cell) else "" for cell in below]
+    return rows[-1], []
+
+
+def _names_time(cell: str) -> bool:
+    return guess_column_role(parse_header(cell)[0]) == TIME
 
 
 def _is_column_header(cell: str) -> bool:
@@ -331,8 +332,7 @@ def _drop_trailing_text(
         if len(rows) == 1 or (len(fields) < dialect.width and len(rows) - len(odd) < 2):
             break
         words = "is cut off" if is_number(fields[0], dialect.decimal) else "is no row of the table"
-        notes.append(f"line {rows[-1].number}, the last, {words} and is left out")
-        rows.pop()
+        notes.append(f"line {rows.pop().number}, the last, {words} and is left out")
         odd.pop()
     if odd:
         line = rows[odd[0]]
@@ -363,28 +363,23 @@ def _make_columns(
 ) -> list[Column]:
     frame = _rows_to_data_frame(rows, dialect)
     columns = []
-    for k in range(dialect.width):
-        heading = names[k] if k < len(names) else ""
-        name, unit = name_and_unit(heading, units[k] if k < len(units) else None, notes)
-        column = _make_column(name, unit or None, frame[k], dialect.decimal)
-        column.heading = heading
-        columns.append(column)
+    padding = [""] * dialect.width
+    for k, heading, label in zip(range(dialect.width), [*names, *padding], [*units, *padding], strict=False):
+        name, unit = name_and_unit(heading, label, notes)
+        columns.append(_make_column(name, unit or None, frame[k], dialect.decimal, heading))
     return columns
 
 
 def _rows_to_data_frame(rows: Sequence[NumberedLine], dialect: Dialect) -> Any:
     import pandas
 
+    blanks = dialect.separator == " "
     # Exact to the last bit by default from pandas 3 on.
     exact = {} if int(pandas.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
     try:
         return pandas.read_csv(
-            io.BytesIO(
-                "\n".join(
-                    line.text.strip() if dialect.separator == " " else line.text for line in rows
-                ).encode()
-            ),
-            sep=r"\s+" if dialect.separator == " " else dialect.separator,
+            io.BytesIO("\n".join(line.text.strip() if blanks else line.text for line in rows).encode()),
+            sep=r"\s+" if blanks else dialect.separator,
             decimal=dialect.decimal,
             header=None,
             names=range(dialect.width),
@@ -401,23 +396,13 @@ def _rows_to_data_frame(rows: Sequence[NumberedLine], dialect: Dialect) -> Any:
         raise RecordError(f"cannot be read as CSV: {sanitize(words)}; write it anew") from None
 
 
-def _make_column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:
+def _make_column(name: str, unit: str | None, cells: Any, decimal: str, heading: str) -> Column:
     """Make a column of a pandas Series, which holds texts if some cell is no number."""
     if cells.dtype.kind in "iuf":
-        return Column(name, unit, cells.to_numpy(dtype=np.float64))
+        return Column(name, unit, cells.to_numpy(dtype=np.float64), heading=heading)
     texts = ["" if gap else str(cell).strip() for cell, gap in zip(cells, cells.isna(), strict=True)]
-    values, wrong = np.empty(len(texts)), None
     for row, text in enumerate(texts):
-        if text in LOST:
-            values[row] = np.nan
-        elif is_number(text, decimal) and not is_timestamp(text):
-            values[row] = parse_number(text, decimal)
-        else:
-            wrong = (row, text)
-            break
-    if wrong is None:
-        return Column(name, unit, values)
-    stamps = parse_timestamps(texts, LOST)
-    if stamps is not None:
-        return Column(name, "s", stamps[0], clock=stamps[1])
-    return Column(name, unit, None, wrong)
+        if text not in LOST and (is_timestamp(text) or not is_number(text, decimal)):
+            return column_of_texts(name, unit, texts, heading, (row, text))
+    values = [np.nan if text in LOST else parse_number(text, decimal) for text in texts]
+    return Column(name, unit, np.array(values), heading=heading)

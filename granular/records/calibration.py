@@ -14,9 +14,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
-from granular.readers.column_headers import HEIGHT, normalize_unit
-from granular.readers.role_units import ANGLE_UNITS, SI, role_unit_size
+from granular.records.headings import ANGLE_UNITS, HEIGHT, SI, normalize_unit, role_unit_size
 from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
@@ -29,9 +29,11 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _VALUE = rf"\s*({_NUMBER})\s*(?:(?:\+-|±|\+/-)\s*({_NUMBER})\s*(%(?=\s))?)?\s*"
 _SCALE = re.compile(rf"{_VALUE}([^/\s\d]\S*?(?:/s(?:\^2|2|²)?)?)\s*/\s*({_NUMBER})?\s*([^\s/]+)\s*")
 _ZERO = re.compile(rf"{_VALUE}(\S+)?\s*")
-_POWER = re.compile(r"(.*?)\^(\d)")
+_POWER = re.compile(r"(.+)/(.*?)(\^\d)?")
 _LONGEST = 100
 """Characters of a calibration."""
+FORMS = {"scale": "zero", "coefficients": "", "points": "degree"}
+"""Forms of a calibration, and what may go with each."""
 KEYS = ("scale", "zero", "coefficients", "points", "degree")
 """The keys of a calibration."""
 _MOST_DEGREE = 5
@@ -63,7 +65,7 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
     for key in given:
         if key not in KEYS:
             raise RecordError(unknown_word_message(str(key), KEYS, "key of a calibration"))
-    forms = [key for key in ("scale", "coefficients", "points") if given.get(key) is not None]
+    forms = [key for key in FORMS if given.get(key) is not None]
     if not forms and "zero" in given:
         raise RecordError(f"zero of {quote(role)} without scale; give both, such as scale = '2.4894 mm/V'")
     if len(forms) != 1:
@@ -71,10 +73,9 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
             f"a calibration of {quote(role)} by {' and '.join(forms) or 'none of them'}; give one "
             "of scale (with zero), coefficients or points"
         )
-    if "zero" in given and forms != ["scale"]:
-        raise RecordError(f"zero goes with scale, not with {forms[0]}; leave one out")
-    if "degree" in given and forms != ["points"]:
-        raise RecordError(f"degree goes with points, not with {forms[0]}; leave one out")
+    for form, companion in FORMS.items():
+        if companion in given and form not in forms:
+            raise RecordError(f"{companion} goes with {form}, not with {forms[0]}; leave one out")
     if forms == ["scale"]:
         return _calibration_from_scale(role, given["scale"], given.get("zero"))
     if forms == ["coefficients"]:
@@ -86,8 +87,15 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
 
 
 def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
-    value, spread, top, steps, raw_unit = _parse_scale(scale)
-    size, unit = _calibrated_unit_size(role, top, f"scale = {quote(scale)}")
+    match = _match(_SCALE, scale)
+    if match is None:
+        raise RecordError(
+            f"scale = {quote(scale)}; write a number, the unit of the height and that of the "
+            "column, such as '2.4894 mm/V' or '360 deg/2048 counts'"
+        )
+    value, spread = _number_and_uncertainty(match)
+    steps, raw_unit = float(match[5] or 1.0), normalize_unit(match[6])
+    size, unit = _calibrated_unit_size(role, match[4], f"scale = {quote(scale)}")
     if value == 0.0 or steps == 0.0:
         raise RecordError(f"scale = {quote(scale)} is 0 or infinite; give another number")
     factor = value * size / steps
@@ -97,30 +105,21 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
     return Calibration(np.array([-factor * level, factor]), np.reshape(known, (-1, 2)), raw_unit, unit)
 
 
-def _parse_scale(text: Any) -> tuple[float, float, str, float, str]:
-    """Return number, uncertainty, unit, steps and unit of the column of a scale."""
-    match = _SCALE.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
-    if match is None:
-        raise RecordError(
-            f"scale = {quote(text)}; write a number, the unit of the height and that of the "
-            "column, such as '2.4894 mm/V' or '360 deg/2048 counts'"
-        )
-    value, spread = _parse_number_and_uncertainty(match)
-    return value, spread, match[4], float(match[5] or 1.0), normalize_unit(match[6])
-
-
 def _parse_zero(text: Any, raw_unit: str) -> tuple[float, float]:
     """Return number and uncertainty of a zero in the unit of the scale's column."""
-    match = _ZERO.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
+    match = _match(_ZERO, text)
     if match is None:
         raise RecordError(f"zero = {quote(text)}; write a number and a unit, such as '2.513 V'")
-    own = raw_unit if match[4] is None else normalize_unit(match[4])
-    ratio = _unit_ratio(own, raw_unit, "zero")
-    value, spread = _parse_number_and_uncertainty(match)
+    ratio = _unit_ratio(raw_unit if match[4] is None else normalize_unit(match[4]), raw_unit, "zero")
+    value, spread = _number_and_uncertainty(match)
     return value * ratio, spread * ratio
 
 
-def _parse_number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
+def _match(form: re.Pattern[str], text: Any) -> re.Match[str] | None:
+    return form.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
+
+
+def _number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
     """Return the number of a calibration, and its standard uncertainty."""
     value, spread = float(match[1]), abs(float(match[2] or 0.0))
     return value, abs(value) * spread / 100.0 if match[3] else spread
@@ -144,22 +143,19 @@ def _calibrated_unit_size(role: str, text: str, what: str) -> tuple[float, str]:
 
 def _unit_ratio(unit: str, wanted: str, what: str) -> float:
     """Size of a unit over that of the calibration's column."""
-    if _singular_unit_name(unit) == _singular_unit_name(wanted):
+    names = [name.lower().removesuffix("s") if len(name) > 2 else name for name in (unit, wanted)]
+    if names[0] == names[1]:
         return 1.0
     try:
         (size, dimension), (other, expected) = unit_size(unit), unit_size(wanted)
     except SceneError:
-        dimension, expected, size, other = (1, 0, 0, 0), (0, 0, 0, 0), 1.0, 1.0
-    if dimension != expected or unit in ("1", "%") or wanted in ("1", "%"):
+        size, other, dimension, expected = 1.0, 1.0, (1, 0, 0, 0), (0, 0, 0, 0)
+    if dimension != expected or not {unit, wanted}.isdisjoint(("1", "%")):
         raise RecordError(
             f"the {what} is in {quote(unit)}, and the scale is over {quote(wanted)}; write both in "
             "the unit of the column"
         )
     return size / other
-
-
-def _singular_unit_name(unit: str) -> str:
-    return unit.lower().removesuffix("s") if len(unit) > 2 else unit
 
 
 # Polynomials -----------------------------------------------------------------------------------
@@ -174,37 +170,29 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
         )
     if len(texts) > _MOST_DEGREE + 1:
         raise RecordError(f"{len(texts)} coefficients; at most {_MOST_DEGREE + 1} are taken")
-    values, spreads, units, raw_units = [], [], set(), set()
+    values, spreads, units = [], [], set()
     for power, text in enumerate(texts):
-        match = _ZERO.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
-        top, _, below = (
-            (match[4] or "" if match else "").rpartition("/")
-            if power
-            else ((match[4] or "" if match else ""), "", "")
-        )
-        parts = _POWER.fullmatch(below)
-        if (
-            match is None
-            or not top
-            or (power > 1) != (parts is not None)
-            or (parts is not None and int(parts[2]) != power)
-        ):
-            over = "" if power == 0 else "/V" if power == 1 else f"/V^{power}"
+        match = _match(_ZERO, text)
+        written = "" if match is None else match[4] or ""
+        quotient = _POWER.fullmatch(written) if power else None
+        exponent = f"^{power}" if power > 1 else ""
+        if match is None or not written or (power and (quotient is None or (quotient[3] or "") != exponent)):
+            over = f"/V{exponent}" if power else ""
             raise RecordError(
                 f"coefficients: {quote(text)} for the power {power}; write a number and a unit, "
                 f"such as '0.1 mm{over}'"
             )
+        top, below = (written, None) if quotient is None else (quotient[1], normalize_unit(quotient[2]))
         size, unit = _calibrated_unit_size(role, top, f"coefficients: {quote(text)}")
-        value, spread = _parse_number_and_uncertainty(match)
+        value, spread = _number_and_uncertainty(match)
         values.append(value * size)
         spreads.append(spread * size)
-        units.add(unit)
-        if power:
-            raw_units.add(normalize_unit(parts[1] if parts else below))
-    if len(units) > 1 or len(raw_units) > 1:
+        units.add((unit, below))
+    outcomes, raw_units = {unit for unit, _ in units}, {below for _, below in units if below is not None}
+    if len(outcomes) > 1 or len(raw_units) > 1:
         raise RecordError("coefficients with different units; write all in the same two units")
     deviations = np.diag(spreads)[np.array(spreads) > 0.0]
-    return Calibration(np.array(values), deviations, next(iter(raw_units), None), next(iter(units)))
+    return Calibration(np.array(values), deviations, next(iter(raw_units), None), outcomes.pop())
 
 
 def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration:
@@ -225,11 +213,11 @@ def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration
         raise RecordError("points hold something that is not a number; correct them") from None
     here = np.isfinite(raw) & np.isfinite(value)
     raw, value = raw[here], value[here] * size
-    beyond = 0 if spread is not None else _FEWEST_BEYOND
-    if len(np.unique(raw)) < degree + 1 or len(raw) < degree + 1 + beyond:
+    needed = degree + 1 + (_FEWEST_BEYOND if spread is None else 0)
+    if len(np.unique(raw)) < degree + 1 or len(raw) < needed:
         raise RecordError(
             f"{len(raw)} points for a polynomial of degree {degree}; at least "
-            f"{degree + 1 + beyond} are needed" + ("" if spread is not None else ", or their uncertainty")
+            f"{needed} are needed" + (", or their uncertainty" if spread is None else "")
         )
     if spread is not None and not (np.isfinite(spread[here]) & (spread[here] > 0.0)).all():
         raise RecordError("points: each uncertainty must be a number above 0; correct them")
@@ -238,28 +226,14 @@ def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration
     terms = np.vander((raw - middle) / extent, degree + 1, increasing=True)
     weight = np.ones(len(raw)) if spread is None else 1.0 / spread[here]
     fitted, *_ = np.linalg.lstsq(terms * weight[:, None], value * weight, rcond=None)
-    left = (value - terms @ fitted) * weight
-    dof = max(1, len(raw) - degree - 1)
-    scatter = float((left**2).sum()) / dof
+    scatter = float((((value - terms @ fitted) * weight) ** 2).sum()) / max(1, len(raw) - degree - 1)
     # what the points scatter more than their uncertainty says counts too (Birge's ratio)
     variance = scatter if spread is None else max(1.0, scatter)
     inverse = np.linalg.pinv(terms * weight[:, None]) * math.sqrt(variance)
     strengths, directions = np.linalg.eigh(inverse @ inverse.T)
     deviations = (np.sqrt(np.maximum(strengths, 0.0)) * directions).T
-    shifted = _shift_polynomial_matrix(degree, middle, extent)
-    return Calibration(
-        shifted @ fitted,
-        deviations @ shifted.T,
-        None if units.get("raw") is None else normalize_unit(units["raw"]),
-        unit,
-        (float(raw.min()), float(raw.max())),
-    )
-
-
-def _shift_polynomial_matrix(degree: int, middle: float, extent: float) -> np.ndarray:
-    """Matrix (k, k) from coefficients in (x - middle)/extent to those in x."""
-    result = np.zeros((degree + 1, degree + 1))
-    for power in range(degree + 1):
-        for lower in range(power + 1):
-            result[lower, power] = math.comb(power, lower) * (-middle) ** (power - lower) / extent**power
-    return result
+    powers = [(Polynomial([-middle / extent, 1.0 / extent]) ** power).coef for power in range(degree + 1)]
+    shifted = np.array([np.pad(power, (0, degree + 1 - len(power))) for power in powers]).T
+    raw_unit = None if units.get("raw") is None else normalize_unit(units["raw"])
+    inside = (float(raw.min()), float(raw.max()))
+    return Calibration(shifted @ fitted, deviations @ shifted.T, raw_unit, unit, inside)

@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from granular.readers.column_headers import ACCELERATION, VELOCITY
-from granular.readers.read_options import options_from_plain
-from granular.readers.role_units import COORDINATES, CoordinateUnit
-from granular.readers.sheet import numbers_in_si
-from granular.readers.signal_integration import integrate_without_drift
-from granular.run.record_source import RecordSource, source_of_file
+from granular.records.headings import ACCELERATION, COORDINATES, VELOCITY, CoordinateUnit
+from granular.records.integration import integrate_without_drift
+from granular.records.options import RecordSource, options_from_plain, source_of_file
+from granular.records.sheet import numbers_in_si
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import write_atomically
 from granular.shared.message_text import quote, sanitize
@@ -25,8 +23,8 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-    from granular.readers.file_formats import FileFormat
-    from granular.readers.sheet_interpretation import SheetInterpretation
+    from granular.records.formats import FileFormat
+    from granular.records.interpret import SheetInterpretation
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 DRAWN_UNITS = {"m": ("mm", 1e3), "rad": ("rad", 1.0)}
@@ -41,7 +39,6 @@ class PandasOrXarray(Protocol):
 
     def equals(self, other: Any, /) -> bool:
         """Return True for an object of the same kind that holds the same numbers."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -205,7 +202,7 @@ class PistonRecord:
         units : mapping of str to str, optional
             Units of columns by their names, instead of those in the file.
         **options
-            The fields of `granular.readers.read_options.ReadOptions`: ``columns``, ``decimal``, ``skip``,
+            The fields of `granular.records.options.ReadOptions`: ``columns``, ``decimal``, ``skip``,
             ``sheet``, ``flip``, ``between``, ``scale``, ``zero``, ``calibration``, ``rate``, ``sort``;
             ``release`` does nothing here, as `reduced_models.read_record` alone heeds it.
 
@@ -246,7 +243,7 @@ class PistonRecord:
         RecordError
             If an option does not fit, or the file cannot be read as such; the message names line and column.
         """
-        from granular.readers.file_formats import TEXT
+        from granular.records.formats import TEXT
 
         return cls._read_file(Path(path), TEXT, units, options)
 
@@ -278,7 +275,7 @@ class PistonRecord:
         RecordError
             If an option does not fit, the file cannot be read as such, or pyarrow is not there.
         """
-        from granular.readers.file_formats import PARQUET
+        from granular.records.formats import PARQUET
 
         return cls._read_file(Path(path), PARQUET, units, options)
 
@@ -313,8 +310,8 @@ class PistonRecord:
         >>> len(PistonRecord.from_table({"time": [0.0, 0.1, 0.2], "height [mm]": [61.0, 60.0, 61.0]}))
         3
         """
-        from granular.readers.sheet import sheet_from_table
-        from granular.readers.sheet_interpretation import interpret_sheet
+        from granular.records.interpret import interpret_sheet
+        from granular.records.sheet import sheet_from_table
 
         seen = interpret_sheet(sheet_from_table(table), options_from_plain({"units": units or {}, **options}))
         if seen.notes:
@@ -325,7 +322,7 @@ class PistonRecord:
     def _read_file(
         cls, path: Path, form: FileFormat | None, units: Mapping[str, str] | None, options: dict[str, Any]
     ) -> PistonRecord:
-        from granular.readers.file_formats import interpret_record_file
+        from granular.records.formats import interpret_record_file
 
         said = options_from_plain({"units": units or {}, **options})
         meaning = interpret_record_file(path, said, form)
@@ -340,7 +337,7 @@ class PistonRecord:
 
     @classmethod
     def from_interpreted_columns(cls, meaning: SheetInterpretation) -> PistonRecord:
-        """Make a record of columns whose roles and units were found; see `granular.readers`.
+        """Make a record of columns whose roles and units were found; see `granular.records`.
 
         Parameters
         ----------
@@ -408,7 +405,7 @@ class PistonRecord:
         InputError
             If it cannot be written; what was there before still stands.
         """
-        from granular.readers.parquet import write_parquet
+        from granular.records.binary import write_parquet
 
         write_parquet(Path(path), self.columns, self.units)
 
@@ -425,8 +422,7 @@ class PistonRecord:
     @property
     def signal(self) -> np.ndarray:
         """Measured quantity, float64 (n,), in `signal_unit`."""
-        is_height = self.measured not in (*_INTEGRALS, "force")
-        return self.height if is_height else self.columns[self.measured]
+        return self.columns[self.measured] if self.measured in (*_INTEGRALS, "force") else self.height
 
     @property
     def signal_unit(self) -> str:
@@ -472,12 +468,10 @@ class PistonRecord:
         extra = {name: values for name, values in columns.items() if name not in UNITS}
         own.setdefault("height", np.zeros(np.shape(columns["time"])))
         record = cls(**own, extra=extra, measured=measured)  # type: ignore[arg-type]  # by names
-        return record if measured == "height" else record._with_integrated_height()
-
-    def _with_integrated_height(self) -> PistonRecord:
-        """Record with the integral of what was measured for its height."""
-        height = integrate_without_drift(self.time, self.signal, _INTEGRALS[self.measured])
-        return dataclasses.replace(self, height=height)
+        if measured == "height":
+            return record
+        height = integrate_without_drift(record.time, record.signal, _INTEGRALS[measured])
+        return dataclasses.replace(record, height=height)
 
     def between(self, start: float, stop: float) -> PistonRecord:
         """Return the samples with start <= time <= stop [s].

@@ -27,19 +27,21 @@ _WAIT = 6.0
 """Times the seconds after which a process that waits is ended, as on a machine with other work."""
 _OUT_OF_MEMORY = 3
 _AT_A_LIMIT = {_OUT_OF_MEMORY, *(-getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL", "SIGABRT"))}
-_ARRAY = 0  # marks the name of one
 _PROGRAM = """
 import json, sys
 sys.path[:] = json.loads(sys.argv[1])
-from granular.readers.limited_process import serve
-from granular.readers.{module} import {function}
+from granular.records.limited_process import serve
+from granular.records.{module} import {function}
 serve({function})
 """
 _REMEDY = "save time and height alone, as CSV"
 
+Content = tuple[Any, list[np.ndarray]]
+"""Content of a file: texts, integers, lists and dicts of such, and arrays that the integers may count."""
 
-def read_within_limits(read: Callable[[bytes], Any], content: bytes) -> Any:
-    """Return what a function of a file of this room reads of bytes: arrays, texts, lists and dicts."""
+
+def read_within_limits(read: Callable[[bytes], Content], content: bytes) -> Content:
+    """Return what a function of a file of this room reads of bytes."""
     program = _PROGRAM.format(module=read.__module__.rpartition(".")[2], function=read.__name__)
     if not sys.executable or getattr(sys, "frozen", False):
         raise RecordError(f"is read by a Python of its own, and none is known here; {_REMEDY}")
@@ -65,58 +67,38 @@ def read_within_limits(read: Callable[[bytes], Any], content: bytes) -> Any:
         raise RuntimeError(done.stderr.decode(errors="replace"))
     if done.returncode or not done.stdout:
         raise RecordError(f"stops what reads it (code {done.returncode}); {_REMEDY}")
-    arrays = np.load(io.BytesIO(done.stdout), allow_pickle=False)
-    answer = json.loads(arrays["answer"].tobytes())
-    if isinstance(answer, str):
-        raise RecordError(answer)
-    return _with_arrays(answer, arrays)
+    answer, *arrays = np.load(io.BytesIO(done.stdout), allow_pickle=False).values()
+    plain = json.loads(answer.tobytes())
+    if isinstance(plain, str):
+        raise RecordError(plain)
+    return plain, arrays
 
 
-def serve(read: Callable[[bytes], dict[str, Any]]) -> None:
+def serve(read: Callable[[bytes], Content]) -> None:
     """Read the bytes of the standard input, and write what they hold, or why they hold nothing."""
     _set_limits()
     # What else is printed must not stand in the answer.
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
-        arrays: dict[str, np.ndarray] = {}
-        answer: Any
         try:
-            answer = _without_arrays(read(sys.stdin.buffer.read()), arrays)
+            plain, arrays = read(sys.stdin.buffer.read())
         except RecordError as error:
-            answer = str(error)
-        written = np.frombuffer(json.dumps(answer).encode(), dtype=np.uint8)
+            plain, arrays = str(error), []
         with output:
-            np.savez(output, answer=written, **arrays)  # type: ignore[arg-type]  # no option is named so
+            np.savez(output, np.frombuffer(json.dumps(plain).encode(), dtype=np.uint8), *arrays)
     except MemoryError:
         sys.exit(_OUT_OF_MEMORY)
 
 
 def _set_limits() -> None:
     """Limit memory and time where the system can; Windows cannot, and macOS not the memory."""
-    try:
+    with contextlib.suppress(ImportError):
         import resource
-    except ImportError:
-        return
-    wanted = {"RLIMIT_AS": MAX_MEGABYTES * 2**20, "RLIMIT_CPU": MAX_SECONDS, "RLIMIT_CORE": 0}
-    for name, most in wanted.items():
-        with contextlib.suppress(ValueError, OSError):
-            kind = getattr(resource, name)
-            hard = resource.getrlimit(kind)[1]
-            resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard),) * 2)
 
-
-def _without_arrays(value: Any, arrays: dict[str, np.ndarray]) -> Any:
-    """Value with the names of arrays in their place."""
-    if isinstance(value, dict):
-        return {name: _without_arrays(item, arrays) for name, item in value.items()}
-    if not isinstance(value, np.ndarray):
-        return value
-    arrays[name := f"array {len(arrays)}"] = value
-    return [_ARRAY, name]
-
-
-def _with_arrays(value: Any, arrays: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _with_arrays(item, arrays) for name, item in value.items()}
-    return arrays[value[1]] if isinstance(value, list) and value[:1] == [_ARRAY] else value
+        wanted = {"RLIMIT_AS": MAX_MEGABYTES * 2**20, "RLIMIT_CPU": MAX_SECONDS, "RLIMIT_CORE": 0}
+        for name, most in wanted.items():
+            with contextlib.suppress(ValueError, OSError):
+                kind = getattr(resource, name)
+                hard = resource.getrlimit(kind)[1]
+                resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard),) * 2)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import difflib
+import hashlib
 import math
 import os
 import shlex
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from granular.records.calibration import KEYS
 from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import si_value
 from granular.shared.errors import RecordError, SceneError
@@ -27,8 +29,6 @@ T = TypeVar("T")
 
 FILE = "file"
 """Key of the file that is described, as a path from the description."""
-_CALIBRATION = ("scale", "zero", "coefficients", "points", "degree")
-"""Keys of the calibration of one column."""
 _MISSPELT = 0.8
 """Similarity to a role from which on a name is no input's, but that role misspelt."""
 _MAX_BYTES = 2**20
@@ -41,6 +41,15 @@ STROKE = "stroke"
 """Role of ``columns`` for the height's column where it is prescribed, and the force is measured."""
 ROLES = ("time", "height", "velocity", "force", "acceleration", "base_height", "base_acceleration")
 """Columns of a record that have a meaning."""
+
+
+_KINDS: tuple[tuple[tuple[str, ...], Any, str], ...] = (
+    (("columns", "units", "calibration"), Mapping, "give names and values"),
+    (("flip", "sort"), bool, "give true or false"),
+    (("sheet",), str | None, "give a name"),
+    (("scale", "zero"), str | Mapping | None, "give a text with units"),
+)
+"""Types of options, and what to say where another is given."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +77,7 @@ class ReadOptions:
         The samples from this time to that one [s].
     scale, zero : str, mapping of str to str, or None
         Calibration of the height's column, such as ``"2.4894 mm/V"`` and ``"2.513 V"``, or of
-        several by their roles or names; see `granular.readers.calibration`.
+        several by their roles or names; see `granular.records.calibration`.
     calibration : mapping of str to any
         The same with its other forms, ``coefficients`` or ``points``, of the height or by columns;
         as in a description, where ``points`` names a file.
@@ -101,9 +110,12 @@ class ReadOptions:
     sort: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("columns", "units", "calibration"):
-            if not isinstance(getattr(self, name), Mapping):
-                raise RecordError(f"{name} = {quote(getattr(self, name))}; give names and values")
+        for names, kind, advice in _KINDS:
+            for name in names:
+                self._require(name, isinstance(getattr(self, name), kind), advice)
+        self._require("decimal", self.decimal in (None, ".", ","), "give '.' or ','")
+        lines = not isinstance(self.skip, bool) and isinstance(self.skip, int) and self.skip >= 0
+        self._require("skip", lines, "give a number of lines")
         for role, column in self.columns.items():
             _check_role(str(role))
             if isinstance(column, bool) or not isinstance(column, str | int):
@@ -111,28 +123,20 @@ class ReadOptions:
         for role, unit in self.units.items():
             if not isinstance(unit, str):
                 raise RecordError(f"units: {quote(role)} = {quote(unit)}; give a unit in words")
-        if self.decimal not in (None, ".", ","):
-            raise RecordError(f"decimal = {quote(self.decimal)}; give '.' or ','")
-        if isinstance(self.skip, bool) or not isinstance(self.skip, int) or self.skip < 0:
-            raise RecordError(f"skip = {quote(self.skip)}; give a number of lines")
-        for name in ("flip", "sort"):
-            if not isinstance(getattr(self, name), bool):
-                raise RecordError(f"{name} = {quote(getattr(self, name))}; give true or false")
+        self.calibrations()
         if self.release not in (None, ALL):
             number = str(self.release)
-            if not number.isdigit() or int(number) < 1 or self.between is not None:
-                raise RecordError(
-                    f"release = {quote(self.release)}; give a number from 1, or 'all', and no "
-                    "times (between) with it"
-                )
+            fits = number.isdigit() and int(number) > 0 and self.between is None
+            self._require("release", fits, "give a number from 1, or 'all', and no times (between) with it")
             object.__setattr__(self, "release", int(number))
-        self.calibrations()
         if self.rate is not None:
             object.__setattr__(self, "rate", _parse_sampling_rate(self.rate))
-        if self.sheet is not None and not isinstance(self.sheet, str):
-            raise RecordError(f"sheet = {quote(self.sheet)}; give a name")
         if self.between is not None:
             object.__setattr__(self, "between", _parse_time_range(self.between))
+
+    def _require(self, name: str, fits: bool, advice: str) -> None:
+        if not fits:
+            raise RecordError(f"{name} = {quote(getattr(self, name))}; {advice}")
 
     def merge(self, more: ReadOptions) -> ReadOptions:
         """Combine these options with others, which go before them."""
@@ -143,34 +147,25 @@ class ReadOptions:
             before = calibrations.get(column, {})
             same = all(key in before or key == "zero" for key in given)
             calibrations[column] = {**before, **given} if same else given
-        for key in ("scale", "zero", "calibration"):
-            plain.pop(key, None)
-            over.pop(key, None)
-        return options_from_plain({**plain, **over, **both, "calibration": calibrations})
+        given = {"scale": None, "zero": None, "calibration": calibrations}
+        return ReadOptions(**{**plain, **over, **both, **given})
 
     def calibrations(self) -> dict[str, dict[str, Any]]:
         """Collect what is said of the calibration of each column, by its role or name."""
         result: dict[str, dict[str, Any]] = {}
         for name in ("scale", "zero"):
             given = getattr(self, name)
-            if given is None:
-                continue
-            if not isinstance(given, str | Mapping):
-                raise RecordError(f"{name} = {quote(given)}; give a text with units")
-            by_column = {"height": given} if isinstance(given, str) else given
-            for column, text in by_column.items():
+            for column, text in ({"height": given} if isinstance(given, str) else given or {}).items():
                 result.setdefault(_calibration_key(column), {})[name] = text
-        of_height = {key: value for key, value in self.calibration.items() if key in _CALIBRATION}
-        for column, given in self.calibration.items():
-            if column not in of_height:
-                if not isinstance(given, Mapping):
-                    raise RecordError(
-                        f"calibration: {unknown_word_message(str(column), _CALIBRATION, 'key')}; or give a "
-                        "table for a column"
-                    )
-                result.setdefault(_calibration_key(column), {}).update(given)
-        if of_height:
-            result.setdefault("height", {}).update(of_height)
+        of_height = {key: value for key, value in self.calibration.items() if key in KEYS}
+        of_columns = [(column, given) for column, given in self.calibration.items() if column not in KEYS]
+        for column, given in (*of_columns, *[("height", of_height)] * bool(of_height)):
+            if not isinstance(given, Mapping):
+                raise RecordError(
+                    f"calibration: {unknown_word_message(str(column), KEYS, 'key')}; or give a table for a "
+                    "column"
+                )
+            result.setdefault(_calibration_key(column), {}).update(given)
         return result
 
     def select_table(self, tables: Mapping[str, T], kind: str) -> Mapping[str, T]:
@@ -186,23 +181,14 @@ class ReadOptions:
         """Convert the options to plain data, without those that are not given."""
         calibrations = self.calibrations()
         of_height = calibrations.get("height", {})
-        if list(calibrations) == ["height"] and set(of_height) <= {"scale", "zero"}:
-            calibrations = {}
-        else:
-            of_height = {}
-        plain = {
+        short = list(calibrations) == ["height"] and set(of_height) <= {"scale", "zero"}
+        plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        plain |= {
             "columns": dict(self.columns),
             "units": dict(self.units),
-            "decimal": self.decimal,
-            "skip": self.skip,
-            "sheet": self.sheet,
-            "flip": self.flip,
             "between": None if self.between is None else list(self.between),
-            "release": self.release,
-            "rate": self.rate,
-            "sort": self.sort,
-            **of_height,
-            "calibration": calibrations,
+            **{key: of_height.get(key) if short else None for key in ("scale", "zero")},
+            "calibration": {} if short else calibrations,
         }
         return {key: value for key, value in plain.items() if value not in (None, {}, 0, False)}
 
@@ -308,9 +294,40 @@ def name_description_in_errors(path: Path, file: Path) -> Iterator[None]:
 
 def _is_in_other_folder(path: Path, file: Path) -> bool:
     try:
-        return file.is_file() and not file.resolve().is_relative_to(path.parent.resolve())
+        return file != path and file.is_file() and not file.resolve().is_relative_to(path.parent.resolve())
     except OSError:  # a name that no file can have
         return False
+
+
+def described_file(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]:
+    """File that a path is of, or that its description names, and the options to read it with."""
+    if not is_record_description(path):
+        return path, options
+    file, described = read_record_description(path)
+    return file, described.merge(options)
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordSource:
+    """File or scene behind a record, and notes on what was guessed, cut or repaired."""
+
+    name: str  # empty if the record was made of arrays
+    scene: str = ""
+    digest: str = ""
+    calibration: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def source_of_file(path: Path, options: ReadOptions, notes: tuple[str, ...]) -> RecordSource:
+    """Source of a record that was read from a file, or from that which a description names."""
+    file, merged = described_file(path, options)
+    calibrations = []
+    for column, given in merged.calibrations().items():
+        words = ", ".join(f"{key} {value}" for key, value in given.items())
+        words = "a straight line through points" if "points" in given else words
+        calibrations.append(words if column == "height" else f"{column} {words}")
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    return RecordSource(file.name, digest=digest, calibration="; ".join(calibrations), notes=notes)
 
 
 def write_record_description(path: Path, file: Path, options: ReadOptions) -> None:

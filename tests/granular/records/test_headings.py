@@ -1,6 +1,6 @@
 """Headings of engineers, trades and programs: read right, or refused with what to say instead.
 
-``python -m pytest -s tests/granular/readers/test_headings.py`` lists what was read from each.
+``python -m pytest -s tests/granular/records/test_headings.py`` lists what was read from each.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Files as programs write them: read right, or refused with words that read them right when typed.
 
-``python -m pytest -s tests/granular/readers/test_programs.py`` lists what was read from each.
+``python -m pytest -s tests/granular/records/test_programs.py`` lists what was read from each.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.commands.signature import arguments_of
-from granular.readers.file_formats import interpret_record_file
+from granular.records.formats import interpret_record_file
 from granular.shared.errors import RecordError
 from reduced_models.__main__ import parser
 from reduced_models.commands.records import look

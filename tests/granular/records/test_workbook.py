@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.readers.file_formats import read_sheet
-from granular.readers.read_options import ReadOptions
+from granular.records.formats import read_sheet
+from granular.records.options import ReadOptions
 from granular.shared.errors import RecordError
 
 from .bombs import ods, ods_row, xlsx

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.readers.column_headers import name_and_unit
-from granular.readers.role_units import size_of_quantity
-from granular.readers.table_cells import LOST, parse_timestamps
+from granular.records.headings import name_and_unit, size_of_quantity
 from granular.shared.errors import RecordError
 from granular.shared.message_text import quote, sanitize
 
@@ -39,8 +38,13 @@ class Column:
 
     def is_called(self, words: str) -> bool:
         """Return True for the column's name, or its heading as it stands in the file."""
-        wanted = " ".join(words.lower().split())
-        return wanted in (" ".join(name.lower().split()) for name in (self.name, self.heading) if name)
+        wanted = words.lower().split()
+        return wanted in [name.lower().split() for name in (self.name, self.heading) if name]
+
+    @property
+    def known(self) -> Float[np.ndarray, "m"]:
+        """Numbers that are finite; none of a column that holds anything else."""
+        return np.empty(0) if self.values is None else self.values[np.isfinite(self.values)]
 
 
 @dataclasses.dataclass(eq=False)
@@ -55,9 +59,7 @@ class Sheet:
 
     def describe_row(self, row: int) -> str:
         """Name a row in words, with its line in the file."""
-        if self.lines is None:
-            return f"sample {row}"
-        return f"sample {row} (line {int(self.lines[row])})"
+        return f"sample {row}" + ("" if self.lines is None else f" (line {int(self.lines[row])})")
 
 
 @contextlib.contextmanager
@@ -77,37 +79,113 @@ def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iter
         raise RecordError(f"cannot be read as {kind}: {words}; save it anew, or as CSV") from None
 
 
+# Cells -------------------------------------------------------------------------------------------
+
+LOST = (
+    "", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "None", "-", "--", "---", "?",
+)  # fmt: skip
+"""Spellings of a missing sample in programs' files."""
+
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?", re.ASCII)
+_CLOCK = re.compile(
+    r"(?:\d{1,4}[./-]\d{1,2}[./-]\d{1,4},?[ ])?"  # a day in any order, which tells no more than midnights
+    r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)(?: ?([AP])M)?",
+    re.ASCII | re.I,
+)
+_GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+", re.ASCII)
+"""A number with decimal comma and points between its thousands."""
+_DAY = 86400.0
+
+
+def is_timestamp(cell: str) -> bool:
+    """Tell a date with a time (ISO 8601), or a time of day."""
+    return ":" in cell and (_DATE.fullmatch(cell) or _CLOCK.fullmatch(cell)) is not None
+
+
+def is_number(cell: str, decimal: str) -> bool:
+    """Tell a number, a date or a time of day."""
+    if decimal == ",":
+        if "." in cell:
+            return _GROUPED.fullmatch(cell) is not None or is_timestamp(cell)
+        cell = cell.replace(",", ".", 1)
+    return _NUMBER.fullmatch(cell) is not None or is_timestamp(cell)
+
+
+def parse_number(cell: str, decimal: str) -> float:
+    """Convert a cell that holds a number to its value."""
+    return float(cell.replace(".", "").replace(",", ".") if decimal == "," else cell)
+
+
+def parse_timestamps(cells: Sequence[str]) -> tuple[np.ndarray, str] | None:
+    """Convert dates or times of day to seconds since the first one [s], with their kind."""
+    known = [cell for cell in cells if cell not in LOST]
+    for kind, form, parse in (("date", _DATE, _parse_dates), ("clock", _CLOCK, _parse_clock_times)):
+        if known and all(map(form.fullmatch, known)):
+            seconds = np.full(len(cells), np.nan)
+            seconds[[cell not in LOST for cell in cells]] = parse(known)
+            return seconds, kind
+    return None
+
+
+def _parse_dates(cells: Sequence[str]) -> np.ndarray | float:
+    import pandas
+
+    try:
+        stamps = pandas.to_datetime([cell.replace(",", ".") for cell in cells], utc=True, format="ISO8601")
+    except ValueError:  # a month 13
+        return float("nan")
+    nanoseconds = stamps.tz_convert(None).to_numpy().astype("datetime64[ns]").astype(np.int64)
+    return np.asarray((nanoseconds - nanoseconds[0]) * 1e-9)
+
+
+def _parse_clock_times(cells: Sequence[str]) -> np.ndarray:
+    values = []
+    for match in map(_CLOCK.fullmatch, cells):
+        assert match is not None
+        hours, minutes, seconds, half = match.groups()
+        hour = float(hours or 0.0)
+        if half:  # 12 AM is midnight
+            hour = hour % 12.0 + (12.0 if half in "Pp" else 0.0)
+        values.append(3600.0 * hour + 60.0 * float(minutes) + float(seconds.replace(",", ".")))
+    times = np.array(values)
+    # A time of day that falls back by more than half a day has passed midnight.
+    midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * _DAY)
+    return np.asarray(times + _DAY * midnights - times[0])
+
+
+# Tables in memory --------------------------------------------------------------------------------
+
+
 def sheet_from_table(table: Any) -> Sheet:
     """Make a sheet of a DataFrame or Series, an xarray object, or a mapping of names to arrays."""
     if hasattr(table, "to_frame") and not hasattr(table, "columns") and hasattr(table, "iloc"):
         table = table.to_frame(table.name or "height")  # a Series
     if hasattr(table, "to_dataset") and hasattr(table, "dims"):  # a DataArray
         table = table.to_dataset(name=table.name or "height")
+    form = "columns"
     if hasattr(table, "data_vars"):
-        columns = {
+        form = "xarray"
+        given = {
             name: (variable.values, variable.attrs.get("units"))
             for name, variable in table.variables.items()
             if variable.ndim == 1
         }
-        form = "xarray"
     elif hasattr(table, "iloc") and hasattr(table, "columns"):
+        form = "DataFrame"
         if table.index.name is not None:
             table = table.reset_index()
         elif table.index.dtype.kind in "mMf":  # times, without a name
             table = table.rename_axis("time").reset_index()
-        columns = {name: split_quantity(table[name].to_numpy()) for name in table.columns}
-        form = "DataFrame"
+        given = {name: split_quantity(table[name].to_numpy()) for name in table.columns}
     else:
-        columns = {name: split_quantity(table[name]) for name in _column_names(table)}
-        form = "columns"
-    lengths = {len(values) for values, _ in columns.values()}
+        given = {name: split_quantity(table[name]) for name in _column_names(table)}
+    lengths = {len(values) for values, _ in given.values()}
     if len(lengths) > 1:
         raise RecordError(f"columns have the lengths {sorted(lengths)}; give columns of one length")
     notes: list[str] = []
-    sheet_columns = [_make_column(str(name), *column, notes) for name, column in columns.items()]
-    for column, heading in zip(sheet_columns, columns, strict=True):
-        column.heading = str(heading)
-    return Sheet(sheet_columns, None, True, form, notes)
+    columns = [_make_column(str(heading), *column, notes) for heading, column in given.items()]
+    return Sheet(columns, None, True, form, notes)
 
 
 def _column_names(table: Any) -> list[str]:
@@ -153,20 +231,24 @@ def numbers_in_si(name: str, values: Any) -> np.ndarray:
     return array * size_of_quantity(name, unit) if unit else array
 
 
-def _make_column(header: str, values: np.ndarray, label: str | None, notes: list[str]) -> Column:
-    name, unit = name_and_unit(header, label, notes)
+def _make_column(heading: str, values: np.ndarray, label: str | None, notes: list[str]) -> Column:
+    name, unit = name_and_unit(heading, label, notes)
     if values.dtype.kind in "iuf":
-        return Column(name, unit, values.astype(np.float64))
+        return Column(name, unit, values.astype(np.float64), heading=heading)
     if values.dtype.kind in "mM":
         seconds = (values - values[0]) / np.timedelta64(1, "ns") * 1e-9
-        return Column(name, "s", np.asarray(seconds, dtype=np.float64), clock="date")
-    try:
+        return Column(name, "s", np.asarray(seconds, dtype=np.float64), clock="date", heading=heading)
+    with contextlib.suppress(TypeError, ValueError):
         if values.dtype.kind == "O" and not any(isinstance(value, str | bool) for value in values):
-            return Column(name, unit, np.array(values, dtype=np.float64))
-    except (TypeError, ValueError):
-        pass
-    texts = [str(value) for value in values]
-    stamps = parse_timestamps(texts, LOST)
+            return Column(name, unit, np.array(values, dtype=np.float64), heading=heading)
+    return column_of_texts(name, unit, [str(value) for value in values], heading)
+
+
+def column_of_texts(
+    name: str, unit: str | None, texts: Sequence[str], heading: str, wrong: tuple[int, str] | None = None
+) -> Column:
+    """Column of dates or times of day, or one of no numbers whose first wrong row is given."""
+    stamps = parse_timestamps(texts)
     if stamps is not None:
-        return Column(name, "s", stamps[0], clock=stamps[1])
-    return Column(name, unit, None, (0, texts[0] if texts else ""))
+        return Column(name, "s", stamps[0], clock=stamps[1], heading=heading)
+    return Column(name, unit, None, wrong or (0, texts[0] if texts else ""), heading=heading)

@@ -5,33 +5,32 @@ from __future__ import annotations
 import collections
 import dataclasses
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.readers.calibration import Calibration
-from granular.readers.column_headers import (
+from granular.records.calibration import Calibration
+from granular.records.headings import (
     ACCELERATION,
+    ANGLE_UNITS,
     ANGLES,
     FORCE,
     HEIGHT,
     TIME,
     VELOCITY,
-    normalize_column_name,
-    normalize_unit,
-)
-from granular.readers.column_roles import NUMBERED, assign_roles, is_index, motion_role
-from granular.readers.read_options import ANGLE, STROKE, ReadOptions
-from granular.readers.role_units import (
-    ANGLE_UNITS,
     CoordinateUnit,
+    dimension_of,
     example_unit,
     is_level,
+    normalize_column_name,
+    normalize_unit,
     role_unit_size,
     si_unit_of_role,
 )
-from granular.readers.sheet import IN_MEMORY, Column, Sheet
+from granular.records.options import ANGLE, STROKE, ReadOptions
+from granular.records.roles import assign_roles, is_alone, is_index, motion_role
+from granular.records.sheet import IN_MEMORY, Column, Sheet
 from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
@@ -40,10 +39,8 @@ from granular.shared.message_text import quote, sanitize
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-TICK = 0.2
+_TICK = 0.2
 """Fraction of equal neighbours from which on times are taken for rounded to a clock's tick."""
-
-
 _TURN = 7.0
 """Angle beyond which a column without a unit is in degrees: a little more than 2 pi."""
 _EPOCHS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
@@ -59,6 +56,8 @@ _ABSURD = 1e6
 """Value from which on an error says more."""
 _AGREEMENT = 0.3
 """Correlation of a velocity with the height's slope; noise on both leaves more than that."""
+
+Arrays = dict[str, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,19 +83,19 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     units = _units_by_role(sheet, chosen, options)
     raw = {role: require_numeric_values(sheet, role, column) for role, column in chosen.items()}
     motion = motion_role(chosen)
-    if HEIGHT in calibrations:
-        coordinate_unit: CoordinateUnit = "rad" if calibrations[HEIGHT].unit == "rad" else "m"
-    elif motion != HEIGHT:
-        coordinate_unit = "rad" if _is_angular_rate(motion, units.get(motion)) else "m"
-    else:
+    coordinate_unit: CoordinateUnit = "m"
+    if HEIGHT not in calibrations and motion == HEIGHT:
         said = ANGLE in options.columns
         coordinate_unit = _unit_of_coordinate(chosen[HEIGHT], raw[HEIGHT], units, notes, said)
-    own, deviations = {}, {}
+    elif HEIGHT in calibrations:
+        coordinate_unit = "rad" if calibrations[HEIGHT].unit == "rad" else "m"
+    elif dimension_of(units.get(motion), motion) == unit_size(si_unit_of_role(motion, "rad"))[1]:
+        coordinate_unit = "rad"
+    own: Arrays = {}
+    deviations: Arrays = {}
     for role, numbers in raw.items():
         if role in calibrations:
-            own[role], left = _apply_calibration(role, numbers, units, calibrations[role], notes)
-            if len(left):
-                deviations[role] = left
+            own[role], deviations[role] = _calibrated(role, numbers, units, calibrations[role], notes)
         elif role == HEIGHT and units.get(role) == "1" and "1" in options.units.values():
             own[role] = numbers
             notes.append(
@@ -106,31 +105,29 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         else:
             own[role] = numbers * _unit_size_in_role(role, units.get(role), coordinate_unit)
     _convert_epoch_times(own, chosen[TIME], notes)
-    _note_large_values_without_unit(own, chosen, units, notes, in_memory=sheet.form in IN_MEMORY)
+    _note_large_values_without_unit(sheet, own, chosen, units, notes)
     _note_velocity_unlike_slope(own, notes)
     _note_stroke_taken_as_free(chosen, options, notes)
     if options.flip:
         own |= {role: -own[role] for role in (HEIGHT, VELOCITY, ACCELERATION) if role in own}
     others, left_out = _remaining_columns(sheet, chosen)
-    own[_ROW] = np.arange(len(own[TIME]), dtype=float)
-    own, others = _drop_incomplete_samples(sheet, own, others, notes, left_out, motion)
+    every = own | {_ROW: np.arange(len(own[TIME]))} | others
+    every = _without_incomplete_samples(sheet, every, chosen, notes, left_out, motion)
     if options.sort:
-        order = np.argsort(own[TIME], kind="stable")
-        own = {role: numbers[order] for role, numbers in own.items()}
-        others = {name: numbers[order] for name, numbers in others.items()}
-    own[TIME] = spread_rounded_times(own[TIME], notes)
-    doubles = np.flatnonzero(np.diff(own[TIME]) == 0.0)
+        order = np.argsort(every[TIME], kind="stable")
+        every = {name: numbers[order] for name, numbers in every.items()}
+    every[TIME] = spread_rounded_times(every[TIME], notes)
+    doubles = np.flatnonzero(np.diff(every[TIME]) == 0.0)
     if len(doubles) and not options.sort:
-        raise RecordError(_doubled_times_text(sheet, own, doubles))
+        raise RecordError(_doubled_times_text(sheet, every, doubles))
     if len(doubles):
-        own, others = _mean_of_equal_times(own, others)
+        every = _mean_of_equal_times(every)
         notes.append(f"samples of equal times are replaced by their mean: {len(doubles)} are fewer")
-    every = own | others
     if options.between is not None:
         start, stop = options.between
-        inside = (own[TIME] >= start) & (own[TIME] <= stop)
+        inside = (every[TIME] >= start) & (every[TIME] <= stop)
         every = {name: numbers[inside] for name, numbers in every.items()}
-    rows = every.pop(_ROW).astype(int)
+    rows = every.pop(_ROW)
     return SheetInterpretation(
         every,
         {role: column.name for role, column in chosen.items()},
@@ -139,12 +136,12 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         sheet.form,
         tuple(notes),
         tuple(left_out),
-        {role: left[:, rows] for role, left in deviations.items() if role in every},
+        {role: left[:, rows] for role, left in deviations.items() if role in every and len(left)},
         STROKE in options.columns,
     )
 
 
-def _apply_calibration(
+def _calibrated(
     role: str, numbers: np.ndarray, units: dict[str, str], calibration: Calibration, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values (n,) of a sensor's numbers, and their deviations (m, n)."""
@@ -165,17 +162,11 @@ def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], options: 
     names = [column.name.lower() for column in sheet.columns]
     for role, column in chosen.items():
         name = column.name.lower()
-        indices = [k for k, item in enumerate(names, start=1) if item == name]
+        numbers = [str(k) for k, item in enumerate(names, start=1) if item == name]
         alias = next((word for word in (ANGLE, STROKE) if role == HEIGHT and word in options.columns), role)
-        said = str(options.columns.get(alias, ""))
-        alone = (
-            said.isdigit()
-            or NUMBERED.fullmatch(said)
-            or sum(item.is_called(said) for item in sheet.columns) == 1
-        )
-        if name and len(indices) > 1 and not alone:
-            listed = ", ".join(map(str, indices[:-1])) + f" and {indices[-1]}"
-            choices = " or ".join(f"--columns {alias}={k}" for k in indices[:_MOST_SHOWN])
+        if name and len(numbers) > 1 and not is_alone(sheet, str(options.columns.get(alias, ""))):
+            listed = f"{', '.join(numbers[:-1])} and {numbers[-1]}"
+            choices = " or ".join(f"--columns {alias}={number}" for number in numbers[:_MOST_SHOWN])
             raise RecordError(
                 f"the column {quote(name)} is there twice, in columns {listed}; say which it is: {choices}"
             )
@@ -196,9 +187,7 @@ def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOpti
     result = {}
     for role, column in chosen.items():
         by_name = next((said[name] for name in said if column.is_called(name)), column.unit)
-        unit = said.get(role, by_name)
-        if column.clock and role == TIME:
-            unit = "s"
+        unit = "s" if column.clock and role == TIME else said.get(role, by_name)
         if unit is not None:
             result[role] = normalize_unit(unit)
     return result
@@ -227,17 +216,42 @@ def _unit_of_coordinate(
     return "rad"
 
 
-def _is_angular_rate(role: str, unit: str | None) -> bool:
-    """Tell an angular velocity or acceleration by its unit."""
+def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateUnit) -> float:
+    """SI size of a unit in a role; that of an input's is 1 where it is unknown."""
     if unit is None:
-        return False
+        return 1.0
+    wanted = si_unit_of_role(role, coordinate_unit)
+    example = example_unit(role)
+    scale = f"2.5 {example}/{sanitize(unit, 12)}"
+    of_sensor = (
+        f"say so (--units {role}={example}); of a sensor, give the scale (--scale "
+        f"{shlex.quote(scale if role == HEIGHT else f'{role}={scale}')})"
+    )
     try:
-        return role_unit_size(role, unit)[1] == unit_size(si_unit_of_role(role, "rad"))[1]
-    except SceneError:
-        return False
+        size, dimension = role_unit_size(role, unit)
+    except SceneError as error:
+        if not wanted:
+            return 1.0
+        if is_level(unit):
+            raise RecordError(
+                f"{role} is in {quote(unit)}, a logarithmic level: write its amplitude, 10^(level/20), in "
+                f"the file, or name another column (--columns {role}=NAME)"
+            ) from None
+        raise RecordError(
+            f"{role}: {error}; if {quote(unit)} is no unit, or another is meant, {of_sensor}"
+        ) from None
+    if wanted and dimension[3] != 0:
+        plain = f", or take plain numbers (--units {role}=1)" if role == HEIGHT else ""
+        raise RecordError(f"{role} has the unit {quote(unit)}; if it is another, {of_sensor}{plain}")
+    if wanted and dimension != unit_size(wanted)[1]:
+        raise RecordError(
+            f"{role}: the unit {quote(unit)} does not fit; one of {wanted} is wanted: name "
+            f"another column (--columns {role}=NAME) or its unit (--units {role}={example})"
+        )
+    return size
 
 
-def _convert_epoch_times(own: dict[str, np.ndarray], column: Column, notes: list[str]) -> None:
+def _convert_epoch_times(own: Arrays, column: Column, notes: list[str]) -> None:
     """Turn times since 1970, told by their size, into seconds since the first sample."""
     if column.clock or column.unit is not None:
         return
@@ -250,31 +264,29 @@ def _convert_epoch_times(own: dict[str, np.ndarray], column: Column, notes: list
             return
 
 
+# Notes -------------------------------------------------------------------------------------------
+
+
 def _note_large_values_without_unit(
-    own: Mapping[str, np.ndarray],
-    chosen: Mapping[str, Column],
-    units: Mapping[str, str],
-    notes: list[str],
-    *,
-    in_memory: bool,
+    sheet: Sheet, own: Arrays, chosen: Mapping[str, Column], units: Mapping[str, str], notes: list[str]
 ) -> None:
     """Note numbers without a unit that are large for those of a laboratory in SI."""
     if HEIGHT not in own:
         return
-    if in_memory and (chosen[TIME].name, chosen[HEIGHT].name) == (TIME, HEIGHT):
+    if sheet.form in IN_MEMORY and (chosen[TIME].name, chosen[HEIGHT].name) == (TIME, HEIGHT):
         return  # who names the columns of a table as a record does means its units
-    known = {role: own[role][np.isfinite(own[role])] for role in (TIME, HEIGHT)}
-    if min(map(len, known.values())) < _LEAST_SAMPLES:
+    times, heights = (own[role][np.isfinite(own[role])] for role in (TIME, HEIGHT))
+    if min(len(times), len(heights)) < _LEAST_SAMPLES:
         return
     if TIME not in units and not chosen[TIME].clock and chosen[TIME].name:
-        usual = float(np.median(np.abs(np.diff(known[TIME]))))
+        usual = float(np.median(np.abs(np.diff(times))))
         if _LONG_STEP <= usual <= _ABSURD:
             notes.append(
                 f"{quote(chosen[TIME].name)} has no unit and is taken for s, a sample each "
                 f"{usual:.3g} s (--units time=ms)"
             )
     if HEIGHT not in units and chosen[HEIGHT].name:
-        extent, largest = float(np.ptp(known[HEIGHT])), float(np.abs(known[HEIGHT]).max())
+        extent, largest = float(np.ptp(heights)), float(np.abs(heights).max())
         if extent <= _ABSURD and (extent >= _LONG_WAY or largest >= _HIGH):
             notes.append(
                 f"{quote(chosen[HEIGHT].name)} has no unit and is taken for m, over {extent:.3g} m "
@@ -282,23 +294,20 @@ def _note_large_values_without_unit(
             )
 
 
-def _note_velocity_unlike_slope(own: dict[str, np.ndarray], notes: list[str]) -> None:
+def _note_velocity_unlike_slope(own: Arrays, notes: list[str]) -> None:
     """Note a velocity that is not the slope of the height."""
     if VELOCITY not in own or HEIGHT not in own:
         return
-    time, height, velocity = own[TIME], own[HEIGHT], own[VELOCITY]
-    known = np.isfinite(time) & np.isfinite(height) & np.isfinite(velocity)
-    if known.sum() < _LEAST_SAMPLES or not (np.diff(time[known]) > 0.0).all():
+    columns = np.array([own[TIME], own[HEIGHT], own[VELOCITY]])
+    time, height, velocity = columns[:, np.isfinite(columns).all(axis=0)]
+    if len(time) < _LEAST_SAMPLES or not (np.diff(time) > 0.0).all():
         return
     # times that differ by less than a float resolves, and heights near its end, have no slope
     with np.errstate(all="ignore"):
-        slope = np.gradient(height[known], time[known])
-        if not np.isfinite(slope).all():
+        slope = np.gradient(height, time)
+        if not np.isfinite(slope).all() or not 0.0 < float(slope.std()) * float(velocity.std()) < np.inf:
             return
-        spread = float(slope.std()) * float(velocity[known].std())
-        if not 0.0 < spread < np.inf:
-            return
-        agreement = float(np.corrcoef(slope, velocity[known])[0, 1])
+        agreement = float(np.corrcoef(slope, velocity)[0, 1])
     if agreement < _AGREEMENT:
         notes.append(
             f"the velocity does not follow the slope of the height (correlation {agreement:.2f}): "
@@ -317,49 +326,6 @@ def _note_stroke_taken_as_free(chosen: Mapping[str, Column], options: ReadOption
             f"the column {quote(stroke)} is taken as a free motion; if it is prescribed, give "
             f"columns={{'stroke': {quote(stroke)}, 'force': {quote(force)}}} (--columns {pairs})"
         )
-
-
-def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateUnit) -> float:
-    """SI size of a unit in a role; that of an input's is 1 where it is unknown."""
-    if unit is None:
-        return 1.0
-    wanted = si_unit_of_role(role, coordinate_unit)
-    try:
-        size, dimension = role_unit_size(role, unit)
-    except SceneError as error:
-        if not wanted:
-            return 1.0
-        if is_level(unit):
-            raise RecordError(
-                f"{role} is in {quote(unit)}, a logarithmic level: write its amplitude, 10^(level/20), in "
-                f"the file, or name another column (--columns {role}=NAME)"
-            ) from None
-        scale = shlex.quote(_scale_example(role, unit))
-        raise RecordError(
-            f"{role}: {error}; if {quote(unit)} is no unit, or another is meant, say so (--units "
-            f"{role}={example_unit(role)}); of a sensor, give the scale (--scale {scale})"
-        ) from None
-    if not wanted:
-        return size
-    if dimension[3] != 0:
-        raise RecordError(
-            f"{role} has the unit {quote(unit)}; if it is another, say so (--units "
-            f"{role}={example_unit(role)}); of a sensor, give the scale (--scale "
-            f"{shlex.quote(_scale_example(role, unit))})"
-            + (f", or take plain numbers (--units {role}=1)" if role == HEIGHT else "")
-        )
-    if dimension != unit_size(wanted)[1]:
-        raise RecordError(
-            f"{role}: the unit {quote(unit)} does not fit; one of {wanted} is wanted: name "
-            f"another column (--columns {role}=NAME) or its unit (--units {role}={example_unit(role)})"
-        )
-    return size
-
-
-def _scale_example(role: str, unit: str) -> str:
-    """Scale to name in a remedy for a sensor's column, with its role unless that is the height."""
-    scale = f"2.5 {example_unit(role)}/{sanitize(unit, 12)}"
-    return scale if role == HEIGHT else f"{role}={scale}"
 
 
 # Values ----------------------------------------------------------------------------------------
@@ -384,33 +350,32 @@ def require_numeric_values(sheet: Sheet, role: str, column: Column) -> Float[np.
     return column.values
 
 
-def _remaining_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[dict[str, np.ndarray], list[str]]:
-    taken = list(map(id, chosen.values()))
-    names = [column.name.lower() for column in sheet.columns]
-    counts = collections.Counter(names)
-    others: dict[str, np.ndarray] = {}
+def _remaining_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[Arrays, list[str]]:
+    """Further columns of numbers by their names, and the names of those that are left out."""
+    counts = collections.Counter([*(column.name.lower() for column in sheet.columns), *chosen])
+    others: Arrays = {}
     left_out = []
-    for number, (name, column) in enumerate(zip(names, sheet.columns, strict=True), start=1):
-        if not name or id(column) in taken or is_index(sheet, column):
+    for number, column in enumerate(sheet.columns, start=1):
+        name = column.name.lower()
+        if not name or column in chosen.values() or is_index(sheet, column):
             continue
         if column.values is None:
             left_out.append(column.name)
         else:
-            alone = counts[name] == 1 and name not in chosen
-            others[name if alone else f"{name} ({number})"] = column.values
+            others[name if counts[name] == 1 else f"{name} ({number})"] = column.values
     return others, left_out
 
 
-def _drop_incomplete_samples(
+def _without_incomplete_samples(
     sheet: Sheet,
-    own: dict[str, np.ndarray],
-    others: dict[str, np.ndarray],
+    columns: Arrays,
+    chosen: Mapping[str, Column],
     notes: list[str],
     left_out: list[str],
     motion: str,
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+) -> Arrays:
     """Drop samples without time or motion, and then other columns that have gaps."""
-    here = np.isfinite(own[TIME]) & np.isfinite(own[motion])
+    here = np.isfinite(columns[TIME]) & np.isfinite(columns[motion])
     lost = int((~here).sum())
     if lost:
         first = sheet.describe_row(int(np.argmin(here)))
@@ -418,74 +383,50 @@ def _drop_incomplete_samples(
         notes.append(
             f"{lost} of {len(here)} samples have no time or {motion} and are left out: {first}{others_too}"
         )
-    saved: dict[str, dict[str, np.ndarray]] = {"own": {}, "others": {}}
-    for kind, columns in (("own", own), ("others", others)):
-        for name, values in columns.items():
-            left = values[here] if lost else values
-            if np.isfinite(left).all():
-                saved[kind][name] = left
-            else:
-                left_out.append(name)
-                if kind == "own":
-                    notes.append(f"{name} has gaps and is left out")
-    return saved["own"], saved["others"]
+        columns = {name: values[here] for name, values in columns.items()}
+    gaps = [name for name, values in columns.items() if not np.isfinite(values).all()]
+    left_out += gaps
+    notes += [f"{name} has gaps and is left out" for name in gaps if name in chosen]
+    return {name: values for name, values in columns.items() if name not in gaps}
 
 
-def _doubled_times_text(sheet: Sheet, own: Mapping[str, np.ndarray], doubles: np.ndarray) -> str:
+def _doubled_times_text(sheet: Sheet, columns: Arrays, doubles: np.ndarray) -> str:
     """Return the words of an error where times are there twice, with a remedy for each cause."""
-    time, first = own[TIME], int(doubles[0]) + 1
+    time, first = columns[TIME], int(doubles[0]) + 1
     # by all times, as the first and the last may be late by a whole block of samples
     rate = 1.0 / max(float(np.polyfit(np.arange(len(time)), time - time[0], 1)[0]), _SHORTEST_STEP)
     return (
-        f"time of {sheet.describe_row(int(own[_ROW][first]))}, {time[first]:g} s, is there twice, and "
+        f"time of {sheet.describe_row(int(columns[_ROW][first]))}, {time[first]:g} s, is there twice, and "
         f"{len(doubles) - 1} others are: if the clock is coarser than even samples, give their rate (--rate "
         f"'{rate:.5g} Hz'); else take the mean of samples of one time (--sort)"
     )
 
 
-def _mean_of_equal_times(
-    own: dict[str, np.ndarray], others: dict[str, np.ndarray]
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+def _mean_of_equal_times(columns: Arrays) -> Arrays:
     """Columns with one row for each time, their mean there; the row in the file is the first one's."""
-    firsts = np.flatnonzero(np.diff(own[TIME], prepend=-np.inf) > 0.0)
-    counts = np.diff(np.append(firsts, len(own[TIME])))
-
-    def merged(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        exact = (TIME, _ROW)
-        return {
-            name: values[firsts] if name in exact else np.add.reduceat(values, firsts) / counts
-            for name, values in columns.items()
-        }
-
-    return merged(own), merged(others)
+    firsts = np.flatnonzero(np.diff(columns[TIME], prepend=-np.inf) > 0.0)
+    counts = np.diff(np.append(firsts, len(columns[TIME])))
+    return {
+        name: values[firsts] if name in (TIME, _ROW) else np.add.reduceat(values, firsts) / counts
+        for name, values in columns.items()
+    }
 
 
-def _ticks_are_regular(steps: np.ndarray, counts: np.ndarray) -> bool:
-    """Return True where most ticks are equally long, and none holds far more samples."""
-    usual = np.median(steps)
-    even = np.abs(steps - usual) < 0.01 * usual
-    return bool(even.mean() > 0.8 and counts.max() <= 2 * np.median(counts) + 1)
-
-
-def spread_rounded_times(
-    time: Float[np.ndarray, "n"], notes: Sequence[str] | list[str]
-) -> Float[np.ndarray, "n"]:
+def spread_rounded_times(time: Float[np.ndarray, "n"], notes: list[str]) -> Float[np.ndarray, "n"]:
     """Spread times that a clock has rounded to its tick evenly between its ticks [s]; time [s]."""
-    steps = np.diff(time)
-    same = steps == 0.0
-    if not same.any() or (steps < 0.0).any() or same.mean() < TICK:
+    same = np.diff(time) == 0.0
+    if not same.any() or (np.diff(time) < 0.0).any() or same.mean() < _TICK:
         return time
     firsts = np.flatnonzero(np.concatenate([[True], ~same]))
-    ticks = time[firsts]
-    if len(firsts) < 3 or not _ticks_are_regular(np.diff(ticks), np.diff(firsts)):
+    ticks, counts = time[firsts], np.diff(firsts)
+    if len(firsts) < 3:
+        return time
+    usual = np.median(np.diff(ticks))
+    even = np.abs(np.diff(ticks) - usual) < 0.01 * usual
+    if even.mean() <= 0.8 or counts.max() > 2 * np.median(counts) + 1:
         return time
     # The last run has no tick behind it: it is as dense as the others.
     rate = (firsts[-1] - firsts[0]) / (ticks[-1] - ticks[0])
-    indices = np.arange(len(time), dtype=float)
     end = ticks[-1] + (len(time) - firsts[-1]) / rate
-    assert isinstance(notes, list)
-    notes.append(
-        f"times are rounded to {np.median(np.diff(ticks)):.3g} s: samples of one tick are spread "
-        "evenly up to the next"
-    )
-    return np.asarray(np.interp(indices, [*firsts, len(time)], [*ticks, end]))
+    notes.append(f"times are rounded to {usual:.3g} s: samples of one tick are spread evenly up to the next")
+    return np.asarray(np.interp(np.arange(len(time), dtype=float), [*firsts, len(time)], [*ticks, end]))

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granular import PistonRecord
-from granular.readers.calibration import Calibration, parse_calibration
-from granular.readers.read_options import read_record_description, write_record_description
+from granular.records.calibration import Calibration, parse_calibration
+from granular.records.options import read_record_description, write_record_description
 from granular.shared.errors import RecordError
 
 TIME = np.arange(400) / 200.0
