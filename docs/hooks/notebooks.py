@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 import json
 import re
 import tomllib
@@ -21,8 +20,6 @@ IN_BROWSER = ("01_first_bed", "04_damper_to_equation", "05_laboratory_record")
 SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Source"]
 LINK = re.compile(r"\]\(\.\./\.\./notebooks/(\w+)\.ipynb\)")
 PICTURES = {"image/png": "png", "image/gif": "gif"}
-FRAME = re.compile(r'<iframe srcdoc="([^"]*)"')
-"""A page that a cell shows: a run in motion."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -80,11 +77,5 @@ def shown(output: dict[str, Any], stem: str, pictures: dict[str, bytes]) -> Iter
             pictures[name] = base64.b64decode("".join(data[kind]))
             yield f"![what the cell above draws]({name})"
             return
-    page = "".join(data.get("text/html", ""))
-    if found := FRAME.search(page):
-        name = f"{stem}_{len(pictures) + 1}.html"
-        pictures[name] = html.unescape(found[1]).encode()
-        yield f'<iframe src="{name}" title="a run in motion" class="live"></iframe>'
-        return
     if text := "".join(output.get("text", data.get("text/plain", ""))).rstrip():
         yield f"```text\n{text}\n```"

@@ -1,13 +1,5 @@
 from .biexponential import biexponential_fit
-from .bond_order import (
-    block_susceptibilities,
-    bond_correlation,
-    bond_relaxation,
-    global_psi6,
-    hexatic_susceptibility,
-    local_psi6,
-    psi6,
-)
+from .bond_order import bond_correlation, bond_relaxation, global_psi6, local_psi6, psi6
 from .catalogue import OBSERVABLES, per_frame
 from .correlation import per_distance, radial_distribution, spatial_correlation
 from .defect_clusters import detect_defects
@@ -18,7 +10,6 @@ from .displacement import (
     mean_square_displacement,
     non_affine_motion,
     non_affine_series,
-    non_gaussian_parameter,
     per_lag,
 )
 from .forces import (
@@ -52,12 +43,6 @@ from .packing import (
     packing_fraction_series,
 )
 from .plasticity import drop_statistics, elastic_strain, plastic_distortion, plastic_events
-from .positional_order import (
-    reciprocal_lattice_vector,
-    structure_factor,
-    translational_correlation,
-    translational_order,
-)
 from .statistics import axial_order_parameter, dip_test, knuth_histogram, pearson_correlation
 from .temperature import configurational_temperature, kinetic_temperature
 from .voronoi import cell_polygons, hexagon_regularity, polygon_fractions, voronoi_cells
@@ -70,7 +55,6 @@ __all__ = [
     "axial_order_parameter",
     "bed_moduli",
     "biexponential_fit",
-    "block_susceptibilities",
     "bond_correlation",
     "bond_relaxation",
     "cell_polygons",
@@ -94,7 +78,6 @@ __all__ = [
     "grain_virials",
     "harmonic_response",
     "hexagon_regularity",
-    "hexatic_susceptibility",
     "hysteresis_cycles",
     "hysteresis_energy",
     "interaction_forces",
@@ -109,7 +92,6 @@ __all__ = [
     "melting_theory_modulus",
     "non_affine_motion",
     "non_affine_series",
-    "non_gaussian_parameter",
     "observable",
     "packing_fraction",
     "packing_fraction_series",
@@ -122,14 +104,10 @@ __all__ = [
     "polygon_fractions",
     "psi6",
     "radial_distribution",
-    "reciprocal_lattice_vector",
     "relative_force_fluctuation",
     "spatial_correlation",
     "stage_response",
-    "structure_factor",
     "track_defects",
-    "translational_correlation",
-    "translational_order",
     "voronoi_cells",
     "wall_forces",
 ]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from granular.observables.correlation import (
@@ -14,7 +12,7 @@ from granular.observables.correlation import (
     sum_pair_products,
 )
 from granular.observables.displacement import check_lags, check_periods
-from granular.observables.frame import check_frames, is_present, observable, sum_by_index
+from granular.observables.frame import check_frames, observable, sum_by_index
 from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
 from granular.shared.errors import InputError
 
@@ -142,96 +140,6 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
     positions, cells = check_cells(positions, cells)
     values = local_psi6(positions, cells)[cells.interior]
     return complex(values.mean()) if len(values) else complex(np.nan, np.nan)
-
-
-def hexatic_susceptibility(orders: np.ndarray, counts: np.ndarray | int) -> float:
-    """Susceptibility chi6 = N (<|Psi|^2> - <|Psi|>^2) over frames, where Psi = mean of psi6.
-
-    (Weber, Marx, Binder, Phys. Rev. B 51, 14636, 1995.)
-
-    Parameters
-    ----------
-    orders : complex (f,)
-        `global_psi6` of every frame; NaN is ignored.
-    counts : int or int (f,)
-        Grains in the mean; N is their mean over the frames.
-
-    Returns
-    -------
-    float
-        Susceptibility, without unit.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit, or fewer than two frames are left.
-    """
-    sizes = np.abs(np.asarray(orders, dtype=np.complex128))
-    numbers = np.asarray(counts, dtype=np.float64)
-    if sizes.ndim != 1 or numbers.shape not in {(), sizes.shape}:
-        raise InputError(
-            f"orders have the shape {sizes.shape} and counts {numbers.shape}; one each a frame is wanted"
-        )
-    known = np.isfinite(sizes)
-    if np.count_nonzero(known) < 2:
-        raise InputError(f"{np.count_nonzero(known)} frames; a fluctuation needs at least 2")
-    number = float(np.broadcast_to(numbers, sizes.shape)[known].mean())
-    return number * float(sizes[known].var())
-
-
-def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4, 8)) -> np.ndarray:
-    """Susceptibility chi6 of the bed cut into 1, 2 x 2, 4 x 4 ... equal blocks.
-
-    Blocks are equal parts of the box of the outermost centres of all frames, as oblong as it is. Each
-    block's order is the mean of psi6 over its grains with an interior cell, and its
-    fluctuation that over the frames; the mean over the blocks is given. How it goes on to larger
-    blocks tells a susceptibility that diverges from one that does not (Weber, Marx, Binder, Phys.
-    Rev. B 51, 14636, 1995).
-
-    Parameters
-    ----------
-    frames : float (f, n, 2)
-        Positions of the grains in each frame [m]; NaN for absent grains.
-    blocks : sequence of int (k,)
-        Blocks along each side, 1 or more.
-
-    Returns
-    -------
-    float64 (k,)
-        Susceptibility of each cut, without unit; NaN where no block has grains with an interior cell in
-        two frames.
-
-    Raises
-    ------
-    InputError
-        If the shape is another one, there is no frame, or ``blocks`` is empty or has a number below 1.
-    """
-    array = check_frames(frames, least=1)
-    if not len(blocks) or min(blocks) < 1:
-        raise InputError(f"blocks {tuple(blocks)}; give integers from 1 up")
-    if not is_present(array).any():
-        return np.full(len(blocks), np.nan)
-    low, high = np.nanmin(array, axis=(0, 1)), np.nanmax(array, axis=(0, 1))
-    sums = {number: np.zeros((len(array), number**2), dtype=complex) for number in blocks}
-    counts = {number: np.zeros((len(array), number**2)) for number in blocks}
-    for k, frame in enumerate(array):
-        cells = voronoi_cells(frame)
-        order = local_psi6(frame, cells)[cells.interior]
-        along = (frame[cells.interior] - low) / (high - low)
-        for number in blocks:
-            column, row = np.minimum((number * along).astype(int), number - 1).T
-            np.add.at(sums[number][k], number * row + column, order)
-            np.add.at(counts[number][k], number * row + column, 1.0)
-    return np.array([_mean_block_susceptibility(sums[number], counts[number]) for number in blocks])
-
-
-def _mean_block_susceptibility(sums: np.ndarray, counts: np.ndarray) -> float:
-    result = []
-    for total, number in zip(sums.T, counts.T, strict=True):
-        filled = number > 0
-        if np.count_nonzero(filled) > 1:
-            result.append(hexatic_susceptibility(total[filled] / number[filled], number[filled]))
-    return float(np.mean(result)) if result else np.nan
 
 
 @observable("1", "correlation of bond orientation g6(r)")

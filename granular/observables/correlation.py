@@ -56,8 +56,8 @@ def per_distance(
     run : Trajectory
         Finished run, or one that was cut off.
     function : function of positions (n, 2) [m] and edges (k + 1,) [m]
-        `radial_distribution`, `bond_correlation` or `translational_correlation`, or one's own.
-        Each frame has its own box and its own reciprocal lattice vector.
+        `radial_distribution` or `bond_correlation`, or one's own.
+        Each frame has its own box.
     edges : float (k + 1,), optional
         Edges of the bins [m], increasing from 0 or more; if not given, the default ones of the frame whose
         edges reach least.

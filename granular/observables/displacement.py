@@ -123,53 +123,15 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
         If a shape or lag does not fit, there are fewer than two frames, or no grain is present in both of
         two frames that lie a lag apart.
     """
-    return _displacement_moments(frames, lags)[0]
-
-
-@observable("1", "non-Gaussian parameter alpha_2")
-def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -> np.ndarray:
-    """Non-Gaussian parameter alpha_2(t) = <r^4>/(2 <r^2>^2) - 1 of displacements r in the time t.
-
-    It is 0 where the displacements are normally distributed, and peaks where some grains leave their
-    cages and others do not. This is its form in two dimensions (Rahman, Phys. Rev. 136, A405, 1964, has it
-    in three).
-
-    Parameters
-    ----------
-    frames : float (f, n, 2)
-        Positions of the grains in each frame [m], not brought back into a periodic cell; NaN for absent
-        grains.
-    lags : int (k,), optional
-        Numbers of frames, 1 to f - 1; about 30 at even ratios if not given.
-
-    Returns
-    -------
-    float64 (k,)
-        Parameter at each lag, without unit; NaN where nothing moves.
-
-    Raises
-    ------
-    InputError
-        If a shape or lag does not fit, there are fewer than two frames, or no grain is present in both of
-        two frames that lie a lag apart.
-    """
-    second, fourth = _displacement_moments(frames, lags)
-    squared = np.where(second > 0.0, second, np.nan) ** 2
-    return np.asarray(fourth / (2.0 * squared) - 1.0)
-
-
-def _displacement_moments(frames: np.ndarray, lags: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Means of the second and fourth power of the displacements."""
     frames = check_frames(frames, least=2)
-    result = []
+    means = []
     for lag in check_lags(lags, len(frames)):
         squares = ((frames[lag:] - frames[:-lag]) ** 2).sum(axis=2)
         squares = squares[np.isfinite(squares)]
         if not len(squares):
             raise InputError(f"no grain is present in two frames {lag} apart; take shorter lags")
-        result.append((squares.mean(), (squares**2).mean()))
-    second, fourth = np.array(result).T
-    return second, fourth
+        means.append(squares.mean())
+    return np.array(means)
 
 
 @observable("1", "dynamic Lindemann parameter")

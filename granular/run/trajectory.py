@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from jaxtyping import Float, Int
     from matplotlib.axes import Axes
 
-    from granular.shared.html_pages import InteractivePage
 
 LEAST = 1e-18
 """Between two records of one time near zero [s], where numbers of double precision lie denser."""
@@ -138,27 +137,6 @@ class Trajectory:
             ax.axvline(stage.start, color="0.6", linewidth=0.8, linestyle=":")
         ax.set(xlabel="time [s]", ylabel=f"{name.replace('_', ' ')} [{unit}]")
         return ax
-
-    def animate(self) -> InteractivePage:
-        """Bed, the piston's curve and its phase plane in motion, as a page for a notebook.
-
-        ``run.animate().save("view.html")`` writes it for a browser; it needs nothing else.
-
-        Returns
-        -------
-        InteractivePage
-            Page that a notebook shows and `save` writes.
-
-        Raises
-        ------
-        InputError
-            If the run has no frames.
-        """
-        from granular.run.animation_page import run_animation_page
-
-        return run_animation_page(
-            self.scene, self.dataset, [(stage.name, stage.start) for stage in self.stages]
-        )
 
     def stage(self, name: str) -> StageResult:
         """Return the result of a stage by its name.

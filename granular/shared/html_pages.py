@@ -6,11 +6,10 @@ import dataclasses
 import datetime
 import html
 import io
-import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from granular.shared.blocks import Block, Caution, Equation, Heading, Items, Picture, Printout, Table, Text
 from granular.shared.files import write_text
@@ -20,9 +19,6 @@ from granular.shared.version import versions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_DATA, _TITLE = "{{data}}", "{{title}}"
-"""Marks in a template of a page that moves."""
 
 _HERE = Path(__file__).parent
 LEAST_LETTERS = 9.0
@@ -193,36 +189,3 @@ class HtmlPage:
 
     def save(self, path: str | Path) -> None:
         write_text(Path(path), self.to_html())
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class InteractivePage:
-    """A page that a notebook shows, and that `save` writes for any browser."""
-
-    title: str
-    page: str
-    height: int  # in a notebook [pixels]
-
-    @classmethod
-    def from_template(
-        cls, template: Path, title: str, data: Mapping[str, Any], height: int
-    ) -> InteractivePage:
-        """Fill an HTML template with slots for the title and its script's data; height [pixels]."""
-        # A text in the data must not end the script.
-        plain = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
-        page = template.read_text(encoding="utf-8").replace(_TITLE, html.escape(title))
-        return cls(title, page.replace(_DATA, plain), height)
-
-    def __repr__(self) -> str:
-        return f"{self.title}: shown by a notebook; .save('view.html') writes it for a browser"
-
-    def _repr_html_(self) -> str:
-        inside = html.escape(self.page, quote=True)
-        return (
-            f'<iframe srcdoc="{inside}" title="{html.escape(self.title, quote=True)}" '
-            f'style="width:100%;height:{self.height}px;border:0"></iframe>'
-        )
-
-    def save(self, path: str | Path) -> None:
-        """Write the page to an HTML file."""
-        write_text(Path(path), self.page)

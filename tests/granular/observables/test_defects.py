@@ -5,15 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular.observables import (
-    block_susceptibilities,
-    disclination_charges,
-    dislocations,
-    global_psi6,
-    hexatic_susceptibility,
-    per_frame,
-    voronoi_cells,
-)
+from granular.observables import disclination_charges, dislocations, per_frame, voronoi_cells
 
 from .conftest import MakeRun, hexagonal, rotated
 
@@ -120,20 +112,3 @@ def test_counts_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None
         pairs = len(dislocations(frame, cells).pairs)
         assert int(counts.sel(label="disclinations")[k]) == irregular
         assert int(counts.sel(label="unpaired")[k]) == irregular - 2 * pairs
-
-
-def test_susceptibility(random: np.random.Generator) -> None:
-    """N var |Psi|: 0 for a frozen order, N/4 for one that is there half of the time."""
-    assert hexatic_susceptibility(np.exp(1j * np.arange(6.0)), 50) == pytest.approx(0.0, abs=1e-12)
-    assert hexatic_susceptibility(np.array([0.0, 1.0, 1j, 0.0]), 80) == pytest.approx(20.0)
-    frames = random.random((5, 60, 2)) * 0.06
-    cells = [voronoi_cells(one) for one in frames]
-    sizes = [abs(global_psi6(*both)) for both in zip(frames, cells, strict=True)]
-    wanted = np.mean([one.interior.sum() for one in cells]) * np.var(sizes)
-    assert block_susceptibilities(frames, (1,))[0] == pytest.approx(wanted, rel=1e-10)
-
-
-def test_susceptibility_of_no_order_is_that_of_a_random_walk(random: np.random.Generator) -> None:
-    """|Psi| of N independent unit phases: N <|Psi|^2> = 1, so N var |Psi| = 1 - pi/4."""
-    phases = np.exp(2j * np.pi * random.random((20_000, 200)))
-    assert hexatic_susceptibility(phases.mean(axis=1), 200) == pytest.approx(1.0 - np.pi / 4.0, abs=0.01)
