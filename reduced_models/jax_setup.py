@@ -1,6 +1,6 @@
 """JAX as this package needs it: double precision, and compiled code kept on disk.
 
-Import ``jax`` from here, so that the settings stand before the first array is made, and compile by `jit`.
+Import ``jax`` from here, so that the settings stand before the first array is made; `Compiled` compiles.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ def jax_call() -> Iterator[None]:
 
 
 class Compiled(Generic[P, T]):
-    """A function that JAX compiles for each form of its arguments."""
+    """A function that JAX compiles for each form of its arguments; with a form of its own, kept on disk."""
 
-    def __init__(self, function: Callable[P, T], form: object) -> None:
+    def __init__(self, function: Callable[P, T], form: object = None) -> None:
         functools.update_wrapper(self, function)
         self._compiled, self._form = jax.jit(function), form
         self._label = f"{function.__module__}.{function.__qualname__} {form!r}"
@@ -122,11 +122,6 @@ class Compiled(Generic[P, T]):
 
 def _types_of(leaves: Sequence[Any], tree: Any) -> tuple[Any, ...]:
     return tree, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves)
-
-
-def jit(function: Callable[P, T], form: object = None) -> Compiled[P, T]:
-    """Compile a function by JAX, to be called by `jax_call`; with a form, which names it, kept on disk."""
-    return Compiled(function, form)
 
 
 def _full_label(label: str) -> str | None:
@@ -206,4 +201,4 @@ _set("jax_persistent_cache_min_entry_size_bytes", -1)
 if "JAX_PLATFORMS" in os.environ:
     _check_platform(os.environ["JAX_PLATFORMS"])
 
-__all__ = ["jax", "jax_call", "jit"]
+__all__ = ["Compiled", "jax", "jax_call"]

@@ -169,7 +169,7 @@ def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance:
 
 def _compiled_solver(scene: Scene, *, equal: bool) -> Any:
     """Compile a solver of state, time and step (or tolerance); it gives end state and steps."""
-    from reduced_models.jax_setup import jax, jit  # sets double precision; isort: skip
+    from reduced_models.jax_setup import jax, Compiled  # sets double precision; isort: skip
     import diffrax
 
     motion = equations_of_motion(scene, jax.numpy)
@@ -191,4 +191,4 @@ def _compiled_solver(scene: Scene, *, equal: bool) -> Any:
         assert result.ys is not None
         return result.ys[-1], result.stats["num_steps"]
 
-    return jit(solve)
+    return Compiled(solve)

@@ -173,6 +173,8 @@ def _make_model_of_record(
         fitted = record.height + residuals * unknowns.residual_unit
         rest, remarks = _what_peaks_show(rest, motions[k], fitted)
     known = {name: value for name, value in parameters.items() if name not in problem.untold}
+    ends = (float(record.height.min()), float(record.height.max()))
+    observed = {unknowns.observation: ends} if unknowns.observation else {}
     return ReducedModel(
         law=unknowns.law,
         parameters=known,
@@ -182,7 +184,7 @@ def _make_model_of_record(
         at_rest=None if rest is None else dataclasses.replace(rest, coordinate_unit=record.coordinate_unit),
         no_swing=at_rest.reason if isinstance(at_rest, NoSwing) else "",
         quality=quality,
-        domain=_ranges_of_motion(motions) | _range_of_observation(unknowns.observation, record),
+        domain=_ranges_of_motion(motions) | observed,
         notes=(
             *_model_notes(
                 quality, _robust_residual_size(data, left), record, _release_transient_text(data, left)
@@ -260,10 +262,6 @@ def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float,
         "height": (float(heights.min()), float(heights.max())),
         "velocity": (float(speeds.min()), float(speeds.max())),
     }
-
-
-def _range_of_observation(name: str, record: PistonRecord) -> dict[str, tuple[float, float]]:
-    return {name: (float(record.height.min()), float(record.height.max()))} if name else {}
 
 
 def _provenance_words(record: PistonRecord, problem: FitProblem, period: float | None) -> dict[str, str]:

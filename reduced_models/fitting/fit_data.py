@@ -76,7 +76,9 @@ class FitData:
         make = means_on_grid if self.means else samples_on_grid
         unknowns = self.unknowns
         result = make(self.record, self.grid, unknowns.law.inputs, self.interpolation, self.weights)
-        return result.through_sensor(unknowns.sensor_of_motion, self.record, self.grid)
+        if unknowns.sensor is None or unknowns.observation:
+            return result
+        return result.through_sensor(unknowns.sensor, self.record, self.grid)
 
     @functools.cached_property
     def entries(self) -> Int[np.ndarray, "p"]:

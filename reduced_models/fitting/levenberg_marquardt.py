@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import contextvars
-import functools
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -127,7 +126,10 @@ def levenberg_marquardt(
         sizes = np.clip(factors * sizes, _SHORTEST, _LONGEST)
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
-        theta, cost, gradient, matrix = map(functools.partial(_select_rows, better), trial, best)
+        theta, cost, gradient, matrix = (
+            np.where(better.reshape(-1, *[1] * (after.ndim - 1)), after, before)
+            for after, before in zip(trial, best, strict=True)
+        )
         best = theta, cost, gradient, matrix
         if _starts_have_settled(idle >= patience, wanted, cost, prior.samples):
             break
@@ -202,7 +204,3 @@ def _promised_change(model: _QuadraticModel, change: Float[np.ndarray, "s p"]) -
 
 def _form(matrix: Float[np.ndarray, "s p p"], step: Float[np.ndarray, "s p"]) -> Float[np.ndarray, "s"]:
     return np.einsum("sp,spq,sq->s", step, matrix, step)
-
-
-def _select_rows(better: np.ndarray, trial: np.ndarray, former: np.ndarray) -> np.ndarray:
-    return np.where(better.reshape(-1, *[1] * (trial.ndim - 1)), trial, former)

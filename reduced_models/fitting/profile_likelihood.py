@@ -18,7 +18,7 @@ import numpy as np
 from reduced_models.fitting.covariance import sandwich_covariance
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.uncertainty import Interval, intervals_between, search_entry_names
+from reduced_models.fitting.uncertainty import Interval, intervals_between
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -43,7 +43,7 @@ def profile_intervals(
     # The profile is measured by the variance with which the linearisation has its covariance, so that both
     # agree where the law is linear (profile t: Bates and Watts 1988, ch. 6).
     unknowns = problem.unknowns
-    count = len(search_entry_names(unknowns, theta[problem.data[0].entries])[0])
+    count = len(unknowns.law.parameters)
     entries = sorted({int(entry) for data in problem.data for entry in data.entries[:count]})
     free = np.flatnonzero(~problem.held_entries)
     normal, plain = problem.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))

@@ -27,7 +27,7 @@ from reduced_models.fitting.start_values import (
 )
 from reduced_models.fitting.uncertainty import small_motion_figures
 from reduced_models.laws.linearization import NoSwing
-from reduced_models.laws.solution import Solution, observed_signal, solve_law
+from reduced_models.laws.solution import observed_signal, solve_law
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.inputs import STROKE, TIME, input_column
 
@@ -283,33 +283,25 @@ def _refine_grid(data: FitData, error: float, *, complete: bool) -> FitData:
 
 def _solver_error(data: FitData, residuals: np.ndarray, theta: np.ndarray) -> tuple[float, float, bool]:
     """Greatest difference to the adaptive solution in amplitudes, its limit, and completeness."""
-    # NaN of a solution that blows up compares false with every limit: it counts as infinite.
-    unknowns = data.unknowns
-    reference = _adaptive_solution(data, theta)
-    limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
-    if unknowns.law.prescribed:
-        inputs = [input_column(data.record, name) for name in unknowns.law.inputs]
-        values = unknowns.physical_values(theta)[0]
-        signal = observed_signal(unknowns.law, unknowns.observation, reference, values, inputs)
-        gain, offset = (1.0, 0.0) if unknowns.sensor is None else unknowns.gain_and_offset(theta)
-        left = (gain * signal + offset - data.record.height) / unknowns.residual_unit
-        error = float(np.abs(left - residuals).max())
-        return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
-    if unknowns.compares_heights:
-        fitted = data.record.height + unknowns.residual_unit * residuals
-    else:
-        fitted = data.fitted_heights(theta)
-    error = float(np.abs(reference.z - fitted).max()) / unknowns.amplitude
-    return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
-
-
-def _adaptive_solution(data: FitData, theta: np.ndarray) -> Solution:
-    unknowns, record = data.unknowns, data.record
+    unknowns, record, law = data.unknowns, data.record, data.unknowns.law
     values, z0, v0, hidden = unknowns.physical_values(theta)
-    size = unknowns.amplitude
-    inputs = [input_column(record, name) for name in unknowns.law.inputs]
-    how = data.interpolation
-    return solve_law(unknowns.law, record.time, z0, v0, values, size, inputs, hidden, how)
+    inputs = [input_column(record, name) for name in law.inputs]
+    reference = solve_law(
+        law, record.time, z0, v0, values, unknowns.amplitude, inputs, hidden, data.interpolation
+    )
+    if law.prescribed:
+        signal = observed_signal(law, unknowns.observation, reference, values, inputs)
+        gain, offset = (1.0, 0.0) if unknowns.sensor is None else unknowns.gain_and_offset(theta)
+        missed = (gain * signal + offset - record.height) / unknowns.residual_unit - residuals
+    elif unknowns.compares_heights:
+        fitted = record.height + unknowns.residual_unit * residuals
+        missed = (reference.z - fitted) / unknowns.amplitude
+    else:
+        missed = (reference.z - data.fitted_heights(theta)) / unknowns.amplitude
+    error = float(np.abs(missed).max())
+    limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
+    # NaN of a solution that blows up compares false with every limit: it counts as infinite.
+    return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
 
 
 _HALF = 0.5  # of the residual, that a delay must take away to be named

@@ -17,7 +17,7 @@ from reduced_models.fitting.levenberg_marquardt import Normal
 from reduced_models.fitting.samples import Samples
 from reduced_models.fitting.sensor_signal import solution_signal
 from reduced_models.fitting.unknowns import Unknowns, physical_values, sensor_values
-from reduced_models.jax_setup import Compiled, jax, jit
+from reduced_models.jax_setup import Compiled, jax
 from reduced_models.laws.equation import PROGRAMS, compile_observation, compile_rates, parse_equation
 from reduced_models.laws.solution import hermite_interpolate, solve_on_grid, states_at_samples
 
@@ -201,4 +201,4 @@ def _compile_residuals(
         "residual": residual,
         "several": several,
     }
-    return jit(functions[kind], (equation, inputs, logarithmic, sensor))
+    return Compiled(functions[kind], (equation, inputs, logarithmic, sensor))

@@ -54,10 +54,8 @@ class Samples(NamedTuple):
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
-    def through_sensor(self, sensor: Sensor | None, record: PistonRecord, grid: StepGrid) -> Samples:
+    def through_sensor(self, sensor: Sensor, record: PistonRecord, grid: StepGrid) -> Samples:
         """Return the same for a sensor whose signal the record has for its height."""
-        if sensor is None:
-            return self
         behind = filter_by_sensor(sensor, record.time, sensor.base_motion(record.columns))
         base = np.interp(self.step * (self.point + self.fraction), record.time, behind)
         return self._replace(sensor=sensor_signal_tables(sensor, grid, self.fraction, base))
@@ -93,10 +91,12 @@ def samples_on_grid(
 ) -> Samples:
     """Every sample of a record that starts at time 0, on a grid over all of it."""
     count = len(record)
-    point, fraction = _grid_points(record.time, grid)
+    steps = record.time / grid.step
+    # Rounding is not to put a sample that lies on a grid point behind the one before.
+    point = np.minimum((steps + 1e-9).astype(np.int64), grid.steps - 1)
     size = padded_length(count, LEAST_SAMPLES)
     grid_points, fractions, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
-    grid_points[:count], fractions[:count] = point, fraction
+    grid_points[:count], fractions[:count] = point, steps - point
     heights[:count], weight[:count] = record.height, weights
     drive = _padded_drive(record, grid, names, how)
     inputs = np.zeros((size, len(names)))
@@ -127,14 +127,6 @@ def means_on_grid(
     fraction = np.arange(points) - point.astype(float)
     drive = _padded_drive(record, grid, names, how)
     return Samples(grid.step, point, fraction, means, np.sqrt(total), drive, drive[:, 0], grid.steps // CHUNK)
-
-
-def _grid_points(time: np.ndarray, grid: StepGrid) -> tuple[np.ndarray, np.ndarray]:
-    """Grid point before each time, and the fraction of a step behind it."""
-    steps = time / grid.step
-    # Rounding is not to put a sample that lies on a grid point behind the one before.
-    point = np.minimum((steps + 1e-9).astype(np.int64), grid.steps - 1)
-    return point, steps - point
 
 
 def _padded_drive(

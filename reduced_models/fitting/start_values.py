@@ -95,8 +95,9 @@ def _fit_parameters_of_observations(
     z, v, _, nodes = fit_local_cubics(record.time, record.height, guess.period, _NODES)
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], nodes)
     states = (z, v, *np.zeros((len(law.hidden), len(z))), *drive.T)
+    known = set().union(*(rate.free_symbols for rate in parsed.rates))
     for name, expression in parsed.observations.items():
-        linear = parameters_linear_in(expression, law, (*fixed, *map(str, _symbols_of_rates(law))))
+        linear = parameters_linear_in(expression, law, (*fixed, *map(str, known)))
         mine = [law.parameters.index(item) for item in linear if expression.has(sympy.Symbol(item))]
         if not mine:
             continue
@@ -114,10 +115,6 @@ def _fit_parameters_of_observations(
             values = np.linalg.lstsq(matrix.T, np.nan_to_num(seen - still), rcond=_TINY)[0]
             positive = [law.parameters[k] in law.positive for k in mine]
             draw[mine] = np.where(positive, np.maximum(np.abs(values), _TINY), values)
-
-
-def _symbols_of_rates(law: Law) -> set[Any]:
-    return set().union(*(rate.free_symbols for rate in law.parsed_equation.rates))
 
 
 def parameters_linear_in(expression: Any, law: Law, others: Collection[str]) -> list[str]:

@@ -37,7 +37,10 @@ def stroke_start_vectors(problem: FitProblem) -> tuple[tuple[float, ...], Float[
     """Units of the parameters, and search vectors in them: the best of many draws."""
     random, unknowns, law = np.random.default_rng(problem.seed), problem.unknowns, problem.law
     low, high = problem.edges
-    names = _names_of_entries(problem)
+    # Records have entries of their own for some parameters.
+    names = {
+        int(k): name for data in problem.data for k, name in zip(data.entries, law.parameters, strict=False)
+    }
     open_ones = [k for k in names if low[k] < high[k]]
     known = {str(symbol) for rate in law.parsed_equation.rates for symbol in rate.free_symbols}
     linear = parameters_linear_in(law.parsed_equation.observations[unknowns.observation], law, known)
@@ -79,15 +82,6 @@ def stroke_start_vectors(problem: FitProblem) -> tuple[tuple[float, ...], Float[
     units = np.where(logs | (best == 0.0) | ~np.isin(np.arange(len(low)), list(names)), 1.0, best)
     theta = np.where(logs, np.log(np.where(logs, values, 1.0)), values / units)
     return tuple(units[problem.data[0].entries[: len(law.parameters)]]), theta
-
-
-def _names_of_entries(problem: FitProblem) -> dict[int, str]:
-    """Parameters by their entries of the joint vector; records have their own of some."""
-    return {
-        int(k): name
-        for data in problem.data
-        for k, name in zip(data.entries, problem.law.parameters, strict=False)
-    }
 
 
 def _natural_size(unknowns: Unknowns, name: str, random: np.random.Generator | None = None) -> float:

@@ -55,11 +55,10 @@ def interval_analysis(
     shifts: Float[np.ndarray, "m p"],
 ) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[ParameterDirection, ...]]:
     """Intervals of a fit, its small swing at rest, and the directions that the data leave open; seen [m]."""
-    names, values, logs = search_entry_names(unknowns, theta)
-    intervals = {}
+    names, intervals = unknowns.law.parameters, {}
     for k, name in enumerate(names):
         spread = quantile * math.sqrt(max(known.covariance[k, k], 0.0))
-        intervals[name] = _confidence_interval(values[k], spread, unknowns, k, logarithmic=logs[k])
+        intervals[name] = _confidence_interval(float(theta[k]), spread, unknowns, k)
     information = _fisher_information(unknowns, theta, known)
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
     at_rest = _small_motion_with_intervals(unknowns, theta, known.covariance, quantile, seen, shifts)
@@ -84,29 +83,17 @@ def intervals_between(
     unknowns: Unknowns, low: Float[np.ndarray, "p"], high: Float[np.ndarray, "p"]
 ) -> dict[str, Interval]:
     """Intervals between two search vectors (p,)."""
-    names, _, logs = search_entry_names(unknowns, low)
     return {
         name: (
-            _confidence_interval(low[k], 0.0, unknowns, k, logarithmic=logs[k])[0],
-            _confidence_interval(high[k], 0.0, unknowns, k, logarithmic=logs[k])[1],
+            _confidence_interval(float(low[k]), 0.0, unknowns, k)[0],
+            _confidence_interval(float(high[k]), 0.0, unknowns, k)[1],
         )
-        for k, name in enumerate(names)
+        for k, name in enumerate(unknowns.law.parameters)
     }
 
 
-def search_entry_names(
-    unknowns: Unknowns, theta: Float[np.ndarray, "p"]
-) -> tuple[list[str], Float[np.ndarray, "k"], list[bool]]:
-    """Names of parameters, their entries of a search vector, and which are logarithms."""
-    names = list(unknowns.law.parameters)
-    return names, theta[: len(names)], list(unknowns.logarithmic_parameters)
-
-
-def _confidence_interval(
-    value: float, spread: float, unknowns: Unknowns, k: int, *, logarithmic: bool
-) -> tuple[float, float]:
-    value = float(value)
-    if logarithmic:
+def _confidence_interval(value: float, spread: float, unknowns: Unknowns, k: int) -> tuple[float, float]:
+    if unknowns.logarithmic_parameters[k]:
         if spread > _UNKNOWN:
             return 0.0, math.inf
         return math.exp(value - spread), math.exp(value + spread)
@@ -116,13 +103,11 @@ def _confidence_interval(
 
 def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatistics) -> np.ndarray:
     """Fisher information on the logarithms of free parameters, the start left open."""
-    names, values, logs = search_entry_names(unknowns, theta)
-    relative = np.ones(len(names))
-    for k, log in enumerate(logs):
-        if not log:
-            # A value near zero is no measure of how well it is known; its unit is.
-            relative[k] = values[k] if abs(values[k]) > _NEAR_ZERO else 1.0
-    asked = np.flatnonzero(known.free[: len(names)])
+    logs = np.array(unknowns.logarithmic_parameters)
+    values = theta[: len(logs)]
+    # A value near zero is no measure of how well it is known; its unit is.
+    relative = np.where(logs | (np.abs(values) <= _NEAR_ZERO), 1.0, values)
+    asked = np.flatnonzero(known.free[: len(logs)])
     left, relative = marginal_information(known.normal, asked, known.free), relative[asked]
     return np.asarray(left * np.outer(relative, relative)) / max(known.residual_variance, 1e-300)
 
@@ -131,10 +116,10 @@ def physical_covariance(
     unknowns: Unknowns, theta: Float[np.ndarray, "p"], covariance: Float[np.ndarray, "p p"]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
     """Names and covariance (p, p), in their units, of law and start of a record's motion."""
-    names, values, logs = search_entry_names(unknowns, theta)
+    names, logs = unknowns.law.parameters, unknowns.logarithmic_parameters
     units = [
-        unknowns.units[k] * (math.exp(min(value, 700.0)) if log else 1.0)
-        for k, (value, log) in enumerate(zip(values, logs, strict=True))
+        unit * (math.exp(min(value, 700.0)) if log else 1.0)
+        for unit, value, log in zip(unknowns.units, theta[: len(names)], logs, strict=True)
     ]
     hidden = unknowns.law.hidden
     units += [unknowns.amplitude, unknowns.speed, *(1.0 for _ in hidden)]

@@ -46,11 +46,6 @@ class Unknowns:
         return self.sensor is None and not self.observation
 
     @property
-    def sensor_of_motion(self) -> Sensor | None:
-        """Sensor of the height or a derivative of it; None where the law says what is observed."""
-        return None if self.observation else self.sensor
-
-    @property
     def residual_unit(self) -> float:
         """Size that residuals are counted in: that of the signal, or the amplitude [m]."""
         return self.amplitude if self.compares_heights else self.signal
@@ -129,15 +124,14 @@ def theta_bounds(
             elif name == "velocity":
                 value = value / unknowns.speed
             edges[:, k] = value
-    _bound_sensor(unknowns, edges)
+    if unknowns.sensor is not None:
+        _bound_sensor(unknowns, unknowns.sensor, edges)
     return edges[0], edges[1]
 
 
-def _bound_sensor(unknowns: Unknowns, edges: np.ndarray) -> None:
+def _bound_sensor(unknowns: Unknowns, sensor: Sensor, edges: np.ndarray) -> None:
     """Set the edges (2, p) of a sensor's gain and offset that lie between two numbers."""
-    sensor, k = unknowns.sensor, edges.shape[1] - unknowns.sensor_entry_count
-    if sensor is None:
-        return
+    k = edges.shape[1] - unknowns.sensor_entry_count
     settings = (
         (sensor.gain, 0.0, sensor.nominal_gain),
         (sensor.offset, sensor.nominal_offset, unknowns.signal),

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular.shared.errors import RecordError
-from reduced_models.jax_setup import Compiled, jax, jit
+from reduced_models.jax_setup import Compiled, jax
 from reduced_models.laws.equation import (
     PROGRAMS,
     compile_jacobian,
@@ -302,7 +302,7 @@ def _adaptive_solver(
         position = jax.tree.map(jnp.asarray, start)
         return jax.lax.while_loop(goes_on, advance, (0, position, memory, 0, output))
 
-    return jit(solve, (equation, inputs, implicit))
+    return Compiled(solve, (equation, inputs, implicit))
 
 
 def solve_law(

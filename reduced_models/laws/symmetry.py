@@ -129,7 +129,7 @@ def _rates_and_slopes(
     equation: str, inputs: tuple[str, ...], hidden: int, parameters: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Random states (n, 2 + hidden), rates (n, 1 + hidden), their slopes by state and by parameter."""
-    from reduced_models.jax_setup import jax, jit
+    from reduced_models.jax_setup import Compiled, jax
 
     field = compile_rates(equation, inputs)
     random = np.random.default_rng(1)
@@ -144,7 +144,7 @@ def _rates_and_slopes(
     def both(*arguments: Any) -> Any:
         return rates(*arguments), jax.jacfwd(rates, (0, 2))(*arguments)
 
-    now, slopes = jit(jax.vmap(both, (0, 0, None)), (equation, inputs))(states, drive, values)
+    now, slopes = Compiled(jax.vmap(both, (0, 0, None)), (equation, inputs))(states, drive, values)
     return states, np.asarray(now), np.asarray(slopes[0]), np.asarray(slopes[1])
 
 

@@ -63,16 +63,16 @@ def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("interruptible")
 def test_a_stop_waits_until_jax_has_compiled() -> None:
     """Broken off, it showed a hundred lines or ended the process."""
-    from reduced_models.jax_setup import jit
+    from reduced_models.jax_setup import Compiled
 
     done = []
 
-    @jit
+    @Compiled
     def inner(x: float) -> float:
         os.kill(os.getpid(), signal.SIGINT)
         return 2.0 * x
 
-    @jit
+    @Compiled
     def outer(x: float) -> float:
         result = inner(x) + 1.0
         done.append(x)
@@ -87,8 +87,8 @@ def test_a_stop_waits_until_jax_has_compiled() -> None:
 
 FORKED = """
 import multiprocessing, warnings
-from reduced_models.jax_setup import jit
-function = jit(lambda x: 2.0 * x + 1.0)
+from reduced_models.jax_setup import Compiled
+function = Compiled(lambda x: 2.0 * x + 1.0)
 def compute(x):
     return float(function(x))
 warnings.simplefilter("ignore")  # JAX warns of the fork itself
@@ -140,7 +140,7 @@ def test_a_kept_program_is_loaded_without_tracing(tmp_path: Path, monkeypatch: p
             traced.append(x)
             return 2.0 * x
 
-        return jax_setup.jit(double, form)(x)
+        return jax_setup.Compiled(double, form)(x)
 
     assert fresh("a", 3.0) == fresh("a", 4.0) - 2.0 == 6.0
     assert len(traced) == 1
@@ -158,5 +158,5 @@ def test_a_kept_program_is_loaded_without_tracing(tmp_path: Path, monkeypatch: p
             traced.append(matrix)
             return jax_setup.jax.numpy.linalg.cholesky(matrix)
 
-        assert jax_setup.jit(root, "root")(4.0 * np.eye(2))[0, 0] == 2.0
+        assert jax_setup.Compiled(root, "root")(4.0 * np.eye(2))[0, 0] == 2.0
     assert len(traced) == 6
