@@ -202,22 +202,21 @@ def fit(
     histories = prepend_histories(chosen, initial, records) if is_motion_history(initial) else []
     state = {} if histories else prescribed_initial_state(chosen, initial)
     observed = observed_records(chosen, records, how.measured, declared, state)
-    view = observed.view
-    if histories and (view.sensor is not None or chosen.observations):
+    if histories and (observed.sensor is not None or chosen.observations):
         raise InputError("initial: a motion before is followed by its heights; fit these")
     data = observed_data(
         observed, settings, test_fraction, weights, noise, loss, how.input_interpolation or "spline", state
     )
     problem = FitProblem(
         data,
-        bounds=settings.bounds | dict.fromkeys(view.held, (0.0, 0.0)),
+        bounds=settings.bounds | dict.fromkeys(observed.held, (0.0, 0.0)),
         start=settings.start,
         known_noise=noise is not None,
         starts=starts,
         confidence=confidence,
         intervals=intervals,
         seed=seed,
-        untold=view.untold,
+        untold=observed.untold,
         notes=observed.notes,
     )
     result = multistart_search(problem)

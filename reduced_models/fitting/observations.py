@@ -30,19 +30,13 @@ from reduced_models.records.sensor import Sensor, column_sensor, resolve_sensor
 from reduced_models.records.sensor_artefacts import keep_text, without_clipped_samples
 
 
-class IdentifiableSensor(NamedTuple):
-    """A sensor as a fit of a law takes it."""
-
-    sensor: Sensor | None
-    held: tuple[str, ...] = ()  # at zero, so that heights count from rest
-    untold: tuple[str, ...] = ()
-
-
 class ObservedRecords(NamedTuple):
     """Records as a fit takes them, with the sensor between a law and their signal."""
 
     records: Sequence[PistonRecord]
-    view: IdentifiableSensor
+    sensor: Sensor | None = None
+    held: tuple[str, ...] = ()  # parameters at zero, so that heights count from rest
+    untold: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -59,9 +53,7 @@ def observed_records(
         name = law.observations[0]
         cell = measured if isinstance(measured, Sensor) else None
         if len(law.observations) > 1:
-            return ObservedRecords(
-                [with_stroke_columns(record) for record in records], IdentifiableSensor(None)
-            )
+            return ObservedRecords([with_stroke_columns(record) for record in records])
         # A force may be the reaction of what is moved; anything else is taken as it is.
         plain = Sensor("force", gain=None if name == "force" else 1.0, offset=0.0, column=name)
         return _strokes_with_force(records, cell or plain)
@@ -71,25 +63,25 @@ def observed_records(
                 f"the law {quote(law.name)} says that {', '.join(law.observations)} is observed; leave out "
                 "measured"
             )
-        return ObservedRecords(records, IdentifiableSensor(None))
+        return ObservedRecords(records)
     sensor = None if given == "height" else resolve_sensor(given)
     if sensor is None:
-        return ObservedRecords(records, IdentifiableSensor(None))
-    view = identifiable_sensor(law, sensor, declared, initial)
-    if sensor != view.sensor:  # its gain is held
+        return ObservedRecords(records)
+    known, held, untold = _identifiable_sensor(law, sensor, declared, initial)
+    if sensor != known:  # its gain is held
         records = [
             dataclasses.replace(
                 record, deviations=sensor.deviations_with_open_gain(record.columns, record.deviations)
             )
             for record in records
         ]
-    return ObservedRecords(records, view)
+    return ObservedRecords(records, known, held, untold)
 
 
-def identifiable_sensor(
+def _identifiable_sensor(
     law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
-) -> IdentifiableSensor:
-    """Sensor as a fit of a law can take it, and what of the law its signal leaves open."""
+) -> tuple[Sensor, tuple[str, ...], tuple[str, ...]]:
+    """Sensor as a fit of a law can take it, and what is held and what is open of the law by its signal."""
     held: tuple[str, ...] = ()
     untold: list[str] = []
     has_line = law.parsed_equation.line is not None
@@ -107,7 +99,7 @@ def identifiable_sensor(
             if sensor.gain == "free":
                 untold += ["size", *(name for name in scale.moving if name not in untold)]
             sensor = dataclasses.replace(sensor, gain=sensor.nominal_gain)
-    return IdentifiableSensor(sensor, held, tuple(untold))
+    return sensor, held, tuple(untold)
 
 
 def _strokes_with_force(records: Sequence[PistonRecord], cell: Sensor) -> ObservedRecords:
@@ -132,7 +124,7 @@ def _strokes_with_force(records: Sequence[PistonRecord], cell: Sensor) -> Observ
     gain = -cell.nominal_gain if turned else cell.nominal_gain
     sensor = dataclasses.replace(cell, gain=gain, offset=cell.nominal_offset)
     strokes = [dataclasses.replace(with_stroke_columns(record), complete=True) for record in records]
-    return ObservedRecords(strokes, IdentifiableSensor(sensor), (note,) * turned)
+    return ObservedRecords(strokes, sensor, notes=(note,) * turned)
 
 
 def observed_data(
@@ -146,7 +138,7 @@ def observed_data(
     initial: Mapping[str, float],
 ) -> tuple[FitData, ...]:
     """Return the data of a fit: each column that a law compares, of each record."""
-    law, view = settings.law, observed.view
+    law = settings.law
     names = law.observations or ("",)
     if len(names) > 1 and (weights is not None or not isinstance(noise, Mapping | None)):
         raise InputError(
@@ -157,7 +149,7 @@ def observed_data(
         _check_noise_names(law, noise)
     result = []
     shared = [_shared_samples(record, law.observations) for record in observed.records]
-    bounds = settings.bounds | dict.fromkeys(view.held, (0.0, 0.0))
+    bounds = settings.bounds | dict.fromkeys(observed.held, (0.0, 0.0))
     for name in names:
         own = noise.get(name) if isinstance(noise, Mapping) else noise
         given = weights_and_noise(observed.records, weights, own)
@@ -170,10 +162,10 @@ def observed_data(
                 None if weight is None else weight[shared[number]],
                 level,
                 loss,
-                view.sensor,
+                observed.sensor,
                 name,
                 interpolation,
-                about_rest="level" in view.untold or not law.observes_height,
+                about_rest="level" in observed.untold or not law.observes_height,
             )
             fixed = {key: (value, value) for key, value in settings.by_record[number].items()}
             result.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import Parameter, fit
+from reduced_models.fitting.fit_data import data_of_record
+from reduced_models.fitting.problem import FitProblem
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
 from reduced_models.records.derivatives import noise_level
@@ -43,6 +46,25 @@ def test_shared_and_own_parameters() -> None:
     with pytest.warns(UserWarning, match="times the record's noise"):
         wrong = fit(records, "linear")
     assert wrong[0].quality.relative > 5.0 * models[0].quality.relative
+
+
+def test_one_record_is_fitted_as_one_of_several() -> None:
+    record = linear(-1.0, 1.0, 1)
+    alone, (listed,) = fit(record, "linear", starts=4), fit([record], "linear", starts=4)
+    assert listed.parameters == alone.parameters
+    assert listed.intervals == alone.intervals
+    assert listed.quality == alone.quality
+
+
+def test_a_record_s_entries_are_the_shared_ones_and_its_own() -> None:
+    data = data_of_record(LAWS["linear"], linear(-1.0, 1.0, 1), 0.3)
+    assert data.entries.tolist() == [0, 1, 2, 3, 4]
+    first, second = (dataclasses.replace(data, own=("omega",), number=number) for number in (0, 1))
+    assert first.entries.tolist() == [0, 2, 1, 3, 4]
+    assert second.entries.tolist() == [0, 5, 1, 6, 7]
+    vectors = [np.arange(5.0), 10.0 + np.arange(5.0)]
+    joint = FitProblem((first, second)).joint_vector(vectors)
+    np.testing.assert_array_equal(joint, [0.0, 2.0, 1.0, 3.0, 4.0, 11.0, 13.0, 14.0])
 
 
 def test_the_same_record_twice_halves_the_variance() -> None:
