@@ -88,7 +88,7 @@ def _history(options: Any) -> None:
     path = Path(options.history)
     read(path)  # before minutes are spent
     entries = add(path, measured())
-    print_result(entries[-1], history_table(entries).text(), options.json)
+    print_result(entries[-1], [history_table(entries)], options.json)
 
 
 def _prices(options: Any) -> None:

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 from benchmarks.jobs import JOBS, job_times
 from benchmarks.timing import least_seconds
+from granular.shared.blocks import Table
 from granular.shared.errors import InputError
 from granular.shared.version import versions
-from validation.text_tables import TextTable, text_table
 
 GRAINS, MANY = 368, 1472
 
@@ -150,7 +150,7 @@ def add(path: Path, entry: Mapping[str, Any]) -> list[dict[str, Any]]:
     return entries
 
 
-def history_table(entries: Sequence[Mapping[str, Any]]) -> TextTable:
+def history_table(entries: Sequence[Mapping[str, Any]]) -> Table:
     """The last entries, a row each, and the newest over the median of those shown before it."""
     shown = entries[-_SHOWN:]
     names = list(dict.fromkeys(name for item in shown for name in item["ratios"]))
@@ -164,7 +164,7 @@ def history_table(entries: Sequence[Mapping[str, Any]]) -> TextTable:
     ]
     if len(shown) > 1:
         rows.append(["newest over the median before", "", *(_trend(shown, item) for item in names)])
-    return text_table(["date (UTC)", "commit", *names], rows)
+    return Table(["date (UTC)", "commit", *names], rows)
 
 
 def _number(value: float | None) -> str:

@@ -67,7 +67,7 @@ for name, result in results.items():
 # The same table as the toolkit prints it, with the steps of the fit and what rounding does:
 
 # %%
-print(convergence_table([results["stormer-verlet"], results["kahan-li-8"]]).text())
+print(convergence_table([results["stormer-verlet"], results["kahan-li-8"]]))
 
 # %% [markdown]
 # ## Work and precision on the problem

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 from granular.commands.console import Parser, add_version_option, print_result
 from granular.commands.options import Output
 from granular.commands.signature import add_group
+from granular.shared.blocks import Table
 from granular.shared.errors import InputError
 from granular.shared.files import replace_non_finite_by_none, write_text
 from granular.shared.result_cache import ResultCache
-from validation.text_tables import TextTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -299,6 +299,6 @@ def markdown_table(header: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([lines[0], f"|{'---|' * len(head)}", *lines[1:]])
 
 
-def markdown_of(table: TextTable) -> str:
+def markdown_of(table: Table) -> str:
     """The same of a table for the console."""
-    return markdown_table(table.header, table.rows)
+    return markdown_table(table.header, [list(map(str, row)) for row in table.rows])

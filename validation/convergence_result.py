@@ -12,7 +12,7 @@ import numpy as np
 from granular.shared.blocks import Block, Caution, Picture, Table, Text
 from granular.shared.plotting import axes_or_new, line_style
 from validation.external_integrators import ORDERS
-from validation.report_tasks import PlainData, PrintedTable, picture
+from validation.report_tasks import PlainData, picture
 
 if TYPE_CHECKING:
     import pandas
@@ -148,14 +148,14 @@ class ConvergenceResult(PlainData):
             f"{self.rounding:.1g}",
         )
 
-    def table(self) -> PrintedTable:
+    def table(self) -> Table:
         """Step [s], error [m], local slope and wall time [s] of each run."""
         slopes = ("", *(f"{slope:.3f}" for slope in self.local_slopes))
         rows = [
             (f"{h:.4g}", f"{error:.4g}", slope, f"{seconds:.3g}")
             for h, error, slope, seconds in zip(self.steps, self.errors, slopes, self.seconds, strict=True)
         ]
-        return PrintedTable(("step [s]", "error [m]", "slope", "seconds"), rows)
+        return Table(("step [s]", "error [m]", "slope", "seconds"), rows)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Run a row: step [s], error [m], slope to it from the step before, wall time [s]."""
@@ -194,7 +194,7 @@ HEADER = (
 )
 
 
-def convergence_table(results: Sequence[ConvergenceResult]) -> PrintedTable:
+def convergence_table(results: Sequence[ConvergenceResult]) -> Table:
     """Make a table of convergence results, one row each.
 
     Parameters
@@ -204,11 +204,11 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> PrintedTable:
 
     Returns
     -------
-    PrintedTable
+    Table
         Texts under `HEADER`: problem, method, its declared order, the measured slope and its 95 % interval
         (or why there is none), steps of the fit [s], least error [m] and rounding [m].
     """
-    return PrintedTable(HEADER, [result.table_row() for result in results])
+    return Table(HEADER, [result.table_row() for result in results])
 
 
 # In the report ----------------------------------------------------------------------------------

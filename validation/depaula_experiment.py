@@ -23,10 +23,10 @@ import numpy as np
 
 from granular.effects.wall_experimental import ExperimentalWall
 from granular.schema.natural_units import Scales
-from granular.shared.blocks import Block, Picture, Text
+from granular.shared.blocks import Block, Picture, Table, Text
 from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure
 from validation.exact import bounce
-from validation.report_tasks import WIDTH, PlainData, PrintedTable, Section, Task, label_line, picture
+from validation.report_tasks import WIDTH, PlainData, Section, Task, label_line, picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -156,7 +156,7 @@ class DepaulaStepTest(PlainData):
         ends = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
         return max(abs(run.end - ends[run.step]) for run in self.runs_of_form(TOOLKIT))
 
-    def table(self) -> PrintedTable:
+    def table(self) -> Table:
         """One row a run: step [s], error, rounding and peak difference [m]."""
         rounding = self.rounding_errors()
         rows = [
@@ -171,7 +171,7 @@ class DepaulaStepTest(PlainData):
             for run in self.runs
         ]
         header = ("form", "step [s]", "error [m]", "rounding [m]", "peak difference [m]", "seconds")
-        return PrintedTable(header, rows)
+        return Table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the errors [m] of each form over the step [s], and those relative to the finest step."""

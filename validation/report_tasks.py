@@ -16,11 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, get_args, get_type_hints
 
 from granular.run.summary import custom_code_digests
-from granular.shared.blocks import Picture, Table
+from granular.shared.blocks import Picture
 from granular.shared.errors import GranularError
 from granular.shared.plotting import figure
 from granular.shared.result_cache import ResultCache, digest
-from granular.shared.terminal import block_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -186,14 +185,6 @@ def results_of(outcomes: Iterable[Outcome]) -> list[Any]:
 def failure_lines(outcomes: Iterable[Outcome]) -> list[str]:
     """One line for each outcome that failed."""
     return [f"{outcome.label} failed: {outcome.failed}" for outcome in outcomes if outcome.failed is not None]
-
-
-class PrintedTable(Table):
-    """Table of figures, also for the console."""
-
-    def text(self) -> str:
-        """Table as text in aligned columns."""
-        return block_text(self)
 
 
 WIDTH = 5.6

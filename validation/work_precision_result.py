@@ -17,9 +17,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.run.work_precision import FLOORS, starts_for_tolerance
+from granular.shared.blocks import Table
 from granular.shared.plotting import GREY, axes_or_new, line_style
 from validation.external_integrators import ORDERS
-from validation.report_tasks import PlainData, PrintedTable, label_line
+from validation.report_tasks import PlainData, label_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -277,7 +278,7 @@ class WorkPrecision(PlainData):
         """Text of the error, with its unit."""
         return f"error of the {self.quantity}" + ("" if self.unit == "1" else f" [{self.unit}]")
 
-    def table(self) -> PrintedTable:
+    def table(self) -> Table:
         """One row a setting, the front marked with a star."""
         front = self.pareto_front()
         rows = [
@@ -285,7 +286,7 @@ class WorkPrecision(PlainData):
             for point in self.points
         ]
         numbers = (self.error_label, "standard error", "seconds", "steps", "failed")
-        return PrintedTable(("", "setting", "dt", *numbers), rows)
+        return Table(("", "setting", "dt", *numbers), rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw error over seconds, a line a family, what to take ringed, the floor as a band."""

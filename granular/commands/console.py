@@ -1,4 +1,4 @@
-r'''Command lines of the three packages, in one idiom.
+r"""Command lines of the three packages, in one idiom.
 
 A command is a function: its signature holds the options (see `granular.commands.signature`), its
 docstring says what it does, and the decorator `command` above it has the examples. Options of several
@@ -7,7 +7,7 @@ commands are named once, in `granular.commands.options`. Heavy imports stand in 
 
     @command(examples="example:\n  %(prog)s damper --set piston.mass=6.5")
     def show(scene: SceneName, *, changes: Changes, output: Output) -> None:
-        \"""Tell what a scene holds, in SI and in natural units.\"""
+        'Tell what a scene holds, in SI and in natural units.'
         loaded = changes.load(scene)
         print_result(derived_scene_values(loaded), scene_text(loaded), output.json)
 
@@ -16,7 +16,7 @@ A package's ``__main__`` lists its commands in a `Program`.
 Every command exits with 0, or prints one line on standard error that names the value, the limit
 and the remedy: 2 for bad input, 1 for a run that could not be finished, 130 after Ctrl-C, 143 after
 SIGTERM, which ends a command just as Ctrl-C does.
-'''
+"""
 
 from __future__ import annotations
 

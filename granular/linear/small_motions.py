@@ -110,7 +110,13 @@ class SmallMotions(Shown):
         }
 
     def blocks(self) -> list[Block]:
-        """Figures, and the table of slopes."""
+        """Figures, and the table of slopes.
+
+        Returns
+        -------
+        list of Block
+            Blocks of `granular.shared.blocks`, for a terminal, a page and a notebook.
+        """
         slopes = Table(("d ln / d ln", "z0", "f0", "zeta"), slope_rows(self))
         notes = [Text(f"note: {DRY_FRICTION}")] if self.rest.frictionless else []
         return [Printout(self.figures_text), slopes, *notes]

@@ -39,6 +39,10 @@ class Table(NamedTuple):
     header: Sequence[str]
     rows: Sequence[Sequence[object]]
 
+    def __str__(self) -> str:
+        cells = [list(map(str, row)) for row in self.rows]
+        return align_columns([self.header, *cells] if any(self.header) else cells) if cells else ""
+
 
 class Printout(NamedTuple):
     """Lines in letters of one width, such as a scene's text."""
@@ -60,6 +64,13 @@ class Picture(NamedTuple):
 
 
 Block = Heading | Text | Caution | Items | Table | Printout | Equation | Picture
+
+
+def align_columns(rows: Sequence[Sequence[str]]) -> str:
+    """Align rows of texts in columns that are as wide as their widest text."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def cautions(texts: Iterable[str]) -> list[Block]:

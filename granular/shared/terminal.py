@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import TextIO
 
 from granular.shared.blocks import Block, Caution, Heading, Items, Printout, Table, Text
 from granular.shared.message_text import printable
 
 _SIGNS = {sign: f"\\{sign}" for sign in "{}$&#%_"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
-
-
-def align_columns(rows: Sequence[Sequence[str]]) -> str:
-    """Align rows of texts in columns that are as wide as their widest text."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
-    return "\n".join(line.rstrip() for line in lines)
 
 
 def blocks_text(blocks: Iterable[Block]) -> str:
@@ -34,9 +27,8 @@ def block_text(block: Block) -> str:
             return f"caution: {words}"
         case Items(items):
             return "\n".join(f"  {words}" for words in items)
-        case Table(header, rows):
-            cells = [tuple(map(str, row)) for row in rows]
-            return align_columns([tuple(header), *cells] if any(header) else cells) if cells else ""
+        case Table():
+            return str(block)
         case _:
             return ""
 

@@ -124,7 +124,13 @@ class SiloFlow(NamedTuple):
         return rows
 
     def blocks(self) -> list[Block]:
-        """Table of the openings, and the law."""
+        """Table of the openings, and the law.
+
+        Returns
+        -------
+        list of Block
+            Blocks of `granular.shared.blocks`, for a terminal, a page and a notebook.
+        """
         factor, margin = self.law
         head = ["opening", "grains/s", "sd", "law", "clogged"]
         law = f"Q = {factor:.3f} sqrt(g/D) (b/D - {margin:.2f})^(3/2)"

@@ -219,7 +219,13 @@ class Tolerances(Shown):
         return tuple(notes)
 
     def blocks(self) -> list[Block]:
-        """Table of all parts, with totals and notes."""
+        """Table of all parts, with totals and notes.
+
+        Returns
+        -------
+        list of Block
+            Blocks of `granular.shared.blocks`, for a terminal, a page and a notebook.
+        """
         header, *rows = table_rows(self)
         head = f"{self.scene}: tolerances of {len(self.parts)} parts"
         texts = map(Text, (self.summary, *self.notes))

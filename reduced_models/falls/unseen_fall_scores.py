@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.blocks import Table
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import quote
-from granular.shared.terminal import align_columns
 from reduced_models.falls.predicted_law import predict_bed_parameters
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, FitOptions
@@ -109,9 +109,9 @@ class DropScores:
         return rows
 
     @property
-    def table(self) -> str:
-        """Table of all laws and falls as aligned text."""
-        return align_columns([self.header, *self.cells()])
+    def table(self) -> Table:
+        """Table of all laws and falls."""
+        return Table(self.header, self.cells())
 
     @property
     def verdict(self) -> str:

@@ -7,9 +7,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.blocks import Table, Text
+from granular.shared.blocks import Table, Text, align_columns
 from granular.shared.message_text import format_factor
-from granular.shared.terminal import align_columns
 from reduced_models.fitting.roll_out import RollOut
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities

@@ -106,8 +106,7 @@ def swing_section(
     yield Heading("Frequency, damping, stiffness and equilibrium by the model")
     rows = []
     for figure in figures:
-        name = figure.label if figure.name == LEVEL else figure.name
-        rows.append((name, figure.symbol, figure.table_cell, figure.unit))
+        rows.append((name_in_table(figure), figure.symbol, figure.table_cell, figure.unit))
     yield Table(("figure", "symbol", "value", "unit"), rows)
     yield Text(_swing_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
@@ -118,11 +117,16 @@ def swing_section(
             if figure.symbol not in _FOLLOWING:
                 parts = (figure.parts.get(name) for name in known)
                 cells = ("" if value is None else format_number(value, 2) for value in parts)
-                errors.append((figure.name, *cells, figure.unit))
+                errors.append((name_in_table(figure), *cells, figure.unit))
         yield Table(("figure", *known, "unit"), errors)
     yield Text(" ".join(_MEANING_OF_PARTS[name].format(100 * model.confidence) for name in known))
     if averaging:
         yield Text(f"{capitalise(averaging)}.")
+
+
+def name_in_table(figure: QuantityWithError) -> str:
+    """Name a figure as the print-out does."""
+    return figure.label if figure.name == LEVEL else figure.name
 
 
 _FOLLOWING = ("fd", "delta", "Q")

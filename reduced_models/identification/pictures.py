@@ -232,7 +232,7 @@ def _draw_errors(scored: Comparison | DropScores, height: float) -> Figure:
 
 def falls_section(falls: DropScores) -> Iterator[Block]:
     """Predictions of falls that no law has seen, and their errors."""
-    yield Table(falls.header, falls.cells())
+    yield falls.table
     yield Text(
         "Each law was fitted to the scene's own fall, and predicts the others from the height at "
         "which the piston is released, without anything else of them. Errors are root mean squares "

@@ -271,7 +271,7 @@ class Identification:
         for model in others:
             lines += ["", f"model: {model.law.name}", *model.equation_lines()]
         if self.falls is not None:
-            lines += ["", "whole falls, errors over the height of the drop:", self.falls.table]
+            lines += ["", "whole falls, errors over the height of the drop:", str(self.falls.table)]
             if self.falls.best.model is not None:
                 lines += self.falls.best.model.equation_lines()
         lines += ["", *_error_part_lines(self.figures_to_print)]

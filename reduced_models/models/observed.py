@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.blocks import align_columns
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from granular.shared.terminal import align_columns
 from reduced_models.laws.solution import observed_signal, solve_law
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.harmonic_cycle import HarmonicCycle

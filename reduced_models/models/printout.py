@@ -11,8 +11,7 @@ import math
 import textwrap
 from collections.abc import Mapping, Sequence
 
-from granular.shared.blocks import format_number
-from granular.shared.terminal import align_columns
+from granular.shared.blocks import align_columns, format_number
 from reduced_models.models.quantities import (
     DAMPING_RATIO,
     ERROR_SOURCES,

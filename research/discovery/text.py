@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from granular.shared.blocks import Table
 from research.campaign import markdown_of
 from research.discovery.cases import LIBRARIES, METHODS, NOISES, OURS, PEERS, SEEDS, TUNED
 from research.discovery.judging import USABLE
 from research.discovery.peers import PYOPERON, PYOPERON_TUNED, PYSINDY, TUNED_PERIODS
 from research.discovery.results import Rate, Results
 from research.discovery.systems import SYSTEMS
-from validation.text_tables import TextTable, text_table
 
 SHOWN_NOISE = 0.01
 """The level of which every system is shown."""
@@ -25,7 +25,7 @@ _LIBRARY_WORDS = {"named": "named library", "default": "default library"}
 
 def text(result: Results) -> str:
     """Both tables, and what they say."""
-    return "\n\n".join((rates_table(result).text(), systems_table(result).text(), words(result), settings()))
+    return "\n\n".join((str(rates_table(result)), str(systems_table(result)), words(result), settings()))
 
 
 def markdown(result: Results) -> str:
@@ -50,7 +50,7 @@ def summary(result: Results) -> dict[str, Any]:
     return result.to_plain()
 
 
-def rates_table(result: Results) -> TextTable:
+def rates_table(result: Results) -> Table:
     """Rates of each method by noise and library, over all systems; nothing where none was run."""
     header = ["noise", "library", *METHODS, "usable: " + METHODS[0], "median CPU s"]
     rows = []
@@ -68,10 +68,10 @@ def rates_table(result: Results) -> TextTable:
                     ", ".join("—" if item.seconds is None else f"{item.seconds:.2g}" for item in rates),
                 ]
             )
-    return text_table(header, rows)
+    return Table(header, rows)
 
 
-def systems_table(result: Results) -> TextTable:
+def systems_table(result: Results) -> Table:
     """Of every system at `SHOWN_NOISE`: runs that found it, and how many exactly."""
     header = ["system", *(f"{method}, {library}" for library in LIBRARIES for method in METHODS)]
     rows = [
@@ -85,7 +85,7 @@ def systems_table(result: Results) -> TextTable:
         ]
         for item in SYSTEMS
     ]
-    return text_table(header, rows)
+    return Table(header, rows)
 
 
 def rate_words(rate: Rate) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from granular.shared.blocks import Table
 from research.campaign import Plain, markdown_of
 from research.measured.measurements import CELLS, MEASUREMENTS, largest_packing, scene_of
-from validation.text_tables import TextTable, text_table
 
 SAID = {
     "deviation": "largest at 0.5",
@@ -19,7 +19,7 @@ SAID = {
 """What Tsuchikusa et al. say of the cells, over the ratio of small magnets."""
 
 
-def tables_of(result: Plain) -> Mapping[str, TextTable]:
+def tables_of(result: Plain) -> Mapping[str, Table]:
     """Tables by the names of their blocks; those of results may be missing."""
     lifted = f"{largest_packing(scene_of('taberlet'), 1e-4):.3f} for discs of 6 x 3 mm, one 0.1 mm higher"
     here = {"tsuchikusa": "below", "taberlet": lifted, "reiss": lifted}
@@ -32,33 +32,33 @@ def tables_of(result: Plain) -> Mapping[str, TextTable]:
         for name, entry in MEASUREMENTS.items()
     ]
     header: tuple[str, ...] = ("measurement", "read", "not read", "scene, and what to compare", "here")
-    tables = {"measurements": text_table(header, entries)}
+    tables = {"measurements": Table(header, entries)}
     if result:
         mixtures = sorted(result["mixtures"], key=lambda row: row["ratio"])
         header = ("small magnets", "Tsuchikusa et al.", *(f"here, {row['ratio']:g}" for row in mixtures))
         rows = [(name, SAID[name], *(f"{row[name]:.3f}" for row in mixtures)) for name in CELLS]
-        tables["mixtures"] = text_table(header, rows)
+        tables["mixtures"] = Table(header, rows)
         tables["sizes"] = _sizes(result["rescaled"])
         names = ("N", "W [m]", "kappa", "rest/W", "rest over the lattice's")
         keys = ("count", "width", "kappa", "rest", "over lattice")
         rows = [tuple(f"{row[key]:.4g}" for key in keys) for row in result["same magnets"]]
-        tables["same magnets"] = text_table(names, rows)
+        tables["same magnets"] = Table(names, rows)
     return tables
 
 
-def _sizes(results: list[Plain]) -> TextTable:
+def _sizes(results: list[Plain]) -> Table:
     """For each kappa, the figures of the first width, and the largest relative difference of the others."""
     names, rows = ("rest", "frequency", "zeta"), []
     for kappa in sorted({f"{row['kappa']:.4g}" for row in results}, key=float):
         first, *others = [row for row in results if f"{row['kappa']:.4g}" == kappa]
         spread = max(abs(row[name] / first[name] - 1.0) for row in others for name in names)
         rows.append((kappa, *(f"{first[name]:.5f}" for name in names), f"{spread:.0e}"))
-    return text_table(("kappa", "rest/W", "f √(W/g)", "zeta", "largest difference"), rows)
+    return Table(("kappa", "rest/W", "f √(W/g)", "zeta", "largest difference"), rows)
 
 
 def text(result: Plain) -> str:
     """Tables for the console."""
-    return "\n\n".join(table.text() for table in tables_of(result).values())
+    return "\n\n".join(str(table) for table in tables_of(result).values())
 
 
 def markdown(result: Plain) -> dict[str, str]:

@@ -89,12 +89,12 @@ def _gamma(item: Interval | float) -> str:
 
 def text(results: Results) -> str:
     """A table for the console."""
-    from validation.text_tables import text_table
+    from granular.shared.blocks import Table
 
     if not results.layers:
         return "no results are committed; run it with --quick or --full"
     grains = results.layers[0]["grains"]
-    return f"{text_table(_HEAD, rows_of(results)).text()}\n{grains} grains\n{sentences(results)}"
+    return f"{Table(_HEAD, rows_of(results))}\n{grains} grains\n{sentences(results)}"
 
 
 def markdown(results: Results) -> str:

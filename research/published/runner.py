@@ -202,7 +202,7 @@ def summary(results: Results) -> dict[str, Any]:
 
 def text(result: dict[str, Any]) -> str:
     """The entries as a table for the console, and how many agree."""
-    from validation.text_tables import text_table
+    from granular.shared.blocks import Table
 
     shown = result.get("quick", result)
     rows = [
@@ -220,7 +220,7 @@ def text(result: dict[str, Any]) -> str:
     numbers = ", ".join(f"{count} {name}" for name, count in both.items())
     series = ", ".join(f"{count} {name}" for name, count in shown["series"].items())
     shape = ("what", "published", "ours", "protocol", "verdict")
-    return f"{text_table(shape, rows).text()}\n{numbers}\nseries: {series}"
+    return f"{Table(shape, rows)}\n{numbers}\nseries: {series}"
 
 
 def _number(value: float | None, unit: str) -> str:

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.blocks import Table
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
 from granular.shared.message_text import sanitize
 from reduced_models.records.inputs import input_column
-from validation.text_tables import text_table
 
 SAMPLING = 1e7 / 2**14
 """[Hz]"""
@@ -124,4 +124,4 @@ def silverbox_text(result: dict[str, Any]) -> str:
         for row in result["rows"]
     ]
     header = ("law", *(f"{part} [mV]" for part in parts), "input between samples", "s")
-    return text_table(header, rows).text()
+    return str(Table(header, rows))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from granular.shared.blocks import Table
 from research.campaign import markdown_of
 from research.recovery.peer import MOST_CALLS
 from research.recovery.systems import REACHED
-from validation.text_tables import TextTable, text_table
 
 _HEADER = (
     "system",
@@ -27,7 +27,7 @@ def recovery_text(result: Mapping[str, Any]) -> str:
     """The table, and the totals in words."""
     if not result:
         return "no results are committed; run it with --quick or --full"
-    return f"{_table(result).text()}\n{_totals(result)}"
+    return f"{_table(result)}\n{_totals(result)}"
 
 
 def recovery_markdown(result: Mapping[str, Any]) -> str:
@@ -37,7 +37,7 @@ def recovery_markdown(result: Mapping[str, Any]) -> str:
     return f"{markdown_of(_table(result))}\n\n{_totals(result)}.\n({by}.)"
 
 
-def _table(result: Mapping[str, Any]) -> TextTable:
+def _table(result: Mapping[str, Any]) -> Table:
     rows = [
         (
             row["system"],
@@ -52,7 +52,7 @@ def _table(result: Mapping[str, Any]) -> TextTable:
         )
         for row in result["rows"]
     ]
-    return text_table(_HEADER, rows)
+    return Table(_HEADER, rows)
 
 
 def _totals(result: Mapping[str, Any]) -> str:

@@ -175,7 +175,7 @@ def test_every_method_has_its_order(name: str, method: str) -> None:
         # Errors of order eight are rounding before they have fallen for half a decade of steps.
         assert min(result.errors) < 1e-14
         return
-    assert result.shows_declared_order(TOLERANCE[order]), convergence_table([result]).text()
+    assert result.shows_declared_order(TOLERANCE[order]), str(convergence_table([result]))
     if order <= 6 and not result.is_exact:
         assert result.decades_of_fit > 0.99
 
@@ -192,7 +192,7 @@ QUICK = "stormer-verlet"
 def test_each_method_has_its_order_in_the_root(method: str) -> None:
     result = root_convergence(method)
     assert result.fit is not None
-    assert convergence_holds(result), (result.fit, result.table().text())
+    assert convergence_holds(result), (result.fit, str(result.table()))
 
 
 def test_a_wrong_root_shows_no_order() -> None:
