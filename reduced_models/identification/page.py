@@ -104,24 +104,26 @@ def swing_section(
     if not figures:
         return
     yield Heading("Frequency, damping, stiffness and equilibrium by the model")
-    rows = []
-    for figure in figures:
-        rows.append((name_in_table(figure), figure.symbol, figure.table_cell, figure.unit))
+    rows = [(name_in_table(item), item.symbol, item.table_cell, item.unit) for item in figures]
     yield Table(("figure", "symbol", "value", "unit"), rows)
     yield Text(_swing_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
     if len(known) > 1:
         yield Text("The error behind ± is numerical, the root of the sum of squares of its sources:")
-        errors = []
-        for figure in figures:
-            if figure.symbol not in _FOLLOWING:
-                parts = (figure.parts.get(name) for name in known)
-                cells = ("" if value is None else format_number(value, 2) for value in parts)
-                errors.append((name_in_table(figure), *cells, figure.unit))
+        errors = [
+            (name_in_table(figure), *(_part_text(figure, name) for name in known), figure.unit)
+            for figure in figures
+            if figure.symbol not in _FOLLOWING
+        ]
         yield Table(("figure", *known, "unit"), errors)
     yield Text(" ".join(_MEANING_OF_PARTS[name].format(100 * model.confidence) for name in known))
     if averaging:
         yield Text(f"{capitalise(averaging)}.")
+
+
+def _part_text(figure: QuantityWithError, name: str) -> str:
+    value = figure.parts.get(name)
+    return "" if value is None else format_number(value, 2)
 
 
 def name_in_table(figure: QuantityWithError) -> str:
