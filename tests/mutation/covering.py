@@ -32,10 +32,7 @@ _RUBBING = tuple(
 )
 """A lone grain over some hundred steps."""
 
-_OF_ONES_OWN = (
-    Stage(False, (_FORCES, _SMALL)),
-    Stage(True, ("tests/granular/effects/test_custom.py", "tests/granular/effects/test_all_together.py")),
-)
+_OF_ONES_OWN = (Stage(False, (_FORCES, _SMALL)), Stage(True, ("tests/granular/effects/test_custom.py",)))
 """Laws that users write, as formulas or in Python."""
 _OF_A_LONE_GRAIN = (
     Stage(False, (_FORCES, _SMALL)),

@@ -25,13 +25,7 @@ def head_on_collision(speed: float, restitution: float, **changes: object) -> Sc
     )
 
 
-@pytest.mark.parametrize(
-    ("speed", "restitution"),
-    [
-        *((0.01, 0.2), (0.01, 1.0), (0.5, 0.6)),
-        *(pytest.param(*one, marks=pytest.mark.long) for one in ((0.01, 0.6), (0.5, 0.2), (0.5, 1.0))),
-    ],
-)
+@pytest.mark.parametrize(("speed", "restitution"), [(0.01, 0.2), (0.01, 1.0), (0.5, 0.6)])
 def test_restitution_at_every_speed(restitution: float, speed: float) -> None:
     run = simulate(head_on_collision(speed, restitution), "auto/16", 0.003 / speed, progress=False)
     after = run.dataset["velocity"].values[-1, :, 0]

@@ -64,7 +64,6 @@ def loads_by_torques(
     [
         ({"method": "direct"}, np.inf, 92, 2e-4),
         ({"method": "cut-off", "cut_off": "7 D"}, 7.0, 92, 2e-4),
-        pytest.param({"method": "direct", "far_every": 4}, np.inf, 92, 2e-4, marks=pytest.mark.long),
         ({"method": "mesh"}, np.inf, 368, 6e-4),
     ],
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,28 +62,6 @@ def forces(scene: Scene, positions: np.ndarray) -> np.ndarray:
     return evaluate(scene, positions * scene.grains.species[0].diameter).force / unit
 
 
-@pytest.mark.long  # quick: 40 grains, in plain Python
-@pytest.mark.parametrize(
-    ("pairs", "reach", "tolerance"),
-    [
-        ({"method": "direct"}, 50.0, 1e-5),
-        ({"method": "cut-off", "cut_off": "7 D"}, 7.0, 1e-5),
-        ({"method": "mesh", "tolerance": 1e-4}, 50.0, 1e-4),
-    ],
-)
-def test_scenes_have_the_law(bed: Scene, pairs: dict[str, Any], reach: float, tolerance: float) -> None:
-    count, columns = (368, 40) if pairs["method"] == "mesh" else (160, 20)
-    positions = lattice(count, columns, 1.35)
-    scene = bed.replace(pairs=pairs, **{"grains.count": count})
-    known = beyond_dipoles(positions, reach)
-    if pairs["method"] == "cut-off":  # there the law of dipoles is known, too: nothing else is to be compiled
-        scene = scene.replace(**{"effects.walls": None, "effects.gravity": None, "piston": None})
-        beyond = forces(discs(scene, **NO_CONTACT), positions) - dipoles(positions, reach)
-    else:
-        beyond = forces(discs(scene), positions) - forces(scene, positions)
-    assert np.abs(beyond - known).max() <= tolerance * np.abs(known).max()
-
-
 @pytest.mark.long
 def test_periodic_cells_have_the_law() -> None:
     """The part beyond dipoles falls as r^-6, so its sum over images converges."""
@@ -102,22 +79,6 @@ def test_periodic_cells_have_the_law() -> None:
     beyond = forces(discs(scene, **NO_CONTACT), positions) - forces(scene, positions)
     known = beyond_dipoles(positions, 40.0, period=27.0)
     assert np.abs(beyond - known).max() <= 1e-4 * np.abs(known).max()
-
-
-@pytest.mark.long  # quick: discs in plain Python
-def test_energy_is_conserved_with_the_square_of_the_step(small_bed: Scene) -> None:
-    """Grains that touch and swing about; friction, drag and dashpots left out."""
-    changes = {"effects.drag.coefficient": 0.0, "effects.contact.restitution": 1.0}
-    scene = discs(small_bed, **changes, **{"arrangement.speed": "0.5 m/s"})
-    steps = np.array([8e-5, 4e-5, 2e-5])
-    residuals = []
-    for step in steps:
-        run = simulate(scene, dt=float(step), t_end=0.08, progress=False)
-        names = ("kinetic_energy", "pair_energy", "wall_energy", "weight_energy", "contact_energy")
-        total = np.sum([run.dataset[name].values for name in names], axis=0)
-        residuals.append(np.abs(total - total[0]).max())
-    order = np.polyfit(np.log(steps), np.log(residuals), 1)[0]
-    assert order == pytest.approx(2.0, abs=0.15)
 
 
 def test_species_and_scatter_have_the_law(small_bed: Scene) -> None:
@@ -144,34 +105,6 @@ def test_species_and_scatter_have_the_law(small_bed: Scene) -> None:
         )
     known = (moments[:, None, None] * moments[:, None] * push[..., None] * apart).sum(axis=1)
     assert np.abs(forces(scene, positions) - known).max() <= 1e-5 * np.abs(known).max()
-
-
-@pytest.mark.long  # quick: in plain Python
-def test_run_that_goes_on_has_the_bits_of_one_left_alone(small_bed: Scene, tmp_path: Path) -> None:
-    """Though lists of close pairs are made anew."""
-    changes = {"effects.drag.coefficient": 0.0, "effects.contact.restitution": 1.0}
-    scene = discs(small_bed, **changes, **{"arrangement.speed": "0.5 m/s"})
-    whole = simulate(scene, dt=8e-5, t_end=0.04, out=tmp_path / "whole", progress=False)
-    simulate(scene, dt=8e-5, t_end=0.0165, out=tmp_path / "parts", progress=False)
-    parts = simulate(scene, dt=8e-5, t_end=0.04, out=tmp_path / "parts", resume=True, progress=False)
-    for name in ("position", "velocity", "pair_energy"):
-        np.testing.assert_array_equal(whole.dataset[name].values[-1], parts.dataset[name].values[-1])
-
-
-@pytest.mark.long
-def test_two_threads_give_the_bits_of_one(bed: Scene) -> None:
-    scene = discs(bed, **{"pairs.method": "mesh"})
-    runs = [simulate(scene, t_end=0.004, threads=n, progress=False) for n in (1, 2)]
-    np.testing.assert_array_equal(*(run.dataset["position"].values for run in runs))
-
-
-@pytest.mark.long  # quick: two grains, in plain Python
-def test_discs_pressed_into_each_other_stop_the_run(small_bed: Scene) -> None:
-    scene = discs(small_bed, **{"effects.contact.modulus": "1 kPa"}).replace(
-        protocol=[{"kind": "move", "name": "press", "to": "1 D", "duration": 0.1}]
-    )
-    with pytest.raises(OutsideError, match=r"0\.98 is the limit.*effects\.contact\.modulus"):
-        simulate(scene, progress=False)
 
 
 @pytest.mark.long

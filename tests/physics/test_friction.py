@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from granular import Scene, evaluate, load_scene, simulate
 from granular.shared.errors import SceneError
@@ -119,47 +117,6 @@ def test_independent_tilts_of_unlike_grains_load_each_by_its_own(bed: Scene) -> 
     np.testing.assert_allclose(loads["independent"], loads["bound"] * tilts / tilts[::-1] / 3.0, rtol=2e-3)
 
 
-@settings(max_examples=20, deadline=None)
-@given(fraction=st.floats(0.1, 0.9), small=st.floats(0.0018, 0.0059))
-@pytest.mark.long  # quick: unlike grains, tests/granular/scene/test_unlike_grains.py
-def test_mixture_load_from_the_formula(fraction: float, small: float) -> None:
-    """N_i = q_i sum_j q_j K_ij/r^3 with both angles, written out once more."""
-    species = [
-        {"name": "big", "diameter": 0.006, "share": fraction},
-        {"name": "small", "diameter": small, "share": 1.0 - fraction},
-    ]
-    scene = load_scene("bed").replace(
-        **{"grains.species": species, "grains.count": 20, "effects.friction": {}}
-    )
-    positions = scene.initial_positions_and_velocities()[0]
-    d, e, gap = scene.grains.diameters(), 0.003, 0.0031
-    lean = np.arctan(e / d)
-    tilt = np.arcsin(gap / np.hypot(d, e)) - lean
-    q = (d / 0.006) ** 2
-    r = np.linalg.norm(positions[:, None] - positions[None], axis=2) / 0.006
-    np.fill_diagonal(r, np.inf)
-    k = 0.75 * 0.006 * np.outer(np.cos(tilt) / (np.cos(lean + tilt) * np.hypot(d, e)), np.sin(tilt))
-    from granular.schema.natural_units import Scales
-
-    wanted = (q[:, None] * q[None] * k / r**3).sum(axis=1) * Scales.from_grains(scene.grains).force
-    np.testing.assert_allclose(evaluate(scene, positions).normal_load, wanted, rtol=1e-10)
-
-
-@pytest.mark.long  # quick: unlike grains, tests/granular/scene/test_unlike_grains.py
-def test_mixture_of_equal_grains_is_the_mono_disperse_bed(bed: Scene) -> None:
-    alike = [
-        {"name": "one", "diameter": 0.006, "share": 0.5},
-        {"name": "other", "diameter": 0.006, "share": 0.5},
-    ]
-    mono = bed.replace(**{"effects.friction": {}})
-    two = mono.replace(**{"grains.species": alike})
-    positions = bed.initial_positions_and_velocities()[0]
-    one, other = evaluate(mono, positions), evaluate(two, positions)
-    np.testing.assert_allclose(one.force, other.force, rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(one.normal_load, other.normal_load, rtol=1e-12)
-    assert one.potential_energy == pytest.approx(other.potential_energy, rel=1e-13)
-
-
 @pytest.mark.parametrize("dt", [1e-4, 1e-5])
 def test_grain_that_slides_up_sticks_at_every_phase(dt: float) -> None:
     """Between mu_d N and mu_s N a force that a grain runs against stops it, and it stays."""
@@ -196,13 +153,12 @@ def test_sliding_grain_stops_at_the_exact_distance(dt: float) -> None:
     assert run.dataset["friction_loss"].values[-1] == pytest.approx(0.5 * MASS * speed**2, rel=1e-9)
 
 
-@pytest.mark.parametrize("dt", [1e-5, pytest.param(1e-6, marks=pytest.mark.long)])
-def test_stuck_grain_does_not_move_by_one_bit(dt: float) -> None:
+def test_stuck_grain_does_not_move_by_one_bit() -> None:
     """A weight just below mu_s N, for a second."""
     load = 0.01
     scene = lone_grain(**{"effects.gravity.acceleration": 0.999 * 0.6 * load / MASS})
-    run = simulate(scene, dt=dt, progress=False)
-    assert run.settings()["steps"] == round(1.0 / dt)
+    run = simulate(scene, dt=1e-5, progress=False)
+    assert run.settings()["steps"] == 100_000
     place = run.dataset["position"].values[:, 0]
     assert (place == place[0]).all()
     assert (run.dataset["kinetic_energy"].values == 0.0).all()
@@ -270,14 +226,6 @@ def test_grain_that_is_thrown_up_slides_back(gamma: float) -> None:
     assert (np.array(errors) < (g + b) * np.array([1e-3, 5e-4, 2.5e-4]) ** 2).all()
 
 
-@pytest.mark.long  # quick: the ledger of beds that rub, in plain Python
-def test_friction_never_gives_energy(small_bed: Scene) -> None:
-    scene = small_bed.replace(**{"effects.drag": None, "effects.friction": {}})
-    lost = simulate(scene, t_end=0.3, progress=False).dataset["friction_loss"].values
-    assert (np.diff(lost) >= 0.0).all()
-    assert lost[-1] > 0.0
-
-
 @pytest.mark.long  # quick: one grain stops to the last bit, above
 def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
     scene = small_bed.replace(
@@ -294,30 +242,6 @@ def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
     force = run.dataset["force"].values[-1]
     load = run.dataset["normal_load"].values[-1]
     assert (np.linalg.norm(force, axis=1) <= 0.6 * load * (1 + 1e-12)).all()
-
-
-@pytest.mark.long  # quick: small runs in plain Python
-@pytest.mark.parametrize("drag", [None, {"coefficient": 0.1}])
-def test_ledger_closes_to_second_order_with_friction(small_bed: Scene, drag: dict | None) -> None:
-    scene = small_bed.replace(**{"effects.drag": drag, "effects.friction": {}})
-    steps = np.array([8e-5, 2e-5, 5e-6])
-    closures = [
-        simulate(scene, dt=dt, t_end=0.4, progress=False).settings()["ledger_residual"] for dt in steps
-    ]
-    assert closures[0] < 1e-3
-    assert np.polyfit(np.log(steps), np.log(closures), 1)[0] == pytest.approx(2.0, abs=0.2)
-
-
-@pytest.mark.long  # quick: in tests/plain_python/test_small_runs.py
-def test_regularised_law_agrees_where_it_is_resolved() -> None:
-    """Sliding far above the threshold, both schemes brake alike."""
-    moving = {"arrangement.velocities": [[0.1, 0.0]]}
-    end = []
-    for scheme in ("velocity", "regularised"):
-        scene = lone_grain(**moving, **{"effects.friction.scheme": scheme})
-        run = simulate(scene, dt=1e-5, t_end=0.005, progress=False)
-        end.append(run.dataset["velocity"].values[-1, 0, 0])
-    assert end[0] == pytest.approx(end[1], rel=1e-6)
 
 
 @pytest.mark.parametrize(

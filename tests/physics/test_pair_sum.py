@@ -73,14 +73,7 @@ def exact(positions: np.ndarray, moments: np.ndarray, weight: np.ndarray) -> lis
     ]
 
 
-@pytest.mark.parametrize(
-    ("count", "differing"),
-    [
-        *itertools.product((7, 92, 368), (False, True)),
-        # Quick: parts agree with one part, below.
-        *(pytest.param(PARTED_FROM + 3, one, marks=pytest.mark.long) for one in (False, True)),
-    ],
-)
+@pytest.mark.parametrize(("count", "differing"), list(itertools.product((7, 92, 368), (False, True))))
 def test_error_against_long_double(count: int, differing: bool) -> None:
     """Within 1e-13 of the sum of the magnitudes of a grain's pair forces."""
     positions = arrangement(count, 3)

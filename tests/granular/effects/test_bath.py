@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from granular import Scene, evaluate, load_trajectory, simulate
+from granular import Scene, evaluate, simulate
 from granular.effects.langevin_bath import draw_normal_pair, philox_random_words
 from granular.observables import configurational_temperature
-from granular.run.run_directory import is_run_directory
 from granular.shared.errors import InputError, SceneError
 
 ROOT = Path(__file__).parents[3]
@@ -101,63 +95,3 @@ def test_temperatures_and_displacements_of_a_crystal(small_bed: Scene) -> None:
     wanted = cold * np.trace(np.linalg.inv(matrix))
     moved = ((places - places.mean(axis=0)) ** 2).sum(axis=(1, 2)).mean()
     assert moved == pytest.approx(wanted, rel=0.02)
-
-
-@pytest.mark.long  # quick: a run that goes on, in plain Python
-def test_same_bits_when_a_run_goes_on(small_bed: Scene, tmp_path: Path) -> None:
-    """A run that goes on from where it was kept, and one that is left alone."""
-    scene = crystal(small_bed)
-    integer = simulate(scene, t_end=4.0, progress=False)
-    run = simulate(scene, t_end=2.0, out=tmp_path / "run", progress=False)
-    assert len(run.dataset["frame"]) == 101
-    rest = simulate(scene, t_end=4.0, out=tmp_path / "run", resume=True, progress=False)
-    for name in ("position", "velocity", "bath_heat"):
-        np.testing.assert_array_equal(integer.dataset[name], rest.dataset[name])
-    assert integer.dataset["bath_heat"].values[-1] != 0.0
-
-
-PROGRAM = """
-import json, os, signal, sys
-import granular.run.simulation as simulation
-from granular import Scene, simulate
-plain, out, threads, kill = sys.argv[1:]
-simulation.COMMIT_SECONDS = 0.0
-store = simulation.RunDirectoryWriter
-commits = 0
-def commit(self, kept, former=store.replace_checkpoint):
-    global commits
-    former(self, kept)
-    commits += 1
-    if kill == "kill" and commits == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-store.replace_checkpoint = commit
-simulate(Scene.from_plain(json.loads(plain)), t_end=0.4, progress=False, out=out, resume=True,
-         threads=int(threads))
-"""
-
-
-def carry_out(scene: Scene, out: Path, threads: int, told: str = "go") -> int:
-    plain = json.dumps(scene.to_plain())
-    return subprocess.run(
-        [sys.executable, "-c", PROGRAM, plain, str(out), str(threads), told],
-        cwd=ROOT,
-        env=os.environ,
-        check=False,
-    ).returncode
-
-
-@pytest.mark.long
-def test_same_bits_after_a_kill_and_on_two_threads(small_bed: Scene, tmp_path: Path) -> None:
-    scene = crystal(small_bed, output={"scalars": "4 ms", "frames": "20 ms"})
-    assert carry_out(scene, tmp_path / "killed", 1, "kill") == -signal.SIGKILL
-    assert is_run_directory(tmp_path / "killed")
-    assert carry_out(scene, tmp_path / "killed", 1) == 0
-    assert carry_out(scene, tmp_path / "whole", 1) == 0
-    assert carry_out(scene, tmp_path / "threads", 2) == 0
-    runs = [load_trajectory(tmp_path / name) for name in ("killed", "whole", "threads")]
-    for name in ("position", "velocity", "bath_heat"):
-        for other in runs[1:]:
-            np.testing.assert_array_equal(
-                runs[0].dataset[name].values, other.dataset[name].values, strict=True
-            )
-    assert runs[0].settings()["ledger_residual"] < 1e-4

@@ -82,26 +82,3 @@ def test_dry_friction_takes_the_drag_of_each_grain_along() -> None:
     before, after = np.hypot(*velocity[0].T), np.hypot(*velocity[-1].T)
     exact = (before + b / c) * np.exp(-0.02 * c) - b / c
     np.testing.assert_allclose(after, exact, rtol=1e-6)
-
-
-REGULARISED = {"scheme": "regularised", "threshold": "10 mm/s"}
-
-
-@pytest.mark.long  # quick: friction at the walls by the motion of one grain, and runs in plain Python
-@pytest.mark.parametrize("friction", [{}, REGULARISED, None])
-def test_ledger_closes_to_second_order(friction: dict[str, Any] | None) -> None:
-    rubbing = {"friction": friction} if friction is not None else {}
-    scene = load_scene("bed").replace(
-        **{
-            "grains.count": 12,
-            "grains.species": DENSE,
-            "cell.width": "4 D",
-            **{f"effects.{key}": value for key, value in rubbing.items()},
-            "effects.wall_friction": {"coefficient": 0.3} if friction is None else "none",
-        }
-    )
-    errors = [
-        simulate(scene, dt=dt, t_end=0.03, progress=False).settings()["ledger_residual"]
-        for dt in (1e-4, 2.5e-5)
-    ]
-    assert errors[1] < errors[0] / 6.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -279,27 +278,6 @@ def test_unlike_grains_in_a_periodic_cell_feel_every_image() -> None:
                 blocks[i, :, j] += thin(apart)
     computed, exact = decayed(scene, 1e-5, blocks.reshape(16, 16), t_end=1e-3)
     np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
-
-
-@pytest.mark.long  # quick: resumed and on two threads, the table of pairs in plain Python
-@pytest.mark.parametrize(("rows", "distance"), [(5, "4 mm"), (20, "2 mm")], ids=["all pairs", "near pairs"])
-def test_resumed_and_on_two_threads_the_same_bits(rows: int, distance: str, tmp_path: Path) -> None:
-    random = np.random.default_rng(6)
-    scene = scene_of(
-        loose(6, rows, 6),
-        0.1 * random.normal(size=(6 * rows, 2)),
-        **{"effects.eddy.plate": "thick", "effects.eddy.distance": distance, "effects.dipole": {}},
-    )
-    law = scene_in_natural_units(scene).constants.acting.laws[1]
-    assert math.isfinite(law.reach) == (rows == 20)
-    through = simulate(scene, dt=1e-4, progress=False)
-    simulate(scene, dt=1e-4, t_end=0.0123, out=tmp_path / "run", progress=False)
-    resumed = simulate(scene, dt=1e-4, out=tmp_path / "run", resume=True, progress=False)
-    two = simulate(scene, dt=1e-4, threads=2, progress=False)
-    assert float(through.dataset["eddy_loss"][-1]) > 0.0
-    for other in (resumed, two):
-        for name in ("position", "velocity", "eddy_loss"):
-            assert (other.dataset[name].values == through.dataset[name].values).all()
 
 
 @pytest.mark.long  # quick: thick plate and discs, above

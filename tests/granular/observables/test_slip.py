@@ -49,35 +49,6 @@ def test_glide_shears_as_it_was_driven() -> None:
     check("glide with jitter")
 
 
-@pytest.mark.long  # quick: "glide with jitter", the same sum
-@pytest.mark.parametrize(
-    "name",
-    ["glide", "fast glide", "glide backward", "glide at 60 degrees", "glide at 120 degrees", "opposite sign"],
-)
-def test_other_films(name: str) -> None:
-    check(name)
-
-
-@pytest.mark.long  # quick: "glide with jitter"
-@pytest.mark.parametrize("name", ["climb", "climb downward", "glide and climb"])
-def test_climb(name: str) -> None:
-    """Grains near the end of a row that grows do move: what they carry along is known less well."""
-    check(name, 0.15)
-
-
-@pytest.mark.long  # quick: `test_glide_shears_as_it_was_driven`
-def test_a_pair_that_is_born_apart_counts_from_where_it_came() -> None:
-    """All that is left of both is the sum of b (z x r) of where they are in the end."""
-    made, _ = FILMS["pair born"]
-    frames = frames_of("pair born")
-    found = plastic_distortion(frames)
-    moment = sum(slip_area_tensor(SPACING * one.burgers, SPACING * one.place(one.last)) for one in made)
-    wanted = np.asarray(moment) / area_of(frames)
-    np.testing.assert_allclose(found.total[-1], wanted, atol=0.06 * np.abs(wanted).max())
-    assert np.abs(found.moves[-1]).max() < 0.95 * np.abs(wanted).max()
-    assert found.conserved == 1.0
-
-
 def test_climb_changes_the_area_and_glide_does_not() -> None:
     """An extra half row above its end, which goes up, is shorter."""
     right, up = np.array([1.0, 0.0]), np.array([0.0, 1.0])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granular import Scene, simulate
+from granular import Scene
 from granular.compiled import entry
 from granular.pairs import cut_off_sum as cut_off
 from granular.pairs import direct_sum
@@ -56,15 +56,6 @@ class Bed:
         return np.concatenate([out[:, : self.count].ravel(), extremes])
 
 
-@pytest.mark.parametrize(
-    ("differing", "smooth"),
-    [
-        # Quick without the smooth split: small runs in plain Python.
-        *(pytest.param(differing, None, marks=pytest.mark.long) for differing in (False, True)),
-        (True, True),
-        pytest.param(False, True, marks=pytest.mark.long),
-    ],
-)
 @settings(max_examples=10, deadline=None)
 @given(
     count=st.integers(1, 150),
@@ -73,11 +64,10 @@ class Bed:
     stretch=st.sampled_from([(1.0, 1.0), (30.0, 0.1), (0.05, 20.0)]),
 )
 def test_sum_is_its_slow_twin_while_grains_move(
-    differing: bool, smooth: bool | None, count: int, seed: int, radius: float, stretch: tuple[float, float]
+    count: int, seed: int, radius: float, stretch: tuple[float, float]
 ) -> None:
     """Slow grains, one fast grain that crosses many skins in a step, and a bed that jumps."""
-    bed = Bed(scattered(count, seed) * stretch, radius, differing=differing)
-    bed.smooth = smooth
+    bed = Bed(scattered(count, seed) * stretch, radius, differing=True)
     random = np.random.default_rng(seed)
     for move in (0.0, 0.01, 0.1, 0.0, 3.0):
         bed.x[:count] += random.uniform(-move, move, count)
@@ -133,13 +123,6 @@ def test_lists_made_again_give_the_same_bits() -> None:
         np.testing.assert_array_equal(bed.sums(), wanted)
 
 
-@pytest.mark.long  # quick: in plain Python, parts taken in another order
-def test_threads_give_the_same_bits() -> None:
-    one, several = (Bed(scattered(3000, 5), 6.0, differing=True) for _ in range(2))
-    several.threaded = True
-    np.testing.assert_array_equal(several.sums(), one.sums())
-
-
 def test_memory_is_linear() -> None:
     sizes = []
     for count in (10_000, 100_000):
@@ -164,17 +147,3 @@ def test_scene_chooses_the_method(bed: Scene) -> None:
     assert near.pairs.near_pair_radius("cut-off", 0.006) == pytest.approx(5.0)
     with pytest.raises(SceneError, match=r"pairs\.cut_off: only the methods 'cut-off'"):
         bed.replace(**{"pairs.cut_off": "5 D"})
-
-
-@pytest.mark.long
-def test_run_with_a_cut_off(small_bed: Scene, tmp_path: pytest.TempPathFactory) -> None:
-    """The energy is kept as without, and a resumed run has the bits of one in a piece."""
-    scene = small_bed.replace(**{"pairs.method": "cut-off", "pairs.cut_off": "4 D"})
-    integer = simulate(scene, t_end=0.2, progress=False)
-    out = str(tmp_path)
-    simulate(scene, t_end=0.0711, out=out, progress=False)
-    parts = simulate(scene, t_end=0.2, out=out, resume=True, progress=False)
-    for name in ("position", "velocity"):
-        np.testing.assert_array_equal(integer.dataset[name].values[-1], parts.dataset[name].values[-1])
-    assert integer.settings()["pairs"] == "cut-off"
-    assert integer.settings()["ledger_residual"] < 1e-3

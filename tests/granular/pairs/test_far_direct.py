@@ -49,7 +49,7 @@ def found(differing: bool) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
     return forces, float(energy[0]), load[:COUNT], moments if differing else np.ones(COUNT)
 
 
-@pytest.mark.parametrize("differing", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.parametrize("differing", [False, True])
 def test_it_is_the_sum_of_the_far_law_over_all_pairs(differing: bool) -> None:
     forces, energy, load, q = found(differing)
     apart = places()[:, None] - places()[None]
@@ -66,32 +66,6 @@ def test_it_is_the_sum_of_the_far_law_over_all_pairs(differing: bool) -> None:
 
 def spared(scene: Scene, every: int = 8) -> Scene:
     return scene.replace(pairs={"method": "direct", "far_every": every})
-
-
-@pytest.mark.long  # quick: the kernel above, and a small run in plain Python
-def test_a_run_starts_with_the_forces_of_the_whole_sum(small_damper: Scene) -> None:
-    """And keeps its energy, and goes another way only by the error of the step."""
-    runs = [
-        simulate(scene, t_end=0.02, progress=False)
-        for scene in (small_damper.replace(**{"pairs.method": "direct"}), spared(small_damper))
-    ]
-    start = [run.dataset["force"].values[0] for run in runs]
-    np.testing.assert_allclose(*start, atol=1e-12 * np.abs(start[0]).max())
-    forces = [run.dataset["piston_force"].values for run in runs]
-    np.testing.assert_allclose(*forces, rtol=1e-3)
-    assert runs[1].settings()["ledger_residual"] < 1e-5
-    assert runs[1].settings()["far_every"] == 8
-    assert "far_every" not in runs[0].settings()
-
-
-@pytest.mark.long  # quick: by the mesh in plain Python, whose impulses these are
-def test_a_resumed_run_has_the_bits_of_one_in_a_piece(small_damper: Scene, tmp_path: object) -> None:
-    scene = spared(small_damper)
-    integer = simulate(scene, t_end=0.2, progress=False)
-    simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
-    parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
-    for name in ("position", "velocity", "force"):
-        np.testing.assert_array_equal(integer.dataset[name].values[-1], parts.dataset[name].values[-1])
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granular import Scene, evaluate, simulate
+from granular import Scene, simulate
 from granular.compiled import entry
 from granular.engine.far_field_forces import add_far_field, refresh_far_field
 from granular.pairs import grain_mesh_transfer, mesh_far_field, multilevel_mesh
@@ -163,16 +163,6 @@ def test_lattice_stands_still() -> None:
     np.testing.assert_allclose(moved.fy, far.fy, atol=1e-13)
 
 
-@pytest.mark.long  # quick: in plain Python, parts taken in another order
-def test_threads_give_the_same_bits() -> None:
-    bed = Bed(1472, differing=True)
-    one = bed.far()
-    bed.threaded = True
-    several = bed.far()
-    for name in ("fx", "fy", "load", "energy"):
-        np.testing.assert_array_equal(getattr(several, name), getattr(one, name))
-
-
 def test_all_that_is_spread_arrives() -> None:
     bed = Bed(92, differing=True)
     far = bed.far()
@@ -248,37 +238,6 @@ def test_a_cell_for_too_large_a_mesh_is_refused(bed: Scene) -> None:
 def test_impulses_are_refused_where_they_cannot_be(small_damper: Scene) -> None:
     with pytest.raises(InputError, match=r"pairs\.far_every = 4: 'pefrl' cannot"):
         simulate(on_mesh(small_damper, far_every=4), t_end=0.01, method="pefrl", progress=False)
-
-
-@pytest.mark.long
-def test_scene_is_evaluated_as_by_the_direct_sum(small_damper: Scene) -> None:
-    """With the radius of the packaged tolerance; forces, walls, energy."""
-    places = simulate(small_damper, t_end=0.01, progress=False).dataset["position"].values[-1]
-    exact = evaluate(small_damper, places)
-    meshed = evaluate(small_damper.replace(**{"pairs.method": "mesh"}), places)
-    unit = np.abs(exact.force).max()
-    np.testing.assert_allclose(meshed.force, exact.force, atol=1e-3 * unit)
-    assert meshed.piston_force == exact.piston_force
-    assert meshed.potential_energy == pytest.approx(exact.potential_energy, rel=1e-3)
-
-
-@pytest.mark.long  # quick: the same kernels one by one here, and a small run in plain Python
-def test_run_with_impulses(small_damper: Scene, tmp_path: object) -> None:
-    """Energy is kept, and a resumed run has the bits of one in a piece."""
-    scene = on_mesh(small_damper)
-    integer = simulate(scene, t_end=0.2, progress=False)
-    simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
-    parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
-    for name in ("position", "velocity", "force"):
-        np.testing.assert_array_equal(integer.dataset[name].values[-1], parts.dataset[name].values[-1])
-    assert integer.settings()["pairs"] == "mesh"
-    assert integer.settings()["ledger_residual"] < 1e-4
-    exact = simulate(small_damper, t_end=0.2, progress=False)
-    start = [run.dataset["force"].values[0] for run in (integer, exact)]
-    np.testing.assert_allclose(*start, atol=1e-2 * np.abs(start[1]).max())
-    early = slice(0, 50)  # later on, grains that pass each other tell the two runs apart
-    forces = [run.dataset["piston_force"].values[early] for run in (integer, exact)]
-    np.testing.assert_allclose(*forces, rtol=5e-3)
 
 
 @pytest.mark.long

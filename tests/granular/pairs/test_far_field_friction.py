@@ -10,18 +10,16 @@ import pytest
 
 from granular import Scene, plan, simulate
 from granular.compiled import entry
-from granular.engine.far_field_forces import add_far_field, compute_far_field, refresh_far_field
+from granular.engine.far_field_forces import add_far_field, refresh_far_field
 from granular.kernel_data.state import Bed
 from granular.methods import method_named
 from granular.pairs.mesh_far_field import AHEAD, STILL, TIME
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.run_state import ARRANGE
-from granular.run.snapshot import restore_snapshot, take_snapshot
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 
 evaluate_far = entry(refresh_far_field)
 add_far = entry(add_far_field)
-find_far = entry(compute_far_field)
 
 
 def on_mesh(scene: Scene, **changes: object) -> Scene:
@@ -141,39 +139,6 @@ def test_bed_that_rubs_rests_under_the_same_force(far: Far, small_bed: Scene) ->
     assert forces[0] == pytest.approx(forces[1], rel=5e-4)
     moved = np.abs(runs[0]["position"].values[-1] - runs[0]["position"].values[-2])
     assert (moved == 0.0).mean() > 0.5
-
-
-@pytest.mark.long  # quick: what a checkpoint of friction holds, in plain Python
-def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> None:
-    """A state put back goes on from the same moment, to the same bits in the next step."""
-    scene, dt = on_mesh(rubbing(small_bed)), 0.02
-
-    def started() -> ProtocolRunner:
-        run = ProtocolRunner(plan(scene, threads=1))
-        run.begin_stage()
-        return run
-
-    def step(run: ProtocolRunner, time: float) -> np.ndarray:
-        """The grains slide on; forces of the far field there."""
-        state, count = run.state, run.constants.grains
-        assert state.far_forces is not None
-        state.x[:count] += 0.3 * dt
-        assert evaluate_far(state.far_forces, Bed(state, run.constants), time) == 0
-        for sums in (state.fx, state.fy):
-            sums[:] = 0.0
-        add_far(state.far_forces, state, count, time)
-        return np.array([state.fx, state.fy])
-
-    run, other = started(), started()
-    far, back = run.state.far_forces, other.state.far_forces
-    assert far is not None
-    assert back is not None
-    find_far(far, Bed(run.state, run.constants), dt / 3.0)  # as what is written down does
-    restore_snapshot(other, take_snapshot(run))
-    assert far.timing[TIME] > 0.0
-    np.testing.assert_array_equal(back.timing, far.timing)
-    forces = [step(one, 4.0 / 3.0 * dt) for one in (run, other)]
-    np.testing.assert_array_equal(*forces)
 
 
 @both

@@ -130,19 +130,6 @@ def test_direct_sum_is_that_of_the_nearest_images(columns: int, rows: int) -> No
     assert found.potential_energy / energy == pytest.approx(potential, rel=1e-12)
 
 
-@pytest.mark.long  # quick: in plain Python
-@pytest.mark.parametrize(("columns", "rows"), [(12, 12), (30, 26), (40, 40)])
-def test_cut_off_is_that_of_the_nearest_images(columns: int, rows: int) -> None:
-    radius = "7 D" if columns == 12 else "8.5 D"
-    scene = crystal(columns, rows, **{"pairs": {"method": "cut-off", "cut_off": radius}})
-    places, sides, force, energy = natural(scene)
-    radius = scene.pairs.cut_off / DIAMETER
-    wanted, potential = nearest_images(places, sides, radius)
-    found = evaluate(scene, elsewhere(scene))
-    np.testing.assert_allclose(found.force / force, wanted, atol=1e-12 * abs(wanted).max())
-    assert found.potential_energy / energy == pytest.approx(potential, rel=1e-12)
-
-
 def held_by_images(scene: Scene, force_error: float, energy_error: float) -> None:
     places, sides, force, energy = natural(scene)
     found = evaluate(scene, elsewhere(scene))
@@ -150,18 +137,6 @@ def held_by_images(scene: Scene, force_error: float, energy_error: float) -> Non
     assert abs(found.force[:10] / force - wanted).max() < force_error * load
     potential = ewald_energy(places, sides)
     assert found.potential_energy / energy == pytest.approx(potential, rel=energy_error)
-
-
-@pytest.mark.long  # quick: 40 grains in plain Python, forces by the table of pairs
-def test_mesh_takes_all_images() -> None:
-    """A short radius and a coarse mesh: to what its tolerance says, and no better."""
-    held_by_images(crystal(20, 22, **{"pairs.method": "mesh"}), 3e-4, 5e-5)
-
-
-@pytest.mark.long  # quick: in plain Python
-def test_mesh_of_few_grains_takes_all_images() -> None:
-    """Stripes hold less than a vector of grains; sums are smaller next to the mesh's error."""
-    held_by_images(crystal(7, 8, 3.0, **{"pairs.method": "mesh"}), 5e-4, 1e-4)
 
 
 @pytest.mark.long

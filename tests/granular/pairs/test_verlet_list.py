@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular import Scene, simulate
+from granular import Scene
 from granular.compiled import entry
 from granular.pairs import verlet_list
 from granular.pairs.direct_sum import pad_coordinates, pad_values
@@ -87,16 +87,3 @@ def test_scene_names_the_source_s_list(bed: Scene) -> None:
     assert source.pair_method == "verlet-list"
     with pytest.raises(SceneError, match=r"pairs\.skin: only the method 'verlet-list'"):
         bed.replace(**{"pairs.skin": "1 D"})
-
-
-@pytest.mark.long
-def test_run_with_the_source_s_list(small_bed: Scene, tmp_path: object) -> None:
-    """A resumed run has the bits of one in a piece."""
-    changes = {"pairs.method": "verlet-list", "pairs.cut_off": "4 D", "pairs.skin": "0.1 D"}
-    scene = small_bed.replace(**changes)
-    integer = simulate(scene, t_end=0.2, progress=False)
-    simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
-    parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
-    for name in ("position", "velocity"):
-        np.testing.assert_array_equal(integer.dataset[name].values[-1], parts.dataset[name].values[-1])
-    assert integer.settings()["pairs"] == "verlet-list"

@@ -29,13 +29,6 @@ class FileTap:
     def height(p, time, start):
         return start - p.depth * math.sin(math.pi * time / p.duration) ** 2
 """
-FORMULA = {
-    "kind": "path",
-    "name": "tap",
-    "height": "h0 - a*sin(w*t)**2",
-    "a": "1 mm",
-    "w": "31.415926535897931 1/s",
-}
 
 
 @stage
@@ -49,45 +42,9 @@ class Tap:
         return start - p.depth * math.sin(math.pi * time / p.duration) ** 2
 
 
-@stage
-class Kick:
-    """A force that dies out."""
-
-    size: float = quantity("N")
-
-    @staticmethod
-    def force(p, time):  # type: ignore[no-untyped-def]
-        return p.size * math.exp(-time / 0.05)
-
-
 def bed(*protocol: dict[str, object]) -> Scene:
     changes = {"grains.count": 20, "cell.width": "10 D", "protocol": list(protocol), "output.record": None}
     return load_scene("damper").replace(**changes)
-
-
-@pytest.mark.long  # quick: in plain Python
-def test_a_class_moves_the_piston_as_its_formula_does() -> None:
-    own = {"kind": "tap", "name": "tap", "depth": "1 mm", "duration": "100 ms"}
-    first, second = (
-        simulate(bed(one), dt=1e-4, progress=False).piston() for one in (own, FORMULA | {"duration": 0.1})
-    )
-    np.testing.assert_allclose(first.height, second.height, rtol=1e-9)
-    assert first.height.min() == pytest.approx(first.height[0] - 1e-3, rel=1e-6)
-
-
-@pytest.mark.long  # quick: in plain Python
-def test_a_force_pushes_as_its_formula_does() -> None:
-    own = {"kind": "kick", "name": "kick", "size": "30 N", "duration": 0.05}
-    formula = {
-        "kind": "force",
-        "name": "kick",
-        "force": "f*exp(-t/s)",
-        "f": "30 N",
-        "s": "50 ms",
-        "duration": 0.05,
-    }
-    first, second = (simulate(bed(one), dt=1e-4, progress=False).piston() for one in (own, formula))
-    np.testing.assert_allclose(first.height, second.height, rtol=1e-9)
 
 
 def test_a_scene_with_one_round_trips_and_is_known_by_its_code(tmp_path: Path) -> None:

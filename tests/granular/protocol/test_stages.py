@@ -46,33 +46,6 @@ def test_descent(small_bed: Scene) -> None:
     assert run.settings()["ledger_residual"] < 1e-3
 
 
-@pytest.mark.long  # quick: in plain Python
-def test_follow(small_bed: Scene) -> None:
-    times, heights = [0.0, 0.01, 0.025, 0.04], [6.0 * D, 5.5 * D, 5.5 * D, 5.8 * D]
-    run = driven(small_bed, {"kind": "follow", "name": "table", "times": times, "heights": heights})
-    data = run.dataset
-    exact = np.interp(data["time"].values, times, heights)
-    assert data["piston_height"].values == pytest.approx(exact, rel=1e-12)
-    assert data["time"].values[-1] == pytest.approx(0.04)
-
-
-@pytest.mark.long  # quick: in plain Python
-def test_ledger_of_a_table_closes_with_slope_two(small_bed: Scene) -> None:
-    stage = {
-        "kind": "follow",
-        "name": "table",
-        "times": [0.0, 0.0101, 0.0253, 0.04],
-        "heights": [6.0 * D, 5.5 * D, 5.5 * D, 5.8 * D],
-    }
-    scene = small_bed.replace(**{"protocol": [stage], "output.scalars": 1e-3})
-    residuals = [
-        simulate(scene, dt=dt, progress=False).settings()["ledger_residual"]
-        for dt in (8e-5, 4e-5, 2e-5, 1e-5)
-    ]
-    slope = np.polyfit(np.log([8, 4, 2, 1]), np.log(residuals), 1)[0]
-    assert slope == pytest.approx(2.0, abs=0.3)
-
-
 def test_automatic_step_resolves_the_drive() -> None:
     shaking = {"amplitude": 1e-5, "frequency": 2000.0}
     hold = {"kind": "hold", "name": "hold", "duration": 0.02}

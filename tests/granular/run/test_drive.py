@@ -127,30 +127,3 @@ def test_a_shaken_base_lends_its_acceleration() -> None:
 def test_a_piston_that_is_not_driven_has_no_further_columns() -> None:
     run = simulate(empty({"kind": "free", "name": "fall", "duration": 0.01}), progress=False)
     assert run.piston().extra == {}
-
-
-@pytest.mark.long  # quick: the record of a shaken cell above, a law with an input in test_laws.py
-def test_a_law_with_an_input_fits_a_shaken_damper(small_damper: Scene) -> None:
-    """The inertial force of the base is what the law lacks without the column."""
-    from reduced_models import fit
-
-    scene = small_damper.replace(
-        **{
-            "effects.shaking": {"amplitude": "0.05 D", "frequency": 5.0},
-            "protocol": [
-                {"kind": "free", "name": "settle", "duration": 3.0},
-                {"kind": "free", "name": "shaken", "duration": 3.0},
-            ],
-            "output.record": "shaken",
-        }
-    )
-    record = simulate(scene, progress=False).piston()
-    left = "z'' + 2*lam*z' + k*(z - rest) + b*(z - rest)**2 = "
-    model = fit(record, f"{left}-base_acceleration", test_fraction=0.3)
-    assert model.law.inputs == ("base_acceleration",)
-    assert model.quality.test_error < 0.05
-    # The frequency is that of the same damper released, 6.2 Hz, not that of the shaker.
-    assert model.at_rest.period == pytest.approx(0.161, rel=0.03)
-    with pytest.warns(UserWarning, match="the law or the fit is not right"):
-        without = fit(record, f"{left}0*base_height", test_fraction=0.3)
-    assert without.quality.test_error > 5.0 * model.quality.test_error

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
 import signal
 import subprocess
 import sys
@@ -81,35 +79,6 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit(small_b
     assert fractions[0] < 0.5
     assert fractions[-1] == 1.0 or amplitudes[-1] < 2.0 * settling.limit
     assert "at rest below 1e-04 D" in str(settling)
-
-
-COMPILING = """
-import sys
-from granular import load_scene, simulate
-for _ in range(2):
-    print("run", file=sys.stderr)
-    simulate(load_scene("single-particle"), t_end=1e-3)
-"""
-
-
-@pytest.mark.long  # quick: two kernels, below
-def test_compiling_is_said_with_its_progress(tmp_path: Path) -> None:
-    """By the kernel, where nothing is compiled yet; the second run says nothing of it."""
-    done = subprocess.run(
-        [sys.executable, "-c", COMPILING],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-    )
-    _, first, second = done.stderr.split("run\n")
-    lines = [line for line in first.splitlines() if "compiling" in line]
-    *_, number, length = re.findall(r"\d+(?::\d+)*", lines[-1])
-    minutes = int(length.rpartition(":")[0].replace(":", ""))
-    assert int(number) > 50
-    assert len(lines) <= 2 + minutes  # the first and the last, and one a minute
-    assert "compiling" not in second
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")

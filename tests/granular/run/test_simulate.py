@@ -84,15 +84,6 @@ def test_threads_give_the_same_bits(bed: Scene) -> None:
     assert same(one, two)
 
 
-@pytest.mark.long
-def test_threads_leave_a_bed_alone_that_is_not_parted(bed: Scene) -> None:
-    few = bed.replace(**{"output.scalars": 1e-3})
-    assert same(
-        simulate(few, t_end=2e-3, threads=1, progress=False),
-        simulate(few, t_end=2e-3, threads=2, progress=False),
-    )
-
-
 def test_dataset_is_labelled(scene: Scene, tmp_path: Path) -> None:
     run = simulate(scene, t_end=0.02, out=tmp_path / "run", progress=False)
     data = run.dataset

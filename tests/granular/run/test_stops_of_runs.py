@@ -5,8 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -18,7 +16,7 @@ from numba.core.compiler_lock import global_compiler_lock
 
 import granular.run.engines
 import granular.run.simulation
-from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
+from granular import Scene, Trajectory, load_scene, simulate
 from granular.shared.errors import Interrupted, RunError
 from granular.shared.stop_signals import defer_stop_signals, handle_sigterm
 
@@ -73,16 +71,6 @@ def test_some_ctrl_c_end_a_loop_of_short_runs(
 ) -> None:
     one = short_runs(scene, tmp_path if kept == "disk" else None)
     for delay in random.uniform(0.0, 0.1, 5):
-        assert seconds_until_the_end(one, delay) < 5.0
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("kept", ["memory", "disk"])
-def test_every_ctrl_c_ends_a_loop_of_short_runs(
-    scene: Scene, tmp_path: Path, random: np.random.Generator, kept: str
-) -> None:
-    one = short_runs(scene, tmp_path if kept == "disk" else None)
-    for delay in random.uniform(0.0, 0.4, 100):
         assert seconds_until_the_end(one, delay) < 5.0
 
 
@@ -170,38 +158,3 @@ def test_a_stop_is_not_lost_to_a_run_that_fails(scene: Scene, monkeypatch: pytes
     monkeypatch.setattr(ProtocolRunner, "advance", advance)
     with pytest.raises(KeyboardInterrupt):
         simulate(scene, t_end=END, progress=False)
-
-
-def commands_end(scene: Scene, folder: Path, delays: np.ndarray, numbers: list[signal.Signals]) -> None:
-    """Signals to the command ``run`` after some seconds: exit status, and what is on the disk."""
-    scene.save(folder / "scene.toml")
-    for k, (delay, number) in enumerate(zip(delays, numbers, strict=True)):
-        out = folder / f"run-{k}"
-        words = ("run", str(folder / "scene.toml"), "-o", str(out), "--t-end", "1e6", "--quiet")
-        command = subprocess.Popen(
-            [sys.executable, "-m", "granular", *words],
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        while not out.exists():
-            time.sleep(0.01)
-        time.sleep(delay)
-        command.send_signal(number)
-        _, said = command.communicate(timeout=10.0)
-        assert command.returncode == 128 + number, said
-        assert said.count("error: ") == 1
-        assert "Traceback" not in said
-        assert not load_trajectory(out).complete
-
-
-@pytest.mark.long  # quick: a run of weeks, in test_progress.py
-def test_a_signal_ends_a_command(scene: Scene, tmp_path: Path) -> None:
-    commands_end(scene, tmp_path, np.array([0.1]), [signal.SIGTERM])
-
-
-@pytest.mark.long
-def test_many_signals_end_commands(scene: Scene, tmp_path: Path, random: np.random.Generator) -> None:
-    numbers = [signal.SIGINT, signal.SIGTERM] * 20
-    commands_end(scene, tmp_path, random.uniform(0.0, 2.0, 40), numbers)

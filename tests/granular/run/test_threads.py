@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 
-from granular import Scene, simulate
+from granular import Scene
 from granular.run import thread_count
 from granular.run.thread_count import ThreadCountTuner, choose_thread_count
 
@@ -76,23 +76,3 @@ def test_large_beds_take_several(bed: Scene, method: str, monkeypatch: pytest.Mo
     )
     monkeypatch.setattr(numba.config, "THREADING_LAYER", "workqueue")
     assert (choose_thread_count(large, None) > 1) == (method == "direct")
-
-
-@TWO
-@pytest.mark.long  # quick: parts taken in another order, in plain Python
-@pytest.mark.parametrize("method", ["cut-off", "mesh"])
-def test_runs_have_the_same_bits(bed: Scene, method: str) -> None:
-    large = bed.replace(
-        **{
-            "grains.count": 1500,
-            "cell.width": "121 D",
-            "piston.height": "41 D",
-            "arrangement.height": "40 D",
-            "pairs.method": method,
-        }
-    )
-    ends = [
-        simulate(large, dt=2e-5, t_end=2e-3, threads=count, progress=False).dataset for count in (1, 2, None)
-    ]
-    for one in ends[1:]:
-        np.testing.assert_array_equal(one["position"], ends[0]["position"])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular import Scene, evaluate, load_scene, simulate
+from granular import Scene, evaluate, load_scene
 
 MU0 = 4e-7 * math.pi
 
@@ -107,15 +107,6 @@ def test_what_is_said_of_each_species_alike_changes_no_bit() -> None:
         }
     )
     np.testing.assert_array_equal(evaluate(told, place).force, evaluate(scene, place).force)
-
-
-@pytest.mark.long  # quick: the forces, above, and two species that rub, in plain Python
-@pytest.mark.parametrize("changes", [{}, {"grains.spread": 0.2}, ONE | {"grains.spread": 0.2}])
-def test_the_ledger_of_unlike_grains_closes(changes: dict[str, Any]) -> None:
-    """In drag, and between the packaged walls: as beds that are compiled for other tests."""
-    more = {"arrangement.speed": "20 D/s", "effects.drag": {"coefficient": 0.1}, "effects.walls": True}
-    scene = mixed(**changes, **more)
-    assert simulate(scene, t_end=0.1, progress=False).settings()["ledger_residual"] < 1e-4
 
 
 def test_masses_and_moments_are_those_of_the_material() -> None:
