@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular import Scene, evaluate, load_scene, simulate
+from granular import Scene, load_scene, simulate
 
 
 def head_on_collision(speed: float, restitution: float, **changes: object) -> Scene:
@@ -34,38 +34,6 @@ def test_restitution_at_every_speed(restitution: float, speed: float) -> None:
     lost = run.dataset["contact_loss"].values
     assert (np.diff(lost) >= 0.0).all()
     assert run.settings()["ledger_residual"] < 1e-4
-
-
-SPECIES = [
-    {"name": "big", "diameter": 0.006, "share": 0.5},
-    {"name": "small", "diameter": 0.004, "share": 0.5},
-]
-
-
-def test_contact_force_is_minus_gradient() -> None:
-    scene = load_scene("bed").replace(
-        **{"grains.species": SPECIES, "grains.count": 4, "effects.contact.modulus": 1e6}
-    )
-    place = np.array([[0.05, 0.05], [0.0545, 0.0515], [0.0555, 0.0475], [0.2, 0.05]])
-    force = evaluate(scene, place).force
-    step = 1e-7
-    for grain in range(3):
-        for axis in range(2):
-            energies = []
-            for shift in (-2, -1, 1, 2):
-                moved = place.copy()
-                moved[grain, axis] += shift * step
-                energies.append(evaluate(scene, moved).potential_energy)
-            slope = (energies[0] - 8 * energies[1] + 8 * energies[2] - energies[3]) / (12 * step)
-            assert -slope == pytest.approx(force[grain, axis], rel=1e-6)
-
-
-def test_contact_only_acts_below_the_sum_of_radii(bed: Scene) -> None:
-
-    mixture = bed.replace(**{"grains.species": SPECIES})
-    place = mixture.initial_positions_and_velocities()[0]
-    touching = mixture.replace(**{"effects.contact.modulus": 1e8})
-    assert np.array_equal(evaluate(mixture, place).force, evaluate(touching, place).force)
 
 
 @pytest.mark.long

@@ -99,24 +99,6 @@ def test_tilts_other_than_the_bound_add_torques_as_vectors(bed: Scene, tilt: str
     np.testing.assert_allclose(loads[1], part * loads[0], rtol=1e-12)
 
 
-def test_independent_tilts_of_unlike_grains_load_each_by_its_own(bed: Scene) -> None:
-    """The neighbours' tilts are zero in the mean, so t_i counts where aligned tilts have t_j."""
-    species = [
-        {"name": "big", "diameter": "6 mm", "share": 0.5},
-        {"name": "small", "diameter": "3 mm", "share": 0.5},
-    ]
-    pair = bed.replace(**{"grains.species": species, "grains.count": 2, "grains.spread": 0.1})
-    loads = {
-        tilt: evaluate(
-            pair.replace(**{"effects.friction": {"tilt": tilt}}), np.array([[0.1, 0.05], [0.11, 0.05]])
-        ).normal_load
-        for tilt in ("bound", "independent")
-    }
-    d = pair.grains.diameters()
-    tilts = np.arcsin(0.0031 / np.hypot(d, 0.003)) - np.arctan(0.003 / d)
-    np.testing.assert_allclose(loads["independent"], loads["bound"] * tilts / tilts[::-1] / 3.0, rtol=2e-3)
-
-
 @pytest.mark.parametrize("dt", [1e-4, 1e-5])
 def test_grain_that_slides_up_sticks_at_every_phase(dt: float) -> None:
     """Between mu_d N and mu_s N a force that a grain runs against stops it, and it stays."""

@@ -195,25 +195,6 @@ def test_rows_of_discs_beside_the_other_walls() -> None:
         assert InfiniteWall.force(None, 1.0 + gap) == pytest.approx(infinite, rel=6e-3)
 
 
-def test_scene_force_is_minus_gradient() -> None:
-    """Each wall by another law."""
-    slab, row = {"law": "slab", "length": "75 D"}, {"law": "discs", "pitch": "1.5 D"}
-    walls = {"left": "infinite", "right": slab, "bottom": row, "top": "experimental"}
-    alone = {"effects.dipole": None, "effects.gravity": None}
-    scene = load_scene("bed").replace(**{"effects.walls": walls, **alone})
-    positions = scene.initial_positions_and_velocities()[0]
-    force = evaluate(scene, positions).force
-    step = 2e-4 * 0.006
-    for grain, axis in ((0, 0), (0, 1), (33, 0), (200, 1), (367, 0), (367, 1)):
-        energies = []
-        for shift in (-2, -1, 1, 2):
-            moved = positions.copy()
-            moved[grain, axis] += shift * step
-            energies.append(evaluate(scene, moved).potential_energy)
-        slope = (energies[0] - 8 * energies[1] + 8 * energies[2] - energies[3]) / (12 * step)
-        assert -slope == pytest.approx(force[grain, axis], rel=1e-7, abs=1e-7 * np.abs(force).max())
-
-
 @pytest.mark.long  # quick: the force of slabs and its energy, above
 def test_the_bed_that_the_source_could_not_hold_up_rests_on_slabs() -> None:
     """[D, 3.6]: with slabs the source's bed fell through the bottom. Here it settles."""

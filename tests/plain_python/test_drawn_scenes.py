@@ -1,7 +1,7 @@
-"""Forty scenes drawn by a seed: forces, energies and loads against sums written out pair by pair.
+"""Scenes drawn by a seed: forces, energies and loads against sums written out pair by pair.
 
-Every two features that can be together meet in one of them. Most run in plain Python with the quick tests;
-the others, and all of them compiled, by ``python -m pytest -m long tests/plain_python/test_drawn_scenes.py``.
+Every two features that can be together meet in one of them. They run in plain Python with the quick tests,
+and compiled by ``python -m pytest -m long tests/plain_python/test_drawn_scenes.py``.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ import dataclasses
 import functools
 import itertools
 import math
-import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from typing import Any
 
 import numba
@@ -19,7 +18,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, quantity, simulate
-from granular.shared.errors import InputError, SceneError
+from granular.shared.errors import InputError
 from tests.granular.pairs.test_periodic import ewald_energy
 from tests.plain_python.brute_force import (
     SIDES,
@@ -285,9 +284,8 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "sides": ("closed", "periodic"),
 }
 FEATURES = (*itertools.chain(*CHOICES.values()), *ACTING, *WALLS)
-WITH_IMAGES = ("friction", "drag", "eddy", "bath")
 OWN_PAIR_LAWS = ("pair law", "own short law", "own screened law")
-SOON = ("contact", *OWN_PAIR_LAWS)
+WITH_IMAGES = ("friction", "drag", "eddy", "bath", "contact", *OWN_PAIR_LAWS)
 NO_IMAGES = "cannot act in a cell with periodic sides|there is no piston|there is no side wall"
 EXCLUDED: dict[frozenset[str], str] = {
     frozenset(pair): words
@@ -302,7 +300,7 @@ EXCLUDED: dict[frozenset[str], str] = {
         ("host", "bath", "takes no notice"),
         *((one, "bath", "holds at rest") for one in ("contact", "friction", "wall friction")),
         ("friction", "wall friction", "cannot act together"),
-        *((one, "periodic", NO_IMAGES) for one in ACTING if one not in (*WITH_IMAGES, *SOON)),
+        *((one, "periodic", NO_IMAGES) for one in ACTING if one not in WITH_IMAGES),
         *((one, "periodic", NO_IMAGES) for one in WALLS),
     )
 }
@@ -327,9 +325,7 @@ def pairs_of(features: frozenset[str]) -> set[frozenset[str]]:
     return {frozenset(pair) for pair in itertools.combinations(sorted(features), 2)}
 
 
-def draw_features(
-    random: np.random.Generator, wanted: frozenset[str], with_images: tuple[str, ...] = WITH_IMAGES
-) -> frozenset[str]:
+def draw_features(random: np.random.Generator, wanted: frozenset[str]) -> frozenset[str]:
     """Draw a scene's features, the wanted ones among them."""
     while True:
         features = {str(random.choice(names)) for names in CHOICES.values() if not wanted & set(names)}
@@ -339,7 +335,7 @@ def draw_features(
         if "closed" in features:
             features |= {str(name) for name in random.choice(WALLS, 3)}
         else:
-            features -= set(ACTING) - set(with_images)
+            features -= set(ACTING) - set(WITH_IMAGES)
         if wanted <= features and not pairs_of(frozenset(features)) & set(EXCLUDED) and fits(features):
             return frozenset(features)
 
@@ -357,7 +353,7 @@ def fits(features: set[str]) -> bool:
 def draw_scenes(count: int, seed: int) -> list[Drawn]:
     """Draw scenes, each from some drawn ones that with the most pairs of features that are new."""
     random, scenes = np.random.default_rng(seed), []
-    missing = {pair for pair in every_pair() if pair not in EXCLUDED and not is_new(pair)}
+    missing = {pair for pair in every_pair() if pair not in EXCLUDED}
     for number in range(count):
         wanted = min(missing, key=sorted) if missing else frozenset[str]()
         drawn = [draw_features(random, wanted) for _ in range(20)]
@@ -373,23 +369,7 @@ def every_pair() -> set[frozenset[str]]:
     return {frozenset(pair) for pair in itertools.combinations(FEATURES, 2)} - alike
 
 
-def is_new(pair: frozenset[str]) -> bool:
-    return "periodic" in pair and bool(pair & set(SOON))
-
-
-def draw_new_scenes(seed: int) -> list[Drawn]:
-    """Draw periodic scenes with contact and own pair laws, each of them by each sum."""
-    random, scenes = np.random.default_rng(seed), []
-    for name, method in itertools.product(SOON, ("direct", "cut-off", "mesh")):
-        others = (name,) if name == "contact" else SOON
-        features = draw_features(random, frozenset((name, method, "periodic")), (*WITH_IMAGES, *others))
-        scenes.append(Drawn(features, 100 + len(scenes)))
-    return scenes
-
-
-SCENES, NEW_SCENES = draw_scenes(40, seed=1), draw_new_scenes(seed=2)
-QUICK, QUICK_NEW = (), (0,)
-"""Scenes that few kernels are compiled for."""
+SCENES = draw_scenes(24, seed=3)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -420,7 +400,7 @@ def draw_places(drawn: Drawn, random: np.random.Generator, diameters: np.ndarray
         if "periodic" in drawn.features:  # across a side, and across a corner
             pairs += [(3 * columns - 1, 2 * columns), (7, count - columns + 7)]
         for k, (i, j) in enumerate(pairs):
-            near = (depth - 0.002 * k) * 0.5 * (diameters[i] + diameters[j])
+            near = (depth - 0.001 * k) * 0.5 * (diameters[i] + diameters[j])
             way = places[j] - places[i]
             way -= sides * np.round(way / sides) if "periodic" in drawn.features else 0.0
             places[j] = places[i] + near * way / np.hypot(*way)
@@ -590,17 +570,11 @@ def check_records(case: Case) -> None:
 plain_python = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 
 
-def quick_or_long(scenes: list[Drawn], quick: Collection[int]) -> list[Any]:
-    return [pytest.param(one, marks=() if k in quick else pytest.mark.long) for k, one in enumerate(scenes)]
-
-
 @plain_python
 def test_every_two_features_meet_in_a_drawn_scene() -> None:
     held = set().union(*(pairs_of(drawn.features) for drawn in SCENES))
     for pair in every_pair():
-        assert (pair in held) != (pair in EXCLUDED or is_new(pair)), sorted(pair)
-    held = set().union(*(pairs_of(drawn.features) for drawn in NEW_SCENES))
-    assert all(pair in held for pair in every_pair() if is_new(pair))
+        assert (pair in held) != (pair in EXCLUDED), sorted(pair)
 
 
 @plain_python
@@ -614,42 +588,15 @@ def test_what_cannot_meet_is_refused(pair: frozenset[str]) -> None:
 
 
 @plain_python
-@pytest.mark.parametrize("drawn", quick_or_long(SCENES, range(26)), ids=str)
+@pytest.mark.parametrize("drawn", SCENES, ids=str)
 def test_a_drawn_scene_is_summed_as_written_out(drawn: Drawn) -> None:
     case = make_case(drawn)
     check_case(case)
     check_records(case)
 
 
-def case_unless_refused(drawn: Drawn) -> Case | None:
-    """Make a case; where its cell refuses the effect, skip with that line."""
-    try:
-        return make_case(drawn)
-    except SceneError as refusal:
-        if not re.match(r"effects\.(contact|pair_law|bumpers|screened): cannot act in a cell", str(refusal)):
-            raise
-        if not numba.config.DISABLE_JIT:  # in plain Python, where nothing may be skipped, the line is tested
-            pytest.skip(str(refusal))
-        return None
-
-
-@plain_python
-@pytest.mark.parametrize("drawn", quick_or_long(NEW_SCENES, range(0, 12, 2)), ids=str)
-def test_contact_and_own_pair_laws_meet_images(drawn: Drawn) -> None:
-    case = case_unless_refused(drawn)
-    if case is not None:
-        check_case(case)
-        check_records(case)
-
-
-if not numba.config.DISABLE_JIT:  # where none may be skipped
-
-    @pytest.mark.parametrize("drawn", quick_or_long(SCENES, QUICK), ids=str)
-    def test_a_drawn_scene_is_summed_as_written_out_when_compiled(drawn: Drawn) -> None:
-        check_case(make_case(drawn))
-
-    @pytest.mark.parametrize("drawn", quick_or_long(NEW_SCENES, QUICK_NEW), ids=str)
-    def test_contact_and_own_pair_laws_meet_images_when_compiled(drawn: Drawn) -> None:
-        case = case_unless_refused(drawn)
-        assert case is not None
-        check_case(case)
+@pytest.mark.long
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="compiled")
+@pytest.mark.parametrize("drawn", SCENES, ids=str)
+def test_a_drawn_scene_is_summed_as_written_out_when_compiled(drawn: Drawn) -> None:
+    check_case(make_case(drawn))

@@ -193,27 +193,6 @@ def small(name: str, **more: Any) -> Scene:
     return scene.replace(**more)
 
 
-@pytest.mark.long  # quick: the table of pairs looks at the slope in each of its rows
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_the_force_is_minus_the_gradient(name: str) -> None:
-    scene = small(name)
-    start = scene.initial_positions_and_velocities()[0]
-    if name == "contact":
-        start = start * [0.62, 1.0] + [0.007, 0.0]
-        scene = scene.replace(**{"arrangement.positions": start.tolist()})
-    random = np.random.default_rng(3)
-    direction = random.normal(size=start.shape)
-    direction /= np.abs(direction).max()
-    size = 2e-5 * 0.006
-
-    def energy(steps: float) -> float:
-        return evaluate(scene, start + steps * size * direction).potential_energy
-
-    slope = (8.0 * (energy(1) - energy(-1)) - (energy(2) - energy(-2))) / (12.0 * size)
-    force = evaluate(scene, start).force
-    assert float((force * direction).sum()) == pytest.approx(-slope, rel=1e-7)
-
-
 def test_pairs_alone_keep_the_momentum() -> None:
     for name in ("dipole", "contact", "bumpers", "far_pairs"):
         scene = small(name, **{"effects.walls": None, "piston": "none"})
@@ -241,19 +220,6 @@ def test_the_ledger_closes_with_the_square_of_the_step(name: str) -> None:
     for variable in runs[0].dataset:
         if str(variable).endswith("_loss"):
             assert (np.diff(runs[0].dataset[variable].values) >= -1e-18).all()
-
-
-@pytest.mark.long  # quick: the table of pairs resumes a run of each effect
-@pytest.mark.parametrize("name", NAMES)
-def test_a_run_that_goes_on_has_the_same_bits(name: str, tmp_path: Path) -> None:
-    scene = small(name)
-    integer = simulate(scene, dt=STEP, t_end=12 * STEP, progress=False).dataset
-    simulate(scene, dt=STEP, t_end=5 * STEP, progress=False, out=tmp_path)
-    parts = simulate(scene, dt=STEP, t_end=12 * STEP, progress=False, out=tmp_path, resume=True)
-    for variable in ("position", "velocity"):
-        np.testing.assert_array_equal(
-            integer[variable].values[-1], parts.dataset[variable].values[-1], strict=True
-        )
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -11,7 +11,6 @@ import pytest
 
 from granular import Scene, simulate
 from granular.effects.registry import all_effects
-from granular.shared.errors import InputError
 from tests.plain_python.test_every_effect import EXAMPLES, NAMES, STEP, small
 from tests.plain_python.test_pair_law_tails import FORMULA
 
@@ -120,16 +119,16 @@ LATER = ("formula pair law", "discs by cut-off", "own pair law, periodic")
 TIME = 24 * STEP
 
 
-def check_bits(name: str, out: Path) -> None:
-    """Check that a run in three parts, and one on two threads, have the bits of one in a piece."""
-    try:
-        scene = small("walls", **RESUMED[name])
-    except InputError as refusal:
-        if "cell with periodic sides" not in str(refusal) and "tail" not in str(refusal):
-            raise
-        if not numba.config.DISABLE_JIT:  # in plain Python nothing may be skipped
-            pytest.skip(str(refusal))
-        return
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(one, marks=() if numba.config.DISABLE_JIT and one not in LATER else pytest.mark.long)
+        for one in RESUMED
+    ],
+)
+def test_near_pairs_that_are_listed_again_keep_the_bits(name: str, tmp_path: Path) -> None:
+    """In a run in three parts, and in one on two threads."""
+    scene = small("walls", **RESUMED[name])
     if scene.effects.contact is not None:
         scene = with_touching_grains(scene, 0.99)
     whole = simulate(scene, dt=STEP / 4, t_end=TIME, progress=False)
@@ -138,23 +137,7 @@ def check_bits(name: str, out: Path) -> None:
     if scene.effects.contact is not None:
         assert float(whole.dataset["contact_loss"].values[-1]) > 0.0
     for end in (0.3 * TIME, 0.7 * TIME, TIME):
-        parts = simulate(scene, dt=STEP / 4, t_end=end, out=out, resume=True, progress=False)
+        parts = simulate(scene, dt=STEP / 4, t_end=end, out=tmp_path, resume=True, progress=False)
     assert parts.dataset.equals(whole.dataset)
     two = simulate(scene, dt=STEP / 4, t_end=TIME, threads=2, progress=False)
     assert two.dataset.equals(whole.dataset)
-
-
-if numba.config.DISABLE_JIT:
-
-    @pytest.mark.parametrize(
-        "name", [pytest.param(one, marks=pytest.mark.long if one in LATER else ()) for one in RESUMED]
-    )
-    def test_near_pairs_that_are_listed_again_keep_the_bits(name: str, tmp_path: Path) -> None:
-        check_bits(name, tmp_path)
-
-else:
-
-    @pytest.mark.long
-    @pytest.mark.parametrize("name", RESUMED)
-    def test_compiled_near_pairs_that_are_listed_again_keep_the_bits(name: str, tmp_path: Path) -> None:
-        check_bits(name, tmp_path)

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, quantity
-from granular.shared.errors import InputError
 from tests.granular.pairs.test_periodic import ewald_energy
 from tests.plain_python.brute_force import Bed, Law, Reach, Sums, bed_of, dipoles, sum_pairs
 from tests.plain_python.test_drawn_scenes import (
@@ -37,10 +36,9 @@ A, LENGTH, C, WIDE = 1.0, 0.5 * MM, 1e-9, 2 * MM
 touch, is spent at the cut-off. The last is the length of the law by masses."""
 CLOSE = 1e-9
 """Error of a tabled law by direct sum and cut-off, over the rms of a grain's sum of sizes."""
-REFUSED = ""
-"""Line that refuses a class with a tail, if there is one."""
 
 
+@effect
 class Tailed:
     """A Yukawa repulsion with a tail of dipoles."""
 
@@ -57,6 +55,7 @@ class Tailed:
         return first.moment * second.moment * p.c
 
 
+@effect
 class ByMass:
     """A screened repulsion by the masses of both grains, which ends at a distance."""
 
@@ -73,12 +72,6 @@ class ByMass:
     def reach(p: Any) -> Any:
         return p.end
 
-
-try:
-    effect(Tailed)
-    effect(ByMass)
-except InputError as refusal:
-    REFUSED = str(refusal)
 
 FORMULA = {
     "energy": "q1*q2*(a*exp(-r/l)/r + c/r**3)",
@@ -188,17 +181,8 @@ def sum_tail(bed: Bed, law: Law, reach: Reach, coefficient: float) -> Sums:
 
 
 def check_tail(written: str, alone: bool, drawn: Drawn) -> None:
-    """Check forces, energy, momentum and the slope; a key ``tail`` that is unknown is told as it is."""
-    try:
-        if written != "formula" and REFUSED:
-            raise InputError(REFUSED)
-        tail = make_tail(written, alone, drawn)
-    except InputError as refusal:
-        if "tail" not in str(refusal) and "pair_force" not in str(refusal):
-            raise
-        if not numba.config.DISABLE_JIT:  # in plain Python nothing may be skipped
-            pytest.skip(str(refusal))
-        return
+    """Check forces, energy, momentum and the slope."""
+    tail = make_tail(written, alone, drawn)
     scene, bed = tail.scene, tail.bed
     meshed = "mesh" in drawn.features
     error = scene.pairs.tolerance if meshed else CLOSE
@@ -227,24 +211,13 @@ def label(value: Any) -> str:
     )
 
 
-if numba.config.DISABLE_JIT:
+def every(number: int) -> list[Any]:
+    """All cases; those between every so many take long together."""
+    return [pytest.param(*case, marks=pytest.mark.long if k % number else ()) for k, case in enumerate(CASES)]
 
-    @pytest.mark.parametrize(
-        ("written", "alone", "drawn"),
-        [pytest.param(*case, marks=pytest.mark.long if k % 3 else ()) for k, case in enumerate(CASES)],
-        ids=label,
-    )
-    def test_an_own_law_with_a_tail_is_summed_as_written_out(written: str, alone: bool, drawn: Drawn) -> None:
-        check_tail(written, alone, drawn)
 
-else:
-
-    @pytest.mark.parametrize(
-        ("written", "alone", "drawn"),
-        [pytest.param(*case, marks=pytest.mark.long if k else ()) for k, case in enumerate(CASES)],
-        ids=label,
-    )
-    def test_a_compiled_own_law_with_a_tail_is_summed_as_written_out(
-        written: str, alone: bool, drawn: Drawn
-    ) -> None:
-        check_tail(written, alone, drawn)
+@pytest.mark.parametrize(
+    ("written", "alone", "drawn"), every(3 if numba.config.DISABLE_JIT else len(CASES)), ids=label
+)
+def test_an_own_law_with_a_tail_is_summed_as_written_out(written: str, alone: bool, drawn: Drawn) -> None:
+    check_tail(written, alone, drawn)

@@ -1,4 +1,4 @@
-"""Every two features of a scene together at least once: forces, energies, ledger and bits.
+"""Every two features of a scene together at least once: slope of the energy, ledger and bits.
 
 A table of pairs: each level of each factor meets each level of every other one in some row. Small
 beds run in plain Python with the quick tests; whole ones, of 92 and 368 grains, are compiled:
@@ -7,7 +7,6 @@ beds run in plain Python with the quick tests; whole ones, of 92 and 368 grains,
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections import Counter
 from pathlib import Path
@@ -21,9 +20,8 @@ from granular import Scene, effect, evaluate, load_scene, simulate
 from granular.effects.registry import all_effects
 from granular.shared.errors import InputError
 from tests.granular.run.test_record_names import pull
-from tests.plain_python.brute_force import Bed, Law, Reach, bed_of, dipoles, discs, sum_pairs
 from tests.plain_python.test_every_effect import EXAMPLES
-from tests.plain_python.test_pair_law_tails import CLOSE, FORMULA, tail_alone, yukawa
+from tests.plain_python.test_pair_law_tails import FORMULA
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::RuntimeWarning"),
@@ -35,20 +33,11 @@ STEP, STEPS = 4e-5, 4
 WALLS = dict.fromkeys(("left", "right", "bottom", "top"), "experimental")
 
 
-class DiscErrors:
-    """Errors of the law of discs: over force and energy of a pair, or over those of two that touch."""
-
-    relative, touching = 9e-6, 9e-7
-
-
 TILTS: dict[str, dict[str, Any]] = {
     "friction of second order": {"torque": "second"},
     "aligned tilts": {"tilt": "aligned"},
     "independent tilts": {"tilt": "independent"},
 }
-PERIODIC = {name for name, one in all_effects().items() if one.periodic} | set(TILTS)
-if "pair_law" in PERIODIC:
-    PERIODIC |= {"pair law below a spacing", "pair law above spacings", "pair law with a tail"}
 LAW = {"energy": "a*q1*q2*exp(-r/l)", "a": "30 uJ", "l": "3 mm"}
 REACH = {"pair law below a spacing": 0.8, "pair law above spacings": 6.0}
 """[D]"""
@@ -76,11 +65,8 @@ ACTING = {name: one for name, one in EXAMPLES.items() if name != "host"} | {
 }
 ACTING |= TILTS
 TAILED = "pair law with a tail"
-with contextlib.suppress(InputError):  # as long as there is no such key; test_pair_law_tails says so
-    load_scene("bed").replace(**{"effects.pair_law": [FORMULA]})
-    ACTING[TAILED] = [FORMULA]
-OF_PAIRS = (*REACH, TAILED)
-"""Pair laws that are summed with the magnets."""
+ACTING[TAILED] = [FORMULA]
+PERIODIC = {name for name, one in all_effects().items() if one.periodic} | {*TILTS, *REACH, TAILED}
 METHODS: dict[str, dict[str, Any]] = {
     "direct": {"method": "direct"},
     "far pairs less often": {"method": "direct", "far_every": 4},
@@ -125,7 +111,7 @@ REFUSED: list[tuple[Row, str]] = [
         if name not in PERIODIC
     ),
     ({"effect": "far_pairs", "sides": "periodic"}, "does not end within"),
-    ({"effect": "pair law with a tail", "magnets": "cylinders"}, "cannot act beside"),
+    ({"effect": TAILED, "magnets": "cylinders"}, "a tail cannot act beside"),
     ({"method": "verlet-list", "sides": "periodic"}, "knows no images"),
     ({"method": "verlet-list", "magnets": "cylinders"}, "knows dipoles alone"),
     ({"method": "far pairs less often", "sides": "periodic"}, "has no far field"),
@@ -143,8 +129,6 @@ REFUSED: list[tuple[Row, str]] = [
     ({"fields": 3, "sides": "periodic"}, "in a cell with periodic sides"),
     *(({"stage": name, "sides": "periodic"}, "moves the piston") for name in STAGES if name != "hold"),
 ]
-if TAILED in ACTING:
-    REFUSED.append(({"effect": TAILED, "magnets": "cylinders"}, "a tail cannot act beside"))
 """Pairs that exclude each other, and the words that say so: what knows of no images or needs a piston, and a
 host, whose motion needs the whole force and which alone moves the cell."""
 
@@ -225,7 +209,7 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
     if around and row["method"] in ("mesh", "cut-off"):
         count = max(count, 40)
     key: dict[str, Any] = {"own walls": "walls", "walls of the guide": "walls"}
-    key |= dict.fromkeys(OF_PAIRS, "pair_law") | dict.fromkeys(TILTS, "friction")
+    key |= dict.fromkeys((*REACH, TAILED), "pair_law") | dict.fromkeys(TILTS, "friction")
     width, height = (max(2.0 * count**0.5, 17.5),) * 2 if around else MESH_REACH[count]
     if row["aspect"] == "flat":  # the mesh's error is over the forces of a bed as dense as a periodic one
         width, count = (2.0 * width, 2 * count) if around else (4.0 * width, count)
@@ -264,52 +248,8 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
     return scene
 
 
-def reach_of(scene: Scene, row: Row) -> Reach:
-    """Pairs that a method sums."""
-    size, periods = scene.grains.species[0].diameter, scene.cell.periods
-    if scene.pair_method == "mesh":
-        return Reach() if periods is None else Reach(4.0 * max(periods), images=True)
-    if row["method"] in ("cut-off", "verlet-list"):
-        return Reach(4.0 * size, shifted=True)
-    return Reach() if periods is None else Reach(0.5 * min(periods), shifted=True)
-
-
-def screened(bed: Bed) -> Law:
-    """The pair laws that end, as `LAW` has them."""
-
-    def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        energy = 3e-5 * bed.ratios[i] * bed.ratios[j] * np.exp(-r / 3e-3)
-        return energy, energy / 3e-3
-
-    return law
-
-
-def by_pairs(scene: Scene, row: Row, place: np.ndarray) -> tuple[np.ndarray, float, float, float]:
-    """Force and energy of all pairs, summed one by one, and the errors that they may have."""
-    bed = bed_of(scene, place)
-    sums = [sum_pairs(bed, (discs if row["magnets"] == "cylinders" else dipoles)(bed), reach_of(scene, row))]
-    if row["effect"] in REACH:
-        end = REACH[row["effect"]] * bed.size
-        sums.append(sum_pairs(bed, screened(bed), Reach(end, images=True, shifted=True)))
-    if row["effect"] == TAILED:
-        sums += [sum_pairs(bed, yukawa(bed)), sum_pairs(bed, tail_alone(bed), reach_of(scene, row))]
-    load = float(np.sqrt(np.mean(np.square(sum(one.sizes for one in sums)))))
-    energies = sum(one.energies for one in sums)
-    off, energy_off = 1e-11 * load, 1e-10 * energies
-    if row["effect"] == TAILED:
-        off, energy_off = CLOSE * load, CLOSE * energies
-    if row["magnets"] == "cylinders":  # of a pair at a distance, or where discs touch
-        i, j = np.zeros((2, 1), dtype=int)
-        touch, push = discs(bed)(np.array([bed.size]), i, j)
-        off = DiscErrors.relative * load + DiscErrors.touching * float(push[0])
-        energy_off = DiscErrors.relative * energies + DiscErrors.touching * float(touch[0]) * len(place)
-    if scene.pair_method == "mesh":
-        off, energy_off = 1e-3 * load, 1e-3 * energies
-    return np.sum([one.force for one in sums], axis=0), sum(one.energy for one in sums), off, energy_off
-
-
 def check_forces(scene: Scene, row: Row) -> None:
-    """Finite, minus the gradient of the energy, and those of the pairs one by one."""
+    """Finite, and minus the gradient of the energy."""
     place = scene.initial_positions_and_velocities()[0]
     found = evaluate(scene, place)
     assert np.isfinite(found.force).all()
@@ -322,19 +262,8 @@ def check_forces(scene: Scene, row: Row) -> None:
 
     slope = (8.0 * (energy(1) - energy(-1)) - (energy(2) - energy(-2))) / (12.0 * h)
     size = float(np.abs(found.force * way).sum())
-    meshed = row["method"] == "mesh"
-    assert abs(float((found.force * way).sum()) + slope) < (1e-4 if meshed else 1e-7) * size
-    if row["effect"] in ("pair_law", "bumpers", "far_pairs", "dipole"):
-        return  # the law's own pairs are more
-    bare = scene.replace(
-        **{"effects.dipole": None} | ({"effects.pair_law": None} if row["effect"] in OF_PAIRS else {})
-    )
-    rest = evaluate(bare, place)
-    force, potential, off, energy_off = by_pairs(scene, row, place)
-    np.testing.assert_allclose(found.force - rest.force, force, rtol=0.0, atol=off)
-    if not (meshed and row["sides"] == "periodic"):  # with its own images, too
-        wanted = pytest.approx(potential, rel=0.0, abs=energy_off)
-        assert found.potential_energy - rest.potential_energy == wanted
+    error = 1e-4 if row["method"] == "mesh" else 1e-7
+    assert abs(float((found.force * way).sum()) + slope) < error * size
 
 
 def check_run(scene: Scene, row: Row, out: Path) -> None:

@@ -188,6 +188,7 @@ def test_a_further_piston_takes_no_force_along_an_inclined_side(effects: dict[st
         scene.replace(**{f"effects.{key}": value for key, value in effects.items()}, **{"effects.host": host})
 
 
+@pytest.mark.long  # quick: ledgers of drawn machines with pistons, and one resumed, in plain Python
 @pytest.mark.filterwarnings("ignore:the energy ledger")
 def test_ledger_of_two_pistons_over_two_stages_closes_and_resumes(tmp_path: Path) -> None:
     """Compiled: a bed on a floor on a spring, whose piston is pushed to and fro and then driven."""
