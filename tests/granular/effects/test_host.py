@@ -71,6 +71,7 @@ def grain_on_spring(mass: float, frequency: float) -> dict[str, Any]:
     }
 
 
+@pytest.mark.long  # quick: drawn machines against equations written down again, in plain Python
 @pytest.mark.parametrize(("base", "ratio"), [(False, 0.3), (False, 1.1), (True, 0.9), (True, 3.0)])
 def test_a_linear_damper_makes_two_degrees_of_freedom(ratio: float, base: bool) -> None:
     mass, omega = 0.2, math.tau * ratio * RESONANCE
@@ -100,7 +101,7 @@ def test_a_linear_damper_makes_two_degrees_of_freedom(ratio: float, base: bool) 
     assert found.settings()["ledger_residual"] < 1e-5
 
 
-@pytest.mark.long  # quick: two degrees of freedom here, and forces and ledger in plain Python
+@pytest.mark.long  # quick: the ledger of a host and friction, in plain Python
 @pytest.mark.parametrize("ratio", [0.3, 0.6, 0.9, 1.2, 2.0, 3.0])
 def test_grains_that_stick_are_a_mass_more(ratio: float) -> None:
     count = 6
