@@ -85,11 +85,12 @@ def _repeated_cases(study: Study, figures: list[str]) -> Iterator[Block]:
     header = [*(_label_with_unit(study, name) for name in (*others, "starts", *figures))]
     yield Heading("Means over random starts")
     yield Table(header, rows)
-    yield Text("± is the standard deviation of one start; it says nothing where there is one.")
+    yield Text("± is the standard deviation over the random starts.")
 
 
 def _mean_text(column: pandas.Series[Any]) -> str:
-    return f"{_cell_text(column.mean())} ± {format_number(column.std(), 2)}"
+    spread = f" ± {format_number(column.std(), 2)}" if len(column) > 1 else ""
+    return f"{_cell_text(column.mean())}{spread}"
 
 
 def _texts_with_case_numbers(column: pandas.Series[Any]) -> list[str]:

@@ -330,13 +330,14 @@ def _ranking_text(
 def _tie_text(row: ComparisonRow, best: ComparisonRow, *, at_noise: bool) -> str:
     """Words on a law that predicts as well as the first one."""
     extra = row.parameters - best.parameters
+    more = f"{extra} more parameter{'s' * (extra != 1)}"
     if not at_noise:
         words = f"{row.name} ({format_percent(row.error)}) is no better by more than a standard error"
-        return words + (f" for its {extra} more parameters" if extra else "")
+        return words + (f" for its {more}" if extra else "")
     gain = row.deviance - best.deviance
     if abs(gain) < CLEAR:
         words = f"the data cannot tell {row.name} from it ({format_percent(row.error)})"
-        return words + (f", which has {extra} more parameters" if extra > 0 else "")
+        return words + (f", which has {more}" if extra > 0 else "")
     if gain > 0.0:
         return f"{row.name} predicts as well, but describes the whole record less closely"
-    return f"{row.name} predicts no better for its {extra} more parameters"
+    return f"{row.name} predicts no better for its {more}"
