@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable
 from typing import TextIO
 
 from granular.shared.blocks import Block, Caution, Heading, Items, Printout, Table, Text
 from granular.shared.message_text import printable
 
+COLUMNS = 100
+"""Letters of a line."""
 _SIGNS = {sign: f"\\{sign}" for sign in "{}$&#%_"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
 
 
@@ -21,16 +24,27 @@ def block_text(block: Block) -> str:
     match block:
         case Heading(words):
             return f"\n{words}"
-        case Text(words) | Printout(words):
+        case Text(words):
+            return _wrap(words)
+        case Printout(words):
             return words
         case Caution(words):
-            return f"caution: {words}"
+            return _wrap(f"caution: {words}", "  ")
         case Items(items):
-            return "\n".join(f"  {words}" for words in items)
+            return "\n".join(_wrap(f"  {words}", "    ") for words in items)
         case Table():
             return str(block)
         case _:
             return ""
+
+
+def _wrap(words: str, later: str = "") -> str:
+    """Break lines at spaces, after at most `COLUMNS` letters."""
+    lines = (
+        textwrap.fill(line, COLUMNS, subsequent_indent=later, break_long_words=False, break_on_hyphens=False)
+        for line in words.split("\n")
+    )
+    return "\n".join(lines)
 
 
 def print_blocks(blocks: Iterable[Block], stream: TextIO) -> None:

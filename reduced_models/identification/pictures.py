@@ -17,6 +17,7 @@ from reduced_models.falls.unseen_fall_scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.models.at_rest import signal_units
 from reduced_models.models.model import ReducedModel
+from reduced_models.models.quantities import QuantityWithError
 from reduced_models.records.record_overview import GAP
 from reduced_models.records.sources import time_step_text
 
@@ -267,11 +268,11 @@ def _draw_far_fall(falls: DropScores) -> Figure:
         return drawing
 
 
-def run_sections(run: Trajectory) -> Iterator[Block]:
+def run_sections(run: Trajectory, frequency: QuantityWithError | None) -> Iterator[Block]:
     """Bed before and after, energy ledger, and settings."""
     yield from _bed_section(run)
     yield from _energy_ledger_section(run)
-    yield from _settings_section(run)
+    yield from _settings_section(run, frequency)
 
 
 def _bed_section(run: Trajectory) -> Iterator[Block]:
@@ -338,13 +339,14 @@ def _draw_energies(run: Trajectory) -> Figure:
         return drawing
 
 
-def _settings_section(run: Trajectory) -> Iterator[Block]:
+def _settings_section(run: Trajectory, frequency: QuantityWithError | None) -> Iterator[Block]:
     yield Heading("Settings")
     settings = run.settings()
     yield Table(
         ("setting", "value"),
         [
             ("method", run.method.name),
+            ("sum over pairs", run.scene.pair_method),
             ("time step", time_step_text(run)),
             ("steps", settings["steps"]),
             (
@@ -354,4 +356,18 @@ def _settings_section(run: Trajectory) -> Iterator[Block]:
             ("seconds of the run", format_number(settings["seconds"], 3)),
         ],
     )
+    yield Text(checked_work_precision_text(run, frequency))
     yield Printout(run.scene.to_toml())
+
+
+def checked_work_precision_text(run: Trajectory, frequency: QuantityWithError | None) -> str:
+    """Time and error of a run whose frequency was checked; without a check, `work_precision_text`."""
+    # Fits alone need nothing of the simulation.
+    from granular.run.work_precision import price_text, work_precision_text
+
+    if frequency is None or "step" not in frequency.parts or not frequency.value > 0.0:
+        return work_precision_text(run)
+    scatter, step = frequency.parts.get("start", 0.0), frequency.parts["step"]
+    error, hidden = step / frequency.value, step <= scatter
+    scattered = scatter / frequency.value
+    return price_text(run, "natural frequency", error, "by the step check", scattered, hidden=hidden)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from granular.shared.blocks import Block, Caution, Heading, Items, Table, Text, 
 from granular.shared.files import make_directory, write_text
 from granular.shared.html_pages import Page, made_with
 from granular.shared.message_text import format_factor
+from granular.shared.terminal import blocks_text
 from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
 from reduced_models.identification import page, pictures
 from reduced_models.identification.comparison_table import Comparison
@@ -32,7 +33,7 @@ from reduced_models.laws.elliptic_motion import EllipticMotion
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.observed import cycle_lines
 from reduced_models.models.printout import caution_lines, figure_lines, record_lines, wrap_words
-from reduced_models.models.quantities import DAMPING_RATIO, ERROR_SOURCES, LEVEL, QuantityWithError
+from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError
 from reduced_models.records.sources import describe_record, time_step_text
 
 if TYPE_CHECKING:
@@ -266,25 +267,7 @@ class Identification:
         return tuple(dict.fromkeys(words))
 
     def __str__(self) -> str:
-        lines = [self.printout(None), "", *wrap_words(self.verdict, "", "")]
-        others = [model for model in self.models if model is not self.best]
-        for model in others:
-            lines += ["", f"model: {model.law.name}", *model.equation_lines()]
-        if self.falls is not None:
-            lines += ["", "whole falls, errors over the height of the drop:", str(self.falls.table)]
-            if self.falls.best.model is not None:
-                lines += self.falls.best.model.equation_lines()
-        lines += ["", *_error_part_lines(self.figures_to_print)]
-        if self.elliptic_averaging is not None:
-            lines.append(self.elliptic_averaging.text)
-        if self.run is not None:
-            method = self.run.method.name
-            pairs = self.run.scene.pair_method
-            lines.append(
-                f"simulated with {method}, pairs.method = {pairs}, time step {time_step_text(self.run)}"
-            )
-            lines.append(checked_work_precision_text(self.run, self.figure(FREQUENCY)))
-        return "\n".join([*lines, *(f"not fitted: {words}" for words in self.left_out)])
+        return f"{self.printout(None)}\n{blocks_text(self._details())}"
 
     def page(self) -> Page:
         """Make the report: the answer in an engineer's words, the record, then the rest."""
@@ -302,6 +285,10 @@ class Identification:
             f"{page.capitalise(words)}." for words in (*self.cautions, *self._record_texts[1:])
         )
         yield from map(Text, self._falls_verdict)
+        yield from self._details()
+
+    def _details(self) -> Iterator[Block]:
+        """Blocks behind the answer."""
         if self.own is not None:
             yield from self.own.blocks()
         if self.of_parts is not None:
@@ -332,7 +319,7 @@ class Identification:
         yield from pictures.fits_section(self.record, self.models, self.best)
         yield from pictures.phase_portrait(self.record, self.best)
         if self.run is not None:
-            yield from pictures.run_sections(self.run)
+            yield from pictures.run_sections(self.run, self.figure(FREQUENCY))
         yield from page.source_section(self.record.source)
         yield Heading("What it took")
         yield Table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
@@ -354,19 +341,6 @@ class Identification:
         self.page().save(out / "report.html")
 
 
-def _error_part_lines(figures: Sequence[QuantityWithError]) -> list[str]:
-    """Parts of the errors of the figures, where there are several."""
-    return [
-        f"± of {figure.label}: "
-        + ", ".join(
-            f"{ERROR_SOURCES[part]} {value:.2g} {figure.unit}".rstrip()
-            for part, value in figure.parts.items()
-        )
-        for figure in figures
-        if len(figure.parts) > 1
-    ]
-
-
 def higher_lift_verdict(table: Comparison) -> str:
     """Return the law that predicts the last held-out record best, and by how much."""
     (best, name), *others = table.ranking_on_last_record()
@@ -385,16 +359,3 @@ def higher_lift_verdict(table: Comparison) -> str:
         ]
         words += "; " + ", ".join(worse)
     return words + "."
-
-
-def checked_work_precision_text(run: Trajectory, frequency: QuantityWithError | None) -> str:
-    """Time and error of a run whose frequency was checked; without a check, `work_precision_text`."""
-    # Fits alone need nothing of the simulation.
-    from granular.run.work_precision import price_text, work_precision_text
-
-    if frequency is None or "step" not in frequency.parts or not frequency.value > 0.0:
-        return work_precision_text(run)
-    scatter, step = frequency.parts.get("start", 0.0), frequency.parts["step"]
-    error, hidden = step / frequency.value, step <= scatter
-    scattered = scatter / frequency.value
-    return price_text(run, "natural frequency", error, "by the step check", scattered, hidden=hidden)

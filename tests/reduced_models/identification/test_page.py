@@ -149,7 +149,7 @@ def test_grains_that_come_close_are_doubted_without_contact_alone(small_damper: 
             warnings.simplefilter("ignore")
             run = simulate(one, t_end=1e-4, progress=False)
         assert run.settings()["closest_distance"] < 0.006
-        page = Page("run", "", [*run_sections(run)]).to_html()
+        page = Page("run", "", [*run_sections(run, None)]).to_html()
         assert ("The scene has no contact" in page) == (one is scene)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from granular import load_scene, simulate
 from granular.run.work_precision import work_precision_text
-from reduced_models.identification.result import checked_work_precision_text
+from reduced_models.identification.pictures import checked_work_precision_text
 from reduced_models.models.quantities import QuantityWithError
 
 
