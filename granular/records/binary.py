@@ -14,16 +14,13 @@ from typing import Any
 import numpy as np
 
 from granular.records.headings import TIME, guess_column_role, name_and_unit, parse_header
-from granular.records.limited_process import Content, read_within_limits
+from granular.records.limited_process import MAX_NUMBERS, Content, check_count, read_within_limits
 from granular.records.options import ReadOptions, note_on_other_tables
 from granular.records.sheet import Column, Sheet, is_number, report_parsing_errors
 from granular.records.text import read_delimited
 from granular.shared.errors import RecordError
 from granular.shared.files import write_atomically
 from granular.shared.message_text import quote
-
-_MAX_NUMBERS = 50_000_000
-"""Five columns of ten million, in whatever few bytes: reading takes 1.5 GB."""
 
 # Workbooks ---------------------------------------------------------------------------------------
 
@@ -171,12 +168,7 @@ def list_variables(content: bytes) -> Content:
             ) from None
         named = {name: value for name, value in loaded.items() if not name.startswith("__")}
         variables = _without_arrays(named, arrays)
-    count = sum(array.size for array in arrays)
-    if count > _MAX_NUMBERS:
-        raise RecordError(
-            f"holds {count} numbers; at most {_MAX_NUMBERS} are read: save time and height alone, or sample "
-            "less often"
-        )
+    check_count(sum(array.size for array in arrays))
     return variables, arrays
 
 
@@ -236,10 +228,10 @@ def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
         schema, rows = source.schema_arrow, source.metadata.num_rows
         # Texts may be many times as large as the file, and no number.
         numeric = [field.name for field in schema if _is_numeric_type(field.type)]
-        if rows * len(numeric) > _MAX_NUMBERS:
+        if rows * len(numeric) > MAX_NUMBERS:
             raise RecordError(
                 f"holds {rows} rows of {len(numeric)} columns of numbers; at most "
-                f"{_MAX_NUMBERS} numbers are read: drop columns, or sample less often"
+                f"{MAX_NUMBERS} numbers are read: drop columns, or sample less often"
             )
         table = source.read(columns=numeric)
     notes: list[str] = []

@@ -41,7 +41,9 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 MAX_BYTES = 256 * 2**20
-"""Largest file; in text some six million samples: reading takes ten times as much memory."""
+"""Largest file."""
+_MAX_LINES = 3_000_000
+"""Lines of a text, whose reading takes five hundred bytes of memory for each."""
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -108,9 +110,9 @@ def _read_calibration_points(path: Path) -> dict[str, Any]:
 def read_sheet(path: Path, options: ReadOptions, form: FileFormat | None = None) -> Sheet:
     """Read the columns of a file; its name's ending tells a format that is no text."""
     read, max_bytes = form or BINARY.get(path.suffix.lower(), TEXT)
-    content = _read_bytes(path, max_bytes)
+    content = [_read_bytes(path, max_bytes)]
     with _name_file_in_errors(path):
-        return read(content, options)
+        return read(content.pop(), options)  # which alone holds it then
 
 
 @contextlib.contextmanager
@@ -146,6 +148,10 @@ def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
             "numpy.c_[data['x'], data['data']], delimiter=',', header='time [s],height [m]', comments='')"
         )
     text, encoding = _decode_text(content)
+    del content  # some hundred megabytes
+    count = 1 + max(text.count("\n"), text.count("\r"))
+    if count > _MAX_LINES:
+        raise RecordError(f"has {count} lines; at most {_MAX_LINES} are read: sample less often, or split it")
     if LABVIEW.match(text):
         sheet = read_labview(text, options)
     elif RIGOL.match(text):

@@ -22,6 +22,7 @@ from granular.records.headings import (
     is_unit,
     name_and_unit,
 )
+from granular.records.limited_process import Content, check_count, read_within_limits
 from granular.records.options import ANGLE, STROKE, ReadOptions, note_on_other_tables
 from granular.records.sheet import Column, Sheet, report_parsing_errors
 from granular.records.text import read_delimited
@@ -113,51 +114,64 @@ def _header_number(head: dict[str, list[str]], name: str, channel: int, decimal:
 
 def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
     """Read a group of a TDMS file of LabVIEW: the first with samples, or that which ``sheet`` names."""
-    with report_parsing_errors("a TDMS file", "npTDMS", "labview"):
-        from nptdms import TdmsFile
-
-        file = TdmsFile.read(io.BytesIO(content))
-        groups = {group.name: group.channels() for group in file.groups()}
-    filled = {
-        name: numeric
-        for name, some in options.select_table(groups, "group").items()
-        if (numeric := [item for item in some if len(item) and np.asarray(item[:1]).dtype.kind in "iuf"])
-    }
+    (groups, notes), arrays = read_within_limits(list_channels, content)
+    filled = {name: some for name, some in options.select_table(groups, "group").items() if some}
     if not filled:
         raise RecordError("holds no channel with samples; export it anew")
     name, channels = next(iter(filled.items()))
-    notes = [note_on_other_tables("group", list(filled))] if len(filled) > 1 else []
-    timed = [channel for channel in channels if channel.properties.get("wf_increment")]
-    if any(guess_column_role(channel.name) == TIME for channel in channels):
+    if len(filled) > 1:
+        notes.append(note_on_other_tables("group", list(filled)))
+    timed = [channel for channel in channels if channel["step"]]
+    if any(guess_column_role(channel["name"]) == TIME for channel in channels):
         timed = []
-    length = len((timed or channels)[0])
-    for channel in [item for item in channels if item not in timed and len(item) != length]:
-        notes.append(f"{quote(channel.name)} has {len(channel)} samples, not {length}, and is left out")
-        channels.remove(channel)
-    columns = [_tdms_column(channel, notes) for channel in channels]
+    length = len(arrays[(timed or channels)[0]["values"]])
+    columns, times = [], []
+    clock = functools.cache(_even_times)
+    for channel in channels:
+        values = arrays[channel["values"]]
+        if channel not in timed and len(values) != length:
+            notes.append(f"{quote(channel['name'])} has {len(values)} samples, not {length}, and is left out")
+            continue
+        named, unit = name_and_unit(channel["name"], channel["unit"], notes)
+        unit = unit if channel["unit"] or is_unit(unit or "") else None
+        columns.append(Column(named, unit, np.asarray(values, dtype=np.float64), heading=channel["name"]))
+        if timed:
+            own, first = channel if channel["step"] else timed[0], timed[0]
+            both = None not in (own["start"], first["start"])
+            delay = float(own["start"] - first["start"]) * 1e-6 if both else 0.0
+            times.append(clock(delay + own["offset"], own["step"], len(values)))
     if timed:
-        clock = functools.cache(_even_times)
-        times = [clock(*_tdms_clock(channel, timed[0])) for channel in channels]
         columns = columns_on_one_clock(list(map(SampledChannel, columns, times)), options, notes)
     return Sheet(columns, None, True, f"group {quote(name)} of a TDMS file", notes)
 
 
-def _tdms_column(channel: Any, notes: list[str]) -> Column:
-    label = channel.properties.get("unit_string")
-    name, unit = name_and_unit(channel.name, label, notes)
-    unit = unit if label or is_unit(unit or "") else None
-    return Column(name, unit, np.asarray(channel[:], dtype=np.float64), heading=channel.name)
+def list_channels(content: bytes) -> Content:
+    """Channels of numbers of each group of a TDMS file, and notes on it; starts in us."""
+    arrays: list[np.ndarray] = []
+    groups: dict[str, list[dict[str, Any]]] = {}
+    with report_parsing_errors("a TDMS file", "npTDMS", "labview"):
+        from nptdms import TdmsFile
 
-
-def _tdms_clock(channel: Any, first: Any) -> tuple[float, float, int]:
-    """Return the first time since the start of another channel [s], the step [s] and the count of samples."""
-    own = channel.properties if channel.properties.get("wf_increment") else first.properties
-    starts = [properties.get("wf_start_time") for properties in (own, first.properties)]
-    delay = 0.0
-    if None not in starts:
-        here, there = (np.datetime64(start, "us") for start in starts)
-        delay = float((here - there) / np.timedelta64(1, "us")) * 1e-6
-    return delay + float(own.get("wf_start_offset", 0.0)), float(own["wf_increment"]), len(channel)
+        file = TdmsFile.read(io.BytesIO(content))
+        for group in file.groups():
+            groups[group.name] = []
+            for channel in group.channels():
+                values, given = np.asarray(channel[:]), channel.properties
+                if len(values) and values.dtype.kind in "iuf":
+                    start = given.get("wf_start_time")
+                    plain = {
+                        "name": channel.name,
+                        "unit": given.get("unit_string"),
+                        "step": float(given.get("wf_increment", 0.0)),
+                        "offset": float(given.get("wf_start_offset", 0.0)),
+                        "start": None if start is None else int(np.datetime64(start, "us").astype(np.int64)),
+                        "values": len(arrays),
+                    }
+                    groups[group.name].append(plain)
+                    arrays.append(values)
+    check_count(sum(array.size for array in arrays))
+    cut = "its last segment is incomplete: what is there of it is read"
+    return [groups, [cut] if file.file_status.incomplete_final_segment else []], arrays
 
 
 # Rigol -----------------------------------------------------------------------------------------

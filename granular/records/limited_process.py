@@ -23,6 +23,8 @@ from granular.shared.errors import RecordError
 
 MAX_MEGABYTES, MAX_SECONDS = 2048, 20
 """Memory, and processor time, that one file may take: a full sheet of four columns needs half of them."""
+MAX_NUMBERS = 50_000_000
+"""Numbers of a file, five columns of ten million, in whatever few bytes: reading takes 1.5 GB."""
 _WAIT = 6.0
 """Times the seconds after which a process that waits is ended, as on a machine with other work."""
 _OUT_OF_MEMORY = 3
@@ -89,6 +91,15 @@ def serve(read: Callable[[bytes], Content]) -> None:
             np.savez(output, np.frombuffer(json.dumps(plain).encode(), dtype=np.uint8), *arrays)
     except MemoryError:
         sys.exit(_OUT_OF_MEMORY)
+
+
+def check_count(numbers: int) -> None:
+    """Refuse a file of too many numbers."""
+    if numbers > MAX_NUMBERS:
+        raise RecordError(
+            f"holds {numbers} numbers; at most {MAX_NUMBERS} are read: save time and height alone, or sample "
+            "less often"
+        )
 
 
 def _set_limits() -> None:

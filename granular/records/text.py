@@ -284,7 +284,8 @@ def _split_header_line(line: str, dialect: Dialect) -> list[str]:
     if len(fields) == dialect.width or (len(fields) > dialect.width and dialect.separator != " "):
         return fields
     splits = [re.split(mark, line.strip()) for mark in _HEADER_SEPARATORS]
-    for cells in (*splits, _NAME_AND_UNIT.findall(line), split_header(line, " ")):
+    in_brackets = _NAME_AND_UNIT.findall(line) if len(line) <= _LONGEST_ROW else []
+    for cells in (*splits, in_brackets, split_header(line, " ")):
         names = [cell.strip(' "') for cell in cells]
         # a title above rows without a header may hold a quantity too
         if (

@@ -164,19 +164,19 @@ def _ods_rows(path: Path) -> None:
 
 # MATLAB -----------------------------------------------------------------------------------------
 
-_MATLAB = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<HH", 0x0100, 0x4D49)
+MATLAB = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<HH", 0x0100, 0x4D49)
 
 
-def _element(kind: int, content: bytes) -> bytes:
+def element(kind: int, content: bytes) -> bytes:
     return struct.pack("<II", kind, len(content)) + content.ljust(-(-len(content) // 8) * 8, b"\0")
 
 
 def mat_head(name: str, kind: int, *shape: int) -> bytes:
     """The flags, the shape and the name of an array."""
     return (
-        _element(6, struct.pack("<II", kind, 0))
-        + _element(5, struct.pack(f"<{len(shape)}i", *shape))
-        + _element(1, name.encode())
+        element(6, struct.pack("<II", kind, 0))
+        + element(5, struct.pack(f"<{len(shape)}i", *shape))
+        + element(1, name.encode())
     )
 
 
@@ -189,13 +189,13 @@ def _matlab_zeros(path: Path) -> None:
     zeros = bytes(8 * 10**6)
     pieces += [squeezed.compress(zeros) for _ in range(count // 10**6)]
     content = b"".join([*pieces, squeezed.flush()])
-    path.write_bytes(_MATLAB + struct.pack("<II", 15, len(content)) + content)
+    path.write_bytes(MATLAB + struct.pack("<II", 15, len(content)) + content)
 
 
 def _matlab_says(path: Path) -> None:
     """A matrix that says it has 2e9 rows of 2e9 columns."""
-    head = mat_head("height", 6, 2 * 10**9, 2 * 10**9) + _element(9, bytes(8))
-    path.write_bytes(_MATLAB + _element(14, head))
+    head = mat_head("height", 6, 2 * 10**9, 2 * 10**9) + element(9, bytes(8))
+    path.write_bytes(MATLAB + element(14, head))
 
 
 def _matlab_four(path: Path) -> None:
@@ -205,18 +205,18 @@ def _matlab_four(path: Path) -> None:
 
 def _matlab_cells(path: Path) -> None:
     """A cell array in a cell array, and so on, 20,000 deep."""
-    inside = mat_head("", 6, 0, 0) + _element(9, b"")
+    inside = mat_head("", 6, 0, 0) + element(9, b"")
     for _ in range(20_000):
         inside = mat_head("", 1, 1, 1) + struct.pack("<II", 14, len(inside)) + inside
-    path.write_bytes(_MATLAB + _element(15, zlib.compress(_element(14, inside))))
+    path.write_bytes(MATLAB + element(15, zlib.compress(element(14, inside))))
 
 
 def _matlab_structure(path: Path) -> None:
     """A structure of 5e6 empty elements."""
-    empty = mat_head("", 6, 0, 0) + _element(9, b"")
-    head = mat_head("s", 2, 5 * 10**6, 1) + struct.pack("<HHI", 5, 4, 8) + _element(1, b"height\0\0")
-    content = head + _element(14, empty) * 5 * 10**6
-    path.write_bytes(_MATLAB + _element(15, zlib.compress(_element(14, content), 1)))
+    empty = mat_head("", 6, 0, 0) + element(9, b"")
+    head = mat_head("s", 2, 5 * 10**6, 1) + struct.pack("<HHI", 5, 4, 8) + element(1, b"height\0\0")
+    content = head + element(14, empty) * 5 * 10**6
+    path.write_bytes(MATLAB + element(15, zlib.compress(element(14, content), 1)))
 
 
 def _matlab_newest(path: Path) -> None:
@@ -271,7 +271,7 @@ def _parquet_groups(path: Path) -> None:
 # Text -------------------------------------------------------------------------------------------
 
 
-def _text(*pieces: str) -> Callable[[Path], None]:
+def text(*pieces: str) -> Callable[[Path], None]:
     def write(path: Path) -> None:
         path.write_text("".join(pieces))
 
@@ -317,18 +317,18 @@ QUICK: dict[str, Bomb] = {
     "values": ("a.tdms", lambda path: tdms(path, 10**12, 1)),
     "chunks": ("b.tdms", lambda path: tdms(path, 1, 10**10)),
     "one name": ("a.parquet", lambda path: _parquet(path, 10, ["time", "height", "height"])),
-    "commas": ("b.csv", _text("time,height\n", "," * 3_000_000)),
-    "quotes": ("c.csv", _text('time,height\n0,"', "a" * 3_000_000)),
-    "header": ("d.csv", _text("time [s],height in", " " * 40_000, "in b\n0,1\n1,2\n")),
+    "commas": ("b.csv", text("time,height\n", "," * 3_000_000)),
+    "quotes": ("c.csv", text('time,height\n0,"', "a" * 3_000_000)),
+    "header": ("d.csv", text("time [s],height in", " " * 40_000, "in b\n0,1\n1,2\n")),
     "object": ("a.json", _json),
-    "deep lists": ("b.json", _text("[" * 1_000_000)),
-    "itself": ("a.toml", _text('file = "a.toml"\n')),
-    "deep toml": ("b.toml", _text('file = "a.csv"\nx = ', "[" * 1_000_000)),
-    "long toml": ("c.toml", _text('file = "a.csv"\n', "x = [", "0," * 7_000_000, "]")),
+    "deep lists": ("b.json", text("[" * 1_000_000)),
+    "itself": ("a.toml", text('file = "a.toml"\n')),
+    "deep toml": ("b.toml", text('file = "a.csv"\nx = ', "[" * 1_000_000)),
+    "long toml": ("c.toml", text('file = "a.csv"\n', "x = [", "0," * 7_000_000, "]")),
 }
 """Names of the files and what writes them; these take no time to write."""
 
-LONG: dict[str, Bomb] = {
+WRITTEN: dict[str, Bomb] = {
     "many rows": ("c.xlsx", _many_rows),
     "wide rows": ("d.xlsx", _wide_rows),
     "long part": ("e.xlsx", _long_part),
@@ -339,10 +339,10 @@ LONG: dict[str, Bomb] = {
     "segments": ("c.tdms", _tdms_segments),
     "equal numbers": ("b.parquet", _parquet_groups),
     "columns": ("c.parquet", lambda path: _parquet(path, 10, [f"c{k}" for k in range(20_000)])),
-    "digits": ("a.csv", _text("1" * 1_000_000, "x\n0,1\n1,2\n")),
-    "wide": ("e.csv", _text(_wide(30_000, 100))),
-    "very wide": ("f.csv", _text(_wide(3_000_000, 2))),
-    "blank lines": ("g.csv", _text("\n" * 20_000_000)),
+    "digits": ("a.csv", text("1" * 1_000_000, "x\n0,1\n1,2\n")),
+    "wide": ("e.csv", text(_wide(30_000, 100))),
+    "very wide": ("f.csv", text(_wide(3_000_000, 2))),
+    "blank lines": ("g.csv", text("\n" * 20_000_000)),
     "hole": ("h.csv", _hole),
     "archive": ("a.zip", _zipped),
     "gzip": ("a.csv.gz", _compressed_frequency),

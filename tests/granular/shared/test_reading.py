@@ -61,7 +61,7 @@ def test_few_bytes_may_hold_many_numbers(tmp_path: Path, monkeypatch: pytest.Mon
     pytest.importorskip("pyarrow")
     path = tmp_path / "record.parquet"
     PistonRecord(np.arange(1000.0), np.ones(1000)).to_parquet(path)
-    monkeypatch.setattr(binary, "_MAX_NUMBERS", 1999)
+    monkeypatch.setattr(binary, "MAX_NUMBERS", 1999)
     with pytest.raises(RecordError, match="1000 rows of 2 columns of numbers; at most 1999"):
         PistonRecord.from_parquet(path)
     with path.open("r+b") as file:

@@ -1,0 +1,80 @@
+"""Hostile files end soon, in one line or as a record, in 2 GB and 20 s of the processor."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from .hostile_files import HOSTILE
+
+for needed in ("openpyxl", "nptdms", "pyarrow"):
+    pytest.importorskip(needed)
+resource = pytest.importorskip("resource")
+pytestmark = pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="memory is not limited here")
+
+MOST_MEGABYTES, MOST_SECONDS, MOST_AFTER_A_STOP = 2048, 20, 10
+"""Seconds are of the processor, which other work does not lengthen; after a stop by the clock."""
+MOST_WAIT = 600
+
+
+def started(path: Path) -> subprocess.Popen[str]:
+    """The command ``look`` on a file; RLIMIT_AS spares the machine where a bomb bursts."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "reduced_models", "look", str(path)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"COLUMNS": "80"},
+    )
+    resource.prlimit(process.pid, resource.RLIMIT_AS, (8 * 2**30,) * 2)
+    return process
+
+
+def written(folder: Path, name: str) -> Path:
+    file, write = HOSTILE[name]
+    write(folder / file)
+    return folder / file
+
+
+def check(path: Path) -> None:
+    """It is read or refused, by processes that need little memory and time."""
+    process = started(path)
+    assert process.stderr is not None
+    told = process.stderr.read()
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode in (0, 2), told[-500:]
+    assert "Traceback" not in told
+    assert told.count("\n") == 1 or process.returncode == 0, told
+    assert used.ru_maxrss / 1024 < MOST_MEGABYTES
+    assert used.ru_utime + used.ru_stime < MOST_SECONDS
+
+
+@pytest.mark.parametrize("name", ["bomb: far cell", "bomb: shape", "bomb: commas"])
+def test_some_are_refused_or_read(name: str, tmp_path: Path) -> None:
+    check(written(tmp_path, name))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", HOSTILE)
+def test_all_are_refused_or_read(name: str, tmp_path: Path) -> None:
+    check(written(tmp_path, name))
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize("name", [name for name in HOSTILE if name.startswith("bomb: ")])
+def test_a_bomb_ends_by_ctrl_c(name: str, tmp_path: Path) -> None:
+    process = started(written(tmp_path, name))
+    time.sleep(1.5)  # until it reads
+    process.send_signal(signal.SIGINT)
+    start = time.monotonic()
+    _said, told = process.communicate(timeout=MOST_WAIT)
+    assert time.monotonic() - start < MOST_AFTER_A_STOP
+    assert "Traceback" not in told
