@@ -59,7 +59,7 @@ def test_verlet_has_order_two_at_the_wall() -> None:
     assert slope(scene, STEPS, reference(scene)) == pytest.approx(2.0, abs=0.02)
 
 
-@pytest.mark.long  # quick: by differences of steps, in tests/plain_python/test_order.py
+@pytest.mark.long  # quick: by differences of steps, in tests/plain_python/test_orders_and_bits.py
 def test_verlet_keeps_order_two_with_drag() -> None:
     scene = bouncing(**{"effects.drag.coefficient": 0.02})
     assert slope(scene, STEPS, reference(scene)) == pytest.approx(2.0, abs=0.02)

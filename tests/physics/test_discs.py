@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate, load_scene, simulate
-from granular.effects.dipole import discs_unless_dipoles
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, disc_energy_and_force
-from granular.pairs.disc_near_law import disc_law_continued_below_contact
 from granular.schema.natural_units import Scales
 from granular.shared.errors import OutsideError
 
@@ -79,32 +77,6 @@ def test_periodic_cells_have_the_law() -> None:
     beyond = forces(discs(scene, **NO_CONTACT), positions) - forces(scene, positions)
     known = beyond_dipoles(positions, 40.0, period=27.0)
     assert np.abs(beyond - known).max() <= 1e-4 * np.abs(known).max()
-
-
-def test_species_and_scatter_have_the_law(small_bed: Scene) -> None:
-    """All pairs, each by its own discs and by the moments that its grains have."""
-    species = [
-        {"name": "disc", "diameter": "6 mm", "share": 0.5},
-        {"name": "flat", "diameter": "4 mm", "thickness": "2 mm", "remanence": "1.1 T", "share": 0.5},
-    ]
-    scene = small_bed.replace(**{"grains.species": species, "grains.spread": 0.05, "pairs.method": "direct"})
-    alone = {"effects.walls": None, "effects.gravity": None, "effects.drag": None, "piston": None}
-    scene = discs(scene.replace(**alone), **NO_CONTACT)
-    grains, length = scene.grains, Scales.from_grains(scene.grains).length
-    positions = lattice(grains.count, 10, 1.25)
-    kind = grains.species_indices()
-    moments = grains.moment_ratios()[kind] * grains.moment_spread_factors()
-    shapes = discs_unless_dipoles(grains, length)
-    apart = positions[:, None] - positions
-    r = np.hypot(*np.moveaxis(apart, 2, 0))
-    push = np.zeros_like(r)
-    for pair in itertools.product(range(2), range(2)):
-        chosen = (kind[:, None] == pair[0]) & (kind == pair[1]) & (r > 0.0)
-        push[chosen] = disc_law_continued_below_contact(r[chosen], (shapes[pair[0]], shapes[pair[1]]))[1] / (
-            3.0 * r[chosen]
-        )
-    known = (moments[:, None, None] * moments[:, None] * push[..., None] * apart).sum(axis=1)
-    assert np.abs(forces(scene, positions) - known).max() <= 1e-5 * np.abs(known).max()
 
 
 @pytest.mark.long

@@ -30,8 +30,7 @@ CONTACT = {"modulus": "30 kPa", "restitution": 0.6}
 SCENES: dict[str, dict[str, Any]] = {
     "dipoles": {},
     "discs": {"grains.magnets": "cylinders"},
-    "two species": {"grains.species": TWO},
-    "scatter of moments": {"grains.spread": 0.1},
+    "two species that scatter": {"grains.species": TWO, "grains.spread": 0.1},
     "machine that carries the cell": {"effects.host": {"bodies": BODIES}},
     "piston on springs": {"effects.host": {"mount": "piston", "bodies": BODIES, "cell_mass": 0.3}},
     "mutual eddy currents": {"effects.eddy": EDDY, "effects.drag": None},
@@ -46,7 +45,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "cold bath": {"effects.bath": {"temperature": 0.0, "rate": 50.0}, "effects.drag": None},
     "own pair law": {"effects.pair_law": [OWN], "effects.dipole": None},
 }
-QUICK = ("dipoles", "two species", "scatter of moments")
+QUICK = ("two species that scatter",)
 OF_SECOND_ORDER = ("viscous contact", "cold bath")
 """Effects that no method of fourth order takes."""
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
+import tests.plain_python.test_every_effect  # noqa: F401 (brings the stage "dip")
 from granular import Scene, equilibrium, simulate
 from granular.linear.equilibrium import equilibrium_from
 from granular.run.trajectory import Trajectory
@@ -182,6 +183,9 @@ COURSES: tuple[dict[str, Any], ...] = (
     {"kind": "move", "to": 0.118, "duration": 0.1},
     {"kind": "oscillate", "amplitude": 1e-3, "frequency": 9.0, "duration": 0.1},
     {"kind": "path", "height": "h0 - a*(1 - cos(w*t))", "a": "1 mm", "w": "60 1/s", "duration": 0.1},
+    {"kind": "descend", "to": 0.118, "duration": 0.1, "steepness": 2.0},
+    {"kind": "follow", "times": [0.0, 0.04, 0.1], "heights": [0.12, 0.119, 0.12]},
+    {"kind": "dip", "depth": "1 mm", "omega": "60 1/s", "duration": 0.1},
 )
 MOUNTS = ("base", "cell", "piston")
 DRIVES: tuple[dict[str, Any] | None, ...] = (
@@ -225,7 +229,7 @@ def draw(number: int) -> Scene:
     return empty(machine).replace(**changes, protocol=[{"name": "go", **course}])
 
 
-QUICK = (0, 1, 2, 3, 4, 5)
+QUICK = range(8)
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,6 @@ RESUMED: dict[str, dict[str, Any]] = {
     "formula pair law": {"effects.pair_law": [PAIR_LAW], "arrangement.speed": "600 D/s"},
     "discs by mesh": {"pairs.method": "mesh", **DISCS, **TOUCHING},
     "discs by cut-off": {"pairs": {"method": "cut-off", "cut_off": "5 D"}, **DISCS, **TOUCHING},
-    "contact, periodic": PERIODIC | {"effects": {"dipole": True}} | TOUCHING,
     "contact and discs, periodic": PERIODIC | {"effects": {"dipole": True}} | DISCS | TOUCHING,
     "own pair law, periodic": PERIODIC
     | {"effects": {"dipole": True, "bumpers": {"k": "20 N/m", "end": "2 D"}}, "arrangement.speed": "600 D/s"},
@@ -139,5 +138,6 @@ def test_near_pairs_that_are_listed_again_keep_the_bits(name: str, tmp_path: Pat
     for end in (0.3 * TIME, 0.7 * TIME, TIME):
         parts = simulate(scene, dt=STEP / 4, t_end=end, out=tmp_path, resume=True, progress=False)
     assert parts.dataset.equals(whole.dataset)
-    two = simulate(scene, dt=STEP / 4, t_end=TIME, threads=2, progress=False)
-    assert two.dataset.equals(whole.dataset)
+    if not numba.config.DISABLE_JIT:  # where threads are
+        two = simulate(scene, dt=STEP / 4, t_end=TIME, threads=2, progress=False)
+        assert two.dataset.equals(whole.dataset)

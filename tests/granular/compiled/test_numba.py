@@ -152,7 +152,6 @@ def test_a_newer_numba_that_has_the_insides_is_taken(tmp_path: Path) -> None:
         ("refuse", "(TypeError: code libraries are closed)"),
         pytest.param("os.abort", "(exit code -6)", marks=pytest.mark.long),
     ],
-    ids=["error", "crash"],
 )
 def test_without_the_insides_numba_s_own_njit_compiles(subclass: str, fault: str, tmp_path: Path) -> None:
     for _ in range(2):

@@ -217,15 +217,7 @@ def test_a_caller_may_know_more_functions() -> None:
         parse("cube(z)")
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        pytest.param("*".join(f"(a{k} + z)" for k in range(8)), marks=pytest.mark.long),
-        "(a + b + c + z)**9",
-        pytest.param("max(" + ", ".join(f"a{k}*z" for k in range(8)) + ")", marks=pytest.mark.long),
-        "max(k, " * 10 + "z" + ")" * 10,
-    ],
-)
+@pytest.mark.parametrize("text", ["(a + b + c + z)**9", "max(k, " * 10 + "z" + ")" * 10])
 def test_a_formula_as_large_as_allowed_is_soon_ready(text: str) -> None:
     """Whatever can be multiplied out within the limits is, and compiles."""
     import sympy

@@ -49,52 +49,43 @@ def places(random: np.random.Generator) -> np.ndarray:
     return np.asarray(grid + random.uniform(-2e-3, 2e-3, grid.shape))
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {},
-        pytest.param(
-            {"effects.walls": dict.fromkeys(("left", "right", "bottom", "top"), "infinite")},
-            marks=pytest.mark.long,  # quick: one of them beside slabs
-        ),
-        {"effects.walls": {"left": SLAB, "right": "none", "bottom": "infinite", "top": "slab"}},
-        pytest.param(
-            {"effects.walls": {"left": FORMULA}, "grains.spread": 0.1},
-            marks=pytest.mark.long,  # quick: in plain Python, test_sums_in_scenes.py
-        ),
-        {"effects.contact": {"modulus": "1 MPa"}},
-    ],
+CHANGES: tuple[dict[str, Any], ...] = (
+    {},
+    {"effects.walls": dict.fromkeys(("left", "right", "bottom", "top"), "infinite")},
+    {"effects.walls": {"left": SLAB, "right": "none", "bottom": "infinite", "top": "slab"}},
+    {"effects.walls": {"left": FORMULA}, "grains.spread": 0.1},
+    {"effects.contact": {"modulus": "1 MPa"}},
+    # Discs without other effects, two of them pressed together: within the tables' error of the force there.
+    {
+        **{"grains.magnets": "cylinders", "grains.spread": 0.05, "pairs.method": "direct"},
+        **{f"effects.{name}": None for name in ("walls", "gravity", "drag")},
+        "piston": None,
+    },
 )
-def test_the_parts_add_up_to_the_force_of_the_engine(
-    changes: dict[str, Any], random: np.random.Generator
-) -> None:
-    scene, positions = bed(**changes), places(random)
-    if "effects.contact" in changes:
-        positions[1] = positions[0] + [0.0025, 0.0]
+
+
+def check_parts(changes: dict[str, Any], random: np.random.Generator) -> None:
+    """Check that forces between grains and of walls add up to those of the engine."""
+    scene, positions = bed().replace(**changes), places(random)
+    of_discs = "grains.magnets" in changes
+    if "effects.contact" in changes or of_discs:
+        positions[1] = positions[0] + [0.00398 if of_discs else 0.0025, 0.0]
     integer = evaluate(scene, positions).force.copy()
-    integer[:, 1] += 9.8 * scene.grains.masses()
-    parts = [iterate_wall_forces(scene, positions), *iterate_pair_forces(scene, positions)]
+    if scene.effects.gravity is not None:
+        integer[:, 1] += 9.8 * scene.grains.masses()
+    parts = [*iterate_pair_forces(scene, positions)]
+    if scene.effects.walls is not None:
+        parts.append(iterate_wall_forces(scene, positions))
     total = np.zeros((COUNT, 2))
     for one in parts:
         total[one.grains] += one.forces.sum(axis=1)
-    np.testing.assert_allclose(total, integer, rtol=0.0, atol=1e-13 * np.abs(integer).max())
+    error = 1e-5 if of_discs else 1e-13
+    np.testing.assert_allclose(total, integer, rtol=0.0, atol=error * np.abs(integer).max())
 
 
-@pytest.mark.long  # quick: in plain Python, test_sums_in_scenes.py
-def test_the_parts_add_up_for_discs(random: np.random.Generator) -> None:
-    """Unlike discs, two of them pressed together; within the tables' error of the force at contact.
-
-    Without other effects, with moments that scatter: as discs that are compiled for that test.
-    """
-    changes = {"grains.magnets": "cylinders", "grains.spread": 0.05, "pairs.method": "direct"}
-    alone = {"effects.walls": None, "effects.gravity": None, "effects.drag": None, "piston": None}
-    scene, positions = bed(**changes).replace(**alone), places(random)
-    positions[1] = positions[0] + [0.00398, 0.0]
-    integer = evaluate(scene, positions).force
-    total = np.zeros((COUNT, 2))
-    for one in iterate_pair_forces(scene, positions):
-        total[one.grains] += one.forces.sum(axis=1)
-    np.testing.assert_allclose(total, integer, rtol=0.0, atol=1e-5 * np.abs(integer).max())
+def test_the_parts_add_up_to_the_force_of_the_engine(random: np.random.Generator) -> None:
+    """Of other laws in plain Python, tests/plain_python/test_sums_in_scenes.py."""
+    check_parts(CHANGES[0], random)
 
 
 def test_compression_is_the_sum_of_the_magnitudes(random: np.random.Generator) -> None:

@@ -257,16 +257,12 @@ def annihilated(make_run: MakeRun) -> tuple[Trajectory, Dataset]:
     return run, track_defects(run)
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=() if one in QUICK else pytest.mark.long) for one in FILMS]
+)
 def test_made_film(name: str, make_run: MakeRun, annihilated: tuple[Trajectory, Dataset]) -> None:
     known = annihilated[1] if name == "pair annihilated" else None
     check(name, track_defects(run_of(FILMS[name][1], make_run)) if known is None else known)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", [one for one in FILMS if one not in QUICK])
-def test_other_made_film(name: str, make_run: MakeRun) -> None:
-    check(name, track_defects(run_of(FILMS[name][1], make_run)))
 
 
 def test_burgers_vectors_are_those_of_pentagon_and_heptagon() -> None:

@@ -34,18 +34,6 @@ def empty(*stages: dict[str, object], **changes: object) -> Trajectory:
     return simulate(scene, dt=1e-5, progress=False)
 
 
-def test_descent(small_bed: Scene) -> None:
-    run = driven(small_bed, {"kind": "descend", "name": "relax", "to": "5 D", "duration": 0.05})
-    time, height = (run.dataset[name].values for name in ("time", "piston_height"))
-    law = 6.0 - (np.expm1(5.0 * time / 0.05)) / math.expm1(5.0)
-    assert height == pytest.approx(law * D, rel=1e-12)
-    assert run.stage("relax").height == 5.0 * D
-    speed = run.dataset["piston_velocity"].values
-    slope = np.gradient(height, time)
-    assert speed[1:-1] == pytest.approx(slope[1:-1], rel=0.05)
-    assert run.settings()["ledger_residual"] < 1e-3
-
-
 def test_automatic_step_resolves_the_drive() -> None:
     shaking = {"amplitude": 1e-5, "frequency": 2000.0}
     hold = {"kind": "hold", "name": "hold", "duration": 0.02}
@@ -117,18 +105,6 @@ def test_oscillation(small_bed: Scene) -> None:
         0.2 * D * 100.0 * math.pi * np.cos(phase), abs=1e-12
     )
     assert run.settings()["ledger_residual"] < 1e-3
-
-
-def test_until_force(small_bed: Scene) -> None:
-    """The piston stops at the first look after the force is reached."""
-    stage = {"kind": "move", "name": "press", "to": "3 D", "speed": 0.05, "until_force": 3.0}
-    run = driven(small_bed, stage)
-    force = run.dataset["piston_force"].values
-    assert run.stage("press").reason == "force"
-    assert force[-1] >= 3.0
-    assert (force[:-1] < 3.0).all()
-    assert run.stage("press").height > 3.0 * D
-    assert run.stage("press").height == pytest.approx(float(run.dataset["piston_height"][-1]))
 
 
 def test_force_that_is_not_reached(small_bed: Scene) -> None:

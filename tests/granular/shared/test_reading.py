@@ -93,13 +93,12 @@ def test_dots_that_are_no_keys() -> None:
     assert parse_toml("name = '1.2.3.4'") == {"name": "1.2.3.4"}
 
 
-@pytest.mark.parametrize("count", [4_000, pytest.param(20_000, marks=pytest.mark.long)])
-def test_thousands_of_columns(tmp_path: Path, count: int) -> None:
-    names = ["time", "height", *(f"c{k}" for k in range(count))]
+def test_thousands_of_columns(tmp_path: Path) -> None:
+    names = ["time", "height", *(f"c{k}" for k in range(4_000))]
     lines = [",".join(names), *(",".join([str(k)] * len(names)) for k in range(6))]
     path = tmp_path / "wide.csv"
     path.write_text("\n".join(lines))
-    assert len(PistonRecord.from_csv(path).extra) == count
+    assert len(PistonRecord.from_csv(path).extra) == 4_000
     with pytest.raises(RecordError, match="unknown column 'depth'") as caught:
         PistonRecord.from_csv(path, {"depth": "m"})
     assert len(str(caught.value)) < 600

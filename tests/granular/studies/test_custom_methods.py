@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from granular import Method, load_scene, sweep
 from granular.methods import METHODS
@@ -19,12 +16,6 @@ OTHER = Method("twin", 2, kicks=(0.5, 0.5), drifts=(1.0,))
 """Another method of the same name."""
 
 SCENE = load_scene("single-particle")
-
-
-@pytest.fixture(scope="module")
-def here() -> Iterator[Executor]:
-    with ThreadPoolExecutor(1) as pool:
-        yield pool
 
 
 def test_a_sweep_carries_the_table(tmp_path: Path, here: Executor) -> None:

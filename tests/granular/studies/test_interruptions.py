@@ -20,11 +20,12 @@ import pytest
 
 import granular.run.simulation
 import granular.shared.result_cache
-from granular import Scene, Trajectory, load_scene, sweep
+from granular import Trajectory, sweep
 from granular.shared.errors import StoreError
 from granular.studies.cases import CaseOutcome, keep_measure_name
 from granular.studies.measures import last_values
 from granular.studies.sweep import Study, load_study
+from tests.granular.studies.conftest import falling, write_study
 
 ROOT = Path(__file__).parents[3]
 
@@ -32,23 +33,6 @@ LEFT_SECONDS = 10.0
 """Within which no process is left of a sweep that was killed."""
 
 ACCELERATIONS = [1.0, 2.0, 3.0, 4.0, 5.0]
-
-
-def falling(duration: float = 0.01) -> Scene:
-    """A grain that falls: a case takes milliseconds."""
-    return load_scene("single-particle").replace(
-        **{
-            "protocol": [{"kind": "hold", "name": "fall", "duration": duration}],
-            "output.scalars": 1e-3,
-            "output.frames": 1e-2,
-        }
-    )
-
-
-@pytest.fixture(scope="module")
-def here() -> Iterator[Executor]:
-    with ThreadPoolExecutor(1) as pool:
-        yield pool
 
 
 def swept_area(executor: Executor, out: Path | None, **more: Any) -> Study:
@@ -193,16 +177,6 @@ def test_a_command_whose_cases_the_machine_failed_says_so(
         "error: 1 of 2 cases could not be computed, the first because of OSError: no space left; "
         "correct that, and the same command goes on with them\n"
     )
-
-
-def write_study(path: Path, cases: int) -> Path:
-    """A study of short runs whose results differ in every bit."""
-    falling(0.02).save(path / "fall.toml")
-    values = ", ".join(f"{1.0 + 0.01 * k}" for k in range(cases))
-    (path / "study.toml").write_text(
-        f'scene = "fall.toml"\ndt = 1e-6\n[grid]\n"effects.gravity.acceleration" = [{values}]\n'
-    )
-    return path / "study.toml"
 
 
 def command(study: Path, out: Path, *more: str) -> list[str]:

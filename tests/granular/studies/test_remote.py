@@ -17,6 +17,7 @@ import pytest
 from granular import load_scene, sweep
 from granular.studies.cases import CaseOutcome
 from granular.studies.executors import DaskClusterExecutor, ExecutorLostError, cluster_executor
+from tests.granular.studies.conftest import write_study
 
 ROOT = Path(__file__).parents[3]
 
@@ -143,28 +144,14 @@ def scheduler() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 
 def started(tmp_path: Path, address: str) -> subprocess.Popen[str]:
     """A sweep of forty cases on the cluster, some of which are done."""
-    scene = load_scene("single-particle").replace(
-        **{
-            "effects.walls": None,
-            "effects.dipole": None,
-            "effects.drag": None,
-            "protocol": [{"kind": "hold", "name": "fall", "duration": 0.02}],
-            "output.scalars": 1e-3,
-            "output.frames": 1e-2,
-        }
-    )
-    scene.save(tmp_path / "fall.toml")
-    values = [1.0 + 0.01 * k for k in range(1000)]
-    (tmp_path / "study.toml").write_text(
-        f'scene = "fall.toml"\ndt = 1e-6\n[grid]\n"effects.gravity.acceleration" = {values}\n'
-    )
+    study = write_study(tmp_path, 1000)
     process = subprocess.Popen(
         [
             sys.executable,
             "-m",
             "granular",
             "sweep",
-            str(tmp_path / "study.toml"),
+            str(study),
             "-o",
             str(tmp_path / "out"),
             "--quiet",

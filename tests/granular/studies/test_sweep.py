@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -11,33 +10,12 @@ import pandas
 import pytest
 
 import granular.studies.cases
-from granular import Scene, Trajectory, load_scene, sweep
+from granular import Trajectory, load_scene, sweep
 from granular.shared.errors import InputError, SceneError
 from granular.studies.cases import CaseOutcome, OutcomeCache, make_cases, measure_identity
 from granular.studies.measures import last_values, piston_columns
 from granular.studies.sweep import load_study
-
-
-def falling(**changes: Any) -> Scene:
-    """A grain that falls without walls: a case takes milliseconds."""
-    return load_scene("single-particle").replace(
-        **{
-            "effects.walls": None,
-            "effects.dipole": None,
-            "effects.drag": None,
-            "protocol": [{"kind": "hold", "name": "fall", "duration": 0.01}],
-            "output.scalars": 1e-3,
-            "output.frames": 1e-2,
-            **changes,
-        }
-    )
-
-
-@pytest.fixture(scope="module")
-def here() -> Iterator[Executor]:
-    """A thread of this process, where it does not matter which process computes a case."""
-    with ThreadPoolExecutor(1) as pool:
-        yield pool
+from tests.granular.studies.conftest import falling
 
 
 def measured(run: Trajectory) -> dict[str, float]:

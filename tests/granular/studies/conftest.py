@@ -1,0 +1,42 @@
+"""Cases that take milliseconds, and a thread of this process that computes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from granular import Scene, load_scene
+
+
+def falling(duration: float = 0.01) -> Scene:
+    """A grain that falls without walls."""
+    return load_scene("single-particle").replace(
+        **{
+            "effects.walls": None,
+            "effects.dipole": None,
+            "effects.drag": None,
+            "protocol": [{"kind": "hold", "name": "fall", "duration": duration}],
+            "output.scalars": 1e-3,
+            "output.frames": 1e-2,
+        }
+    )
+
+
+def write_study(path: Path, cases: int) -> Path:
+    """Write a study of short runs whose results differ in every bit."""
+    falling(0.02).save(path / "fall.toml")
+    values = ", ".join(f"{1.0 + 0.01 * k}" for k in range(cases))
+    (path / "study.toml").write_text(
+        f'scene = "fall.toml"\ndt = 1e-6\n[grid]\n"effects.gravity.acceleration" = [{values}]\n'
+    )
+    return path / "study.toml"
+
+
+@pytest.fixture(scope="module")
+def here() -> Iterator[Executor]:
+    """A thread, where it does not matter which process computes a case."""
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
