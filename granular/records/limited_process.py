@@ -1,6 +1,6 @@
 """Reading of files whose few bytes may stand for many, in a process of limited memory and time.
 
-Workbooks and MATLAB's files are squeezed, repeat cells and nest arrays: a library that reads one has no
+Workbooks, MATLAB's files and TDMS are squeezed, repeat cells and nest arrays: a library that reads one has no
 limit of its own. If its process ends at a limit, this one goes on. What it may hand over is limited by
 the readers.
 """
