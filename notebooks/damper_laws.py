@@ -9,6 +9,7 @@ table and report.
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 from typing import Literal
@@ -16,6 +17,7 @@ from typing import Literal
 import numpy as np
 
 from granular import GranularError, PistonRecord, damper, simulate
+from granular.shared.blocks import Caution, Table
 from reduced_models import Comparison, ReducedModel, compare, discover
 from reduced_models.identification.page import comparison_page
 from reduced_models.laws import LAWS
@@ -90,12 +92,14 @@ def main(folder: Path) -> None:
     )
     print(words + ".")
     page = comparison_page(table)
-    page.add_warning(f"Over {PERIODS:g} periods of the {JUDGED} D lift {words}.")
-    page.add_table(
-        ("law", "parameters", "rms error, in amplitudes"),
-        [(name, str(counts[name]), f"{100 * error:.3g} %") for name, error in ranked],
-    )
-    page.save(folder / "damper_laws.html")
+    blocks = [
+        Caution(f"Over {PERIODS:g} periods of the {JUDGED} D lift {words}."),
+        Table(
+            ("law", "parameters", "rms error, in amplitudes"),
+            [(name, str(counts[name]), f"{100 * error:.3g} %") for name, error in ranked],
+        ),
+    ]
+    dataclasses.replace(page, blocks=[*page.blocks, *blocks]).save(folder / "damper_laws.html")
 
 
 if __name__ == "__main__":

@@ -39,12 +39,7 @@ class Measuring:
 
     out: Annotated[
         str | None,
-        Option(
-            "directory for the report; what is measured is kept there and found again "
-            f"({REPORT} for 'report' if not given)",
-            "DIR",
-            "-o",
-        ),
+        Option("directory for the report; what is measured is kept there and found again", "DIR", "-o"),
     ] = None
     quick: Annotated[bool, Option("within a few minutes (default)")] = False
     full: Annotated[bool, Option("everything, an hour or so")] = False
@@ -60,6 +55,21 @@ class Measuring:
         out = self.out or default
         result = report(out, tuple(sections), full=self.full, progress=output.progress)
         _print_report(result, out, output)
+
+
+@dataclasses.dataclass(frozen=True)
+class ReportMeasuring(Measuring):
+    """Extent of the measurements of the whole report, and the directory that keeps them."""
+
+    out: Annotated[
+        str | None,
+        Option(
+            f"directory for the report; what is measured is kept there and found again ({REPORT} if not "
+            "given)",
+            "DIR",
+            "-o",
+        ),
+    ] = None
 
 
 def _print_report(result: dict[str, Any], out: str | None, output: Output) -> None:
@@ -90,7 +100,7 @@ def report(
         ),
     ] = False,
     changes: Changes,
-    measuring: Measuring,
+    measuring: ReportMeasuring,
     output: Output,
 ) -> None:
     """All parts: report.html, and report.json next to it."""

@@ -28,7 +28,6 @@ import io
 import json
 import os
 import sys
-import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextvars import ContextVar
@@ -43,7 +42,7 @@ from granular.shared.files import replace_non_finite_by_none
 from granular.shared.garbage import rare_garbage_collection
 from granular.shared.message_text import one_line, printable, sanitize
 from granular.shared.stop_signals import handle_sigterm
-from granular.shared.terminal import print_blocks
+from granular.shared.terminal import print_blocks, wrap
 from granular.shared.version import __version__
 
 # As argparse has it, and as shells have it: 128 and the number of the signal, SIGINT or SIGTERM.
@@ -276,10 +275,8 @@ def print_result(result: dict[str, Any], shown: str | Iterable[Block], as_json: 
 
 
 def _wrap_note(line: str) -> str:
-    """Return a line, a note in several of at most a hundred columns."""
-    if not line.lstrip().startswith("note: "):
-        return line
-    return textwrap.fill(line, 100, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
+    """Return a line, a note in several."""
+    return wrap(line, "    ") if line.lstrip().startswith("note: ") else line
 
 
 def _check_working_directory() -> None:

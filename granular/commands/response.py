@@ -132,9 +132,10 @@ def response(
     refuse_options("sines", length=length, fraction=fraction)
     assert lowest is not None
     assert highest is not None
-    if not 0.0 < lowest < highest or (points or POINTS) < 2:
+    count = POINTS if points is None else points
+    if not 0.0 < lowest < highest or count < 2:
         raise InputError(
-            f"--from {lowest:g} --to {highest:g} --points {points or POINTS}: give "
+            f"--from {lowest:g} --to {highest:g} --points {count}: give "
             "two frequencies, the lower one first, and at least 2 points"
         )
     if sweep is not None:

@@ -160,8 +160,8 @@ def _settings(field: _Field, about: Option, parts: list[Any]) -> dict[str, Any]:
     readers = [part.read for part in parts if isinstance(part, Reader)]
     if readers:
         settings["type"] = _refuse_by_argparse(readers[0])
-    elif int in parts:
-        settings["type"] = int
+    elif number := next((kind for kind in (int, float) if kind in parts), None):
+        settings["type"] = number
     if about.nargs is not None:
         settings["nargs"] = about.nargs
     elif Ellipsis in parts and field.is_option:

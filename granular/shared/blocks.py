@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -33,15 +34,25 @@ class Items(NamedTuple):
     items: Sequence[str]
 
 
-class Table(NamedTuple):
-    """Rows of cells below a header."""
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """Rows of cells below a header; rows of another width than the header raise ValueError."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[object]]
 
+    def __post_init__(self) -> None:
+        if any(len(row) != len(self.header) for row in self.rows):
+            raise ValueError(f"rows of a table with the header {list(self.header)} have other widths")
+
+    @property
+    def has_header(self) -> bool:
+        """Return true if a column has a name."""
+        return any(self.header)
+
     def __str__(self) -> str:
-        cells = [list(map(str, row)) for row in self.rows]
-        return align_columns([self.header, *cells] if any(self.header) else cells) if cells else ""
+        cells = [[" ".join(str(cell).split("\n")) for cell in row] for row in self.rows]
+        return align_columns([self.header, *cells] if self.has_header else cells) if cells else ""
 
 
 class Printout(NamedTuple):
@@ -51,9 +62,10 @@ class Printout(NamedTuple):
 
 
 class Equation(NamedTuple):
-    """A formula as MathML."""
+    """A formula as MathML, and as a terminal writes it."""
 
     mathml: str
+    words: str = ""
 
 
 class Picture(NamedTuple):

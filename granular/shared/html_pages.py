@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import html
-import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 from granular.shared.blocks import Block, Caution, Equation, Heading, Items, Picture, Printout, Table, Text
 from granular.shared.files import write_text
 from granular.shared.message_text import printable
+from granular.shared.plotting import svg_text
 from granular.shared.terminal import blocks_text
 from granular.shared.version import versions
 
@@ -106,7 +106,7 @@ def _block_html(block: Block) -> str:
             return f"<ul>{''.join(f'<li>{_escape(words)}</li>' for words in items)}</ul>"
         case Printout(words):
             return f"<pre>{_escape(words)}</pre>"
-        case Equation(mathml):
+        case Equation(mathml, _):
             return f'<div class="equation">{mathml}</div>'
         case Table():
             return _table_html(block)
@@ -118,7 +118,7 @@ def _table_html(table: Table) -> str:
     """Table that scrolls if it is wider than the page."""
     head = "".join(f"<th>{_escape(cell)}</th>" for cell in table.header)
     body = "".join(f"<tr>{''.join(map(_cell_html, row))}</tr>" for row in table.rows)
-    head = f"<thead><tr>{head}</tr></thead>" if any(table.header) else ""
+    head = f"<thead><tr>{head}</tr></thead>" if table.has_header else ""
     return f'<div class="scroll"><table>{head}<tbody>{body}</tbody></table></div>'
 
 
@@ -131,10 +131,8 @@ def _cell_html(cell: object) -> str:
 
 def _picture_html(picture: Picture) -> str:
     """Figure as SVG, whose lines stay sharp at any size."""
-    drawing, buffer = picture.draw(), io.StringIO()
-    drawing.savefig(buffer, format="svg", metadata={"Date": None})
-    svg = buffer.getvalue()
-    svg = svg[svg.index("<svg") :]
+    drawing = picture.draw()
+    svg = svg_text(drawing)
     caption = _escape(picture.caption)
     # On a phone the figure keeps a width at which its letters can be read, and scrolls.
     look = f"--least:{_least_readable_width(drawing):.0f}px"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 from granular.shared.message_text import sanitize
 
@@ -25,6 +27,7 @@ ARROWS_TO_SCALE: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale":
 STYLES = ("-", "--", "-.", ":")
 GREY = "#9aa5b1"
 _LONGEST_LABEL = 60
+_LOOKS: WeakKeyDictionary[Figure, Any] = WeakKeyDictionary()
 
 
 def line_style(index: int) -> dict[str, Any]:
@@ -80,7 +83,19 @@ def figure(
     }
     with mpl.rc_context(look):
         drawing = (make or Plain)(figsize=(width, height), layout="constrained")
+        _LOOKS[drawing] = look
         yield drawing, drawing.subplots(rows, columns, **options)
+
+
+def svg_text(drawing: Figure) -> str:
+    """SVG of a figure in the look in which it was made, which sets its ticks too."""
+    import matplotlib as mpl
+
+    buffer = io.StringIO()
+    with mpl.rc_context(_LOOKS.get(drawing, {})):
+        drawing.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
 
 
 def axes_or_new(ax: Axes | None, width: float = 7.2, height: float = 3.4) -> Axes:

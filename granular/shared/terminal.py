@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TextIO
 
-from granular.shared.blocks import Block, Caution, Heading, Items, Printout, Table, Text
+from granular.shared.blocks import Block, Caution, Equation, Heading, Items, Printout, Table, Text
 from granular.shared.message_text import printable
 
 COLUMNS = 100
@@ -16,7 +16,20 @@ _SIGNS = {sign: f"\\{sign}" for sign in "{}$&#%_"} | {"\\": r"\textbackslash{}",
 
 def blocks_text(blocks: Iterable[Block]) -> str:
     """Write blocks as plain text; pictures and formulas are left to pages."""
-    return "\n".join(text for text in map(block_text, blocks) if text)
+    return "\n".join(text for text in map(block_text, _filled_sections(blocks)) if text)
+
+
+def _filled_sections(blocks: Iterable[Block]) -> Iterator[Block]:
+    """Leave away headings behind which nothing can be written."""
+    heading: Heading | None = None
+    for block in blocks:
+        if isinstance(block, Heading):
+            heading = block
+        elif block_text(block):
+            if heading is not None:
+                yield heading
+            heading = None
+            yield block
 
 
 def block_text(block: Block) -> str:
@@ -25,20 +38,22 @@ def block_text(block: Block) -> str:
         case Heading(words):
             return f"\n{words}"
         case Text(words):
-            return _wrap(words)
+            return wrap(words)
         case Printout(words):
             return words
         case Caution(words):
-            return _wrap(f"caution: {words}", "  ")
+            return wrap(f"caution: {words}", "  ")
         case Items(items):
-            return "\n".join(_wrap(f"  {words}", "    ") for words in items)
+            return "\n".join(wrap(f"  {words}", "    ") for words in items)
         case Table():
             return str(block)
+        case Equation(_, words):
+            return wrap(words)
         case _:
             return ""
 
 
-def _wrap(words: str, later: str = "") -> str:
+def wrap(words: str, later: str = "") -> str:
     """Break lines at spaces, after at most `COLUMNS` letters."""
     lines = (
         textwrap.fill(line, COLUMNS, subsequent_indent=later, break_long_words=False, break_on_hyphens=False)
@@ -49,7 +64,7 @@ def _wrap(words: str, later: str = "") -> str:
 
 def print_blocks(blocks: Iterable[Block], stream: TextIO) -> None:
     """Print blocks; on a terminal their tables are ruled, and broken to its width."""
-    for block in blocks:
+    for block in _filled_sections(blocks):
         if isinstance(block, Table) and stream.isatty():
             _print_table(block, stream)
         elif text := block_text(block):
@@ -59,11 +74,12 @@ def print_blocks(blocks: Iterable[Block], stream: TextIO) -> None:
 def _print_table(table: Table, stream: TextIO) -> None:
     from rich import box
     from rich.console import Console
-    from rich.markup import escape
     from rich.table import Table as RuledTable
     from rich.text import Text as PlainText
 
-    ruled = RuledTable(*map(escape, table.header), box=box.SIMPLE, show_header=any(table.header))
+    ruled = RuledTable(box=box.SIMPLE, show_header=table.has_header)
+    for cell in table.header:
+        ruled.add_column(PlainText(printable(cell)), overflow="fold")
     for row in table.rows:
         ruled.add_row(*(PlainText(printable(cell)) for cell in row))
     Console(file=stream).print(ruled)
@@ -77,13 +93,13 @@ def latex_inline_text(text: object) -> str:
 def latex_array(table: Table) -> str:
     """Format a table as a displayed LaTeX array, flush left."""
     lines = [" & ".join(map(latex_inline_text, row)) + r" \\" for row in table.rows]
-    if table.header:
+    if table.has_header:
         lines = [" & ".join(map(latex_inline_text, table.header)) + r" \\ \hline", *lines]
     body = "\n".join(lines)
-    columns = "l" * max(map(len, table.rows), default=1)
+    columns = "l" * len(table.header)
     return f"$$\\begin{{array}}{{{columns}}}\n{body}\n\\end{{array}}$$"
 
 
 def latex_lines(lines: str) -> str:
     """Format a text of a few lines as a displayed LaTeX array."""
-    return latex_array(Table((), [[line] for line in lines.splitlines()]))
+    return latex_array(Table(("",), [[line] for line in lines.splitlines()]))

@@ -129,7 +129,7 @@ class SiloFlow(NamedTuple):
         Returns
         -------
         list of Block
-            Blocks of `granular.shared.blocks`, for a terminal, a page and a notebook.
+            Blocks of `granular.shared.blocks`.
         """
         factor, margin = self.law
         head = ["opening", "grains/s", "sd", "law", "clogged"]

@@ -66,10 +66,10 @@ def _blocks(study: Study) -> Iterator[Block]:
 
 
 def _end_time_text(study: Study) -> str:
-    ends = {case.settings["t_end"] for case in study.cases}
-    if ends == {None}:
+    ends = dict.fromkeys(case.settings["t_end"] for case in study.cases)
+    if list(ends) == [None]:
         return "each run to the end of its stages"
-    return f"run until {', '.join('the end' if end is None else f'{end:g} s' for end in ends)}"
+    return f"run until {', '.join('the end' if end is None else f'{end} s' for end in ends)}"
 
 
 def _repeated_cases(study: Study, figures: list[str]) -> Iterator[Block]:
@@ -79,16 +79,18 @@ def _repeated_cases(study: Study, figures: list[str]) -> Iterator[Block]:
     for index, row in enumerate(table[others].to_numpy()):
         groups.setdefault(tuple(map(_cell_text, row)), []).append(index)
     rows = [
-        [*values, str(len(indices)), *(_mean_text(table[name].iloc[indices]) for name in figures)]
-        for values, indices in groups.items()
+        [*values, str(len(indices)), *(_mean_text(table[name].iloc[indices].dropna()) for name in figures)]
+        for values, indices in list(groups.items())[:MOST_ROWS]
     ]
     header = [*(_label_with_unit(study, name) for name in (*others, "starts", *figures))]
     yield Heading("Means over random starts")
     yield Table(header, rows)
-    yield Text("± is the standard deviation over the random starts.")
+    yield Text("± is the standard deviation over the random starts that did not fail.")
 
 
 def _mean_text(column: pandas.Series[Any]) -> str:
+    if column.empty:
+        return ""
     spread = f" ± {format_number(column.std(), 2)}" if len(column) > 1 else ""
     return f"{_cell_text(column.mean())}{spread}"
 

@@ -350,7 +350,7 @@ def _compute_cases(
 
 
 def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> CaseOutcome:
-    """CaseOutcome, after it is kept where its worker has not done so: its disk may be another."""
+    """Keep an outcome that its worker has not kept, whose disk may be another, and return it."""
     if directory is None:
         return outcome
     cache = OutcomeCache(directory)
@@ -363,7 +363,7 @@ def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> 
 
 
 def future_outcome(future: Future[CaseOutcome]) -> CaseOutcome | None:
-    """CaseOutcome that a worker returned."""
+    """Take the outcome that a worker returned."""
     try:
         return future.result()
     except (concurrent.futures.BrokenExecutor, concurrent.futures.CancelledError):

@@ -239,8 +239,11 @@ def equations(model: ReducedModel) -> Iterator[Block]:
     symbols = {
         name: round_expression(rate, model.printed_digits) for name, rate in model.law.sympy_hidden().items()
     }
-    for equation, rates in ((model.equation, symbols), (model.printed_equation, model.printed_hidden_rates)):
-        yield Equation(mathml(equation))
+    for equation, rates, words in (
+        (model.equation, symbols, model.law.equation),
+        (model.printed_equation, model.printed_hidden_rates, ""),
+    ):
+        yield Equation(mathml(equation), words)
         for name, rate in rates.items():
             yield Equation(mathml_of_rate(name, rate))
     if model.law.parsed_equation.line is not None:

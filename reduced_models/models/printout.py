@@ -12,6 +12,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 
 from granular.shared.blocks import align_columns, format_number
+from granular.shared.terminal import COLUMNS
 from reduced_models.models.quantities import (
     DAMPING_RATIO,
     ERROR_SOURCES,
@@ -22,8 +23,6 @@ from reduced_models.models.quantities import (
     format_interval,
 )
 
-COLUMNS = 100
-"""Width of a line."""
 _SKEW = 0.2  # distance of an interval's middle from the value, over its half-width
 _EXACT = 1e-6  # a relative error below it is that of the arithmetic
 _JOIN = "\N{NO-BREAK SPACE}"  # within a parameter and its error, which no line breaks

@@ -30,6 +30,7 @@ def carry_out(
     t_end: Annotated[Seconds | None, Option("end", "T")] = None,
     times: Annotated[tuple[Seconds, ...], Option("times", "T", name="--time")] = (),
     count: Annotated[int, Option("how many")] = 3,
+    reach: Annotated[float | None, Option("reach", "A")] = None,
     kind: Annotated[Literal["a", "b"], Option("kind")] = "a",
     drift: Annotated[bool | None, Option("drift or not")] = None,
     warm: Annotated[tuple[str, ...] | None, Option("scenes", nargs="*")] = None,
@@ -53,6 +54,7 @@ def test_defaults_are_those_of_the_function() -> None:
         "t_end": None,
         "times": (),
         "count": 3,
+        "reach": None,
         "kind": "a",
         "drift": None,
         "warm": None,
@@ -61,11 +63,14 @@ def test_defaults_are_those_of_the_function() -> None:
 
 
 def test_texts_are_read_by_their_types() -> None:
-    words = "bed a.csv b.csv --out o --t-end 500ms --time 1ms --time 2s --count 5 --kind b --no-drift"
+    words = (
+        "bed a.csv b.csv --out o --t-end 500ms --time 1ms --time 2s --count 5 --reach 0.5 --kind b --no-drift"
+    )
     found = parsed(*words.split(), "--warm", "--loud", "--name", "x", "--name", "y")
     assert found["files"] == ("a.csv", "b.csv")
     assert found["t_end"] == 0.5
     assert found["times"] == (0.001, 2.0)
+    assert found["reach"] == 0.5
     assert (found["count"], found["kind"], found["drift"], found["warm"]) == (5, "b", False, ())
     assert found["group"] == Group(True, ("x", "y"))
 

@@ -26,7 +26,8 @@ BLOCKS = [
     Items(["one", "two"]),
     Table(["law", "error [%]"], [["linear", 12.5], ["duffing", "3"]]),
     Printout("a = 1\nb = 2"),
-    Equation("<math></math>"),
+    Equation("<math></math>", "z'' = 0"),
+    Heading("Nothing but a picture"),
     Picture(lambda: pytest.fail("a terminal draws nothing"), "a curve"),
 ]
 
@@ -52,6 +53,7 @@ def test_blocks_as_plain_text() -> None:
         "duffing  3",
         "a = 1",
         "b = 2",
+        "z'' = 0",
     ]
 
 
@@ -63,6 +65,22 @@ def test_a_table_is_broken_to_the_width_of_a_terminal(monkeypatch: pytest.Monkey
     assert max(map(len, lines)) <= 40
     assert any("[bold]x[/]" in line for line in lines)
     assert sum(line.count("many words") for line in lines) >= 4
+
+
+def test_a_narrow_terminal_shows_every_digit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "30")
+    stream = Terminal()
+    print_blocks([Table([f"temperature_{k}" for k in range(4)], [["1.124372e-12"] * 4])], stream)
+    plain = re.sub("\x1b\\[[0-9;]*m", "", stream.getvalue())
+    assert "\u2026" not in plain
+    columns = zip(*(line.split() for line in plain.splitlines()[-4:] if line.strip()), strict=True)
+    assert all("".join(column).endswith("1.124372e-12") for column in columns)
+
+
+def test_rows_are_as_wide_as_their_header() -> None:
+    with pytest.raises(ValueError, match="other widths"):
+        Table(["a", "b"], [["1"], ["1", "2", "3"]])
+    assert str(Table(["", ""], [["a\nb", "c"]])) == "a b  c"
 
 
 def test_a_notebook_shows_a_result_as_text_and_html() -> None:

@@ -72,6 +72,15 @@ def test_a_page_shows_what_varies_over_what_is_varied(study: Study) -> None:
     assert "<th>piston.mass [kg]</th>" in text
 
 
+def test_an_end_in_words_and_a_start_that_failed_have_a_page() -> None:
+    grid = {"piston.mass": [6.0], "arrangement.seed": [1, 2]}
+    cases = make_cases(load_scene("damper"), grid, [], SETTINGS | {"t_end": "2 ms"}, doubtful)
+    outcomes = (CaseOutcome({"mass": 12.0}, None), CaseOutcome({}, "StepError: step 3"))
+    text = study_page(Study(tuple(cases), outcomes, 0)).to_html()
+    assert "run until 2 ms" in text
+    assert "nan" not in text
+
+
 def test_the_command_writes_both(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
