@@ -7,31 +7,8 @@ import pytest
 
 from granular.linear.bed_forces import BedForces
 from granular.linear.pencil import make_pencil
-from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, small_damper
-
-
-def test_two_dipoles_have_the_stiffness_of_their_law() -> None:
-    scene = small_damper(
-        **{
-            "grains.count": 2,
-            "effects.walls": None,
-            "piston": "none",
-            "protocol": [{"name": "r", "kind": "hold", "duration": 1.0}],
-        }
-    )
-    r, angle = 1.7 * D, 0.6
-    along = np.array([np.cos(angle), np.sin(angle)])
-    pencil = make_pencil(
-        bed := BedForces(scene), bed.coordinates(np.array([[0.04, 0.02], [0.04, 0.02] + r * along]), None)
-    )
-    # F = (3/4) F* (D/r)^4: dF/dr along the line of centres, F/r across it.
-    force = 0.75 * Scales.from_grains(scene.grains).force * (D / r) ** 4
-    block = force / r * (4.0 * np.outer(along, along) - (np.eye(2) - np.outer(along, along)))
-    wanted = np.kron(block, [[1.0, -1.0], [-1.0, 1.0]])
-    np.testing.assert_allclose(pencil.full_stiffness, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
-    np.testing.assert_allclose(pencil.full_damping, 0.1 * np.eye(4), atol=1e-9)
 
 
 def test_contact_keeps_its_stiffness_at_a_small_overlap() -> None:

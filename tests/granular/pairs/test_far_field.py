@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from granular import Scene, simulate
 from granular.compiled import entry
 from granular.engine.far_field_forces import add_far_field, refresh_far_field
-from granular.pairs import grain_mesh_transfer, mesh_far_field, multilevel_mesh
+from granular.pairs import mesh_far_field
 from granular.pairs.dipole_law import far_part_of_inverse_cube, far_part_of_inverse_fifth
 from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
@@ -22,7 +22,6 @@ from granular.pairs.pair_sum_settings import TOLERANCE
 from granular.scene.published_beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
-spread = entry(grain_mesh_transfer.spread_grains)
 evaluate_far = entry(refresh_far_field)
 add_far = entry(add_far_field)
 compute_mesh_far_field = entry(mesh_far_field.compute_mesh_far_field)
@@ -141,16 +140,6 @@ def test_force_is_the_exact_gradient_of_the_mesh_s_energy(differing: bool) -> No
             assert slope == pytest.approx(-force[grain], abs=1e-9)
 
 
-@pytest.mark.parametrize("extent", [1.0, 30.0, 47.0, 120.0, 3000.0])
-def test_no_more_levels_than_cover_the_bed(extent: float) -> None:
-    """Spacings double from level to level; the last one's table reaches over all of the bed."""
-    spacing = 0.75
-    reach = multilevel_mesh.mesh_tables(RADIUS, spacing, 1).bands[0].along.shape[1] - 1
-    levels = multilevel_mesh.mesh_level_count(extent, RADIUS, spacing)
-    assert spacing * reach * 2.0 ** (levels - 1) >= extent
-    assert levels == 1 or spacing * reach * 2.0 ** (levels - 2) < extent
-
-
 def test_lattice_stands_still() -> None:
     """A bed that moves by a whole spacing of the coarsest mesh feels the same."""
     bed = Bed(368)
@@ -161,13 +150,6 @@ def test_lattice_stands_still() -> None:
     moved = bed.far()
     np.testing.assert_allclose(moved.fx, far.fx, atol=1e-13)
     np.testing.assert_allclose(moved.fy, far.fy, atol=1e-13)
-
-
-def test_all_that_is_spread_arrives() -> None:
-    bed = Bed(92, differing=True)
-    far = bed.far()
-    spread(None, far.mesh, None, bed.x, bed.y, bed.padded_moments, np.arange(bed.count), bed.count)
-    assert far.mesh.source[: far.mesh.begins[1]].sum() == pytest.approx(bed.moments.sum(), rel=1e-13)
 
 
 def test_no_room_and_no_number() -> None:

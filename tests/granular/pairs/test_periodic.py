@@ -44,16 +44,6 @@ def elsewhere(scene: Scene) -> np.ndarray:
     return np.asarray(places + turns * scene.cell.periods)
 
 
-def nearest_images(places: np.ndarray, sides: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
-    way = places[:, None] - places
-    way -= sides * np.round(way / sides)
-    r = np.linalg.norm(way, axis=2)
-    near = (r < radius) & (r > 0.0)
-    push = np.where(near, 0.75 * np.where(near, r, 1.0) ** -5, 0.0)
-    energy = np.where(near, np.where(near, r, 1.0) ** -3 - radius**-3, 0.0)
-    return (push[:, :, None] * way).sum(axis=1), 0.125 * energy.sum()
-
-
 def all_images(
     places: np.ndarray, sides: np.ndarray, grains: range, most: int = 12
 ) -> tuple[np.ndarray, float]:
@@ -118,16 +108,6 @@ def test_energy_with_all_images_is_that_of_a_sum_image_by_image() -> None:
             total += (r[(r > 0.0) & (r < most)] ** -3.0).sum()
     total += 14**2 * 2.0 * math.pi / (sides.prod() * most)
     assert ewald_energy(places, sides) == pytest.approx(0.125 * total, rel=1e-6)
-
-
-@pytest.mark.parametrize(("columns", "rows"), [(6, 4), (12, 12)])
-def test_direct_sum_is_that_of_the_nearest_images(columns: int, rows: int) -> None:
-    scene = crystal(columns, rows, **{"pairs.method": "direct"})
-    places, sides, force, energy = natural(scene)
-    wanted, potential = nearest_images(places, sides, 0.5 * sides.min())
-    found = evaluate(scene, elsewhere(scene))
-    np.testing.assert_allclose(found.force / force, wanted, atol=1e-12 * abs(wanted).max())
-    assert found.potential_energy / energy == pytest.approx(potential, rel=1e-12)
 
 
 def held_by_images(scene: Scene, force_error: float, energy_error: float) -> None:
