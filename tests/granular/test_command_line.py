@@ -313,18 +313,6 @@ def test_exit_code_reaches_the_shell(process: Command, package: str) -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_bed_without_grains_runs_or_is_refused(command: Command) -> None:
-    words = ("granular", "run", "bed", "--set", "grains.count=0", "--t-end", "0.01", "--quiet")
-    done = command(*words, "--json")
-    if done.returncode:
-        assert done.returncode == 2
-        assert done.stderr.startswith("error: ")
-        assert done.stderr.count("\n") == 1
-    else:
-        assert json.loads(done.stdout)["piston_force"] == 0.0
-        assert done.stderr == ""
-
-
 def test_failed_run_is_one_line_and_exit_code_1(command: Command) -> None:
     seldom = ("--set", "output.scalars=2e-3")
     done = command("granular", "run", "bed", *SMALL, *seldom, "--dt", "2e-3", "--quiet")
@@ -333,21 +321,6 @@ def test_failed_run_is_one_line_and_exit_code_1(command: Command) -> None:
     assert len(lines) == 1
     assert lines[0].startswith("error: step ")
     assert "shorten dt" in lines[0]
-
-
-@pytest.mark.long
-def test_second_start_compiles_nothing(process: Command, tmp_path: Path) -> None:
-    words = ("granular", "run", "bed", *SMALL, "--t-end", "0.002", "--quiet")
-    caches = {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
-
-    def compiled() -> dict[str, int]:
-        return {str(one): one.stat().st_mtime_ns for one in (tmp_path / "numba").rglob("*.kernel")}
-
-    assert process(*words, **caches).returncode == 0
-    first = compiled()
-    assert first
-    assert process(*words, **caches).returncode == 0
-    assert compiled() == first
 
 
 @pytest.mark.parametrize(

@@ -56,15 +56,6 @@ def test_normal_load_of_two_grains(diameter: float, torque: str, wanted: float) 
     assert natural == pytest.approx([wanted, wanted], rel=5e-6)
 
 
-def test_second_order_torque_is_a_third_more(bed: Scene) -> None:
-    positions = bed.initial_positions_and_velocities()[0]
-    loads = [
-        evaluate(bed.replace(**{"effects.friction.torque": order}), positions).normal_load
-        for order in ("first", "second")
-    ]
-    assert loads[1] / loads[0] == pytest.approx(np.full(368, 1.333), abs=5e-4)
-
-
 def torques_of_tilted_dipoles(places: np.ndarray, tilts: np.ndarray, moments: np.ndarray) -> np.ndarray:
     """Torque on a dipole at the origin, the first, by small tilts (n, 2) of all, over mu0 m1^2 / (4 pi)."""
     r = np.linalg.norm(places[1:], axis=1)

@@ -63,21 +63,6 @@ def test_the_drag_is_that_of_the_receding_image_at_low_speed() -> None:
     assert both == 2.0 * Eddy.from_plain(PLATE).dipole_drag_coefficient(scales)
 
 
-def test_eddy_currents_let_a_pulled_grain_reach_its_terminal_speed() -> None:
-    """Kick and decay come one after the other: the error falls with the square of the step."""
-    scene = alone(**{"effects.eddy": PLATE, "effects.gradient.y": "-0.05 T/m"})
-    scales = Scales.from_grains(scene.grains)
-    gamma = scene.effects.eddy.dipole_drag_coefficient(scales)
-    pull = 0.05 * scales.current * scales.length**2
-    errors = []
-    for dt in (1e-3, 5e-4):
-        time, v = fall(simulate(scene, dt=dt, progress=False))
-        exact = -pull / gamma * (1.0 - np.exp(-gamma * time / scales.mass))
-        errors.append(np.abs(v - exact).max() / np.abs(exact).max())
-    assert errors[0] < 1e-4
-    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
-
-
 def test_a_gradient_pulls_with_moment_times_gradient() -> None:
     found = run(**{"effects.gradient.y": "-0.05 T/m"})
     scales = Scales.from_grains(found.scene.grains)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from granular import Scene
 from granular.compiled import entry
 from granular.pairs import cut_off_sum as cut_off
-from granular.pairs import direct_sum
 from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
@@ -78,14 +77,6 @@ def test_sum_is_its_slow_twin_while_grains_move(
         np.testing.assert_allclose(fast, slow, rtol=0, atol=1e-12 * scale + 1e-150)
 
 
-def test_wide_radius_is_the_direct_sum() -> None:
-    bed = Bed(scattered(200, 2), 1e5, differing=True)
-    found = bed.sums()[:400].reshape(2, 200)
-    fx, fy = np.zeros_like(bed.x), np.zeros_like(bed.x)
-    entry(direct_sum.direct_sum)(GrainArrays(bed.x, bed.y, fx, fy, bed.moments), None, None, None)
-    np.testing.assert_allclose(found, np.stack([fx, fy])[:, :200], rtol=1e-11, atol=1e-13)
-
-
 def test_lists_last_while_grains_stay() -> None:
     """They are made again only where a grain has moved by half the skin."""
     bed = Bed(scattered(150, 4), 6.0, differing=True)
@@ -121,15 +112,6 @@ def test_lists_made_again_give_the_same_bits() -> None:
         bed.x[:300] += drift[0]
         bed.y[:300] += drift[1]
         np.testing.assert_array_equal(bed.sums(), wanted)
-
-
-def test_memory_is_linear() -> None:
-    sizes = []
-    for count in (10_000, 100_000):
-        arrays = stripes_workspace(count, moments=True, with_loads=True)
-        sizes.append(sum(one.nbytes for one in arrays if one is not None) / count)
-    assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
-    assert sizes[1] < 1500.0
 
 
 def test_no_number_gives_no_number() -> None:

@@ -92,21 +92,6 @@ def test_bad_tables(small_bed: Scene, table: dict[str, object]) -> None:
         driven(small_bed, {"kind": "follow", "name": "table", **table})
 
 
-def test_oscillation(small_bed: Scene) -> None:
-    run = driven(
-        small_bed,
-        {"kind": "oscillate", "name": "shake", "amplitude": "0.2 D", "frequency": 50.0, "duration": 0.06},
-    )
-    data = run.dataset
-    phase = 2.0 * math.pi * 50.0 * data["time"].values
-    exact = (6.0 + 0.2 * np.sin(phase)) * D
-    assert data["piston_height"].values == pytest.approx(exact, rel=1e-12)
-    assert data["piston_velocity"].values == pytest.approx(
-        0.2 * D * 100.0 * math.pi * np.cos(phase), abs=1e-12
-    )
-    assert run.settings()["ledger_residual"] < 1e-3
-
-
 def test_force_that_is_not_reached(small_bed: Scene) -> None:
     stage = {"kind": "move", "name": "press", "to": "5.9 D", "speed": 0.05, "until_force": 1e3}
     run = driven(small_bed, stage)
@@ -116,25 +101,6 @@ def test_force_that_is_not_reached(small_bed: Scene) -> None:
 
 BARE = {"effects.dipole": None, "effects.drag": None, "effects.walls": None}
 """With a resistance of the piston the loop is compiled anew: of as few effects as can be."""
-
-
-def test_free_fall_of_the_piston() -> None:
-    run = empty({"kind": "free", "name": "fall", "duration": 0.1})
-    time, height = (run.dataset[name].values for name in ("time", "piston_height"))
-    assert height == pytest.approx(0.12 - 4.9 * time**2, rel=1e-12)
-    assert run.settings()["ledger_residual"] < 1e-9
-
-
-def test_push_by_a_force() -> None:
-    """F = F0 + F1 sin(w t) on a falling mass, in closed form."""
-    run = empty(
-        {"kind": "push", "name": "push", "mean": 0.3, "amplitude": 2.0, "frequency": 30.0, "duration": 0.1}
-    )
-    time, height = (run.dataset[name].values for name in ("time", "piston_height"))
-    w = 2.0 * math.pi * 30.0
-    exact = 0.12 + (0.075 - 4.9) * time**2 + 2.0 / 2.0 / w * (time - np.sin(w * time) / w)
-    assert height == pytest.approx(exact, abs=1e-9)
-    assert run.settings()["ledger_residual"] < 1e-6
 
 
 def test_piston_drag() -> None:

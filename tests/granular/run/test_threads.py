@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numba
-import numpy as np
 import pytest
 
 from granular import Scene
-from granular.run import thread_count
 from granular.run.thread_count import ThreadCountTuner, choose_thread_count
 
 TWO = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one processor")
@@ -33,18 +31,6 @@ def test_the_quicker_number_is_taken(slow: int, quick: int) -> None:
     assert taken[2:] == [quick] * 4
     assert not found.trying
     assert numba.get_num_threads() == quick
-
-
-@TWO
-def test_the_other_number_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another program may have gone, or come."""
-    clock = iter(np.arange(0.0, 1e4, 0.5))
-    monkeypatch.setattr(thread_count.time, "perf_counter", lambda: float(next(clock)))
-    found = ThreadCountTuner(2)
-    assert heard(found, {1: 1e-4, 2: 5e-4}, 3)[-1] == 1
-    taken = heard(found, {1: 1e-4, 2: 5e-5}, 40)
-    assert taken[-1] == 2
-    assert taken.count(1) < 10
 
 
 def test_one_thread_stays_one() -> None:

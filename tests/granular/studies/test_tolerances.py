@@ -203,14 +203,6 @@ def test_dampers_are_drawn_if_slopes_are_not_enough(
     assert len(tolerances_at([rest], wide, draws=0).drawn) == 0
 
 
-def test_a_part_without_forces_costs_few_of_them(rest: Equilibrium, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A bed that is at its equilibrium has nothing to relax: the first force is rounding."""
-    forces, calls = BedForces.forces, []
-    monkeypatch.setattr(BedForces, "forces", lambda bed, q: calls.append(1) or forces(bed, q))
-    module._Bed(rest, read_parts(rest.scene, {"effects.drag.coefficient": "5 %"}), None).changes(np.ones(1))
-    assert len(calls) < 2000
-
-
 def test_a_bed_that_rearranges_is_stable_again(rest: Equilibrium) -> None:
     parts = read_parts(rest.scene, {"grains.remanence": "40 %"})
     changes, rearranged = module._Bed(rest, parts, None).changes(np.array([-1.0]))
