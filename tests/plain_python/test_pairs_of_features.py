@@ -8,6 +8,7 @@ beds run in plain Python with the quick tests; whole ones, of 92 and 368 grains,
 from __future__ import annotations
 
 import itertools
+import random
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -141,50 +142,48 @@ def parameter_bounds(row: Row) -> set[tuple[Any, ...]]:
     return {(a, row[a], b, row[b]) for a, b in itertools.combinations(FACTORS, 2)}
 
 
+CHEAPER = ("sides", "resumed", "threads", "size", "mount", "stage", "own", "aspect", "fields", "magnets")
+"""Factors whose first level takes less time."""
+
+
 def table_of_pairs(seed: int) -> list[Row]:
     """Rows that hold every allowed pair of levels: of some drawn ones, that with the most new."""
-    random = np.random.default_rng(seed)
-    missing = {
+    draw = random.Random(seed)
+    allowed = [
         (a, one, b, other)
         for a, b in itertools.combinations(FACTORS, 2)
         for one, other in itertools.product(FACTORS[a], FACTORS[b])
         if not refused({a: one, b: other})
-    }
-    rows = []
-    while missing:
-        a, one, b, other = min(missing, key=repr)
+    ]
+    missing, rows = set(allowed), []
+    for a, one, b, other in sorted(allowed, key=repr):
+        if (a, one, b, other) not in missing:
+            continue
         drawn: list[Row] = []
         while len(drawn) < 30:
-            row = {name: levels[random.integers(len(levels))] for name, levels in FACTORS.items()}
+            row = {name: draw.choice(levels) for name, levels in FACTORS.items()}
             row |= {a: one, b: other}
             if not refused(row):
                 drawn.append(row)
         rows.append(max(drawn, key=lambda row: len(parameter_bounds(row) & missing)))
         missing -= parameter_bounds(rows[-1])
-    return [cheaper(row, rows) for row in rows]
+    held = Counter(pair for row in rows for pair in parameter_bounds(row))
+    for row in rows:
+        make_cheaper(row, held)
+    return rows
 
 
-def cheaper(row: Row, rows: list[Row]) -> Row:
-    """The row, changed in its place to what takes less time where no pair is lost by that."""
-    for name in (
-        "sides",
-        "resumed",
-        "threads",
-        "size",
-        "mount",
-        "stage",
-        "own",
-        "aspect",
-        "fields",
-        "magnets",
-    ):
-        held = Counter(pair for one in rows for pair in parameter_bounds(one))
-        if all(held[pair] > 1 for pair in parameter_bounds(row) if name in pair):
+def make_cheaper(row: Row, held: Counter[tuple[Any, ...]]) -> None:
+    """Change the row in its place where no pair is lost by that; ``held`` counts the rows of each pair."""
+    for name in CHEAPER:
+        pairs = {pair for pair in parameter_bounds(row) if name in pair}
+        if all(held[pair] > 1 for pair in pairs):
+            held.subtract(pairs)
             row[name] = FACTORS[name][0]
-    return row
+            held.update(pair for pair in parameter_bounds(row) if name in pair)
 
 
-ROWS = table_of_pairs(2)
+ROWS = table_of_pairs(1)
 
 
 def named(row: Row) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 
 import pytest
 
@@ -17,7 +18,6 @@ from granular.kernel_data import state
 from granular.schema import cell
 
 FILES = read_compiled_sources()
-DIGEST = digest_of_syntax(FILES)
 FEW = {
     name: content
     for name, content in FILES.items()
@@ -26,7 +26,11 @@ FEW = {
     or name in ("pairs/direct_vector_loops.py", "pairs/grain_arrays.py", "pairs/simd.py")
 }
 """Files that import from each other: parsing all takes half a second."""
-DIGEST_OF_FEW = digest_of_syntax(FEW)
+
+
+@functools.cache
+def digest(*, few: bool) -> str:
+    return digest_of_syntax(FEW if few else FILES)
 
 
 def edited(name: str, old: str, new: str, files: dict[str, bytes]) -> dict[str, bytes]:
@@ -47,7 +51,7 @@ def edited(name: str, old: str, new: str, files: dict[str, bytes]) -> dict[str, 
 def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new: str) -> None:
     few = name in FEW
     files = edited(name, old, new, FEW if few else FILES)
-    assert digest_of_syntax(files) == (DIGEST_OF_FEW if few else DIGEST)
+    assert digest_of_syntax(files) == digest(few=few)
     assert digest_of_bytes(files) != digest_of_bytes(FEW if few else FILES)
 
 
@@ -63,7 +67,7 @@ def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new
     ],
 )
 def test_what_the_compiler_sees_counts(name: str, old: str, new: str) -> None:
-    assert digest_of_syntax(edited(name, old, new, FEW)) != DIGEST_OF_FEW
+    assert digest_of_syntax(edited(name, old, new, FEW)) != digest(few=True)
 
 
 def test_kernels_take_nothing_from_other_rooms_but_classes_and_functions() -> None:
