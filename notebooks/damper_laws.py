@@ -17,7 +17,6 @@ from typing import Literal
 import numpy as np
 
 from granular import GranularError, PistonRecord, damper, simulate
-from granular.shared.blocks import Caution, Table
 from reduced_models import Comparison, ReducedModel, compare, discover
 from reduced_models.identification.page import comparison_page
 from reduced_models.laws import LAWS
@@ -92,14 +91,10 @@ def main(folder: Path) -> None:
     )
     print(words + ".")
     page = comparison_page(table)
-    blocks = [
-        Caution(f"Over {PERIODS:g} periods of the {JUDGED} D lift {words}."),
-        Table(
-            ("law", "parameters", "rms error, in amplitudes"),
-            [(name, str(counts[name]), f"{100 * error:.3g} %") for name, error in ranked],
-        ),
-    ]
-    dataclasses.replace(page, blocks=[*page.blocks, *blocks]).save(folder / "damper_laws.html")
+    lead = f"{page.lead} Over {PERIODS:g} periods of the {JUDGED} D lift {words}."
+    dataclasses.replace(page, lead=lead).save(folder / "damper_laws.html")
+    lines = [f"{name}: {counts[name]} parameters, {100 * error:.3g} %" for name, error in ranked]
+    (folder / "amplitude_errors.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

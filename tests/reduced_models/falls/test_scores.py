@@ -50,7 +50,7 @@ def test_scatter_is_of_falls_from_the_same_height(falls: DropScores) -> None:
 
 
 def test_table_and_verdict_say_it(falls: DropScores) -> None:
-    lines = falls.table.splitlines()
+    lines = str(falls.table).splitlines()
     assert lines[0].split() == ["law", "numbers", "fitted", "low", "high", "again", "median"]
     assert lines[1].startswith("power-law-spring  4")
     assert "predicted best by power-law-spring" in falls.verdict
