@@ -15,7 +15,7 @@ _SIGNS = {sign: f"\\{sign}" for sign in "{}$&#%_"} | {"\\": r"\textbackslash{}",
 
 
 def blocks_text(blocks: Iterable[Block]) -> str:
-    """Write blocks as plain text; pictures and formulas are left to pages."""
+    """Write blocks as plain text; pictures are left to pages."""
     return "\n".join(text for text in map(block_text, _filled_sections(blocks)) if text)
 
 

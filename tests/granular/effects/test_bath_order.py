@@ -1,8 +1,9 @@
-"""How far a step of the bath is from the right temperature: second order."""
+"""How far a step of the bath is from the right temperature: second order, and far below others."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -75,6 +76,43 @@ def by_the_bath(step: float) -> tuple[float, float]:
     return too_warm(np.concatenate(squares), np.concatenate(bends))
 
 
+Splitting = Callable[[np.ndarray, np.ndarray, float, np.random.Generator], None]
+
+
+def _bath(v: np.ndarray, total_duration: float, random: np.random.Generator) -> None:
+    left = math.exp(-RATE * total_duration)
+    v *= left
+    v += math.sqrt(WARM * (1.0 - left**2)) * random.normal(size=v.size)
+
+
+def kick_drift_bath(x: np.ndarray, v: np.ndarray, step: float, random: np.random.Generator) -> None:
+    """A whole kick first: of first order."""
+    v -= step * np.sin(x)
+    x += step * v
+    _bath(v, step, random)
+
+
+def bath_verlet_bath(x: np.ndarray, v: np.ndarray, step: float, random: np.random.Generator) -> None:
+    """Half of the bath on both sides of Verlet's step with its kicks outside: of second order."""
+    _bath(v, 0.5 * step, random)
+    v -= 0.5 * step * np.sin(x)
+    x += step * v
+    v -= 0.5 * step * np.sin(x)
+    _bath(v, 0.5 * step, random)
+
+
+def by_splitting(splitting: Splitting, step: float) -> tuple[float, float]:
+    """Of another splitting on the same field, in its natural units."""
+    random = np.random.default_rng(5)
+    x, v = np.zeros(100_000), math.sqrt(WARM) * random.normal(size=100_000)
+    every, frames = max(1, round(1.5 / step)), []
+    for tick in range(170 * every):
+        splitting(x, v, step, random)
+        if tick >= 20 * every and tick % every == 0:
+            frames.append(x.copy())
+    return too_warm(*temperatures(np.array(frames)))
+
+
 def slope(steps: tuple[float, ...], found: list[tuple[float, float]]) -> tuple[float, float]:
     """Slope of ln|error| over ln step, and its standard error."""
     errors, sigmas = np.abs(found).T
@@ -87,7 +125,7 @@ def slope(steps: tuple[float, ...], found: list[tuple[float, float]]) -> tuple[f
 
 @pytest.mark.long  # quick: the generator's numbers, and a run that goes on
 def test_configurational_temperature_is_wrong_to_second_order() -> None:
-    """In an anharmonic field, where the splitting is not exact."""
+    """In an anharmonic field, where the splitting is not exact; next to two other splittings."""
     steps = (0.14, 0.23, 0.38)
     found = [by_the_bath(step) for step in steps]
     value, sigma = slope(steps, found)
@@ -95,3 +133,11 @@ def test_configurational_temperature_is_wrong_to_second_order() -> None:
     assert sigma < 0.07
     assert value == pytest.approx(2.0, abs=0.2)
     assert all(error > 0.0 for error, _ in found)
+    around = [by_splitting(bath_verlet_bath, step) for step in steps]
+    first = [by_splitting(kick_drift_bath, step) for step in (0.075, 0.15)]
+    print("kicks outside", around, slope(steps, around))
+    print("kick first", first, slope((0.075, 0.15), first))
+    assert slope(steps, around)[0] == pytest.approx(2.0, abs=0.2)
+    assert around[-1][0] > 1.5 * found[-1][0]
+    # The test tells a splitting of first order from one of second.
+    assert slope((0.075, 0.15), first)[0] < 1.5
