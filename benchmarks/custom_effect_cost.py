@@ -13,7 +13,7 @@ from benchmarks.process import finished
 from benchmarks.timing import least_seconds
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.registry import register_effect
+from granular.effects.registry import EFFECTS
 from granular.kernel_data.state import Bed
 from granular.schema.sections import quantity
 from granular.user_code import import_user_code
@@ -111,7 +111,7 @@ def own_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
     """
     with tempfile.TemporaryDirectory() as folder:
         import_user_code([_class_file(folder)])
-    register_effect(BuiltInSpring)
+    EFFECTS.register(BuiltInSpring.key, BuiltInSpring)
     steps = max(2048, 400_000 // count**2 * 16)
     engines = {name: EngineSteps(bed_of(count, changes)) for name, changes in ADDED.items()}
     calls = {name: _call(engine, steps) for name, engine in engines.items()}

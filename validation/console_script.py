@@ -14,8 +14,8 @@ from typing import Annotated, Any, Literal
 from granular.commands.console import Parser, Program, add_version_option, command, launch, print_result
 from granular.commands.options import Output
 from granular.commands.signature import Option, add_options
-from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
+from granular.shared.message_text import unknown_word_message
 
 PROG = "granular-damper"
 

@@ -331,13 +331,13 @@ def convergence_tasks(full: bool) -> list[Task]:
         *(
             convergence_task(method_name_to_plot(method), name, full)
             for name in NAMES
-            for method in METHODS
+            for method in METHODS.built_in
             if (full or method in QUICK_METHODS or name == QUICK_PROBLEM)
             and method_suits_problem(exact_problem(name), method)
         ),
         *(
             _root_task(method)
-            for method in METHODS
+            for method in METHODS.built_in
             if (full or method in QUICK_METHODS)
             and not method_named(method).variable
             and method not in STEEP_IN_ROOT

@@ -86,7 +86,9 @@ class EnergyStudy(PlainData):
 def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     """Return the runs of the report."""
     swings = tuple(
-        wall_oscillation_run(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
+        wall_oscillation_run(name, 64 if full else 40)
+        for name in METHODS.built_in
+        if not METHODS[name].variable
     )
     if not full:
         return swings

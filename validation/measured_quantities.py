@@ -9,9 +9,9 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.run.trajectory import Trajectory
-from granular.schema.field_kinds import unknown_word_message
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RecordError
+from granular.shared.message_text import unknown_word_message
 
 # Six half cycles; a line through fewer logarithms leaves the damping ratio to single turning points.
 _LEAST_SWINGS = 3

@@ -221,7 +221,7 @@ def method_report(
     for quantity in quantities or ():
         quantity_named(quantity)
     register_methods(
-        method for method in methods if isinstance(method, Method) and method.name not in METHODS
+        method for method in methods if isinstance(method, Method) and method.name not in METHODS.built_in
     )
     names = [resolve_method(method).name for method in methods]
     every = tuple(dict.fromkeys((*names, *BESIDE)))

@@ -50,13 +50,13 @@ def observe(
     output: Output,
 ) -> None:
     """Observables of every frame of a run, as a table."""
-    from granular.observables.catalogue import find_observable, observables_table
+    from granular.observables.catalogue import OBSERVABLES, observables_table
     from granular.run.trajectory import load_trajectory
 
     if out is not None:
         check_output_file(Path(out), force)  # before anything is computed
-    known = own.run().observables
-    table = observables_table(load_trajectory(run), [find_observable(name, known) for name in names])
+    own.run()
+    table = observables_table(load_trajectory(run), [OBSERVABLES.find(name) for name in names])
     if out is not None:
         write_text(Path(out), table.to_csv(index=False))
     shown = _table(table) if out is None else Text(f"written to {out}")

@@ -14,7 +14,7 @@ from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene
-    from granular.user_code import UserCode
+    from granular.studies.measures import CustomMeasure
 
 
 def _parse_time_step(text: str) -> float | str:
@@ -71,8 +71,8 @@ class OwnCode:
         ),
     ] = ()
 
-    def run(self) -> UserCode:
-        """Run the files."""
+    def run(self) -> dict[str, CustomMeasure]:
+        """Run the files, and return their measures by name."""
         from granular.user_code import import_user_code
 
         return import_user_code(self.user_files)

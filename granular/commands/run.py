@@ -107,7 +107,7 @@ def sweep(
     from granular.studies.sweep import load_study
     from granular.studies.sweep import sweep as run_study
 
-    settings = load_study(study, own.run().measures)
+    settings = load_study(study, own.run())
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}; give at least 1")
     with cluster_executor(dask, mpi) as pool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from textwrap import indent
 from typing import Annotated, Literal
@@ -48,13 +49,12 @@ def scenes(
 
 def _list_scenes(output: Output) -> None:
     """List the packaged scenes, and what scenes can name."""
-    from granular.effects.registry import effect_names
-    from granular.methods.registry import GROUP as METHOD_GROUP
+    from granular.effects.registry import EFFECTS, WALL_LAWS
+    from granular.effects.walls import LAWS
     from granular.methods.tables import METHODS
-    from granular.observables.catalogue import GROUP as OBSERVABLE_GROUP
     from granular.observables.catalogue import OBSERVABLES
+    from granular.run.engines import ENGINES
     from granular.scene.loading import SCENES, scene_names
-    from granular.shared.registry import entry_point_names
 
     first = {}
     for name in scene_names():
@@ -63,10 +63,12 @@ def _list_scenes(output: Output) -> None:
         first[name] = " ".join(comment)
     width = max(map(len, first))
     lines = [f"{name:{width}}  {text}" for name, text in first.items()]
-    known = {
-        "effects": effect_names(),
-        "methods": (*METHODS, *entry_point_names(METHOD_GROUP)),
-        "observables": (*OBSERVABLES, *entry_point_names(OBSERVABLE_GROUP)),
+    known: dict[str, Iterable[str]] = {
+        "effects": EFFECTS,
+        "laws of walls": (*LAWS, *WALL_LAWS),
+        "methods": METHODS,
+        "engines": ENGINES,
+        "observables": OBSERVABLES,
     }
     more = [f"{what}: {', '.join(some)}" for what, some in known.items()]
     print_result(first, "\n".join([*lines, "", *more]), output.json)
@@ -74,10 +76,10 @@ def _list_scenes(output: Output) -> None:
 
 def _list_methods(output: Output) -> None:
     """List the methods that are built in, those of the user's own, and those installed."""
-    from granular.methods.registry import all_methods
+    from granular.methods.tables import METHODS
 
-    methods = all_methods()
-    print_result({name: method.to_plain() for name, method in methods.items()}, repr(methods), output.json)
+    plain = {name: method.to_plain() for name, method in METHODS.working().items()}
+    print_result(plain, repr(METHODS), output.json)
 
 
 def _warm_up(names: tuple[str, ...], changes: Changes, output: Output) -> None:

@@ -83,13 +83,13 @@ from granular.effects.dissipative_effect import DissipativeEffect
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
 from granular.effects.pair_law import PairFunctions, PairLawEffect, species_of_scene
-from granular.effects.registry import WALL_LAWS, register_effect
-from granular.schema.field_kinds import IntegerKind, QuantityKind, unknown_word_message
+from granular.effects.registry import EFFECTS, WALL_LAWS
+from granular.schema.field_kinds import IntegerKind, QuantityKind
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section
 from granular.shared.errors import InputError
 from granular.shared.function_digest import functions_digest
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, unknown_word_message
 from granular.shared.user_file import UserFile, user_definitions
 
 
@@ -212,8 +212,8 @@ class OwnEffect(OwnSection, ForceEffect, DissipativeEffect):
     @classmethod
     def register_class(cls) -> None:
         """Let scenes name it; an own one of the same name is replaced, a built-in one refused."""
-        if not is_built_in(cls):  # which the registry knows by its file
-            register_effect(cls)
+        if not is_built_in(cls):  # which the registry names itself
+            EFFECTS.register(cls.key, cls)
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
@@ -279,7 +279,7 @@ class OwnWall(OwnSection):
     @classmethod
     def register_class(cls) -> None:
         """Let walls name it; an own one of the same name is replaced."""
-        WALL_LAWS[cls.definition.key] = cls
+        WALL_LAWS.register(cls.definition.key, cls)
 
     def make_kernel_law(self, scales: Scales) -> Any:
         """Law in natural units."""

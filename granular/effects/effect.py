@@ -19,7 +19,7 @@ Where a grain, a pair or a wall's distance is all that counts, the loops over gr
 written: a class with the functions of one of them, decorated with
 `granular.effects.custom.effect` as a user's own, becomes an effect of this form, and so does a
 formula. `granular.effects.magnetic_gradient` is written so. The file's own test aside, nothing else has to
-be touched: `granular.effects.registry` finds it.
+be touched but the table in `granular.effects.registry`.
 """
 
 from __future__ import annotations

@@ -31,11 +31,11 @@ from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct_sum import pad_values
 from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell
-from granular.schema.field_kinds import FieldError, FieldKind, SectionListKind, unknown_word_message
+from granular.schema.field_kinds import FieldError, FieldKind, SectionListKind
 from granular.schema.formula_parameters import SectionWithFormula
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity, section_field, text_field
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, unknown_word_message
 
 _FORM = "2"
 """Part of the digest, to be raised with any change of what is derived from a text."""

@@ -24,7 +24,7 @@ from granular.effects.moving_frame_effect import MovingFrameEffect
 from granular.kernel_data.state import CELL, LOSSES, PISTON
 from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell
-from granular.schema.field_kinds import FieldError, unknown_word_message
+from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import (
     Section,
@@ -35,6 +35,7 @@ from granular.schema.sections import (
     section_list_field,
     text_field,
 )
+from granular.shared.message_text import unknown_word_message
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -19,10 +19,10 @@ from granular.effects.formula import EnergyFormula, FormulaList
 from granular.effects.pair_law import PairFunctions, PairLawEffect, Species
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
-from granular.schema.field_kinds import SectionListKind, at_key, unknown_word_message
+from granular.schema.field_kinds import SectionListKind, at_key
 from granular.schema.sections import quantity, section_field, text_field
 from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, unknown_word_message
 
 
 class PairFormula(EnergyFormula, PairLawEffect):

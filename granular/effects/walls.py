@@ -16,8 +16,7 @@ import numpy as np
 from granular.effects.dipole import species_discs
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force_effect import ForceEffect
-from granular.effects.formula import WallFormula
-from granular.effects.registry import WALL_LAWS, find_wall_law
+from granular.effects.registry import WALL_LAWS
 from granular.effects.wall_discs import DiscWall, disc_wall_tables
 from granular.effects.wall_experimental import ExperimentalWall
 from granular.effects.wall_infinite import InfiniteWall
@@ -27,9 +26,9 @@ from granular.effects.wall_slab import SlabWall
 from granular.kernel_data.state import CELL, PISTON
 from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell, Point, SideLine
-from granular.schema.field_kinds import FieldError, FieldKind, NestedSectionKind, at_key, unknown_word_message
+from granular.schema.field_kinds import FieldError, FieldKind, NestedSectionKind, at_key
 from granular.schema.sections import Section, quantity, section_field, text_field
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, unknown_word_message
 
 LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"
@@ -85,11 +84,10 @@ class Wall(Section):
         law = plain.get("law", FORMULA if "energy" in plain else None)
         if not isinstance(law, str) or law in LAWS:
             return super().from_plain(plain, diameter)
-        own = WallFormula if law == FORMULA else find_wall_law(law)
-        if own is None:
-            raise FieldError(unknown_word_message(law, (*LAWS, FORMULA, *WALL_LAWS), "law of a wall"))
+        if law not in WALL_LAWS:
+            raise FieldError(unknown_word_message(law, (*LAWS, *WALL_LAWS), WALL_LAWS.kind))
         given = {name: value for name, value in plain.items() if name != "law"}
-        return cls(law=law, own=own.from_plain(given, diameter))
+        return cls(law=law, own=WALL_LAWS[law].from_plain(given, diameter))
 
     def to_plain(self) -> dict[str, Any]:
         """Wall as a table with its law's keys; `from_plain` makes an equal wall of it."""

@@ -8,15 +8,8 @@ from typing import Any
 
 from granular.methods.method import COMPENSATED, Method, method_from_plain
 from granular.methods.tables import METHODS
-from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
-from granular.shared.registry import Registry, entry_point_names, load_entry_point
-
-GROUP = "granular.methods"
-"""Entry points by which an installed distribution offers methods."""
-
-_own: dict[str, Method] = {}
 
 
 def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
@@ -51,7 +44,7 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
     if not isinstance(method, Method):
         raise InputError(f"method = {quote(method)}; give a name, or a granular.Method")
     plain = method.name.removesuffix(COMPENSATED)
-    if plain in METHODS and method != method_named(method.name):
+    if plain in METHODS.built_in and method != method_named(method.name):
         raise InputError(
             f"method {quote(method.name)} has the name of one that is built in; give it a name of its own"
         )
@@ -60,7 +53,7 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
 
 def method_as_run_setting(method: Method) -> str | dict[str, Any]:
     """Entry of a method in a run's settings: the name of a built-in one, else its table."""
-    return method.name if method.name.removesuffix(COMPENSATED) in METHODS else method.to_plain()
+    return method.name if method.name.removesuffix(COMPENSATED) in METHODS.built_in else method.to_plain()
 
 
 def method_named(name: str) -> Method:
@@ -91,13 +84,7 @@ def method_named(name: str) -> Method:
     """
     word = str(name)
     plain = word.removesuffix(COMPENSATED)
-    method = METHODS.get(plain) or _own.get(plain) or _load_from_entry_point(plain)
-    if method is None:
-        known = (*METHODS, *_own)
-        raise InputError(
-            f"{unknown_word_message(word, known, 'method')}; a method of your own comes by --import FILE, or "
-            f"by an installed entry point of the group {GROUP!r}"
-        )
+    method = METHODS.find(plain)
     if plain == word:
         return method
     if method.tableau is not None:
@@ -105,23 +92,9 @@ def method_named(name: str) -> Method:
     return dataclasses.replace(method, name=word, compensated=True)
 
 
-def all_methods() -> Registry[Method]:
-    """All methods by their names: built in, of the user's own, and of installed distributions."""
-    names = (*METHODS, *_own, *entry_point_names(GROUP))
-    return Registry(((name, method_named(name)) for name in dict.fromkeys(names)), str)
-
-
 def register_methods(methods: Iterable[Method]) -> None:
     """Let `method_named` know methods of the user's own, for as long as the process lives."""
     for method in methods:
-        former = _own.get(resolve_method(method).name, method)
-        if former != method:
+        if METHODS.get(resolve_method(method).name, method) != method:
             raise InputError(f"two methods are called {quote(method.name)}; give each a name of its own")
-        _own[method.name] = method
-
-
-def _load_from_entry_point(name: str) -> Method | None:
-    entry_point = load_entry_point(GROUP, name, "method")
-    if entry_point is not None and (not isinstance(entry_point, Method) or entry_point.name != name):
-        raise InputError(f"method {quote(name)} is no granular.Method of that name")
-    return entry_point
+        METHODS.register(method.name, method)

@@ -145,4 +145,12 @@ _TABLES = (
     ),
 )
 
-METHODS = Registry(((method.name, method) for method in _TABLES), str)
+METHODS = Registry[Method](
+    "method",
+    "granular.methods",
+    {method.name: method for method in _TABLES},
+    lambda name, method: isinstance(method, Method) and method.name == name,
+    "a granular.Method of that name",
+    from_files=True,
+)
+"""Methods by their names."""

@@ -31,10 +31,9 @@ from granular.observables.frame import (
 from granular.observables.packing import least_piston_distance, mean_pair_distance, packing_fraction
 from granular.observables.temperature import fluctuation_energies, kinetic_temperature
 from granular.observables.voronoi import hexagon_regularity, polygon_fractions, voronoi_cells
-from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import GranularError, InputError
 from granular.shared.message_text import quote
-from granular.shared.registry import load_entry_point
+from granular.shared.registry import Registry
 
 if TYPE_CHECKING:
     import pandas
@@ -157,16 +156,19 @@ def grain_pressure(frame: Frame) -> Float[np.ndarray, "n"]:
     return grain_pressures(frame.scene, frame.positions, frame.heights)
 
 
-OBSERVABLES: Mapping[str, Callable[[Frame], Value]] = {
-    function.observable.name: function
-    for function in list(globals().values())
-    if observable_metadata(function) is not None and function.__module__ == __name__
-}
-"""The package's observables by name."""
-
-
-GROUP = "granular.observables"
-"""Entry points by which an installed distribution offers observables."""
+OBSERVABLES = Registry[Callable[[Frame], Value]](
+    "observable",
+    "granular.observables",
+    {
+        function.observable.name: function
+        for function in list(globals().values())
+        if observable_metadata(function) is not None and function.__module__ == __name__
+    },
+    lambda _, function: observable_metadata(function) is not None,
+    "a granular.observables.observable",
+    from_files=True,
+)
+"""Observables by name."""
 
 
 def per_frame(
@@ -179,7 +181,7 @@ def per_frame(
     run : Trajectory
         Finished run, or one that was cut off.
     function : str or function of Frame
-        A name of `OBSERVABLES` or of an installed distribution's; or a function that returns a number, a
+        A name of `OBSERVABLES`; or a function that returns a number, a
         number (n,), a vector (n, 2) or a tensor (n, 2, 2) for each grain, or a mapping of labels to such
         values, of the same labels and shapes in every frame.
     start, stop : float
@@ -202,7 +204,7 @@ def per_frame(
         Labels are those of the first frame, and are not compared.
     """
     if isinstance(function, str):
-        function = find_observable(function)
+        function = OBSERVABLES.find(function)
     marked = observable_metadata(function)
     name = getattr(function, "__name__", type(function).__name__) if marked is None else marked.name
     chosen = select_frames(run, start, stop)
@@ -271,21 +273,3 @@ def observables_table(run: Trajectory, functions: Sequence[Callable[[Frame], Val
         else:
             columns[f"{name} [{unit}]"] = values.values
     return pandas.DataFrame(columns)
-
-
-def find_observable(
-    name: str, own: Mapping[str, Callable[[Frame], Value]] | None = None
-) -> Callable[[Frame], Value]:
-    """Find an observable by its name: the package's, a user's own, or an installed distribution's."""
-    every = {**OBSERVABLES, **(own or {})}
-    if name in every:
-        return every[name]
-    result: Callable[[Frame], Value] | None = load_entry_point(GROUP, name, "observable")
-    if observable_metadata(result) is not None and result is not None:
-        return result
-    if result is not None:
-        raise InputError(f"observable {quote(name)} is no granular Observable")
-    raise InputError(
-        f"{unknown_word_message(name, tuple(every), 'observable')}; one of your own comes by --import FILE, "
-        f"or by an installed entry point of the group {GROUP!r}"
-    )

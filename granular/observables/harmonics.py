@@ -8,8 +8,8 @@ import numpy as np
 
 from granular.observables.frame import check_series, labelled_columns
 from granular.schema.cell import piston_wall_key
-from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
+from granular.shared.message_text import unknown_word_message
 
 if TYPE_CHECKING:
     import xarray

@@ -19,11 +19,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from granular.records.calibration import KEYS
-from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import si_value
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.files import read_toml, write_text
-from granular.shared.message_text import quote, sanitize
+from granular.shared.message_text import quote, sanitize, unknown_word_message
 
 T = TypeVar("T")
 

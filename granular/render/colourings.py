@@ -17,8 +17,8 @@ from granular.observables.forces import interaction_forces
 from granular.observables.frame import Frame
 from granular.observables.voronoi import hexagon_regularity, voronoi_cells
 from granular.scene.scene import Scene
-from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
+from granular.shared.message_text import unknown_word_message
 from granular.shared.plotting import SIDES
 
 SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")

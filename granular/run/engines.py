@@ -2,7 +2,7 @@
 
 An engine is a function ``advance(system, state, ticks) -> Rows``. It moves the state on in place, positions,
 velocities, piston, clock and ledger, and returns a record of every so many ticks. An installed distribution
-offers its own by an entry point of the group `GROUP`, and `granular.simulate` takes it by its name.
+offers its own by an entry point of the group of `ENGINES`, and `granular.simulate` takes it by its name.
 """
 
 from __future__ import annotations
@@ -20,14 +20,10 @@ from granular.engine.time_step import StepPlan
 from granular.kernel_data.state import Measurement, State
 from granular.protocol.piston_motion import Motion
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits
-from granular.schema.field_kinds import unknown_word_message
-from granular.shared.errors import InputError
-from granular.shared.registry import entry_point_names, load_entry_point
+from granular.shared.registry import Registry
 
 if TYPE_CHECKING:
     from jaxtyping import Float
-
-GROUP = "granular.engines"
 
 NUMBA = "numba"
 """Name of the engine that is built in."""
@@ -79,13 +75,7 @@ def record_length(system: SceneInNaturalUnits) -> int:
     return ledger_column_count(len(effects)) + own + len(system.constants.acting.sides)
 
 
-def engine_named(name: str) -> Engine:
-    """Return the engine of that name."""
-    engine: Engine | None = advance if name == NUMBA else load_entry_point(GROUP, name, "engine")
-    if engine is None:
-        known = tuple(dict.fromkeys((NUMBA, *entry_point_names(GROUP))))
-        raise InputError(
-            f"{unknown_word_message(name, known, 'engine')}; an engine of your own comes by an installed "
-            f"entry point of the group {GROUP!r}"
-        )
-    return engine
+ENGINES = Registry[Engine](
+    "engine", "granular.engines", {NUMBA: advance}, lambda _, engine: callable(engine), "a function"
+)
+"""Engines by their names."""

@@ -16,7 +16,7 @@ from granular.methods.registry import resolve_method
 from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import Hold, Lift, Stage
 from granular.protocol.stage import TimedStage
-from granular.run.engines import NUMBA, engine_named
+from granular.run.engines import ENGINES, NUMBA
 from granular.run.thread_count import choose_thread_count
 from granular.run.work_precision import (
     FLOORS,
@@ -30,9 +30,8 @@ from granular.run.work_precision import (
 from granular.scene.dry_friction import dissipative_parts, dry_friction_parts
 from granular.scene.scene import Scene
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits, scene_in_natural_units
-from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, unknown_word_message
 
 METHOD = "stormer-verlet"
 
@@ -221,7 +220,7 @@ def plan(
     if t_end is not None and not (number and 0.0 < t_end <= LATEST):
         raise InputError(f"t_end = {quote(t_end)}; give a time above 0 s and up to {LATEST:g} s")
     resolved, step = resolve_method(method), parse_time_step(dt, scene)
-    engine_named(engine)
+    ENGINES.find(engine)
     count = choose_thread_count(scene, threads)
     refusals: dict[str, str] = {}
     for argument, words in _refusals(scene, resolved, step, t_end):

@@ -31,7 +31,7 @@ from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, STEPS, 
 from granular.protocol import Stage
 from granular.protocol.piston_motion import Motion, drive_angular_frequency, greatest_piston_speed
 from granular.protocol.stage import TimedStage
-from granular.run.engines import NO_TICKS, UNDIVIDED, UNWATCHED, Rows, Ticks, engine_named, record_length
+from granular.run.engines import ENGINES, NO_TICKS, UNDIVIDED, UNWATCHED, Rows, Ticks, record_length
 from granular.run.plan import Plan
 from granular.run.record_buffer import RecordBuffer
 from granular.shared.errors import NotFiniteError, RunError
@@ -80,7 +80,7 @@ class RunState:
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if plan.t_end is None else plan.t_end / system.scales.time
         self.tables = make_step_plan(plan.method, step, system.constants.acting.far)
-        self._advance_by_engine = engine_named(plan.engine)
+        self._advance_by_engine = ENGINES.find(plan.engine)
         self.recorder = RecordBuffer(scene.grains.count, system.effects)
         self.progress = RunProgress()
         positions, velocities = scene.initial_positions_and_velocities()

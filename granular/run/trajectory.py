@@ -20,9 +20,9 @@ from granular.records.options import RecordSource
 from granular.records.record import PistonRecord
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.schema.field_kinds import unknown_word_message
 from granular.shared.blocks import Printout
 from granular.shared.errors import RecordError
+from granular.shared.message_text import unknown_word_message
 
 if TYPE_CHECKING:
     import xarray

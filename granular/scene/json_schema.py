@@ -11,7 +11,7 @@ import re
 from typing import Any
 
 from granular.effects.formula import FormulaList
-from granular.effects.registry import effect_names, find_effect
+from granular.effects.registry import EFFECTS
 from granular.effects.walls import Wall, Walls
 from granular.methods.tables import METHODS
 from granular.scene.loading import scene_names
@@ -72,8 +72,8 @@ def study_schema() -> Schema:
 def _section_schema(section: type[Section]) -> Schema:
     """Section as an object."""
     if section is Effects:
-        known = {name: result for name in effect_names() if (result := find_effect(name)) is not None}
-        return _object_schema({name: _effect_schema(effect) for name, effect in known.items()}, [], section)
+        known = {name: _effect_schema(effect) for name, effect in sorted(EFFECTS.working().items())}
+        return _object_schema(known, [], section)
     if section is Walls:
         sides = _object_schema({}, [], section)
         return sides | {"additionalProperties": {"anyOf": [_section_schema(Wall), {"const": "none"}]}}

@@ -10,25 +10,20 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from granular.effects.effect import Effect
-from granular.effects.registry import effect_names, find_effect
+from granular.effects.registry import EFFECTS
 from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_positions_and_velocities
 from granular.schema.apparatus import Grains, Output, Piston
 from granular.schema.cell import PISTON, Cell, piston_wall_key
-from granular.schema.field_kinds import (
-    FieldError,
-    NestedSectionKind,
-    SectionListKind,
-    at_key,
-    unknown_word_message,
-)
+from granular.schema.field_kinds import FieldError, NestedSectionKind, SectionListKind, at_key
 from granular.schema.sections import Section, nested_section_field, section_field, text_field
 from granular.schema.units import si_value
 from granular.shared.blocks import Printout
 from granular.shared.citations import module_docstring_of
+from granular.shared.errors import InputError
 from granular.shared.files import write_text
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, unknown_word_message
 from granular.shared.result_cache import digest
 
 if TYPE_CHECKING:
@@ -57,7 +52,7 @@ class Effects(Section):
         object.__setattr__(self, "_given", _read_effects(given, None))
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or find_effect(name) is None:
+        if name.startswith("_") or name not in EFFECTS:
             raise AttributeError(f"there is no effect {name!r}")
         return self._given.get(name)
 
@@ -84,7 +79,7 @@ class Effects(Section):
     @classmethod
     def key_names(cls) -> tuple[str, ...]:
         """Names of all effects that a scene can name."""
-        return effect_names()
+        return tuple(sorted(EFFECTS))
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
@@ -102,15 +97,11 @@ class Effects(Section):
         return {name: effect.to_plain() for name, effect in self._given.items()}
 
 
-IMPORT = "(import the file of your own ones first: --import FILE, or an installed package)"
-
-
 def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str, Effect]:
     result = {}
     for name in sorted(plain):
-        effect = find_effect(name)
-        if effect is None:
-            raise FieldError(f"{unknown_word_message(name, effect_names(), 'effect')} {IMPORT}")
+        with at_key(errors=InputError):
+            effect = EFFECTS.find(name)
         with at_key(name):
             section = NestedSectionKind(True, section=effect).read_value(plain[name], diameter)
         if section is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import difflib
 import math
 import operator
 import re
@@ -15,10 +14,9 @@ import numpy as np
 
 from granular.schema.units import si_value
 from granular.shared.errors import InputError, SceneError
-from granular.shared.message_text import quote, sanitize
+from granular.shared.message_text import quote, sanitize, unknown_word_message
 
 _LONGEST = 200  # characters of a name
-_MOST_SHOWN = 30  # known words in a message
 _DIGITS = re.compile(r"[+-]?[0-9]{1,30}")
 _TEMPERATURE = re.compile(r"\s*([+-]?[0-9]{1,6}(?:\.[0-9]{0,20})?)\s*(°C|degC|K|)\s*")
 
@@ -38,14 +36,6 @@ def at_key(*path: str, errors: type[InputError] = FieldError) -> Iterator[None]:
         yield
     except errors as error:
         raise FieldError(getattr(error, "reason", str(error)), *path, *getattr(error, "path", ())) from None
-
-
-def unknown_word_message(word: str, known: Sequence[str], what: str) -> str:
-    """Message for an unknown word, with the nearest known one."""
-    near = difflib.get_close_matches(str(word)[:_LONGEST], known, 1, cutoff=0.5)
-    shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
-    advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
-    return f"unknown {what} {quote(word)}; {advice}"
 
 
 def _parse_number(value: object) -> float:

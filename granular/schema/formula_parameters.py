@@ -11,11 +11,11 @@ from typing import Any, ClassVar, Self
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
 from granular.formulas.tree import Node
-from granular.schema.field_kinds import FieldError, FieldKind, at_key, unknown_word_message
+from granular.schema.field_kinds import FieldError, FieldKind, at_key
 from granular.schema.sections import Section, section_field
 from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, unknown_word_message
 
 _UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")
 

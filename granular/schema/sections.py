@@ -23,9 +23,8 @@ from granular.schema.field_kinds import (
     TemperatureKind,
     TextKind,
     at_key,
-    unknown_word_message,
 )
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, unknown_word_message
 
 
 def section_field(kind: FieldKind, default: Any = dataclasses.MISSING) -> Any:

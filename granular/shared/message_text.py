@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import difflib
 import reprlib
+from collections.abc import Sequence
 
 LONGEST = 200
 """Signs of a user's value in a message: what is longer shows no more."""
 MOST = 2000
 """Signs of a whole message."""
 
+_MOST_SHOWN = 30
+"""Known words in a message."""
 _MOST_TIMES = 1e6
 
 _SHORT = reprlib.Repr()
@@ -31,6 +35,14 @@ def quote(value: object) -> str:
 def sanitize(text: object, most: int = LONGEST) -> str:
     """Cut a text to one line of so many characters, with control characters as escapes."""
     return _shorten("".join(map(_escape, str(text)[: most + 1])), most)
+
+
+def unknown_word_message(word: str, known: Sequence[str], what: str) -> str:
+    """Message for an unknown word, with the nearest known one."""
+    near = difflib.get_close_matches(str(word)[:LONGEST], known, 1, cutoff=0.5)
+    shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
+    advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
+    return f"unknown {what} {quote(word)}; {advice}"
 
 
 def one_line(message: object) -> str:

@@ -1,45 +1,156 @@
-"""Things by their names: tables that show themselves, and what installed distributions add."""
+"""Things of one kind by their names: built in, a user's own, and those of installed packages.
+
+A kind has one `Registry`. A built-in thing may be named as "module:attribute", and is imported when it is
+used; without its module it is not offered. An installed package brings things by entry points of the kind's
+group. One that fails is named with its package and version, and hinders no other.
+"""
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
-from collections.abc import Callable, Iterable
+import importlib.util
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import EntryPoint
 from typing import Any, TypeVar
 
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, missing_package_error
+from granular.shared.message_text import one_line, quote, unknown_word_message
 
 Named = TypeVar("Named")
 
 
-class Registry(dict[str, Named]):
-    """Things by their names; printed, each has a line with what it is."""
+class Registry(Mapping[str, Named]):
+    """Things of one kind by their names; printed, each has a line with its description."""
 
-    def __init__(self, things: Iterable[tuple[str, Named]], said: Callable[[Named], str]) -> None:
-        super().__init__(things)
-        self._said = said
+    def __init__(
+        self,
+        kind: str,  # word for one of them in messages
+        group: str,  # of the entry points by which installed packages bring more
+        built_in: Mapping[str, Named | str],  # or "module:attribute"
+        accepts: Callable[[str, Any], bool],  # whether a package's object can have a name here
+        wanted: str,  # words for what is accepted
+        describe: Callable[[Named], str] = str,
+        from_files: bool = False,  # whether the files of --import bring some too
+    ) -> None:
+        self.kind, self.group = kind, group
+        self._built_in, self._own = dict(built_in), dict[str, Named]()
+        self._accepts, self._wanted, self._describe = accepts, wanted, describe
+        self._from_files = from_files
+
+    @property
+    def built_in(self) -> tuple[str, ...]:
+        """Names of those of the toolkit whose modules are here."""
+        return tuple(name for name, thing in self._built_in.items() if _is_here(thing))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys((*self.built_in, *self._own, *_installed_points(self.group))))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def __contains__(self, name: Any) -> bool:
+        if not isinstance(name, str):
+            return False
+        here = name in self._built_in and _is_here(self._built_in[name])
+        return here or name in self._own or name in _installed_points(self.group)
+
+    def __getitem__(self, name: str) -> Named:
+        if name not in self:
+            raise KeyError(name)
+        thing = self._own.get(name, self._built_in.get(name))
+        if isinstance(thing, str):
+            return self._load_built_in(EntryPoint(name, thing, self.group))
+        return self._load_installed(_installed_points(self.group)[name]) if thing is None else thing
 
     def __repr__(self) -> str:
         width = max(map(len, self), default=0)
         return "\n".join(f"{name:{width}}  {words}" for name, words in self.descriptions().items())
 
+    def find(self, name: str) -> Named:
+        """Return the one of that name; InputError, with the nearest name or all, if there is none."""
+        if name not in self:
+            files = "by --import FILE, or " if self._from_files else ""
+            raise InputError(
+                f"{unknown_word_message(name, tuple(self), self.kind)}; one of your own comes {files}"
+                f"by an installed entry point of the group {self.group!r}"
+            )
+        return self[name]
+
+    def register(self, name: str, thing: Named) -> None:
+        """Add a user's own, for as long as the process lives; an own one of that name is replaced."""
+        if name in self._built_in:
+            raise InputError(f"{self.kind} {quote(name)} is built in; give yours another name")
+        self._own[name] = thing
+
+    def load(self) -> tuple[dict[str, Named], dict[str, InputError]]:
+        """Load all: those that work, and the errors of the others, by their names."""
+        working, errors = dict[str, Named](), dict[str, InputError]()
+        for name in self:
+            try:
+                working[name] = self[name]
+            except InputError as error:
+                errors[name] = error
+        return working, errors
+
+    def working(self) -> dict[str, Named]:
+        """Load all by their names; a warning names one that fails."""
+        working, errors = self.load()
+        for error in errors.values():
+            warnings.warn(f"{error}; it is left out", stacklevel=2)
+        return working
+
     def descriptions(self) -> dict[str, str]:
-        """Describe each thing in a line: a dict by its name."""
-        return {name: self._said(thing) for name, thing in self.items()}
+        """Describe each in a line: a dict by its name."""
+        working, errors = self.load()
+        described = {name: self._describe(thing) for name, thing in working.items()}
+        return {name: described.get(name, str(errors.get(name))) for name in self}
 
-
-def load_entry_point(group: str, name: str, what: str) -> Any | None:
-    """Load the object that an installed distribution offers under a name."""
-    for point in importlib.metadata.entry_points(group=group, name=name):
+    def _load_built_in(self, point: EntryPoint) -> Named:
         try:
             return point.load()
-        except (ImportError, AttributeError, InputError) as error:
+        except ModuleNotFoundError as error:
+            raise missing_package_error(error) or InputError(
+                f"{self.kind} {quote(point.name)} needs {error.name}, which is missing; "
+                "install the whole toolkit"
+            ) from error
+
+    def _load_installed(self, point: EntryPoint) -> Named:
+        package = "an installed package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+        who = f"{self.kind} {quote(point.name)} of {package}"
+        try:
+            thing = point.load()
+        except Exception as error:
+            words = one_line(f"{type(error).__name__}: {error}")
             raise InputError(
-                f"{what} {quote(name)} cannot be loaded: {error}; correct {quote(point.value)}"
-            ) from None
-    return None
+                f"{who} cannot be loaded: {words}; correct {quote(point.value)}, or uninstall the package"
+            ) from error
+        if not self._accepts(point.name, thing):
+            raise InputError(f"{who} is not {self._wanted}; correct {quote(point.value)}")
+        return thing
 
 
-def entry_point_names(group: str) -> tuple[str, ...]:
-    """Names of the entry points that installed distributions offer."""
-    return tuple(point.name for point in importlib.metadata.entry_points(group=group))
+def _is_here(thing: object) -> bool:
+    """Return whether a thing's module can be found, if it is named by it."""
+    try:
+        return not isinstance(thing, str) or importlib.util.find_spec(thing.partition(":")[0]) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def _installed_points(group: str) -> dict[str, EntryPoint]:
+    """Entry points of a group by name, of the packages in the folders that Python imports from now."""
+    return _points_in_folders(tuple(sys.path), group)
+
+
+@functools.cache
+def _points_in_folders(folders: tuple[str, ...], group: str) -> dict[str, EntryPoint]:
+    points = tuple(_all_points(folders).select(group=group))
+    return {point.name: point for point in reversed(points)}  # of two with one name the first counts
+
+
+@functools.cache
+def _all_points(_: tuple[str, ...]) -> Any:
+    return importlib.metadata.entry_points()

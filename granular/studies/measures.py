@@ -11,14 +11,9 @@ from granular.observables.catalogue import per_frame
 from granular.observables.frame import observable_metadata
 from granular.run.dataset_variables import scalar_variables
 from granular.run.trajectory import Trajectory
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
-from granular.shared.registry import load_entry_point
+from granular.shared.registry import Registry
 from granular.shared.user_file import UserFile, user_definitions
 from granular.studies.cases import Measure, keep_measure_name, measure_identity
-
-GROUP = "granular.measures"
-"""Entry points by which an installed distribution offers measures."""
 
 
 @keep_measure_name("granular.studies.measures:last_values#9d0c241c")
@@ -40,19 +35,22 @@ def piston_columns(run: Trajectory) -> Mapping[str, Any]:
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
+MEASURES = Registry[Measure](
+    "measure",
+    "granular.measures",
+    {"last-values": last_values},
+    lambda _, measure: callable(measure),
+    "a function",
+    from_files=True,
+)
+"""Measures by their names, without those of a user's files."""
+
+
 def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) -> Measure:
     """Find a measure by its name: "last-values", one of the user's own, or an installed entry point."""
-    known = {**(user_measures or {}), "last-values": last_values}
     # A name is looked up and never imported: no study's file decides which code runs.
-    result: Measure | None = known.get(name) or load_entry_point(GROUP, name, "measure")
-    if result is None:
-        raise InputError(
-            f"unknown measure {quote(name)}; give 'last-values', the name of a function in a file of "
-            f"yours (--import FILE), or that of an installed entry point of the group {GROUP!r}"
-        )
-    if not callable(result):
-        raise InputError(f"measure {quote(name)} is no function")
-    return result
+    known = {**(user_measures or {}), "last-values": last_values}
+    return known[name] if name in known else MEASURES.find(name)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -32,11 +32,11 @@ from granular.methods import Method
 from granular.run.dataset_variables import scalar_variables
 from granular.scene.loading import load_scene, scene_names
 from granular.scene.scene import Scene
-from granular.schema.field_kinds import IntegerKind, QuantityKind, unknown_word_message
+from granular.schema.field_kinds import IntegerKind, QuantityKind
 from granular.schema.sections import find_field
 from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory, read_toml
-from granular.shared.message_text import sanitize
+from granular.shared.message_text import sanitize, unknown_word_message
 from granular.shared.progress_bars import progress_bar
 from granular.studies.cases import (
     ELSEWHERE,

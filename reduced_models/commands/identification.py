@@ -421,7 +421,11 @@ def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tu
     from reduced_models.identification.candidate_laws import candidate_force_laws
     from reduced_models.laws.catalogue import LAWS
 
-    package = [law.name for law in candidate_force_laws(records)] if _are_of_force(records) else list(LAWS)
+    package = (
+        [law.name for law in candidate_force_laws(records)]
+        if _are_of_force(records)
+        else list(LAWS.working())
+    )
     every = (package if name == "all" else [name] for name in names)
     return tuple(dict.fromkeys(law for some in every for law in some))
 

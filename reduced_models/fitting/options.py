@@ -8,9 +8,8 @@ from numbers import Integral, Real
 from typing import Literal, get_args
 
 from granular.records.record import PistonRecord
-from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, unknown_word_message
 from reduced_models.fitting.parameter import si_number
 from reduced_models.fitting.problem import Intervals
 from reduced_models.fitting.residuals import LOSSES

@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.schema.field_kinds import unknown_word_message
 from granular.schema.units import si_value
 from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.message_text import quote, unknown_word_message
 from reduced_models.laws.law import Law
 from reduced_models.models.fitted_law import FittedLaw
 

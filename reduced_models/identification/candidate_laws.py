@@ -92,7 +92,7 @@ def choose_candidate_laws(
 def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
     """Laws of the package for a force on prescribed strokes, those of heights above 0 where all are."""
     above = all(record.height.min() > 0.0 for record in records)
-    return [law for law in FORCE_LAWS.values() if above or not law.given]
+    return [law for law in FORCE_LAWS.working().values() if above or not law.given]
 
 
 def frequency_rises(record: PistonRecord) -> bool:

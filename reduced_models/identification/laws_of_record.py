@@ -158,7 +158,7 @@ def _laws_to_fit(
         return [driven.get(law, law) if isinstance(law, str) else law for law in laws], (), None
     if record.measured == "force":
         fitting = candidate_force_laws([record])
-        others = (law for law in FORCE_LAWS.values() if law not in fitting)
+        others = (law for law in FORCE_LAWS.working().values() if law not in fitting)
         return fitting, tuple(f"{law.name} was not fitted: it is of heights above 0" for law in others), None
     chosen = choose_candidate_laws(record, drive, friction)
     # Noise that was integrated is no measure of what terms leave.

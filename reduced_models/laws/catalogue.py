@@ -2,51 +2,51 @@
 
 from __future__ import annotations
 
-from granular.schema.field_kinds import unknown_word_message
-from granular.shared.errors import InputError
+from typing import Any
+
 from granular.shared.registry import Registry
-from reduced_models.laws.annealing_bed import ANNEALING_BED
-from reduced_models.laws.bouc_wen import BOUC_WEN
-from reduced_models.laws.coulomb import COULOMB, VISCOUS_COULOMB
-from reduced_models.laws.duffing import DUFFING
-from reduced_models.laws.elastoplastic_bed import ELASTOPLASTIC_BED
 from reduced_models.laws.law import Law
-from reduced_models.laws.linear import LINEAR
-from reduced_models.laws.pendulum import PENDULUM_COULOMB, PENDULUM_QUADRATIC
-from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
-from reduced_models.laws.power_law_spring import POWER_LAW_SPRING
-from reduced_models.laws.quadratic_drag import QUADRATIC_DRAG, VISCOUS_QUADRATIC
-from reduced_models.laws.relaxing_column import RELAXING_COLUMN
-from reduced_models.laws.rubbing_bed import RUBBING_BED
-from reduced_models.laws.van_der_pol import VAN_DER_POL
-from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 
-# The simplest and best known first: of laws that a record cannot tell apart the first one counts.
-_ALL = (
-    LINEAR,
-    QUADRATIC_DRAG,
-    COULOMB,
-    VISCOUS_COULOMB,
-    VISCOUS_QUADRATIC,
-    DUFFING,
-    POLYNOMIAL_SPRING,
-    POWER_LAW_SPRING,
-    VAN_DER_POL,
-    VAN_DER_POL_LIKE,
-    RELAXING_COLUMN,
-    PENDULUM_COULOMB,
-    PENDULUM_QUADRATIC,
-    BOUC_WEN,
-    RUBBING_BED,
-    ELASTOPLASTIC_BED,
-    ANNEALING_BED,
+
+def is_law_of_name(name: str, law: Any) -> bool:
+    """Return whether an object is a law of that name."""
+    return isinstance(law, Law) and law.name == name
+
+
+WANTED = "a reduced_models.Law of that name"
+
+LAWS = Registry[Law](
+    "law",
+    "reduced_models.laws",
+    # The simplest and best known first: of laws that a record cannot tell apart the first one counts.
+    {
+        "linear": "reduced_models.laws.linear:LINEAR",
+        "quadratic-drag": "reduced_models.laws.quadratic_drag:QUADRATIC_DRAG",
+        "coulomb": "reduced_models.laws.coulomb:COULOMB",
+        "viscous-coulomb": "reduced_models.laws.coulomb:VISCOUS_COULOMB",
+        "viscous-quadratic": "reduced_models.laws.quadratic_drag:VISCOUS_QUADRATIC",
+        "duffing": "reduced_models.laws.duffing:DUFFING",
+        "polynomial-spring": "reduced_models.laws.polynomial_spring:POLYNOMIAL_SPRING",
+        "power-law-spring": "reduced_models.laws.power_law_spring:POWER_LAW_SPRING",
+        "van-der-pol": "reduced_models.laws.van_der_pol:VAN_DER_POL",
+        "van-der-pol-like": "reduced_models.laws.van_der_pol_like:VAN_DER_POL_LIKE",
+        "relaxing-column": "reduced_models.laws.relaxing_column:RELAXING_COLUMN",
+        "pendulum-coulomb": "reduced_models.laws.pendulum:PENDULUM_COULOMB",
+        "pendulum-quadratic": "reduced_models.laws.pendulum:PENDULUM_QUADRATIC",
+        "bouc-wen": "reduced_models.laws.bouc_wen:BOUC_WEN",
+        "rubbing-bed": "reduced_models.laws.rubbing_bed:RUBBING_BED",
+        "elastoplastic-bed": "reduced_models.laws.elastoplastic_bed:ELASTOPLASTIC_BED",
+        "annealing-bed": "reduced_models.laws.annealing_bed:ANNEALING_BED",
+    },
+    is_law_of_name,
+    WANTED,
+    lambda law: law.equation,
 )
-
-LAWS = Registry(((law.name, law) for law in _ALL), lambda law: law.equation)
+"""Laws of a free or driven motion, by their names."""
 
 
 def law_named(name: str) -> Law:
-    """Return the law of a name, from the catalogue of the package.
+    """Return the law of a name.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def law_named(name: str) -> Law:
     Returns
     -------
     Law
-        Law of the catalogue.
+        Law of that name.
 
     Raises
     ------
@@ -69,6 +69,4 @@ def law_named(name: str) -> Law:
     >>> law_named("duffing").equation
     "z'' + 2*lam*z' + k*(z - rest) + beta*(z - rest)**3 = 0"
     """
-    if not isinstance(name, str) or name not in LAWS:
-        raise InputError(unknown_word_message(str(name), tuple(LAWS), "law"))
-    return LAWS[name]
+    return LAWS.find(name)

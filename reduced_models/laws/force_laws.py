@@ -7,6 +7,7 @@ that which moves the coordinate upwards, so that friction and drag have the sign
 from __future__ import annotations
 
 from granular.shared.registry import Registry
+from reduced_models.laws.catalogue import WANTED, is_law_of_name
 from reduced_models.laws.law import Law
 from reduced_models.laws.rubbing_bed import CREEP, RUBBING_BED, SLIP_SUM, slip_states
 
@@ -76,5 +77,12 @@ _ALL = (
     ),
 )
 
-FORCE_LAWS = Registry(((law.name, law) for law in _ALL), lambda law: law.equation)
+FORCE_LAWS = Registry[Law](
+    "law of a force",
+    "reduced_models.force_laws",
+    {law.name: law for law in _ALL},
+    is_law_of_name,
+    WANTED,
+    lambda law: law.equation,
+)
 """Laws of a force on a prescribed stroke, by their names."""

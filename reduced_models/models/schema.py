@@ -194,5 +194,5 @@ def _law_from_plain(plain: Mapping[str, Any]) -> Law:
             f"{', '.join(own.parameters) or 'none'}, and values are given of "
             f"{', '.join(map(sanitize, given)) or 'none'}; correct one of them"
         )
-    packaged = (LAWS.get(own.name), FORCE_LAWS.get(own.name))
+    packaged = (laws.load()[0].get(own.name) for laws in (LAWS, FORCE_LAWS))
     return next((law for law in packaged if law is not None and law.equation == own.equation), own)

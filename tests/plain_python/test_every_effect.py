@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, simulate, stage, wall_law
-from granular.effects.registry import all_effects
+from granular.effects.registry import EFFECTS
 from granular.engine.new_state import new_state
 from granular.engine.outflow import constants_per_grain, remove_outflowed_grains
 from granular.methods import METHODS
@@ -163,8 +163,8 @@ OWN_WALLS = {
     "left": {"law": "soft", "k": "4 N/m"},
     "top": {"energy": "a*(l/w)**3", "a": "20 uJ", "l": "6 mm"},
 }
-NAMES = sorted(all_effects())
-EXAMPLES: dict[str, Any] = {name: one.example for name, one in all_effects().items()}
+NAMES = sorted(EFFECTS)
+EXAMPLES: dict[str, Any] = {name: one.example for name, one in EFFECTS.items()}
 EXAMPLES["own walls"] = OWN_WALLS
 EXAMPLES["leaf_spring"] = {"k": "1 N/m", "height": "2 cm"}
 EXAMPLES["oil"] = {"drag": "0.2 kg/s"}

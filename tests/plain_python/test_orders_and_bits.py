@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, simulate
-from granular.effects.registry import all_effects
+from granular.effects.registry import EFFECTS
 from tests.plain_python.test_every_effect import EXAMPLES, NAMES, STEP, small
 from tests.plain_python.test_pair_law_tails import FORMULA
 
@@ -70,7 +70,7 @@ def test_every_effect_that_damps_is_in_the_table() -> None:
     named = {
         key.split(".")[1] for changes in DISSIPATIVE.values() for key in changes if key[:8] == "effects."
     }
-    damping = {name for name in NAMES if all_effects()[name].loss_record is not None}
+    damping = {name for name in NAMES if EFFECTS[name].loss_record is not None}
     assert damping - named - {"contact", "bath"} == set()
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, simulate
-from granular.effects.registry import all_effects
+from granular.effects.registry import EFFECTS
 from granular.shared.errors import InputError
 from tests.granular.run.test_record_names import pull
 from tests.plain_python.test_every_effect import EXAMPLES
@@ -67,7 +67,7 @@ ACTING = {name: one for name, one in EXAMPLES.items() if name != "host"} | {
 ACTING |= TILTS
 TAILED = "pair law with a tail"
 ACTING[TAILED] = [FORMULA]
-PERIODIC = {name for name, one in all_effects().items() if one.periodic} | {*TILTS, *REACH, TAILED}
+PERIODIC = {name for name, one in EFFECTS.items() if one.periodic} | {*TILTS, *REACH, TAILED}
 METHODS: dict[str, dict[str, Any]] = {
     "direct": {"method": "direct"},
     "far pairs less often": {"method": "direct", "far_every": 4},

@@ -25,8 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.scene.scene import Scene
-from granular.schema.field_kinds import unknown_word_message
 from granular.shared.errors import InputError
+from granular.shared.message_text import unknown_word_message
 from validation.exact.bounce import bounce_problem, oscillation_problem
 from validation.exact.problem import (
     DIGITS,

@@ -72,7 +72,7 @@ def test_a_file_brings_methods(tmp_path: Path) -> None:
         "mine = Method('from-a-file', 2, kicks=(0.5, 0.5), drifts=(1,))\n"
         "def swing(run): return {}\n"
     )
-    assert list(import_user_code([tmp_path / "mine.py"]).measures) == ["swing"]
+    assert list(import_user_code([tmp_path / "mine.py"])) == ["swing"]
     assert method_named("from-a-file").kicks == (0.5, 0.5)
     assert method_named("from-a-file+compensated").compensated
     (tmp_path / "other.py").write_text(
@@ -88,7 +88,7 @@ def test_an_installed_distribution_offers_methods(installed: Callable[..., None]
     source = "from granular import Method\nlab = Method('lab-2', 2, kicks=(0.5, 0.5), drifts=(1,))\nno = 3\n"
     installed("methods", source, {"lab-2": "lab", "no": "no", "gone": "gone"})
     assert method_named("lab-2").order == 2
-    with pytest.raises(InputError, match=r"'no' is no granular\.Method"):
+    with pytest.raises(InputError, match=r"'no' of laboratory 1\.0 is not a granular\.Method"):
         method_named("no")
-    with pytest.raises(InputError, match="'gone' cannot be loaded"):
+    with pytest.raises(InputError, match=r"'gone' of laboratory 1\.0 cannot be loaded"):
         method_named("gone")

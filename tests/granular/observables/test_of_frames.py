@@ -22,7 +22,7 @@ from granular.observables import (
     per_frame,
     psi6,
 )
-from granular.observables.catalogue import find_observable, observables_table
+from granular.observables.catalogue import observables_table
 from granular.observables.frame import observable_metadata
 from granular.shared.errors import InputError, SceneError
 
@@ -128,20 +128,22 @@ def test_an_observable_is_a_measure_of_a_study(run: Trajectory, tmp_path: Path) 
     from granular.user_code import import_user_code
 
     (tmp_path / "mine.py").write_text(OWN)
-    measure = import_user_code([tmp_path / "mine.py"]).measures["greatest_force"]
+    measure = import_user_code([tmp_path / "mine.py"])["greatest_force"]
     assert measure(run) == {"greatest_force": per_frame(run, greatest_force).values[-1]}
     (tmp_path / "named.py").write_text(OWN.replace("return", "return {'all': 1.0}\n    return"))
-    measure = import_user_code([tmp_path / "named.py"]).measures["greatest_force"]
+    measure = import_user_code([tmp_path / "named.py"])["greatest_force"]
     assert measure(run) == {"greatest_force.all": 1.0}
 
 
 def test_an_installed_distribution_offers_observables(installed: Callable[..., None]) -> None:
     offered = {"lab": "greatest_force", "no": "no", "gone": "gone"}
     installed("observables", OWN + "no = 3\n", offered)
-    found = observable_metadata(find_observable("lab"))
+    found = observable_metadata(OBSERVABLES.find("lab"))
     assert found is not None
     assert found.unit == "N"
-    with pytest.raises(InputError, match="'no' is no granular Observable"):
-        find_observable("no")
-    with pytest.raises(InputError, match="'gone' cannot be loaded"):
-        find_observable("gone")
+    with pytest.raises(
+        InputError, match=r"'no' of laboratory 1\.0 is not a granular\.observables\.observable"
+    ):
+        OBSERVABLES.find("no")
+    with pytest.raises(InputError, match=r"'gone' of laboratory 1\.0 cannot be loaded"):
+        OBSERVABLES.find("gone")

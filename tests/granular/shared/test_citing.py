@@ -7,7 +7,7 @@ import re
 import pytest
 
 from granular import Trajectory, cite, load_scene
-from granular.effects.registry import all_effects
+from granular.effects.registry import EFFECTS
 from granular.methods import METHODS
 from granular.shared.citations import bibtex_entries, citation_keys_by_doi, find_dois, module_docstring_of
 from granular.shared.errors import InputError
@@ -15,7 +15,7 @@ from granular.shared.version import __version__
 from reduced_models.laws import LAWS
 
 TEXTS = (
-    [(f"effect {name}", module_docstring_of(one)) for name, one in all_effects().items()]
+    [(f"effect {name}", module_docstring_of(one)) for name, one in EFFECTS.items()]
     + [(f"method {name}", one.source) for name, one in METHODS.items()]
     + [(f"law {name}", one.source) for name, one in LAWS.items()]
 )

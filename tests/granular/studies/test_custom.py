@@ -28,8 +28,8 @@ def answer(run) -> dict:
 """
 
 WAYS = (
-    r"unknown measure '.*'; give 'last-values', the name of a function in a file of yours "
-    r"\(--import FILE\), or that of an installed entry point of the group 'granular.measures'"
+    r"unknown measure '.*'; known are last-values; one of your own comes by --import FILE, or by an "
+    r"installed entry point of the group 'granular.measures'"
 )
 
 
@@ -88,9 +88,9 @@ def test_installed_measures_are_found_by_entry_point(installed: Callable[..., No
     source = "def swing(run): return {'a': 1}\nno = 3\n"
     installed("measures", source, {name: name for name in ("swing", "no", "gone")})
     assert find_measure("swing").__module__ == "laboratory_measures"
-    with pytest.raises(InputError, match="no function"):
+    with pytest.raises(InputError, match="is not a function"):
         find_measure("no")
-    with pytest.raises(InputError, match="'gone' cannot be loaded"):
+    with pytest.raises(InputError, match=r"'gone' of laboratory 1\.0 cannot be loaded"):
         find_measure("gone")
 
 

@@ -16,8 +16,8 @@ from granular.run.simulation import custom_code_digests
 from granular.shared.errors import StoreError
 from granular.shared.user_file import user_definitions
 from granular.studies.cases import make_cases, measure_identity
-from granular.studies.measures import last_values
-from granular.user_code import UserCode, import_user_code
+from granular.studies.measures import CustomMeasure, last_values
+from granular.user_code import import_user_code
 
 EDITS = 40
 
@@ -143,7 +143,7 @@ def text_with(changed: int | None = None, value: float = 0.0) -> str:
     return PLACE.sub(lambda found: repr(value) if next(numbers) == changed else found[1], FILE)
 
 
-def imported(folder: Path, text: str) -> UserCode:
+def imported(folder: Path, text: str) -> dict[str, CustomMeasure]:
     """Import a text, as a file that is always the same."""
     (folder / "mine.py").write_text(text)
     return import_user_code([folder / "mine.py"])
@@ -163,14 +163,14 @@ def drawn_edits() -> list[tuple[int, float]]:
 
 def test_every_drawn_edit_gives_other_digests(tmp_path: Path) -> None:
     before = imported(tmp_path, text_with())
-    measure, effect_digests = measure_identity(before.measures["figures"]), custom_code_digests(pushed())
+    measure, effect_digests = measure_identity(before["figures"]), custom_code_digests(pushed())
     again = imported(tmp_path, "# a comment\n" + text_with())
-    assert measure_identity(again.measures["figures"]) == measure
+    assert measure_identity(again["figures"]) == measure
     assert custom_code_digests(pushed()) == effect_digests
     seen = {measure}
     for place, value in drawn_edits():
         edited = imported(tmp_path, text_with(place, value))
-        seen.add(measure_identity(edited.measures["figures"]))
+        seen.add(measure_identity(edited["figures"]))
         assert (custom_code_digests(pushed()) != effect_digests) is (place < OF_EFFECT), place
     assert len(seen) == 1 + EDITS
     imported(tmp_path, text_with())
@@ -187,19 +187,19 @@ def test_every_drawn_edit_makes_runs_kernels_and_studies_new(tmp_path: Path) -> 
     simulate(unedited, dt=1e-4, t_end=0.005, out=run, progress=False)
     with ThreadPoolExecutor(1) as pool:
         more: dict[str, Any] = {"cases": [{}], "dt": 1e-4, "out": study, "executor": pool, "progress": False}
-        sweep(unedited, measure=before.measures["figures"], **more)
+        sweep(unedited, measure=before["figures"], **more)
         for place, value in drawn_edits():
             edited = imported(tmp_path, text_with(place, value))
-            strength = user_definitions(edited.measures["figures"].file)["strength"]
+            strength = user_definitions(edited["figures"].file)["strength"]
             assert force() == pytest.approx(-1e-3 * strength(), rel=1e-12)
             if place < OF_EFFECT:
                 with pytest.raises(StoreError, match="other functions of an own effect"):
                     simulate(pushed(), dt=1e-4, out=run, resume=True, progress=False)
-            result = sweep(unedited, measure=edited.measures["figures"], **more)
+            result = sweep(unedited, measure=edited["figures"], **more)
             assert (result.reused, result.failed) == (0, ())
-            assert result.outcomes[0].figures == edited.measures["figures"](cast("Any", None))
+            assert result.outcomes[0].figures == edited["figures"](cast("Any", None))
         again = imported(tmp_path, text_with())
-        assert sweep(pushed(), measure=again.measures["figures"], **more).reused == 1
+        assert sweep(pushed(), measure=again["figures"], **more).reused == 1
 
 
 def test_another_version_of_the_toolkit_makes_cases_new(monkeypatch: pytest.MonkeyPatch) -> None:
