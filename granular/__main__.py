@@ -4,16 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from granular.commands.console import Program, launch
-from granular.commands.export import export
-from granular.commands.modes import modes
-from granular.commands.observe import defects, observe
-from granular.commands.render import render
-from granular.commands.response import response
-from granular.commands.run import run, sweep
-from granular.commands.scenes import scenes, schema, show
-from granular.commands.silo import silo
-from granular.commands.tolerances import tolerances
+from granular.commands.console import Program, command_registry, launch
 
 PROGRAM = Program(
     "python -m granular",
@@ -24,7 +15,24 @@ a first run, looked at:
   %(prog)s show bed
   %(prog)s run bed --t-end 0.5 -o runs/bed
   %(prog)s render runs/bed -o speed.png --colour speed""",
-    (scenes, show, schema, run, observe, defects, export, render, sweep, modes, tolerances, response, silo),
+    command_registry(
+        "granular.commands",
+        {
+            "scenes": "granular.commands.scenes:scenes",
+            "show": "granular.commands.scenes:show",
+            "schema": "granular.commands.scenes:schema",
+            "run": "granular.commands.run:run",
+            "observe": "granular.commands.observe:observe",
+            "defects": "granular.commands.observe:defects",
+            "export": "granular.commands.export:export",
+            "render": "granular.commands.render:render",
+            "sweep": "granular.commands.run:sweep",
+            "modes": "granular.commands.modes:modes",
+            "tolerances": "granular.commands.tolerances:tolerances",
+            "response": "granular.response.command:response",
+            "silo": "granular.commands.silo:silo",
+        },
+    ),
 )
 parser, main = PROGRAM.parser, PROGRAM.main
 

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from granular.commands.console import Program, launch
-from reduced_models.commands.dampers import calibrate, derive, design, fall
-from reduced_models.commands.identification import compare, discover, fit, identify
-from reduced_models.commands.models import export_model, simulate
-from reduced_models.commands.records import example, look
+from granular.commands.console import Program, command_registry, launch
 
 PROGRAM = Program(
     "python -m reduced_models",
@@ -18,9 +14,22 @@ from a lab record to its equation, judged on what it has not seen:
   %(prog)s identify lab.csv -o out
   %(prog)s compare lift-1.csv lift-2.csv --law all --test-records lift-3.csv
   %(prog)s simulate out/model.json --until 3 -o motion.csv""",
-    (
-        *(identify, look, example, fit, discover, compare),
-        *(calibrate, design, fall, derive, simulate, export_model),
+    command_registry(
+        "reduced_models.commands",
+        {
+            "identify": "reduced_models.commands.identification:identify",
+            "look": "reduced_models.commands.records:look",
+            "example": "reduced_models.commands.records:example",
+            "fit": "reduced_models.commands.identification:fit",
+            "discover": "reduced_models.commands.identification:discover",
+            "compare": "reduced_models.commands.identification:compare",
+            "calibrate": "reduced_models.commands.dampers:calibrate",
+            "design": "reduced_models.commands.dampers:design",
+            "fall": "reduced_models.commands.dampers:fall",
+            "derive": "reduced_models.commands.dampers:derive",
+            "simulate": "reduced_models.commands.models:simulate",
+            "export-model": "reduced_models.commands.models:export_model",
+        },
     ),
 )
 parser, main = PROGRAM.parser, PROGRAM.main

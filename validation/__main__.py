@@ -11,6 +11,7 @@ from granular.commands.console import (
     Command,
     Program,
     command,
+    command_registry,
     current_program,
     launch,
     print_result,
@@ -144,7 +145,7 @@ def _section_command(name: str, summary: str) -> Command:
 
         measuring.print_sections([SECTIONS[name]], output)
 
-    return Command(name, summary, "example:\n  %(prog)s --quick", carry_out)
+    return Command(summary, "example:\n  %(prog)s --quick", carry_out)
 
 
 @command("""\
@@ -214,14 +215,17 @@ PROGRAM = Program(
 how far to trust it, and what accuracy costs:
   %(prog)s report
   %(prog)s cheapest damper "rest height" 0.01""",
-    (
-        report,
-        convergence,
-        _section_command("energy", "energy over long runs, tested for trends"),
-        _section_command("work-precision", "error against wall time"),
-        _section_command("stability", "the catalogue of hard cases"),
-        method,
-        cheapest,
+    command_registry(
+        "validation.commands",
+        {
+            "report": report,
+            "convergence": convergence,
+            "energy": _section_command("energy", "energy over long runs, tested for trends"),
+            "work-precision": _section_command("work-precision", "error against wall time"),
+            "stability": _section_command("stability", "the catalogue of hard cases"),
+            "method": method,
+            "cheapest": cheapest,
+        },
     ),
 )
 parser, main = PROGRAM.parser, PROGRAM.main

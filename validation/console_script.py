@@ -11,7 +11,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from granular.commands.console import Parser, Program, add_version_option, command, launch, print_result
+from granular.commands.console import (
+    Parser,
+    Program,
+    add_version_option,
+    command,
+    command_registry,
+    launch,
+    print_result,
+)
 from granular.commands.options import Output
 from granular.commands.signature import Option, add_options
 from granular.shared.errors import InputError
@@ -61,13 +69,13 @@ def dispatch_command(arguments: Sequence[str]) -> None:
         raise InputError(f"there is no command '{command}'; did you mean '{_FORMER[command]}'?")
     if command == _VALIDATE:
         program = programs["validation"]
-        if words and words[0] in _command_names(program):
+        if words and words[0] in program.commands:
             program.main(words, f"{PROG} {_VALIDATE}")
             return
-        every = [entry._replace(name=_VALIDATE) for entry in program.commands if entry.name == "report"]
-        program._replace(commands=tuple(every)).main(arguments, PROG)
+        report = command_registry("", {_VALIDATE: program.commands["report"]})
+        program._replace(commands=report).main(arguments, PROG)
         return
-    homes = {name: package for package, program in programs.items() for name in _command_names(program)}
+    homes = {name: package for package, program in programs.items() for name in program.commands}
     if command not in homes:
         raise InputError(
             f"{unknown_word_message(command, (*homes, _VALIDATE), 'command')} (see {PROG} --help)"
@@ -80,15 +88,14 @@ def _load_programs() -> dict[str, Program]:
     return {name: module.PROGRAM for name, module in modules.items()} | {PROG: OWN}
 
 
-def _command_names(program: Program) -> list[str]:
-    return [entry.name for entry in program.commands]
-
-
 def _first_commands(programs: dict[str, Program]) -> str:
     """Eight commands to begin with, a line each."""
-    every = (entry for program in programs.values() for entry in program.commands)
-    summaries = {entry.name: entry.summary for entry in every}
-    lines = [f"  {name:10}{summaries[name]}" for name in _FIRST]
+    summaries = {
+        name: words
+        for program in programs.values()
+        for name, words in program.commands.descriptions().items()
+    }
+    lines = [f"  {name:10}{summaries[name]}" for name in _FIRST if name in summaries]
     return "\n".join([f"{PROG} COMMAND ...", "", *lines, "", f"all commands: {PROG} --help"])
 
 
@@ -112,9 +119,8 @@ def _list_all_commands(programs: dict[str, Program]) -> str:
     lines = []
     for package, program in programs.items():
         lines.append(titles.get(package, "about the toolkit:"))
-        for entry in program.commands:
-            name = _VALIDATE if entry.name == "report" else entry.name
-            lines.append(f"  {name:18}{entry.summary}")
+        for name, summary in program.commands.descriptions().items():
+            lines.append(f"  {_VALIDATE if name == 'report' else name:18}{summary}")
         lines.append("")
     return "\n".join([*lines, f"example:\n  {PROG} identify damper -o out"])
 
@@ -170,11 +176,10 @@ def completion(
     add_version_option(top)
     parsers = top.add_subparsers(metavar="COMMAND")
     for program in _load_programs().values():
-        for entry in program.commands:
-            parser = parsers.add_parser(entry.name, help=entry.summary)
-            add_options(parser, entry.carry_out)
+        for name, offered in program.commands.working().items():
+            add_options(parsers.add_parser(name, help=offered.summary), offered.carry_out)
     print(shtab.complete(top, shell=shell))
 
 
-OWN = Program(PROG, "About the toolkit.", "", (cite, completion))
+OWN = Program(PROG, "About the toolkit.", "", command_registry("", {"cite": cite, "completion": completion}))
 """Commands of no package."""

@@ -11,7 +11,7 @@ commands are named once, in `granular.commands.options`. Heavy imports stand in 
         loaded = changes.load(scene)
         print_result(derived_scene_values(loaded), scene_text(loaded), output.json)
 
-A package's ``__main__`` lists its commands in a `Program`.
+A package's ``__main__`` names its commands in the registry of a `Program`.
 
 Every command exits with 0, or prints one line on standard error that names the value, the limit
 and the remedy: 2 for bad input, 1 for a run that could not be finished, 130 after Ctrl-C, 143 after
@@ -29,7 +29,7 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextvars import ContextVar
 from typing import Any, NamedTuple, NoReturn, TextIO
 
@@ -40,6 +40,7 @@ from granular.shared.errors import GranularError, InputError, Interrupted, Termi
 from granular.shared.files import replace_non_finite_by_none
 from granular.shared.garbage import rare_garbage_collection
 from granular.shared.message_text import one_line, printable, sanitize, unknown_word_message
+from granular.shared.registry import Registry
 from granular.shared.stop_signals import handle_sigterm
 from granular.shared.terminal import print_blocks, wrap
 from granular.shared.version import __version__
@@ -153,21 +154,32 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 class Command(NamedTuple):
     """A command of a program."""
 
-    name: str
     summary: str
     examples: str
     carry_out: Callable[..., None]
 
 
-def command(examples: str, name: str | None = None) -> Callable[[Callable[..., None]], Command]:
+def command(examples: str) -> Callable[[Callable[..., None]], Command]:
     """Make the function below it a command of a program, called as the function if not otherwise."""
 
     def decorate(carry_out: Callable[..., None]) -> Command:
         words = inspect.getdoc(carry_out) or ""
         summary = words[:1].lower() + words[1:].rstrip(".")
-        return Command(name or carry_out.__name__.replace("_", "-"), summary, examples, carry_out)
+        return Command(summary, examples, carry_out)
 
     return decorate
+
+
+def command_registry(group: str, built_in: Mapping[str, Command | str]) -> Registry[Command]:
+    """Registry of a program's commands by their names."""
+    return Registry(
+        "command",
+        group,
+        built_in,
+        lambda _, offered: isinstance(offered, Command),
+        "made by granular.commands.console.command",
+        lambda offered: offered.summary,
+    )
 
 
 class Program(NamedTuple):
@@ -176,7 +188,7 @@ class Program(NamedTuple):
     name: str
     description: str
     examples: str
-    commands: tuple[Command, ...]
+    commands: Registry[Command]
 
     def parser(self, name: str | None = None) -> Parser:
         """Make the parser of the command line, with a subparser for each command."""
@@ -185,30 +197,35 @@ class Program(NamedTuple):
             prog=name or self.name, description=self.description, epilog=self.examples, formatter_class=raw
         )
         add_version_option(top)
-        top.commands = {offered.name: offered.summary for offered in self.commands}
-        top.parsers = {}
+        top.commands, top.parsers = self.commands.descriptions(), {}
         parsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-        for offered in self.commands:
+        working, errors = self.commands.load()
+        for word, error in errors.items():
+            parsers.add_parser(word, help=str(error).replace("%", "%%"))
+        for word, offered in working.items():
             parser = parsers.add_parser(
-                offered.name,
+                word,
                 help=offered.summary,
                 epilog=offered.examples,
                 formatter_class=raw,
                 description=offered.summary[0].upper() + offered.summary[1:] + ".",
             )
             add_options(parser, offered.carry_out)
-            top.parsers[offered.name] = parser
+            top.parsers[word] = parser
         return top
 
     def main(self, arguments: Sequence[str], name: str | None = None) -> None:
         """Parse arguments, and carry out the command that they name."""
+        for word in arguments[:1]:
+            if not word.startswith("-"):
+                self.commands.find(word)  # an error names it, and the nearest
         parser = self.parser(name)
         options, rest = parser.parse_known_args(arguments)
         if rest:
             raise InputError(_unknown_argument_message(rest, parser.parsers[options.command]))
-        chosen = next(offered for offered in self.commands if offered.name == options.command)
+        chosen = self.commands[options.command]
         set_command(parser.prog, arguments)
-        _PROGRAM.set(parser.parsers[chosen.name].prog)
+        _PROGRAM.set(parser.parsers[options.command].prog)
         chosen.carry_out(**arguments_of(chosen.carry_out, options))
 
 

@@ -10,8 +10,8 @@
         \"\"\"Run a scene.\"\"\"
 
 ``t_end`` is ``--t-end T``, read as a time in SI; a tuple is an option that may be given several
-times, a `Literal` a choice, and what has no default is required. Annotations are evaluated, so their
-names are imported where the module is.
+times, a `Literal` a choice, a `Registry` one of its names, and what has no default is required.
+Annotations are evaluated, so their names are imported where the module is.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from collections.abc import Callable, Iterator
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 from granular.shared.errors import GranularError
+from granular.shared.registry import Registry
 
 _NONE = type(None)
 
@@ -158,6 +159,9 @@ def _settings(field: _Field, about: Option, parts: list[Any]) -> dict[str, Any]:
     if choices:
         settings["choices"] = get_args(choices[0])
     readers = [part.read for part in parts if isinstance(part, Reader)]
+    for registry in (part for part in parts if isinstance(part, Registry)):
+        settings["choices"] = tuple(registry)
+        readers = [registry.require]
     if readers:
         settings["type"] = _refuse_by_argparse(readers[0])
     elif number := next((kind for kind in (int, float) if kind in parts), None):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from granular.export.exporter import Exporter
 from granular.export.frames import iterate_frames, open_run, present_grains
 from granular.observables.frame import Frame
 from granular.run.trajectory import Trajectory
@@ -89,3 +90,6 @@ def _comment_line(frame: Frame) -> str:
         f'Origin="0 0 {-depth / 2.0:.17g}" Properties={PROPERTIES} Time={frame.time:.17g}'
         f'{piston} pbc="{"T T F" if cell.periods else "F F F"}"'
     )
+
+
+EXTXYZ = Exporter(to_extxyz, "extended XYZ, for OVITO and ASE")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from granular.export.exporter import Exporter
 from granular.export.frames import iterate_frames, open_run, planar_to_spatial, present_grains
 from granular.observables.frame import Frame
 from granular.run.trajectory import Trajectory
@@ -101,3 +102,6 @@ def _fill_gsd_frame(new: Any, number: int, frame: Frame, low: np.ndarray, size: 
     if frame.scene.piston is not None:
         new.log["piston_height"] = np.array([frame.piston_height])
     return new
+
+
+GSD = Exporter(to_gsd, "GSD, for OVITO and freud")

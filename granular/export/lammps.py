@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.effects.dipole import discs_unless_dipoles
+from granular.export.exporter import Exporter
 from granular.export.frames import open_run, present_grains
 from granular.export.lammps_script import (
     WALLS,
@@ -286,3 +287,8 @@ def mode_frequency_bound(
         rows += [WALLS[law][0].stiffness(None, gap) for gap in gaps[side]]
     # Gershgorin's circles bound the eigenvalues (Horn and Johnson, Matrix Analysis, theorem 6.1.1).
     return math.sqrt(float((rows * (moment_ratio / mass_ratio)).max()))
+
+
+LAMMPS = Exporter(
+    to_lammps, "LAMMPS deck", of_scenes=True, next_step="there: mpirun -np 2 lmp -in in.granular"
+)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from granular.export.exporter import Exporter
 from granular.export.frames import iterate_frames, open_run, present_grains
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError, import_extra
@@ -116,3 +118,7 @@ def _write_parquet(path: Path, parts: Iterator[pandas.DataFrame]) -> None:
 
 
 _WRITERS = {"csv": _write_csv, "parquet": _write_parquet}
+
+
+CSV = Exporter(to_tables, "tables in CSV")
+PARQUET = Exporter(functools.partial(to_tables, kind="parquet"), "tables in Parquet")

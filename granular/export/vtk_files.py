@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from granular.export.exporter import Exporter
 from granular.export.frames import iterate_frames, open_run, planar_to_spatial, present_grains
 from granular.observables.frame import Frame
 from granular.run.trajectory import Trajectory
@@ -90,3 +91,6 @@ def _paraview_series(names: list[str], times: np.ndarray) -> str:
         + "\n".join(lines)
         + "\n  </Collection>\n</VTKFile>\n"
     )
+
+
+VTK = Exporter(to_vtk, "VTK files for ParaView")

@@ -71,13 +71,17 @@ class Registry(Mapping[str, Named]):
 
     def find(self, name: str) -> Named:
         """Return the one of that name; InputError, with the nearest name or all, if there is none."""
+        return self[self.require(name)]
+
+    def require(self, name: str) -> str:
+        """Return a name of one, which is not loaded; else InputError, with the nearest name or all."""
         if name not in self:
             files = "by --import FILE, or " if self._from_files else ""
             raise InputError(
                 f"{unknown_word_message(name, tuple(self), self.kind)}; one of your own comes {files}"
                 f"by an installed entry point of the group {self.group!r}"
             )
-        return self[name]
+        return name
 
     def register(self, name: str, thing: Named) -> None:
         """Add a user's own, for as long as the process lives; an own one of that name is replaced."""

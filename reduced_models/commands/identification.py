@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from granular.commands.console import command, given, print_result, refuse_options, require_options
 from granular.commands.options import Changes, MethodName, Output, Parts, ThreadCount, TimeStep
 from granular.commands.signature import Fraction, Kilograms, Option, Seconds
-from granular.shared.blocks import Block, Text
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.message_text import quote
+from reduced_models.commands.forms import FORMS
 from reduced_models.commands.records import (
     Reading,
     Source,
@@ -363,7 +362,7 @@ def compare(
     """Judge laws by their test errors."""
     if response is not None:
         refuse_options("--response", out=out, SOURCE=sources, law=laws, test_records=test_records)
-        _compare_response(response, output)
+        FORMS.find("compare --response")(response, output)
         return
     require_options(SOURCE=sources)
     from reduced_models.fitting.levenberg_marquardt import spent_budget_text, time_budget
@@ -389,31 +388,6 @@ def compare(
         write_text(target / "equations.txt", table.best.text)
         text += f"\nreport: {target}/report.html"
     print_result(table.to_plain(), text, output.json)
-
-
-def _compare_response(directory: str, output: Output) -> None:
-    """Solve the law, say how far off it is, and write the report."""
-    from granular.response import load_response
-    from reduced_models.machines.response_comparison import response_page_with_law
-
-    response = load_response(directory)
-    page, law, why = response_page_with_law(response)
-    path = Path(directory) / "report.html"
-    page.save(path)
-    peaks = () if law is None else law.peaks
-    rows = [
-        dataclasses.asdict(peak)
-        | {"error": peak.law_peak_error, "linear_error": peak.small_swing_peak_error}
-        | {"outside": peak.outside or None}
-        for peak in peaks
-    ]
-    blocks: list[Block] = [response.table, Text(why)] if law is None else [law.peak_table]
-    blocks += [Text(f"warning: under {peak.force:g} N {peak.outside}") for peak in peaks if peak.outside]
-    print_result(
-        {"peaks": rows, "missing": why or None, "report": str(path)},
-        [*blocks, Text(f"written to {path}")],
-        output.json,
-    )
 
 
 def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from granular.commands.options import Output
 from granular.commands.signature import Kilograms, Metres, Option, Seconds, quantity
 from granular.shared.errors import InputError
 from granular.shared.message_text import quote
+from reduced_models.commands.forms import FORMS
 
 MOST_SAMPLES = 10**7
 
@@ -86,14 +87,13 @@ def export_model(
 ) -> None:
     """Write a saved model as code: Python, C, MATLAB, Modelica, FMU."""
     from granular.scene.loading import load_scene, scene_names
-    from reduced_models.machines import export_bed
     from reduced_models.models.model import load_model
 
     if model in scene_names() or Path(model).suffix == ".toml":
         if port is None:
             raise InputError(f"{quote(model)} is a scene; add --port force, or give a model")
         refuse_options("a scene, which has its own", mass=mass, gravity=gravity)
-        what = export_bed(load_scene(model), out, fmi=fmi)
+        what = FORMS.find("export-model SCENE")(load_scene(model), out, fmi=fmi)
     else:
         if port is None:
             refuse_options("a model without --port", mass=mass, gravity=gravity)

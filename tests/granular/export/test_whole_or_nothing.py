@@ -8,17 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from granular.export import to_depaula_files, to_extxyz, to_gsd, to_tables, to_vtk
+from granular.export import to_extxyz, to_gsd, to_tables, to_vtk
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 
-WRITERS = {
-    "bed.gsd": to_gsd,
-    "bed.xyz": to_extxyz,
-    "dat": to_depaula_files,
-    "vtk": to_vtk,
-    "tables": to_tables,
-}
+WRITERS = {"bed.gsd": to_gsd, "bed.xyz": to_extxyz, "vtk": to_vtk, "tables": to_tables}
 Writer = Callable[..., object]
 
 
@@ -68,7 +62,7 @@ def test_places_that_cannot_be_written(run: Trajectory, tmp_path: Path, write: W
 def test_directory_that_cannot_be_made(run: Trajectory, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here")
     with pytest.raises(InputError, match="cannot be made"):
-        to_depaula_files(run, tmp_path / "file")
+        to_tables(run, tmp_path / "file")
 
 
 def test_run_without_frames(run: Trajectory, tmp_path: Path) -> None:

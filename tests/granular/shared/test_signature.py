@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import pytest
 
-from granular.commands.console import Parser, Program, command
+from granular.commands.console import Parser, Program, command, command_registry
 from granular.commands.signature import Option, Seconds, add_options, arguments_of
 from granular.shared.errors import InputError
 
@@ -90,7 +90,7 @@ def test_wrong_words_are_one_line_that_names_the_option(words: str, message: str
 
 
 def test_help_holds_the_words_of_the_signature() -> None:
-    program = Program("p", "d", "e", (command(examples="x")(carry_out),))
+    program = Program("p", "d", "e", command_registry("", {"carry-out": command("x")(carry_out)}))
     parser = program.parser().parsers["carry-out"]
     text = " ".join(parser.format_help().split())
     assert "options of a group: --loud print all --name NAME name (repeatable)" in text

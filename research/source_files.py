@@ -1,4 +1,6 @@
-"""The ``.dat`` files of de Paula's program [D, Appendix B], at its cadences.
+"""A run as the ``.dat`` files of de Paula's program [D, Appendix B], at its cadences.
+
+``python -m research.source_files RUN -o DIR`` writes them.
 
 The thesis names the files and how often each is written; everything else is chosen here:
 
@@ -26,13 +28,17 @@ The thesis names the files and how often each is written; everything else is cho
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from granular.commands.console import Parser, launch, print_result
+from granular.commands.options import Output, RunDirectory
+from granular.commands.signature import Option, add_options, arguments_of
 from granular.export.frames import iterate_frames, open_run
 from granular.observables import depaula_pair_distance
 from granular.observables.catalogue import grain_compressive_force
@@ -77,27 +83,6 @@ def to_depaula_files(
 
     All files appear together when the last one is complete. A warning tells where the run was
     recorded more coarsely than de Paula's files.
-
-    Parameters
-    ----------
-    run : Trajectory or path
-        A run, or its directory.
-    directory : path
-        Is made if it does not exist.
-    overwrite : bool
-        Whether files of these names may be replaced.
-    progress : bool
-        Whether to show bars.
-
-    Returns
-    -------
-    tuple of Path
-        The files.
-
-    Raises
-    ------
-    InputError
-        If a file exists or cannot be written, or the run cannot be read.
     """
     run, directory = open_run(run), Path(directory)
     depaula_time = depaula_time_units(run)
@@ -232,3 +217,27 @@ def _constant_files(run: Trajectory, depaula_time: DepaulaTimeUnits) -> dict[str
         ),
         "scales": iter(["# diameter of each grain [D]\n", _table_lines(scales[:, None])]),
     }
+
+
+def write_source_files(
+    run: RunDirectory,
+    *,
+    out: Annotated[str, Option("directory for the files", "DIR", "-o")],
+    force: Annotated[bool, Option("replace what is there")] = False,
+    output: Output,
+) -> None:
+    """Write a run as the ``.dat`` files of de Paula's program."""
+    written = to_depaula_files(run, out, overwrite=force, progress=output.progress)
+    files = [str(file) for file in written]
+    print_result({"files": files}, f"{len(files)} files written to {out}", output.json)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Write the files of the run that the arguments name."""
+    parser = Parser(prog="python -m research.source_files", description=write_source_files.__doc__)
+    add_options(parser, write_source_files)
+    write_source_files(**arguments_of(write_source_files, parser.parse_args(arguments)))
+
+
+if __name__ == "__main__":
+    sys.exit(launch(main))

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granular.export import to_depaula_files
-from granular.export.depaula import depaula_time_units
+from granular import load_scene, simulate
 from granular.observables import per_frame
 from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
+from research.source_files import depaula_time_units, main, to_depaula_files
 
 D, T = 0.005, 2.0
 MASS = 7368.0 * 0.003 * np.pi * D**2 / 4.0
@@ -116,3 +117,15 @@ def test_absent_grains_are_named(run: Trajectory, tmp_path: Path) -> None:
 def test_run_without_compression_has_a_second_for_its_unit(run: Trajectory) -> None:
     scene = run.scene.replace(protocol=[{"kind": "hold", "name": "relax", "duration": 1.0}])
     assert depaula_time_units(dataclasses.replace(run, scene=scene)).time_unit == 1.0
+
+
+def test_the_command_writes_whole_files_or_none(tmp_path: Path) -> None:
+    store = tmp_path / "run"
+    simulate(load_scene("single-particle"), t_end=0.01, out=store, progress=False)
+    main([str(store), "-o", str(tmp_path / "dat"), "--quiet"])
+    assert (tmp_path / "dat" / "posPart.dat").is_file()
+    with pytest.raises(InputError, match="exists"):
+        main([str(store), "-o", str(tmp_path / "dat"), "--quiet"])
+    (tmp_path / "file").write_text("here")
+    with pytest.raises(InputError, match="cannot be made"):
+        main([str(store), "-o", str(tmp_path / "file")])
