@@ -36,6 +36,7 @@ from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, RecordWarning, SceneError
 from granular.shared.files import report_read_errors as reading_file
 from granular.shared.message_text import quote, sanitize
+from granular.shared.registry import Registry
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -109,7 +110,7 @@ def _read_calibration_points(path: Path) -> dict[str, Any]:
 
 def read_sheet(path: Path, options: ReadOptions, form: FileFormat | None = None) -> Sheet:
     """Read the columns of a file; its name's ending tells a format that is no text."""
-    read, max_bytes = form or BINARY.get(path.suffix.lower(), TEXT)
+    read, max_bytes = form or READERS.get(path.suffix.lower(), TEXT)
     content = [_read_bytes(path, max_bytes)]
     with _name_file_in_errors(path):
         return read(content.pop(), options)  # which alone holds it then
@@ -190,23 +191,32 @@ def _looks_like_utf16(content: bytes) -> str | None:
 
 
 def _not_a_text_error(reason: str) -> RecordError:
-    return RecordError(f"cannot be read as text: {sanitize(reason)}; save it as CSV in UTF-8")
+    return RecordError(
+        f"cannot be read as text: {sanitize(reason)}; save it as CSV in UTF-8, or as a file that "
+        f"is read by its ending: {', '.join(READERS)}"
+    )
 
 
 TEXT = FileFormat(read_text_table)
 PARQUET = FileFormat(read_parquet)
 _WORKBOOK = FileFormat(read_workbook, MAX_WORKBOOK_BYTES)
-BINARY = {
-    ".parquet": PARQUET,
-    ".pq": PARQUET,
-    ".xlsx": _WORKBOOK,
-    ".xlsm": _WORKBOOK,
-    ".xlsb": _WORKBOOK,
-    ".ods": _WORKBOOK,
-    ".tdms": FileFormat(read_tdms),
-    ".mat": FileFormat(read_matlab),
-}
-"""Formats that are no text, by the endings of their names."""
+READERS = Registry[FileFormat](
+    "ending of a record",
+    "granular.readers",
+    {
+        ".parquet": PARQUET,
+        ".pq": PARQUET,
+        ".xlsx": _WORKBOOK,
+        ".xlsm": _WORKBOOK,
+        ".xlsb": _WORKBOOK,
+        ".ods": _WORKBOOK,
+        ".tdms": FileFormat(read_tdms),
+        ".mat": FileFormat(read_matlab),
+    },
+    lambda _, form: isinstance(form, FileFormat),
+    "a granular.records.formats.FileFormat",
+)
+"""Formats by the endings of their names; every other file is read as text."""
 
 
 # A time and one other column -------------------------------------------------------------------

@@ -1,37 +1,29 @@
 """A model as text or code, in the language that a file's ending names.
 
 Here are its equations, LaTeX, and a Python function that needs NumPy alone; C, MATLAB, Modelica and
-FMUs have files of their own.
+FMUs have files of their own, which nothing but the table here names.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.message_text import quote, sanitize
+from granular.shared.registry import Registry
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.fmu import VERSIONS, write_fmu
-from reduced_models.models.ports import (
-    ForcePort,
-    force_port,
-    port_c_sources,
-    port_matlab_source,
-    port_modelica_source,
-    port_python_source,
-)
+from reduced_models.models.ports import ForcePort, force_port, prepare_port_for_export
 from reduced_models.models.source_code import (
-    c_source,
+    array_element_names,
     docstring_lines,
-    matlab_source,
-    modelica_source,
     prepare_law_for_export,
     python_expression,
 )
 
+VERSIONS = (2, 3)
+"""Versions of FMI that are written."""
 _TEMPLATE = '''"""{comments}
 """
 
@@ -103,74 +95,84 @@ def equations_text(model: FittedLaw) -> str:
     return "\n".join(lines) + "\n"
 
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
+_ELEMENT_NAME = "    {name} = {array}[{index}]\n"
 
-_WORDS = {
-    "break",
-    "case",
-    "catch",
-    "continue",
-    "do",
-    "else",
-    "elseif",
-    "end",
-    "equation",
-    "for",
-    "function",
-    "global",
-    "if",
-    "model",
-    "otherwise",
-    "parfor",
-    "persistent",
-    "return",
-    "spmd",
-    "switch",
-    "try",
-    "until",
-    "while",
-}
 
-Source = Callable[[FittedLaw, str], str]
-PortSource = Callable[[ForcePort, str], str]
-SOURCES: dict[str, tuple[str, Source, PortSource]] = {
-    ".py": (
-        "a Python module that needs NumPy alone",
-        lambda model, _: numpy_source(model),
-        lambda port, _: port_python_source(port),
-    ),
-    ".c": (
-        "C99",
-        lambda model, _: c_source(model),
-        lambda port, name: f'#include "{name}.h"\n{port_c_sources(port, name)[1]}',
-    ),
-    ".m": ("a function for MATLAB and Octave", matlab_source, port_matlab_source),
-    ".mo": ("a Modelica model", modelica_source, port_modelica_source),
-}
-"""Language of each ending, and its writers, of a model and of a port, and the file's name."""
+_PORT = '''\
+"""The bed as an element: its force on a piston, by height and velocity over the cell.
+
+{comments}
+"""
+
+import numpy
+
+PARAMETERS = {parameters}
+START = {start}  # hidden states
+
+
+def _values(height, velocity, states, inputs, parameters):
+    """Force [N] and rates of the hidden states."""
+{locals}    return {force}, numpy.array([{rates}], dtype=float)
+
+
+def force(height, velocity, states=START, inputs=(), parameters=PARAMETERS):
+    """Force of the bed on the piston [N], upwards; the cell is pushed down as much."""
+    return _values(height, velocity, states, inputs, parameters)[0]
+
+
+def rates(height, velocity, states=START, inputs=(), parameters=PARAMETERS):
+    """Time derivatives of the hidden states."""
+    return _values(height, velocity, states, inputs, parameters)[1]
+'''
+
+
+def port_python_source(port: ForcePort) -> str:
+    """Python source of a module with the force and the rates, which needs NumPy alone."""
+    parts = prepare_port_for_export(port)
+    force, *rates = map(python_expression, parts.outputs)
+    lines = array_element_names(parts.law, ("inputs",), _ELEMENT_NAME)
+    lines += "".join(f'    {name} = parameters["{name}"]\n' for name in parts.parameters)
+    lines += array_element_names(parts, ("states",), _ELEMENT_NAME)
+    return _PORT.format(
+        comments=docstring_lines(parts.comments),
+        parameters=repr(dict(zip(parts.parameters, parts.values, strict=True))),
+        start=repr(parts.start),
+        locals=lines,
+        force=force,
+        rates=", ".join(rates),
+    )
+
+
+def write_python(model: FittedLaw | ForcePort, path: Path, _: int) -> str:
+    """Write a model as a Python module that needs NumPy alone."""
+    write_text(path, port_python_source(model) if isinstance(model, ForcePort) else numpy_source(model))
+    return "a Python module that needs NumPy alone"
+
+
+Writer = Callable[[FittedLaw | ForcePort, Path, int], str]
+"""Function of a model or an element, a file and the version of FMI; says what it wrote."""
+
+MODEL_EXPORTERS = Registry[Writer](
+    "ending",
+    "reduced_models.exporters",
+    {
+        ".py": write_python,
+        ".c": "reduced_models.models.c_code:write_c",
+        ".m": "reduced_models.models.matlab_code:write_matlab",
+        ".mo": "reduced_models.models.modelica_code:write_modelica",
+        ".fmu": "reduced_models.models.fmu:write_fmu",
+    },
+    lambda _, write: callable(write),
+    "a function",
+)
+"""Writers of models by the endings of their files."""
 
 
 def write_code(model: FittedLaw | ForcePort, path: Path, fmi: int = 2) -> str:
     """Write a model, or its force as an element, as code, and tell in words what was written."""
     if fmi not in VERSIONS:
         raise InputError(f"fmi = {fmi}; give {' or '.join(map(str, VERSIONS))}")
-    if path.suffix == ".fmu":
-        write_fmu(model, path, fmi)
-        return f"an FMU (FMI {fmi}.0, co-simulation and model exchange)"
-    if path.suffix not in SOURCES:
-        known = ", ".join([*SOURCES, ".fmu"])
+    if path.suffix not in MODEL_EXPORTERS:
+        known = ", ".join(MODEL_EXPORTERS)
         raise InputError(f"{sanitize(path)} ends in {quote(path.suffix)}; give one of {known}")
-    named = path.suffix in (".m", ".mo") or (isinstance(model, ForcePort) and path.suffix == ".c")
-    if named and (_NAME.fullmatch(path.stem) is None or path.stem in _WORDS):
-        raise InputError(
-            f"{quote(path.name)} cannot be a function's name; give letters, digits and underscores"
-        )
-    what, source, port_source = SOURCES[path.suffix]
-    if not isinstance(model, ForcePort):
-        write_text(path, source(model, path.stem))
-    else:
-        write_text(path, port_source(model, path.stem))
-        if path.suffix == ".c":
-            write_text(path.with_suffix(".h"), port_c_sources(model, path.stem)[0])
-            what += " with its header"
-    return what
+    return MODEL_EXPORTERS[path.suffix](model, path, fmi)

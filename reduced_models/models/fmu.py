@@ -21,22 +21,24 @@ from xml.sax.saxutils import quoteattr
 from granular.shared.errors import InputError
 from granular.shared.files import write_atomically
 from granular.shared.version import __version__
-from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.ports import ForcePort, port_c_sources, port_jacobian, prepare_port_for_export
-from reduced_models.models.source_code import (
+from reduced_models.laws.equation import rate_derivatives
+from reduced_models.models.c_code import (
     c_array_initialiser,
     c_assignments,
     c_local_variables,
     c_source,
-    prepare_law_for_export,
+    port_c_sources,
 )
+from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.models.ports import ForcePort, PortForExport, prepare_port_for_export
+from reduced_models.models.source_code import prepare_law_for_export, replace_steps_by_signs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import sympy
+
 NAME = "damper_model"
-VERSIONS = (2, 3)
-"""Versions of FMI that are written."""
 _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib")}
 _KINDS = {"ModelExchange": "", "CoSimulation": ' canHandleVariableCommunicationStepSize="true"'}
 _LIBRARY_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -76,7 +78,7 @@ class FmuContents(NamedTuple):
     directional: bool
 
 
-def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) -> None:
+def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) -> str:
     """Write a model as an FMU of FMI 2.0 or 3.0."""
     contents = _port_contents(model) if isinstance(model, ForcePort) else _free_motion_contents(model)
     guid = hashlib.sha256(contents.source.encode()).hexdigest()[:32]
@@ -94,6 +96,29 @@ def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) 
         if version == 3:
             file.writestr("sources/buildDescription.xml", _BUILD)
         file.writestr(f"binaries/{folder}/{NAME}{ending}", library)
+    return f"an FMU (FMI {version}.0, co-simulation and model exchange)"
+
+
+def port_jacobian(parts: PortForExport) -> list[list[sympy.Expr]] | None:
+    """Return the derivatives of the states' rates, then of the force, by the states, then by the inputs."""
+    import sympy
+
+    real = {
+        symbol: sympy.Symbol(symbol.name, real=True)
+        for output in parts.outputs
+        for symbol in output.free_symbols
+    }
+    force, *rates = (output.xreplace(real) for output in parts.outputs)
+    by = [sympy.Symbol(name) for name in (*parts.states, *parts.inputs)]
+    slopes = rate_derivatives([*rates, force], [real.get(symbol, symbol) for symbol in by])
+    plain = {symbol: own for own, symbol in real.items()}
+    flat = [
+        replace_steps_by_signs(slope.replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)).xreplace(plain)
+        for slope in slopes
+    ]
+    if any(slope.has(sympy.Derivative, sympy.Subs) for slope in flat):
+        return None
+    return [flat[k : k + len(by)] for k in range(0, len(flat), len(by))]
 
 
 def _free_motion_contents(model: FittedLaw) -> FmuContents:

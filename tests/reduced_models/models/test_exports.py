@@ -20,13 +20,10 @@ from reduced_models.derived.continuation import HeldState
 from reduced_models.derived.polynomial_law import polynomial_law
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.law import law_from_text
-from reduced_models.models.source_code import (
-    ascii_names,
-    c_source,
-    escape_comment,
-    matlab_source,
-    modelica_source,
-)
+from reduced_models.models.c_code import c_source
+from reduced_models.models.matlab_code import matlab_source
+from reduced_models.models.modelica_code import modelica_source
+from reduced_models.models.source_code import ascii_names, escape_comment
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 TIMES = np.linspace(0.0, 2.0, 101)

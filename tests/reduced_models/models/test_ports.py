@@ -21,13 +21,9 @@ from reduced_models.machines import export_bed
 from reduced_models.machines.bed_element import bed_force_port, mass_matrix
 from reduced_models.machines.response import CoupledSystem, fill_rates
 from reduced_models.models.export import write_code
-from reduced_models.models.ports import (
-    ForcePort,
-    force_port,
-    port_jacobian,
-    port_modelica_source,
-    prepare_port_for_export,
-)
+from reduced_models.models.fmu import port_jacobian
+from reduced_models.models.modelica_code import port_modelica_source
+from reduced_models.models.ports import ForcePort, force_port, prepare_port_for_export
 from tests.reduced_models.models.test_exports import LAWS, TIMES, close, model_of, with_step
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
