@@ -119,7 +119,7 @@ def report(
         section = overview_section_for([changes.apply(load_scene(name)) for name in scenes])
         measuring.print_sections([section], output, REPORT)
     else:
-        measuring.print_sections(SECTIONS.values(), output, REPORT)
+        measuring.print_sections(SECTIONS.working().values(), output, REPORT)
 
 
 @command(examples="examples:\n  %(prog)s --quick\n  %(prog)s --depaula --quick")

@@ -17,6 +17,7 @@ from granular.shared.blocks import Block, Caution, Heading, Table, Text, caution
 from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_json
 from granular.shared.html_pages import Page
+from granular.shared.registry import Registry
 from validation.convergence_order import (
     CONVERGENCE,
     convergence_task,
@@ -45,17 +46,21 @@ from validation.work_precision_section import WORK_PRECISION, Plan, frictionless
 Outcomes = Mapping[str, Sequence[Outcome]]
 """Outcomes of sections by their names."""
 
-SECTIONS = {
-    section.name: section for section in (OVERVIEW, CONVERGENCE, DEPAULA, ENERGY, WORK_PRECISION, STABILITY)
-}
+_SECTIONS = (OVERVIEW, CONVERGENCE, DEPAULA, ENERGY, WORK_PRECISION, STABILITY)
+
+SECTIONS = Registry[Section](
+    "section",
+    "validation.sections",
+    {section.name: section for section in _SECTIONS},
+    lambda name, section: isinstance(section, Section) and section.name == name,
+    "a validation.report_tasks.Section of that name",
+    lambda section: section.title,
+)
+"""Sections of the report by their names."""
 
 
 def report(
-    directory: str | Path | None,
-    sections: Sequence[Section] = tuple(SECTIONS.values()),
-    *,
-    full: bool = False,
-    progress: bool = True,
+    directory: str | Path | None, sections: Sequence[Section], *, full: bool = False, progress: bool = True
 ) -> dict[str, Any]:
     """Measure sections, write ``report.html`` and ``report.json``, and return what the latter holds."""
     where = None if directory is None else Path(directory)

@@ -46,6 +46,7 @@ def modes_page(motions: SmallMotions) -> Page:
         f"{root.frequency:.6g} Hz without damping, damping ratio {100.0 * root.damping_ratio:.4g} %. "
         "Nothing is fitted: all follows from forces about the equilibrium, and holds for small amplitudes.",
         tuple(_blocks(motions)),
+        result=motions,
     )
 
 

@@ -52,6 +52,7 @@ def response_page(
         peak_summary_sentence(response),
         tuple(_blocks(response, comparison, missing)),
         made_with(("matplotlib", "scipy", "xarray")),
+        response,
     )
 
 

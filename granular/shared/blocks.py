@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from granular.shared.registry import Registry
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,7 +77,30 @@ class Picture(NamedTuple):
     caption: str
 
 
-Block = Heading | Text | Caution | Items | Table | Printout | Equation | Picture
+class OwnBlock(Protocol):
+    """A block of another kind: its HTML for pages and notebooks; `str` is its text for a terminal."""
+
+    def _repr_html_(self) -> str: ...
+
+
+Block = Heading | Text | Caution | Items | Table | Printout | Equation | Picture | OwnBlock
+
+ADDED_BLOCKS = Registry[Callable[[Any], Iterable[Block]]](
+    "report block", "granular.blocks", {}, lambda _, make: callable(make), "a function of a result"
+)
+"""Functions by which packages add blocks to the page of a result; they return () for other results."""
+
+
+def added_blocks(result: object) -> Iterator[Block]:
+    """Blocks that packages add to the page of a result, and a caution for each function that fails."""
+    working, errors = ADDED_BLOCKS.load()
+    yield from cautions(map(str, errors.values()))
+    for name, make in working.items():
+        try:
+            blocks = list(make(result))
+        except Exception as error:
+            blocks = cautions([f"{ADDED_BLOCKS.origin(name)} fails: {type(error).__name__}: {error}"])
+        yield from blocks
 
 
 def align_columns(rows: Sequence[Sequence[str]]) -> str:

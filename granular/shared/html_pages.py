@@ -10,7 +10,18 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from granular.shared.blocks import Block, Caution, Equation, Heading, Items, Picture, Printout, Table, Text
+from granular.shared.blocks import (
+    Block,
+    Caution,
+    Equation,
+    Heading,
+    Items,
+    Picture,
+    Printout,
+    Table,
+    Text,
+    added_blocks,
+)
 from granular.shared.files import write_text
 from granular.shared.message_text import printable
 from granular.shared.plotting import svg_text
@@ -55,6 +66,11 @@ class Page:
     lead: str = ""
     blocks: Sequence[Block] = ()
     footer: str = dataclasses.field(default_factory=made_with)
+    result: dataclasses.InitVar[object] = None  # shown here; packages may add blocks to it
+
+    def __post_init__(self, result: object) -> None:
+        if result is not None:
+            object.__setattr__(self, "blocks", (*self.blocks, *added_blocks(result)))
 
     def to_html(self) -> str:
         """HTML of the whole page, with everything in it."""
@@ -112,6 +128,8 @@ def _block_html(block: Block) -> str:
             return _table_html(block)
         case Picture():
             return _picture_html(block)
+        case _:
+            return block._repr_html_()
 
 
 def _table_html(table: Table) -> str:

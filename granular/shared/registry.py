@@ -112,6 +112,12 @@ class Registry(Mapping[str, Named]):
         described = {name: self._describe(thing) for name, thing in working.items()}
         return {name: described.get(name, str(errors.get(name))) for name in self}
 
+    def origin(self, name: str) -> str:
+        """Kind and name of one in words, with the installed package that brings it."""
+        point = None if name in self._built_in or name in self._own else _installed_points(self.group)[name]
+        package = "" if point is None or point.dist is None else f" of {point.dist.name} {point.dist.version}"
+        return f"{self.kind} {quote(name)}{package}"
+
     def _load_built_in(self, point: EntryPoint) -> Named:
         try:
             return point.load()
@@ -122,8 +128,7 @@ class Registry(Mapping[str, Named]):
             ) from error
 
     def _load_installed(self, point: EntryPoint) -> Named:
-        package = "an installed package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
-        who = f"{self.kind} {quote(point.name)} of {package}"
+        who = self.origin(point.name)
         try:
             thing = point.load()
         except Exception as error:

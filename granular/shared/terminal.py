@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable, Iterator
 from typing import TextIO
 
-from granular.shared.blocks import Block, Caution, Equation, Heading, Items, Printout, Table, Text
+from granular.shared.blocks import Block, Caution, Equation, Heading, Items, Picture, Printout, Table, Text
 from granular.shared.message_text import printable
 
 COLUMNS = 100
@@ -49,8 +49,10 @@ def block_text(block: Block) -> str:
             return str(block)
         case Equation(_, words):
             return wrap(words)
-        case _:
+        case Picture():
             return ""
+        case _:
+            return str(block)
 
 
 def wrap(words: str, later: str = "") -> str:

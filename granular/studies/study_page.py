@@ -31,6 +31,7 @@ def study_page(study: Study) -> Page:
         f"Study of {study.cases[0].scene.name}",
         f"{len(study.table)} cases, varied in {varied}, {_end_time_text(study)}. All values are in SI.",
         tuple(_blocks(study)),
+        result=study,
     )
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def tolerances_page(result: Tolerances, scene: Scene) -> Page:
     """Page of a damper's tolerances."""
     blocks = [*tolerance_blocks(result), Heading("Scene"), Printout(scene.to_toml())]
-    return Page(f"Tolerances of scene {scene.name!r}", f"{len(result.parts)} parts.", blocks)
+    return Page(f"Tolerances of scene {scene.name!r}", f"{len(result.parts)} parts.", blocks, result=result)
 
 
 def tolerance_blocks(result: Tolerances) -> Iterator[Block]:

@@ -176,6 +176,7 @@ class Calibration:
                 Heading("The scene"),
                 Printout(self.scene.to_toml()),
             ],
+            result=self,
         )
 
     @property

@@ -277,6 +277,7 @@ class Design:
                 Heading("The scene"),
                 Printout(self.scene.to_toml()),
             ],
+            result=self,
         )
 
     @property

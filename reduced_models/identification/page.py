@@ -52,7 +52,7 @@ def comparison_page(table: Comparison) -> Page:
     for row in table.rows:
         for model in row.models[:1]:
             blocks += law_section(model, " (first)" if row is table.rows[0] else "")
-    return Page("Laws compared", table.verdict, blocks, made_with(LIBRARIES))
+    return Page("Laws compared", table.verdict, blocks, made_with(LIBRARIES), table)
 
 
 def capitalise(words: str) -> str:

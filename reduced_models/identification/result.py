@@ -273,7 +273,7 @@ class Identification:
         """Make the report: the answer in an engineer's words, the record, then the rest."""
         title = self._record_texts[0]
         name = f"The equation of {title.partition(':')[0]}"
-        return Page(name, title, tuple(self._blocks()), made_with(page.LIBRARIES))
+        return Page(name, title, tuple(self._blocks()), made_with(page.LIBRARIES), self)
 
     def _blocks(self) -> Iterator[Block]:
         if self.own is not None and not self.own.law_agrees:
