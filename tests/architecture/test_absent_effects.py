@@ -1,7 +1,5 @@
 """A scene computes only the effects that it names: no array, and no trace in the machine code."""
 
-from __future__ import annotations
-
 import pickle
 import re
 from typing import Any
@@ -16,6 +14,8 @@ from granular.engine.tick_loop import advance_ticks
 from granular.methods import METHODS
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.cache_files import read_sealed_file
+from tests.physics.test_contact import head_on_collision
+from tests.physics.test_friction import lone_grain
 
 TRACES = ("7effects", "5pairs", "ContactLaw", "_kick_with_friction")
 BARE = {"effects.dipole": None, "effects.walls": None, "effects.drag": None, "effects.gravity": None}
@@ -45,39 +45,16 @@ def traces(symbols: list[str]) -> set[str]:
     return {trace for trace in TRACES for symbol in symbols if trace in symbol}
 
 
-def test_compiled_code_holds_no_trace_of_absent_effects(
-    small_bed: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compiled_code_holds_no_trace_of_absent_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     bare = symbols(load_scene("single-particle").replace(**BARE), monkeypatch)
     assert any("advance" in symbol for symbol in bare)
     assert traces(bare) == set()
     assert "log1p" not in bare
-    # The same search finds them where they act.
-    rubbing = symbols(small_bed.replace(**{"effects.drag": None, "effects.friction": {}}), monkeypatch)
-    touching = symbols(
-        load_scene("single-particle").replace(**BARE, **{"effects.contact.modulus": 1e7}), monkeypatch
-    )
+    # The same search finds them where they act, in code that other tests compile.
+    rubbing = symbols(lone_grain(), monkeypatch)
+    touching = symbols(head_on_collision(0.1, 0.5), monkeypatch)
     assert traces(rubbing) | traces(touching) == set(TRACES)
     assert "log1p" in rubbing
-
-
-@pytest.mark.parametrize("effect", ["friction", "contact", "shaking", "drag", "gravity", "dipole"])
-def test_absent_effects_are_none_in_the_signature(effect: str) -> None:
-    present = {
-        "friction": True,
-        "contact": {"modulus": 1e7},
-        "dipole": True,
-        "gravity": True,
-        "drag": True,
-        "shaking": {"amplitude": 1e-3, "frequency": 1.0},
-    }
-    scene = load_scene("bed").replace(**{f"effects.{key}": val for key, val in present.items()})
-    full = scene_in_natural_units(scene).constants.acting
-    bare = scene_in_natural_units(scene.replace(**{f"effects.{effect}": None})).constants.acting
-    if effect == "dipole":
-        assert (full.dipole, bare.dipole) == (True, None)
-    else:
-        assert len(bare.laws) == len(full.laws) - 1
 
 
 def test_absent_effects_allocate_nothing() -> None:

@@ -3,8 +3,6 @@
 `examples.txt` lists them; those marked "long" simulate or fit.
 """
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import inspect

@@ -1,7 +1,5 @@
 """No text of a user's becomes code: what could do that is called only in places with a reason."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the distribution says of itself agrees with itself, and either half works alone."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

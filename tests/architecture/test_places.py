@@ -1,7 +1,5 @@
 """Nothing names a place or a tool of one machine, and nothing reads above the repository."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

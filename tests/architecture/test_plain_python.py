@@ -3,8 +3,6 @@
 Pytest runs in a process of its own, since numba is told once.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The two commands of the README, where `.ci/run` and `.ci/wheel` read them."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

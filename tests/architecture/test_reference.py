@@ -1,7 +1,5 @@
 """The pages of the reference name only what there is."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What is public is written down, is there, and is all that notebooks, guide and README use."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import pkgutil

@@ -1,7 +1,5 @@
 """Names and docstrings are in the field's words, which a newcomer knows already."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 from collections.abc import Iterator

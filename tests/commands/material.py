@@ -1,7 +1,5 @@
 """Files that commands and blocks of the pages read: files that pages print, records, a model."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@
 a folder of its own, and writes what they print below them.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -41,13 +39,7 @@ def shown(page: str) -> list[str]:
 
 
 def printed(page: str, folder: Path) -> list[str]:
-    """What each block prints, run one after the other in the folder.
-
-    Raises
-    ------
-    AssertionError
-        If one of them ends with an error.
-    """
+    """What each block prints, run one after the other in the folder."""
     script = folder / "page.py"
     parts = [f"{code}\nprint({BETWEEN!r}, flush=True)\n" for code in codes(page)]
     guard = 'if __name__ == "__main__":\n'  # sweeps start processes, which import the script

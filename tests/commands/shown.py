@@ -1,7 +1,5 @@
 """Commands and files that guide, README and `--help` show."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import textwrap

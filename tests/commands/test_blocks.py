@@ -1,7 +1,5 @@
 """Every Python block of README and guide runs, and prints what stands below it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Each option that an error, a note or a page names exists on the command in question."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ They run one after the other in one folder, in the order of the pages: what one 
 reads.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -58,10 +56,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def prepare(line: str, folder: Path) -> None:
-    """Write `lab.csv` in the form of which the command speaks, and make room for a help's example.
-
-    Files of the same name as in the guide are gone then: one was followed, or the other.
-    """
+    """Write `lab.csv` in the form of which the command speaks, and make room for a help's example."""
     words = shlex.split(line, comments=True)
     if line in of_help() and "-o" in words and not {"--resume", "sweep"} & set(words):
         target = folder / words[words.index("-o") + 1]

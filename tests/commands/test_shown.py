@@ -1,7 +1,5 @@
 """Every command that guide, README and `--help` show is one, unchanged there."""
 
-from __future__ import annotations
-
 import shlex
 
 import pytest

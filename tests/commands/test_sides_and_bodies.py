@@ -1,7 +1,5 @@
 """Commands that know rectangles with one piston alone refuse other cells in one line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

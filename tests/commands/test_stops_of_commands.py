@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM at drawn times end every long command with one line and the right status."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -13,6 +11,7 @@ import numpy as np
 import pytest
 
 from granular import load_scene
+from tests.processes import living
 
 from .material import rows
 from .shown import ROOT
@@ -60,19 +59,6 @@ def catches_sigterm(pid: int) -> bool:
     status = Path(f"/proc/{pid}/status").read_text()
     caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
     return bool(int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
-
-
-def living(group: int) -> list[int]:
-    """Processes of a group, without those that only wait to be noticed as dead."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, _, its_group = stat.read_text().rpartition(")")[2].split()[:3]
-        except (OSError, ValueError):
-            continue
-        if int(its_group) == group and state != "Z":
-            found.append(int(stat.parent.name))
-    return found
 
 
 def stop_command(

@@ -3,8 +3,6 @@
 The negative control, drag in the force sum, is in `tests/plain_python/test_order.py`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

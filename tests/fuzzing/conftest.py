@@ -1,7 +1,5 @@
 """Programs of random trials, run as their users run them."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Random choices and numbers."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

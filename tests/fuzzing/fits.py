@@ -5,8 +5,6 @@ A program, of which `trials` tells:
     python tests/fuzzing/fits.py --first 0 --count 20
 """
 
-from __future__ import annotations
-
 import itertools
 import tempfile
 import time

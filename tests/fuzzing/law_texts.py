@@ -5,8 +5,6 @@ A program, of which `trials` tells:
     python tests/fuzzing/law_texts.py --first 0 --count 20
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 

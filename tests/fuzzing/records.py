@@ -5,8 +5,6 @@ Each is read with finite figures, or refused in one line. A program, of which `t
     python tests/fuzzing/records.py --first 0 --count 20
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import warnings

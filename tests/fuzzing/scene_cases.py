@@ -1,7 +1,5 @@
 """Scenes by a seed and a number: sound, spoiled, and how they are to be run."""
 
-from __future__ import annotations
-
 import copy
 
 from draws import one_of, some
@@ -19,21 +17,7 @@ COMMON = (
 
 
 class Case:
-    """A scene and how it is run, from a seed and a number.
-
-    Attributes
-    ----------
-    plain : dict
-        Plain data of the scene.
-    arguments : dict
-        Of `simulate`.
-    common : bool
-        Whether its effects are among the `COMMON` ones.
-    compiled : bool
-        Whether it is, moreover, one of the many that share compiled code.
-    resumed : float or None
-        Fraction of the run after which it is cut and resumed.
-    """
+    """A scene and how it is run, from a seed and a number."""
 
     def __init__(self, seed: int, number: int) -> None:
         random = random_of(seed, number)

@@ -1,7 +1,5 @@
 """Runs of random scenes, and what holds of every one."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

@@ -6,8 +6,6 @@ A program, of which `trials` tells:
     NUMBA_DISABLE_JIT=1 python tests/fuzzing/scenes.py --first 17 --count 1 --show
 """
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import json

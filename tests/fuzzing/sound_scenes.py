@@ -1,7 +1,5 @@
 """Random scenes that most often can be run, and how they are to be run."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What is wrong with a scene: one place of it becomes something odd."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Iterator

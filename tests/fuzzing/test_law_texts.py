@@ -1,7 +1,5 @@
 """Random laws are read, or refused in one line."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

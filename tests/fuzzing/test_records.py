@@ -1,7 +1,5 @@
 """Random records, and fits of them: figures are finite, or one line says why there are none."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Random scenes are run, refused, or stopped by an error of ours: nothing else becomes of them."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -11,8 +11,6 @@ ends with 1 where a trial had an outcome that nothing may have: a traceback, a f
 finite, more than a minute, more memory than a laboratory's computer has.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

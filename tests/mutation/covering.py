@@ -1,20 +1,10 @@
 """Which quick tests stand for a file: those that look at it most closely, the fastest first."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 
 class Stage(NamedTuple):
-    """Tests that are run together.
-
-    Attributes
-    ----------
-    compiled : bool
-        Whether numba compiles. Without, nothing waits for a compiler, and small cases say much.
-    paths : tuple of str
-        Files, folders, or tests of a file.
-    """
+    """Tests that are run together."""
 
     compiled: bool
     paths: tuple[str, ...]

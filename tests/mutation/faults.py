@@ -1,7 +1,5 @@
 """Faults that can be planted in a source file: one small change of its syntax tree each."""
 
-from __future__ import annotations
-
 import ast
 import copy
 from collections.abc import Iterator
@@ -21,19 +19,7 @@ KINDS = ("sign", "factor", "index", "comparison", "dropped")
 
 
 class Fault(NamedTuple):
-    """One change of one place.
-
-    Attributes
-    ----------
-    path : str
-        Of the file, from the repository's root.
-    line : int
-    kind : str
-        One of `KINDS`.
-    begin, end : int
-        Bytes of the file that are replaced.
-    before, after : str
-    """
+    """One change of one place."""
 
     path: str
     line: int
@@ -59,13 +45,7 @@ def short(text: str, most: int = 60) -> str:
 
 
 def drawn(root: Path, seed: int, count: int) -> list[Fault]:
-    """That many faults: areas by turns, then a kind, then a place of it, all by the seed.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer places than are wanted.
-    """
+    """That many faults: areas by turns, then a kind, then a place of it, all by the seed."""
     random = Random(seed)
     areas = {name: by_kind(root, folders) for name, folders in AREAS.items()}
     found: list[Fault] = []
@@ -104,10 +84,7 @@ def faults(source: str, path: str) -> Iterator[Fault]:
 
 
 def _places(tree: ast.Module) -> Iterator[tuple[ast.expr | ast.stmt, frozenset[str]]]:
-    """Nodes of function bodies and of constants of the module, with the indices used around them.
-
-    Messages of errors and annotations compute nothing.
-    """
+    """Nodes of function bodies and of constants of the module, with the indices used around them."""
     for statement in tree.body:
         for function in ast.walk(statement):
             if isinstance(function, ast.FunctionDef):

@@ -1,7 +1,5 @@
 """The planted faults are faults: one place of the file differs, and it can still be read."""
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import sys

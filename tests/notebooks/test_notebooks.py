@@ -3,8 +3,6 @@
 Quick: the first as a script. Long: all of them, each in a kernel of its own.
 """
 
-from __future__ import annotations
-
 import json
 import pickle
 import runpy

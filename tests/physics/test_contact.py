@@ -1,7 +1,5 @@
 """Contact: restitution at every speed, energy, momentum, and the search for close pairs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The load of discs on the plates, against the torques of all pairs in plain Python."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 
@@ -59,7 +57,10 @@ def loads_by_torques(
     return np.asarray(own * total)
 
 
-@pytest.mark.parametrize(("method", "count", "tolerance"), [("direct", 92, 2e-4), ("mesh", 368, 6e-4)])
+@pytest.mark.parametrize(
+    ("method", "count", "tolerance"),
+    [("direct", 92, 2e-4), pytest.param("mesh", 368, 6e-4, marks=pytest.mark.long)],
+)
 def test_loads_are_sums_of_torques(bed: Scene, method: str, count: int, tolerance: float) -> None:
     """A bed of two species at rest, 1.375 D from grain to grain, with moments that scatter."""
     scene = bed.replace(**DISCS, pairs={"method": method}).replace(
@@ -70,6 +71,7 @@ def test_loads_are_sums_of_torques(bed: Scene, method: str, count: int, toleranc
     np.testing.assert_allclose(loads(scene, positions), known, rtol=tolerance)
 
 
+@pytest.mark.long  # quick: drawn scenes in plain Python
 def test_equal_discs_have_the_loads_of_their_torques(bed: Scene) -> None:
     """By the mesh, where the loads of dipoles come with the forces."""
     scene = bed.replace(**DISCS, pairs={"method": "mesh"}).replace(

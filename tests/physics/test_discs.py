@@ -1,7 +1,5 @@
 """Beds of discs: all sums have their law, energy is conserved, and too near is refused."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

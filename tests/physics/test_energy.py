@@ -1,7 +1,5 @@
 """The energy ledger: conservation, dissipation, work, and how its residual falls with the step."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import linregress

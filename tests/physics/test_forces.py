@@ -1,7 +1,5 @@
 """Force of the packaged bed as minus the gradient of its energy, and the published scales."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

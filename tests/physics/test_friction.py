@@ -1,7 +1,5 @@
 """Dry friction: normal load, sticking, stopping, and the ledger, for both schemes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,11 +10,7 @@ MASS = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
 
 
 def lone_grain(**changes: object) -> Scene:
-    """One grain with a constant load, no other force.
-
-    Gravity and drag of no size are named, and a denser species without grains, so that the tests that
-    need them share compiled code.
-    """
+    """One grain with a constant load, no other force."""
     return load_scene("bed").replace(
         **{
             "grains.count": 1,

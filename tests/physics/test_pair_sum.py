@@ -1,7 +1,5 @@
 """The fast pair sum against its slow twin, high precision, and with other numbers of threads."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

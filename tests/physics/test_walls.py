@@ -1,7 +1,5 @@
 """The wall laws: energy and force, limits, the tangential part, and beds on them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -178,10 +176,7 @@ pitch  gap  of a row  w^-3.5  w^-3  ripple
 
 
 def test_rows_of_discs_beside_the_other_walls() -> None:
-    """The figures of the documentation: mean forces [F*] and by how much they vary along the wall.
-
-    The other laws are taken at the same distance from the magnets' middle.
-    """
+    """The figures of the documentation: mean forces [F*] and by how much they vary along the wall."""
     for line in RIPPLE.strip().splitlines()[1:]:
         pitch, gap, mean, experimental, infinite, ripple = (
             float(word) for word in line.replace("D", "").replace("%", "").split()

@@ -4,8 +4,6 @@ Everything is in SI. Of the package, only the exact laws of two discs are used, 
 magpylib; none of the kernels.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterator
@@ -25,6 +23,19 @@ Law = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarra
 
 
 @dataclasses.dataclass(frozen=True)
+class Reach:
+    """Distances up to which pairs count [m]: of nearest images, or of all images that lie so near."""
+
+    end: float = math.inf
+    images: bool = False
+    shifted: bool = False
+    """True where the energy is zero at the end."""
+
+
+EVERYWHERE = Reach()
+
+
+@dataclasses.dataclass(frozen=True)
 class Bed:
     """Grains at a moment, and what surrounds them, in SI."""
 
@@ -36,6 +47,7 @@ class Bed:
     separation: float
     periods: np.ndarray | None
     piston: float | None
+    reach: Reach = EVERYWHERE
 
     def of_species(self, name: str) -> np.ndarray:
         """Value of each grain's species."""
@@ -102,26 +114,15 @@ def bed_of(scene: Scene, places: np.ndarray, piston: float | None = None) -> Bed
 
 @dataclasses.dataclass
 class Sums:
-    """Forces on the grains, energy, forces on the walls, and sums of the sizes of forces and energies."""
+    """Forces on the grains, energy, forces on the walls, and sums of the sizes of forces."""
 
     force: np.ndarray
     energy: float = 0.0
     walls: dict[str, float] = dataclasses.field(default_factory=lambda: dict.fromkeys(SIDES, 0.0))
     sizes: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(1))
-    energies: float = 0.0
 
-
-@dataclasses.dataclass(frozen=True)
-class Reach:
-    """Distances up to which pairs count [m]: of nearest images, or of all images that lie so near."""
-
-    end: float = math.inf
-    images: bool = False
-    shifted: bool = False
-    """True where the energy is zero at the end."""
-
-
-EVERYWHERE = Reach()
+    def __add__(self, other: "Sums") -> "Sums":
+        return Sums(self.force + other.force, self.energy + other.energy, sizes=self.sizes + other.sizes)
 
 
 def displacements(bed: Bed, reach: Reach) -> Iterator[np.ndarray]:
@@ -150,11 +151,8 @@ def sum_pairs(bed: Bed, law: Law, reach: Reach = EVERYWHERE) -> Sums:
         i, j = np.nonzero(later & (distance > 0.0) & (distance < reach.end))
         r = distance[i, j]
         energy, push = law(r, i, j)
-        result.energies += float(np.abs(energy).sum())
         if reach.shifted:
-            end = law(np.full(len(r), reach.end), i, j)[0]
-            result.energies += float(np.abs(end).sum())
-            energy = energy - end
+            energy = energy - law(np.full(len(r), reach.end), i, j)[0]
         force = (push / r)[:, None] * way[i, j]
         np.add.at(result.force, i, force)
         np.add.at(result.force, j, -force)
@@ -274,10 +272,7 @@ def slab_wall(bed: Bed, ends: tuple[tuple[float, float], ...]) -> WallLaw:
 
 
 def disc_row_wall(bed: Bed, pitch: float) -> WallLaw:
-    """An endless row of discs of the first species, half a pitch from the corner, a radius behind the face.
-
-    Beyond 400 magnets each way the row is an integral of dipoles.
-    """
+    """An endless row of discs of the first species, half a pitch from the corner, a radius behind it."""
     magnet, each_way = bed.discs()[0], 400
 
     def law(w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,8 +5,6 @@ the engine is imported. Grains and a free piston have their velocities over the 
 is a constraint, and the momentum of cell and piston together takes the place of their velocities.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterator

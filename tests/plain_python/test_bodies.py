@@ -4,13 +4,10 @@ Störmer-Verlet turns the phase of a mode of the angular frequency w by 2 asin(w
 with the exact amplitude: the closed forms here are those of the step, which tends to w dt.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -19,8 +16,6 @@ import tests.plain_python.test_every_effect  # noqa: F401 (brings the stage "dip
 from granular import Scene, equilibrium, simulate
 from granular.linear.equilibrium import equilibrium_from
 from granular.run.trajectory import Trajectory
-
-pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 
 MASS, STIFFNESS, DT = 0.4, 900.0, 1e-3
 

@@ -4,26 +4,18 @@
 `laws.py`.
 """
 
-from __future__ import annotations
-
 import tarfile
 import tomllib
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 
 from granular import Scene, evaluate, load_scene, load_trajectory, simulate
 from granular.user_code import import_user_code
 
-pytestmark = [
-    pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile"),
-    pytest.mark.filterwarnings("ignore:two grains came as close"),
-    pytest.mark.filterwarnings("ignore:the energy ledger"),
-    pytest.mark.filterwarnings("ignore:.*was made with other versions"),
-]
+pytestmark = pytest.mark.filterwarnings("ignore:.*was made with other versions")
 
 FOLDER = Path(__file__).parents[1] / "data" / "earlier_runs"
 SCENES: dict[str, dict[str, Any]] = tomllib.loads((FOLDER / "scenes.toml").read_text(encoding="utf-8"))

@@ -1,13 +1,10 @@
 """Every effect that a scene can name, a user's own included, alone next to dipoles and walls."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 
@@ -20,12 +17,7 @@ from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.user_code import import_user_code
 from tests.commands.shown import files
 
-pytestmark = [
-    pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile"),
-    pytest.mark.filterwarnings("ignore::RuntimeWarning"),
-    pytest.mark.filterwarnings("ignore:two grains came as close"),
-    pytest.mark.filterwarnings("ignore:the energy ledger"),
-]
+pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
 STEP = 4e-5
 
@@ -198,17 +190,6 @@ def test_pairs_alone_keep_the_momentum() -> None:
         scene = small(name, **{"effects.walls": None, "piston": "none"})
         force = evaluate(scene, scene.initial_positions_and_velocities()[0] * [0.7, 0.9]).force
         assert np.abs(force.sum(axis=0)).max() < 1e-14 * np.abs(force).max() * len(force)
-
-
-@pytest.mark.parametrize("reach", ["2 D", "6 D"])
-def test_a_pair_law_finds_all_partners_of_a_whole_bed(reach: str) -> None:
-    law = {"energy": "a*exp(-r/l)", "a": "10 uJ", "l": "6 mm", "reach": reach}
-    scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
-    start = scene.initial_positions_and_velocities()[0]
-    r = np.hypot(*(start[:, None] - start).T)[np.triu_indices(len(start), 1)]
-    end = 0.006 * int(reach[0])
-    wanted = float(1e-5 * (np.exp(-r[r < end] / 0.006) - np.exp(-end / 0.006)).sum())
-    assert evaluate(scene, start).potential_energy == pytest.approx(wanted, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -4,22 +4,12 @@ In plain Python numpy looks at every index; compiled, Numba does with ``NUMBA_BO
 `tests/architecture/test_plain_python.py` has it.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 
 from granular import Scene, evaluate, simulate
-
-pytestmark = [
-    pytest.mark.skipif(
-        not (numba.config.DISABLE_JIT or numba.config.BOUNDSCHECK), reason="only where indices are checked"
-    ),
-    pytest.mark.filterwarnings("ignore:two grains came as close"),
-]
 
 WORST = [("flat", 10_000.0, 7.0), ("tall", 7.0, 10_000.0)]
 """Width and height of a cell [D]: a line of the finest level is longer than all that its columns need."""

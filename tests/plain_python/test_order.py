@@ -1,10 +1,7 @@
 """A drive that jumps within a step keeps the second order of Verlet's method."""
 
-from __future__ import annotations
-
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -12,8 +9,6 @@ from scipy.integrate import solve_ivp
 from granular import load_scene, simulate
 from granular.effects.excitation import Excitation, evaluate_excitation
 from granular.schema.natural_units import Scales
-
-pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 
 START, SPAN = 0.10002, 0.40003
 """[s]: no step ends where the drive begins or ends."""

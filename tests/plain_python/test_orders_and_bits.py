@@ -1,7 +1,5 @@
 """Second order by slope with all that dissipates, and the same bits where near pairs are listed again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +9,10 @@ import pytest
 
 from granular import Scene, simulate
 from granular.effects.registry import EFFECTS
+from tests.plain_python.test_drawn_scenes import FORMULA
 from tests.plain_python.test_every_effect import EXAMPLES, NAMES, STEP, small
-from tests.plain_python.test_pair_law_tails import FORMULA
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore::RuntimeWarning"),
-    pytest.mark.filterwarnings("ignore:two grains came as close"),
-    pytest.mark.filterwarnings("ignore:the energy ledger"),
-]
+pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
 DASHPOT = {
     "mount": "cell",
@@ -64,7 +58,6 @@ def with_touching_grains(scene: Scene, near: float) -> Scene:
     return scene.replace(arrangement={"positions": start.tolist(), "velocities": velocities.tolist()})
 
 
-@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 def test_every_effect_that_damps_is_in_the_table() -> None:
     """But for a bath, which kicks: its order is one of averages, in test_bath_order."""
     named = {
@@ -74,7 +67,6 @@ def test_every_effect_that_damps_is_in_the_table() -> None:
     assert damping - named - {"contact", "bath"} == set()
 
 
-@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 @pytest.mark.parametrize("name", DISSIPATIVE)
 def test_places_are_of_second_order_with_what_dissipates(name: str) -> None:
     scene = dissipating(name)
@@ -119,14 +111,14 @@ TIME = 24 * STEP
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(one, marks=() if numba.config.DISABLE_JIT and one not in LATER else pytest.mark.long)
-        for one in RESUMED
-    ],
+    "name", [pytest.param(one, marks=pytest.mark.long if one in LATER else ()) for one in RESUMED]
 )
 def test_near_pairs_that_are_listed_again_keep_the_bits(name: str, tmp_path: Path) -> None:
-    """In a run in three parts, and in one on two threads."""
+    check_bits(name, tmp_path)
+
+
+def check_bits(name: str, out: Path) -> None:
+    """Check a run in three parts and, where threads are, one on two of them."""
     scene = small("walls", **RESUMED[name])
     if scene.effects.contact is not None:
         scene = with_touching_grains(scene, 0.99)
@@ -136,7 +128,7 @@ def test_near_pairs_that_are_listed_again_keep_the_bits(name: str, tmp_path: Pat
     if scene.effects.contact is not None:
         assert float(whole.dataset["contact_loss"].values[-1]) > 0.0
     for end in (0.3 * TIME, 0.7 * TIME, TIME):
-        parts = simulate(scene, dt=STEP / 4, t_end=end, out=tmp_path, resume=True, progress=False)
+        parts = simulate(scene, dt=STEP / 4, t_end=end, out=out, resume=True, progress=False)
     assert parts.dataset.equals(whole.dataset)
     if not numba.config.DISABLE_JIT:  # where threads are
         two = simulate(scene, dt=STEP / 4, t_end=TIME, threads=2, progress=False)

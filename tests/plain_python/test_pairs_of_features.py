@@ -1,11 +1,8 @@
 """Every two features of a scene together at least once: slope of the energy, ledger and bits.
 
 A table of pairs: each level of each factor meets each level of every other one in some row. Small
-beds run in plain Python with the quick tests; whole ones, of 92 and 368 grains, are compiled:
-``python -m pytest -m long tests/plain_python/test_pairs_of_features.py``.
+beds run in plain Python with the quick tests; `test_compiled.py` has whole ones.
 """
-
-from __future__ import annotations
 
 import itertools
 import random
@@ -13,7 +10,6 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 
@@ -21,14 +17,10 @@ from granular import Scene, effect, evaluate, load_scene, simulate
 from granular.effects.registry import EFFECTS
 from granular.shared.errors import InputError
 from tests.granular.run.test_record_names import pull
+from tests.plain_python.test_drawn_scenes import FORMULA
 from tests.plain_python.test_every_effect import EXAMPLES
-from tests.plain_python.test_pair_law_tails import FORMULA
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore::RuntimeWarning"),
-    pytest.mark.filterwarnings("ignore:two grains came as close"),
-    pytest.mark.filterwarnings("ignore:the energy ledger"),
-]
+pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
 STEP, STEPS = 4e-5, 4
 WALLS = dict.fromkeys(("left", "right", "bottom", "top"), "experimental")
@@ -294,7 +286,6 @@ def check(row: Row, sizes: tuple[int, int], out: Path) -> None:
     check_run(scene, row, out)
 
 
-@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 def test_the_table_holds_every_pair_that_is_not_refused() -> None:
     held = set().union(*map(parameter_bounds, ROWS))
     for a, b in itertools.combinations(FACTORS, 2):
@@ -302,20 +293,11 @@ def test_the_table_holds_every_pair_that_is_not_refused() -> None:
             assert ((a, one, b, other) in held) != refused({a: one, b: other})
 
 
-@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 @pytest.mark.parametrize("row", ROWS, ids=named)
 def test_every_two_features_in_a_small_bed(row: Row, tmp_path: Path) -> None:
     check(row, SMALL, tmp_path)
 
 
-@pytest.mark.long
-@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="compiled")
-@pytest.mark.parametrize("row", ROWS, ids=named)
-def test_every_two_features_in_a_whole_bed(row: Row, tmp_path: Path) -> None:
-    check(row, FULL, tmp_path)
-
-
-@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 @pytest.mark.parametrize(("levels", "words"), REFUSED, ids=str)
 def test_what_cannot_be_together_is_refused(levels: Row, words: str) -> None:
     """Only what is refused in a line may be left out of the table."""

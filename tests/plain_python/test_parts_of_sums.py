@@ -3,16 +3,12 @@
 In plain Python, where no thread runs: parts that touched each other's numbers would show here.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 import pytest
 
 from granular.pairs import multilevel_mesh, stripes
 from tests.granular.pairs import test_cut_off, test_far_field
-
-pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 
 
 def backwards(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,13 +1,10 @@
 """Heights of further pistons, and inclined sides, in all that reads a run or an equilibrium of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import gsd.hoomd
 import meshio
-import numba
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -25,8 +22,6 @@ from granular.shared.errors import InputError
 from granular.studies.bed_slopes import equilibrium_state
 from granular.studies.tolerance_parts import read_parts
 from granular.studies.tolerances import tolerances_at
-
-pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 
 D = 6e-3
 

@@ -4,12 +4,9 @@ Each run is made at two steps and extrapolated, since the engine's own order is 
 dissipates: what is compared is the engine's equations and not its step.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 
@@ -17,11 +14,6 @@ import tests.plain_python.test_every_effect  # noqa: F401 (brings the stages "di
 from granular import Scene, simulate
 from granular.run.trajectory import Trajectory
 from tests.plain_python.independent_equations import Case, solve
-
-pytestmark = [
-    pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile"),
-    pytest.mark.filterwarnings("ignore:two grains came as close"),
-]
 
 STEP = 4e-5
 CLOSE = 1e-9

@@ -1,10 +1,7 @@
 """Sums of scenes for which nothing else need be compiled: discs by each method, forces taken apart."""
 
-from __future__ import annotations
-
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 
@@ -12,8 +9,6 @@ from granular import load_scene, simulate
 from granular.shared.errors import OutsideError
 from tests.granular.observables.test_compression import CHANGES, check_parts
 from tests.physics.test_discs import discs
-
-pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 
 
 @pytest.mark.parametrize("changes", CHANGES[1:], ids=str)

@@ -6,8 +6,6 @@ without vectors of eight numbers, for instance, by 1e-14 of the positions), and 
 next to the digests are compared.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform

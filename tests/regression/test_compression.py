@@ -3,8 +3,6 @@
 Quick protocol: 5 s of relaxation, then 33 mm/s to 20 D (scaled with the number of grains).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

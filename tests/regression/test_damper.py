@@ -1,7 +1,5 @@
 """The packaged damper gives the figures of the model page."""
 
-from __future__ import annotations
-
 import tracemalloc
 from pathlib import Path
 from typing import Any

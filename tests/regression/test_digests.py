@@ -1,7 +1,5 @@
 """Runs have the bits, and fits the figures, that tests/data/digests.json holds."""
 
-from __future__ import annotations
-
 import json
 import warnings
 

@@ -1,7 +1,5 @@
 """A run that is killed again and again at random moments ends like one that was left alone."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

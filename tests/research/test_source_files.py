@@ -1,7 +1,5 @@
 """The source's files, read back with numpy.loadtxt."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from pathlib import Path

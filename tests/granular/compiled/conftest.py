@@ -1,7 +1,5 @@
 """A copy of the package that may be edited, and a process that compiles a few of its kernels."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Compiled code on disk is never stale, and what is wrong with it costs time alone."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The hooks of laws are called in compiled code in their order, with their rooms and places."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numba

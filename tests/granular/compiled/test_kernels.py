@@ -1,7 +1,5 @@
 """Which kernels Python can call."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What kernels need of Numba's insides is there, and kernels do without most of it."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import subprocess

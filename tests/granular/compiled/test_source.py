@@ -1,7 +1,5 @@
 """What the digest of the kernels' sources sees: their syntax, and no texts."""
 
-from __future__ import annotations
-
 import ast
 import functools
 

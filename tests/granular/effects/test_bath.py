@@ -1,7 +1,5 @@
 """The bath: its random numbers, its temperature, its order, and bits that nothing changes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

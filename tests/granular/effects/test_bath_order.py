@@ -1,7 +1,5 @@
 """How far a step of the bath is from the right temperature: second order, and far below others."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Effects and laws of a user's own: what is wrong is told in a line, and nothing is stale."""
 
-from __future__ import annotations
-
 import math
 import os
 import pickle

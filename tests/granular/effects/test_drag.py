@@ -1,28 +1,20 @@
 """Drag by the size of a grain, alone and with what is solved together with it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.scene.scene_in_natural_units import scene_in_natural_units
-from granular.schema.natural_units import Scales
 
 DENSE = [
     {"name": "light", "diameter": "6 mm", "share": 0.5},
     {"name": "heavy", "diameter": "4 mm", "share": 0.5, "density": 16000.0, "thickness": "2 mm"},
 ]
-ALIKE = [{**species, "density": None, "thickness": None} for species in DENSE]
 
 
 def apart(species: list[dict[str, Any]], **changes: Any) -> Scene:
-    """Two grains that feel drag alone.
-
-    Eddy currents are named, of no size: their tests share compiled code with those that need both.
-    """
+    """Two grains that feel drag alone."""
     plate = {"conductivity": 0.0, "thickness": "1 mm", "distance": "4 mm", "mutual": True}
     return load_scene("single-particle").replace(
         **{
@@ -52,16 +44,6 @@ def test_drag_goes_with_the_area_of_a_face(coefficient: float) -> None:
     data = run.dataset
     total = (data["kinetic_energy"] + data["drag_loss"]).values
     np.testing.assert_allclose(total, total[0], rtol=1e-10)
-
-
-def test_of_one_material_and_thickness_all_have_one_rate() -> None:
-    law = scene_in_natural_units(apart(ALIKE)).constants.acting.laws[0]
-    assert law.kind is None
-    assert len(law.rates.values) == 1
-    law = scene_in_natural_units(apart(DENSE)).constants.acting.laws[0]
-    scales = Scales.from_grains(apart(DENSE).grains)
-    rates = 0.01 * np.array([1.0, 4.0 / 9.0]) / apart(DENSE).grains.masses() * scales.time
-    assert law.rates.values[law.kind[:2].astype(int)] == pytest.approx(rates)
 
 
 def test_dry_friction_takes_the_drag_of_each_grain_along() -> None:

@@ -1,7 +1,5 @@
 """Eddy currents that grains make for each other: tensor, flow and lattices."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -31,11 +29,7 @@ NEARLY_ALIKE = {"grains.species": [BIG, BIG | {"name": "other", "density": 7368.
 
 
 def scene_of(positions: np.ndarray, velocities: np.ndarray, **changes: Any) -> Scene:
-    """Grains at positions [D] with velocities [m/s] that feel nothing but eddy currents.
-
-    Every other grain is another one, and drag is named, of no size, so that the tests here and those
-    of drag share compiled code.
-    """
+    """Grains at positions [D] with velocities [m/s] that feel nothing but eddy currents."""
     return load_scene("single-particle").replace(
         **{
             "grains.count": len(positions),

@@ -1,7 +1,5 @@
 """What shakes a host, as functions of time."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A host against exact solutions: alone, loaded, with linear dampers, on all mounts."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -167,10 +165,6 @@ def natural_far(scene: Scene) -> FarFieldSettings:
     far = scene_in_natural_units(scene, method=METHODS["stormer-verlet"]).constants.acting.far
     assert far is not None
     return far
-
-
-def test_the_packaged_scenes_name_no_host() -> None:
-    assert load_scene("damper").effects.host is None
 
 
 @pytest.mark.parametrize(

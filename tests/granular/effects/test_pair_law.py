@@ -1,7 +1,5 @@
 """Pair laws of one's own: where they end, what they are tried for, and what is refused."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

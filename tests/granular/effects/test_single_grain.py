@@ -1,7 +1,5 @@
 """Eddy currents, a field gradient, friction at side walls: against exact motions of one grain."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

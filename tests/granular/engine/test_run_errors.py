@@ -1,7 +1,5 @@
 """The message names the cause of the stop, and nothing that is in order."""
 
-from __future__ import annotations
-
 from granular import Scene, plan
 from granular.run.protocol_runner import ProtocolRunner
 from granular.shared.errors import OutsideError

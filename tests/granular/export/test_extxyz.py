@@ -1,7 +1,5 @@
 """Extended XYZ files, read back with a parser written from the format's description."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """GSD files hold what the run holds: read back with the format's own library."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import gsd.hoomd

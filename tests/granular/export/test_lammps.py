@@ -1,7 +1,5 @@
 """LAMMPS computes the same forces and the same motion from an exported deck."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Exported runs, opened by the programs that they are for."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One grammar for all formulas: what it reads, what it refuses, and that nothing is run."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

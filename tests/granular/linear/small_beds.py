@@ -1,8 +1,6 @@
 """Small beds at rest: relaxed by their forces alone, without a run."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +10,6 @@ from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.pencil import make_pencil
 from granular.linear.relaxation import RELAXED, relax
 from granular.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 D = 6e-3
 
@@ -43,9 +38,7 @@ def at_rest(scene: Scene) -> Equilibrium:
     return equilibrium_from(scene, bed.positions(at), height if bed.piston is None else float(at[bed.piston]))
 
 
-def free_motion(
-    rest: Equilibrium, displacement: Float[np.ndarray, "q"], times: Float[np.ndarray, "t"]
-) -> Float[np.ndarray, "t"]:
+def free_motion(rest: Equilibrium, displacement: np.ndarray, times: np.ndarray) -> np.ndarray:
     """The piston's displacement [m] after a release from rest, as the sum over all roots; times [s]."""
     pencil, size = rest.pencil, rest.pencil.bed.size
     inverse_mass = np.linalg.inv(pencil.mass.toarray())

@@ -1,7 +1,5 @@
 """Stiffness and resistance of two grains, written down."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Equilibria of small beds, and sources that have none."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 from typing import Any

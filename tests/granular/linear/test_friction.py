@@ -1,7 +1,5 @@
 """Dry friction along the piston's motion, against hand calculation and against runs."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Matrices of machines against their kinetic energy and a chain that is solved by hand."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

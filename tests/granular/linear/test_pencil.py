@@ -1,7 +1,5 @@
 """Products of a vector and Krylov's method against full matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

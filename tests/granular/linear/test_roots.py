@@ -1,7 +1,5 @@
 """Roots, modes and response of a small damper, each by another way."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

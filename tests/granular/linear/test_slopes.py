@@ -1,7 +1,5 @@
 """Slopes against paired differences of equilibrium and root of changed scenes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

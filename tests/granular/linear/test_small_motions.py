@@ -1,7 +1,5 @@
 """The summary of small motions, its pictures, its page and its command."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A method of the user's own: run, resumed, swept, and from the command line."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

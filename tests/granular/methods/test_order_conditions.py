@@ -1,7 +1,5 @@
 """Order conditions against methods of known order, and against counts of words and trees."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import random
@@ -39,10 +37,7 @@ def test_as_many_trees_as_there_are() -> None:
 
 
 def test_words_are_those_of_matrices() -> None:
-    """Exponentials of nilpotent matrices agree up to the order, and not beyond.
-
-    Strictly upper triangular matrices of n rows know words of up to n - 1 letters.
-    """
+    """Exponentials of nilpotent matrices agree up to the order, and not beyond."""
     draw = np.random.default_rng(1)
     for method in (METHODS["forest-ruth"], METHODS["blanes-moan-4"], METHODS["stormer-verlet"]):
         for rows, same in ((method.order + 1, True), (method.order + 2, False)):

@@ -1,7 +1,5 @@
 """Methods by name, as objects and as plain data."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Arrangements and trajectories with known answers, and brute force to compare with."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from typing import NamedTuple

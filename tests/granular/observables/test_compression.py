@@ -1,7 +1,5 @@
 """Forces taken apart: they add up to those of the engine, and to the virial theorem."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The configurational temperature of a run, and what adds nothing to a Laplacian."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

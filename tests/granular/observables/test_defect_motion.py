@@ -1,7 +1,5 @@
 """Twenty made films: each defect is one track from first to last frame, where it was put."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json
@@ -34,21 +32,10 @@ SPACING = 0.0123
 COLUMNS, ROWS = 43, 25
 LATTICE = hexagonal(COLUMNS, ROWS)
 MIDDLE = LATTICE[(ROWS // 2) * COLUMNS + COLUMNS // 2] + [0.3, math.sqrt(3.0) / 4.0]
-RIGHT = np.array([1.0, 0.0])
 
 
 class Made(NamedTuple):
-    """A defect that was put into a film.
-
-    Attributes
-    ----------
-    kind : str
-    burgers : float (2,)
-    start, velocity : float (2,)
-        Where it is in frame 0, and how far it goes in a frame.
-    first, last : int
-        Frames in which it is there.
-    """
+    """A defect that was put into a film."""
 
     kind: str
     burgers: np.ndarray
@@ -150,7 +137,6 @@ def moves(way: float, glide: float, climb: float = 0.0, sixth: int = 0, last: in
     return dislocation((-way, 0.0), (glide, climb), sixth, last=last)
 
 
-PAIR = [(-2.5, 0.0), (2.5, 0.0)]
 FILMS: dict[str, tuple[list[Made], Callable[..., np.ndarray]]] = {
     "glide": of_dislocations(moves(7.0, 0.35)),
     "fast glide": of_dislocations(moves(13.0, 0.7)),

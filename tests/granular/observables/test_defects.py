@@ -1,7 +1,5 @@
 """Defects that were put into a crystal are found again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -11,11 +9,7 @@ from .conftest import MakeRun, hexagonal, rotated
 
 
 def with_dislocation(burgers: np.ndarray, size: int = 21) -> np.ndarray:
-    """A hexagonal lattice of spacing 1 with an edge dislocation near its middle.
-
-    The displacement is that of isotropic elasticity (Hirth and Lothe 1982, eq. 3-45, with Poisson's
-    ratio 1/3), whose counter-clockwise circuit integral is b.
-    """
+    """A hexagonal lattice of spacing 1 with an edge dislocation near its middle."""
     lattice = hexagonal(size, size)
     angle = np.arctan2(burgers[1], burgers[0])
     # The core stands between two rows, above the middle of a bond along b.

@@ -1,7 +1,5 @@
 """Modes, directions and correlations: made-up values whose answer is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

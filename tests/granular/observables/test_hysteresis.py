@@ -1,7 +1,5 @@
 """Work over a cycle, and the forces of a run."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

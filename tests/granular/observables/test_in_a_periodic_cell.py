@@ -1,7 +1,5 @@
 """Observables of runs in a periodic cell: the same at all images of the grains."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Moduli of the crystal of dipoles by its lattice sum, and of beds by small strains."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -89,42 +87,6 @@ def test_patch_of_a_crystal_has_the_moduli_of_the_lattice(bed: Scene, reach: flo
     for moduli in (found.affine, found.relaxed):
         np.testing.assert_allclose(moduli, wanted, rtol=5e-3)
         assert moduli.young_modulus == pytest.approx(wanted.young_modulus, rel=5e-3)
-
-
-def test_pressure_of_beds_of_other_densities(bed: Scene) -> None:
-    """P ~ rho^2.5 of beds, not of the formula."""
-    points = hexagonal(20, 22, 1.0)
-    scene = scene_of(bed, len(points))
-    spacings = np.array([0.008, 0.011, 0.015])
-    found = [bed_moduli(scene, one * points, 5.0) for one in spacings]
-    slope = np.polyfit(
-        np.log([one.density for one in found]), np.log([one.relaxed.pressure for one in found]), 1
-    )[0]
-    assert slope == pytest.approx(2.5, abs=1e-6)
-
-
-def test_affine_moduli_are_the_curvature_of_the_engines_energy(
-    bed: Scene, random: np.random.Generator
-) -> None:
-    """B A = 15/4 E, mu A = 3/8 E for dipoles wherever they stand."""
-    points = hexagonal(6, 6, SPACING) + 0.15 * SPACING * random.normal(size=(36, 2)) + 0.5
-    scene = scene_of(bed, 36)
-    middle, step = points.mean(axis=0), 1e-3
-
-    def energy(matrix: np.ndarray) -> float:
-        return evaluate(scene, middle + (points - middle) @ matrix).potential_energy
-
-    start = energy(np.eye(2))
-    shears = [np.diag([math.exp(s), math.exp(-s)]) for s in (step, -step)] + [
-        np.array([[math.cosh(s), math.sinh(s)], [math.sinh(s), math.cosh(s)]]) for s in (step, -step)
-    ]
-    curvature = (sum(map(energy, shears)) - 4.0 * start) / step**2 / 2.0
-    assert curvature / 4.0 == pytest.approx(3.0 / 8.0 * start, rel=1e-5)
-    up, down = (energy(math.exp(s) * np.eye(2)) for s in (step, -step))
-    slope, bend = (up - down) / (2.0 * step), (up + down - 2.0 * start) / step**2
-    # In the logarithm of a length, with p A = -E'/2: B A = (E'' - 2 E')/4.
-    assert (bend - 2.0 * slope) / 4.0 == pytest.approx(15.0 / 4.0 * start, rel=1e-5)
-    assert -0.5 * slope == pytest.approx(1.5 * start, rel=1e-5)
 
 
 def test_affine_moduli_of_dipoles_follow_from_the_pressure(bed: Scene, random: np.random.Generator) -> None:

@@ -1,7 +1,5 @@
 """Observables of the user's own: values, units, shapes, and from files of the user's."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from pathlib import Path

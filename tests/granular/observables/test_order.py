@@ -1,7 +1,5 @@
 """Order and motion in time."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,10 +1,7 @@
 """The public names, what importing them costs, and the pictures."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from types import ModuleType
 
 import numpy as np
 from matplotlib.colors import to_rgba
@@ -14,11 +11,6 @@ from granular.observables import plots
 from granular.shared.plotting import SIDES
 
 from .conftest import MakeRun, hexagonal
-
-
-def test_public_names_are_no_modules() -> None:
-    for name in observables.__all__:
-        assert not isinstance(getattr(observables, name), ModuleType)
 
 
 def test_import_is_light_and_arrays_need_no_plotting() -> None:

@@ -1,7 +1,5 @@
 """Drops of a force: where they are, how large, and how they are distributed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

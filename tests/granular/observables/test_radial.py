@@ -1,7 +1,5 @@
 """g(r) and g6(r) against brute force, ideal arrangements and another library."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -27,10 +25,7 @@ def distances(points: np.ndarray) -> np.ndarray:
 
 
 def share_nearer(a: float, b: float, r: float) -> float:
-    """Fraction of the pairs of uniform points in a x b that are nearer than r, by quadrature.
-
-    The differences x and y of two points have the densities 2 (a - x)/a^2 and 2 (b - y)/b^2.
-    """
+    """Fraction of the pairs of uniform points in a x b that are nearer than r, by quadrature."""
 
     def strip(x: float) -> float:
         y = np.sqrt(max(r * r - x * x, 0.0))
@@ -57,39 +52,6 @@ def test_brute_force_agrees(lattice: bool, random: np.random.Generator) -> None:
     assert np.abs(distances(points)[:, None] - edges).min() > 1e-9
     found = radial_distribution(points, edges)
     np.testing.assert_allclose(found.values, brute_force(points, edges), rtol=1e-12, atol=1e-13)
-
-
-def test_first_shells_of_the_lattice() -> None:
-    """A patch of m x n has (m - 1) n + (n - 1)(2 m - 1) bonds, and nothing is nearer."""
-    m, n = 12, 10
-    found = radial_distribution(hexagonal(m, n), np.array([0.5, 0.99, 1.01, 1.7, 1.75]))
-    bonds = (m - 1) * n + (n - 1) * (2 * m - 1)
-    second = (n - 2) * m + 2 * (n - 1) * (m - 2) + (n - 1)
-    assert found.pairs.tolist() == [0, bonds, 0, second]
-    assert found.values[0] == 0.0
-
-
-def test_no_order_gives_one_at_every_distance(random: np.random.Generator) -> None:
-    """Over many arrangements the mean is 1 within its error up to the shorter side."""
-    box = np.array([[0.0, 0.0], [2.0, 1.0]])
-    edges = np.linspace(0.0, 1.0, 11)
-    found = [radial_distribution(random.random((60, 2)) * box[1], edges, box).values for _ in range(400)]
-    error = np.std(found, axis=0) / np.sqrt(len(found))
-    assert error.max() < 0.02
-    assert (np.abs(np.mean(found, axis=0) - 1.0) < 4.0 * error).all()
-
-
-def test_freud_counts_the_same_pairs(random: np.random.Generator) -> None:
-    freud = pytest.importorskip("freud")
-    points = random.random((400, 2)) * [30.0, 20.0]
-    box = freud.box.Box(Lx=100.0, Ly=100.0, is2D=True)
-    places = np.column_stack([points - points.mean(axis=0), np.zeros(len(points))])
-    theirs = freud.density.RDF(bins=50, r_max=10.0).compute((box, places), reset=True)
-    ours = radial_distribution(points, np.linspace(0.0, 10.0, 51)).pairs
-    # freud's distances have single precision: few pairs change the bin, and the sum cannot differ.
-    difference = theirs.bin_counts / 2.0 - ours
-    assert np.abs(difference).max() <= 1.0
-    assert np.abs(np.cumsum(difference)).max() <= 1.0
 
 
 def test_absent_grains_and_defaults(random: np.random.Generator) -> None:
@@ -133,15 +95,6 @@ def test_bond_correlation_is_that_of_brute_force(random: np.random.Generator) ->
     products = (order[i].conj() * order[j]).real
     wanted = [products[(gaps > lo) & (gaps <= hi)].mean() for lo, hi in itertools.pairwise(edges)]
     np.testing.assert_allclose(found.values, wanted, rtol=0.0, atol=1e-12)
-
-
-def test_two_crystals_turned_by_half_a_period_are_anticorrelated() -> None:
-    """Turned by 30 degrees, psi6 changes its sign: pairs across have the product -1."""
-    left = hexagonal(12, 14)
-    right = hexagonal(14, 12)[:, ::-1] + [14.0, 0.0]
-    found = bond_correlation(np.concatenate([left, right]), np.array([0.5, 1.2, 13.0, 14.0]))
-    assert found.values[0] > 0.8
-    assert found.values[2] < -0.7
 
 
 def test_over_the_frames_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:

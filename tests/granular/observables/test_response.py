@@ -1,7 +1,5 @@
 """The answer to a sinusoidal drive: known signals, known oscillators, and the damper itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

@@ -1,7 +1,5 @@
 """Orowan's sum over made films gives the strain that was driven; bonds give that of a lattice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -31,10 +29,7 @@ def area_of(frames: np.ndarray) -> float:
 
 
 def check(name: str, error: float = 0.06) -> None:
-    """The distortion b (z x d)/A of what was put in, from its first to its last frame.
-
-    A place is right to half a spacing, at both ends of a way of 12 to 27 spacings.
-    """
+    """The distortion b (z x d)/A of what was put in, from its first to its last frame."""
     made, _ = FILMS[name]
     frames = frames_of(name)
     found = plastic_distortion(frames)

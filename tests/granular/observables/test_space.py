@@ -1,7 +1,5 @@
 """Packing fraction, distances and local area fraction."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -55,12 +53,6 @@ def test_pair_distance_is_the_mean_over_pairs(count: int, random: np.random.Gene
     wanted = gaps.sum() / (count * (count - 1))
     assert mean_pair_distance(points) == pytest.approx(wanted, rel=1e-12)
     assert depaula_pair_distance(points) == pytest.approx(wanted / 2.0, rel=1e-12)
-
-
-def test_source_convention_reproduces_the_published_order_of_size(random: np.random.Generator) -> None:
-    """368 grains spread over 60 D x 18 D: the published 10.9 D is half the mean distance."""
-    points = random.random((368, 2)) * [60.0, 18.0]
-    assert depaula_pair_distance(points) == pytest.approx(10.9, rel=0.07)
 
 
 def test_absent_grains_have_no_distance(make_run: MakeRun) -> None:

@@ -1,7 +1,5 @@
 """Knuth's bins, fluctuations, correlation, temperature and the bi-exponential law."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -51,11 +49,6 @@ def test_knuth_has_the_greatest_posterior(kind: str, random: np.random.Generator
     }[kind]
     posteriors = [knuth_posterior(values, bins) for bins in range(1, len(values) + 1)]
     assert knuth_bin_count(values) == int(np.argmax(posteriors)) + 1
-
-
-def test_knuth_sees_no_structure_in_uniform_values(random: np.random.Generator) -> None:
-    assert knuth_bin_count(random.random(2000)) == 1
-    assert 8 <= knuth_bin_count(random.normal(size=1000)) <= 25
 
 
 def test_histogram_is_a_density(random: np.random.Generator) -> None:
@@ -127,20 +120,6 @@ def test_pearson_at_its_limits() -> None:
     assert np.isnan(pearson_correlation(line, np.ones(5)).coefficient)
     with pytest.raises(InputError, match="at least 3"):
         pearson_correlation(line[:2], line[:2])
-
-
-def test_order_and_hexagons_correlate(make_run: MakeRun, random: np.random.Generator) -> None:
-    """From a crystal to disorder, Psi6 and the fraction of hexagons fall together."""
-    j, i = np.divmod(np.arange(144), 12)
-    lattice = np.stack([i + 0.5 * (j % 2), 0.5 * np.sqrt(3.0) * j], axis=1)
-    frames = [lattice + s * random.normal(size=lattice.shape) for s in np.linspace(0.0, 0.4, 15)]
-    run = make_run(0.006 * np.stack(frames))
-    orders = per_frame(run, "hexatic_order").values
-    hexagons = per_frame(run, "polygons").sel(label="hexagons").values
-    found, wanted = pearson_correlation(orders, hexagons), pearsonr(orders, hexagons)
-    assert found.coefficient == pytest.approx(wanted.statistic, rel=1e-10)
-    assert found.coefficient > 0.5
-    assert found.samples == 15
 
 
 def test_temperature_of_equilibrium_is_that_of_all_species(

@@ -1,7 +1,5 @@
 """Pairs within a radius: no pair missed while grains move, and the same bits after a resumption."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The torque of two tilted discs, against the charges of their faces and magpylib's fields."""
 
-from __future__ import annotations
-
 import itertools
 
 import magpylib

@@ -1,7 +1,5 @@
 """The law of two discs, against magpylib's fields, and its tables against the law."""
 
-from __future__ import annotations
-
 import itertools
 
 import magpylib

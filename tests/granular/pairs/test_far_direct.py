@@ -1,7 +1,5 @@
 """The far part of the law by a direct sum, found less often than the near part."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The smooth split of the pair law, and its far part on a mesh."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -11,7 +9,6 @@ from hypothesis import strategies as st
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.engine.far_field_forces import add_far_field, refresh_far_field
 from granular.pairs import mesh_far_field
 from granular.pairs.dipole_law import far_part_of_inverse_cube, far_part_of_inverse_fifth
 from granular.pairs.direct_sum import pad_coordinates, pad_values
@@ -22,8 +19,6 @@ from granular.pairs.pair_sum_settings import TOLERANCE
 from granular.scene.published_beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
-evaluate_far = entry(refresh_far_field)
-add_far = entry(add_far_field)
 compute_mesh_far_field = entry(mesh_far_field.compute_mesh_far_field)
 
 

@@ -1,7 +1,5 @@
 """The far field where grains rub: found again in time, and the same bits resumed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -113,10 +111,7 @@ def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) ->
 @both
 @pytest.mark.long  # quick: how the far field goes on
 def test_order_where_grains_slide(far: Far, small_bed: Scene) -> None:
-    """Second order in the step also where the far field goes on for some steps.
-
-    Over three halvings: grains that stop and start make single ones uneven, with all pairs too.
-    """
+    """Second order in the step also where the far field goes on for some steps."""
     scene = moving(far(rubbing(small_bed)))
     ends = [
         simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]

@@ -1,7 +1,5 @@
 """The near list holds every pair within its reach, whatever the places and the cell are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

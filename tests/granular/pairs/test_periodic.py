@@ -1,7 +1,5 @@
 """Periodic cells: nearest images, the cut-off and the mesh against sums over images written out."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -47,10 +45,7 @@ def elsewhere(scene: Scene) -> np.ndarray:
 def all_images(
     places: np.ndarray, sides: np.ndarray, grains: range, most: int = 12
 ) -> tuple[np.ndarray, float]:
-    """Forces on some grains, image by image; and the rms sum of their sizes.
-
-    The images in a circle: what lies beyond adds up to less than 1e-12.
-    """
+    """Forces on some grains, image by image; and the rms sum of their sizes."""
     steps = np.arange(-most, most + 1)
     images = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * sides
     forces, loads = [], []
@@ -66,10 +61,7 @@ def all_images(
 
 
 def ewald_energy(places: np.ndarray, sides: np.ndarray, moments: np.ndarray | None = None) -> float:
-    """Energy with all images, those of each grain itself among them [F* D]; moments over the first's.
-
-    Written out from the integral over exp(-r^2 t), with structure factors.
-    """
+    """Energy with all images, those of each grain itself among them [F* D]; moments over the first's."""
     sharp, area, count = 12.0 / sides.min(), sides.prod(), len(places)
     q = np.ones(count) if moments is None else moments
     total = 0.0

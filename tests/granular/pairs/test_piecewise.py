@@ -1,7 +1,5 @@
 """Tables of polynomials: energies, forces that are their slopes, kinks and jumps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

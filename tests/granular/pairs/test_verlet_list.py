@@ -1,7 +1,5 @@
 """The source's list: what is listed acts, at any distance, until a grain has moved by the skin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Drags and bows against other ways to them: quadrature, the flow's own equation, a beam."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Liquids against tables that others published."""
 
-from __future__ import annotations
-
 import pytest
 
 from granular.parts.liquids import find_liquid, silicone_oil_viscosity_ratio

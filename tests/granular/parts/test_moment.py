@@ -1,7 +1,5 @@
 """Moments of real magnets, and the keys of parts, against calculations by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Keys of a scene for liquids, blade, guide and walls."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

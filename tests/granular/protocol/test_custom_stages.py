@@ -1,7 +1,5 @@
 """Stages of a user's own: the same motion as by a formula, in any process, and known by their code."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Each stage does what its law says: driven paths, forces on a free piston, and how stages end."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files that lie, nest, repeat or are no files, by kind: each is read, or refused in one line."""
 
-from __future__ import annotations
-
 import io
 import os
 import random
@@ -60,13 +58,6 @@ def replaced(part: str, old: str, new: str, given: Iterable[str] = (CELL,)) -> C
     return changed(change, given)
 
 
-def sheet_of_another_name(parts: dict[str, bytes]) -> None:
-    """A sheet whose part is called .dat, which is unpacked as any other."""
-    parts["xl/worksheets/sheet1.dat"] = parts.pop("xl/worksheets/sheet1.xml")
-    for name in ("xl/_rels/workbook.xml.rels", "[Content_Types].xml"):
-        parts[name] = parts[name].replace(b"sheet1.xml", b"sheet1.dat")
-
-
 def patched(write: Callable[[Path], object], *places: tuple[bytes, int, bytes]) -> Callable[[Path], object]:
     """A file with other bytes at a distance behind the last of some marks."""
 
@@ -102,12 +93,6 @@ def cut(write: Callable[[Path], object], share: float) -> Callable[[Path], objec
     return shorten
 
 
-def many_parts(path: Path) -> None:
-    with zipfile.ZipFile(path, "w") as archive:
-        for number in range(50_000):
-            archive.writestr(f"{number}.xml", "")
-
-
 def zip_in_zip(path: Path) -> None:
     inner = io.BytesIO()
     with zipfile.ZipFile(inner, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -134,22 +119,9 @@ def old_workbook(sectors: int, first: int, allocation: Iterable[int]) -> bytes:
 
 WORKBOOKS: dict[str, Bomb] = {
     "row of 20 digits": ("a.xlsx", rows(CELL, f'<row r="{"9" * 20}"><c r="A{"9" * 20}"><v>1</v></c></row>')),
-    "row of 10 digits": ("a.xlsx", rows(CELL, '<row r="4000000000"><c r="A4000000000"><v>1</v></c></row>')),
-    "negative row": ("a.xlsx", rows('<row r="-5"><c r="A-5"><v>1</v></c></row>')),
-    "row 0": ("a.xlsx", rows('<row r="0"><c r="A0"><v>1</v></c></row>')),
-    "column of 20 letters": ("a.xlsx", rows(f'<row r="1"><c r="{"Z" * 20}1"><v>1</v></c></row>')),
-    "no address": ("a.xlsx", rows('<row r="1"><c r=""><v>1</v></c></row>')),
-    "sheet.dat": (
-        "a.xlsx",
-        changed(sheet_of_another_name, ["<row><c><v>1</v></c><c><v>2</v></c></row>" * 1000] * 1500),
-    ),
     "cell of 300 MB": (
         "a.xlsx",
         lambda path: xlsx(path, letters(300, '<row><c t="inlineStr"><is><t>', "</t></is></c></row>")),
-    ),
-    "shared cell of 300 MB": (
-        "a.xlsx",
-        lambda path: xlsx(path, ['<row><c t="s"><v>0</v></c></row>'], letters(300, "<si><t>", "</t></si>")),
     ),
     "shared cell in all cells": (
         "a.xlsx",
@@ -159,26 +131,11 @@ WORKBOOKS: dict[str, Bomb] = {
             [f"<si><t>{'a' * 30_000}</t></si>"],
         ),
     ),
-    "no such shared cell": ("a.xlsx", rows('<row><c t="s"><v>4000000000</v></c></row>')),
-    "negative shared cell": ("a.xlsx", rows('<row><c t="s"><v>-1</v></c></row>')),
-    "counts of shared cells": (
-        "a.xlsx",
-        replaced("xl/sharedStrings.xml", "<sst ", '<sst count="4000000000" uniqueCount="4000000000" '),
-    ),
     "dimension": (
         "a.xlsx",
         replaced("xl/worksheets/sheet1.xml", "<sheetData>", '<dimension ref="A1:XFD1048576"/><sheetData>'),
     ),
-    "dimension of 20 digits": (
-        "a.xlsx",
-        replaced("xl/worksheets/sheet1.xml", "<sheetData>", f'<dimension ref="A1:A{"9" * 20}"/><sheetData>'),
-    ),
     "deep rows": ("a.xlsx", rows("<row>" * 1_000_000)),
-    "long attribute": ("a.xlsx", lambda path: xlsx(path, letters(200, '<row r="', '"/>'))),
-    "many attributes": ("a.xlsx", rows("<row ", *(f'a{k}="1" ' for k in range(200_000)), "/>")),
-    "style": ("a.xlsx", rows('<row><c s="4000000000"><v>1</v></c></row>')),
-    "date of 1e308": ("a.xlsx", rows('<row><c t="d"><v>9999999-99-99</v></c><c><v>1e308</v></c></row>')),
-    "open comment": ("a.xlsx", lambda path: xlsx(path, letters(200, "<!-- ", ""))),
     "external entity": (
         "a.xlsx",
         lambda path: xlsx(
@@ -191,31 +148,13 @@ WORKBOOKS: dict[str, Bomb] = {
         "a.xlsx",
         replaced("xl/_rels/workbook.xml.rels", "worksheets/sheet1.xml", "/dev/zero"),
     ),
-    "sheet is the book": (
-        "a.xlsx",
-        replaced("xl/_rels/workbook.xml.rels", "worksheets/sheet1.xml", "workbook.xml"),
-    ),
-    "long sheet name": ("a.xlsx", replaced("xl/workbook.xml", 'name="a"', f'name="{"a&#10;" * 100_000}"')),
     "many sheets": ("a.xlsx", changed(many_sheets)),
-    "no sheets": ("a.xlsx", replaced("xl/workbook.xml", '<sheet name="a" sheetId="1" r:id="r1"/>', "")),
     "size that lies": ("a.xlsx", patched(rows(CELL), (b"PK\x01\x02", 24, b"\xff\xff\xff\x7f"))),
-    "size of nothing": ("a.xlsx", patched(rows(CELL), (b"PK\x01\x02", 24, bytes(4)))),
-    "offset that lies": ("a.xlsx", patched(rows(CELL), (b"PK\x01\x02", 42, b"\xff\xff\xff\x7f"))),
     "encrypted": ("a.xlsx", patched(rows(CELL), (b"PK\x01\x02", 8, b"\x01\x00"))),
-    "method": ("a.xlsx", patched(rows(CELL), (b"PK\x01\x02", 10, b"\x63\x00"))),
-    "count of parts": ("a.xlsx", patched(rows(CELL), (b"PK\x05\x06", 8, b"\xff\xff\xff\xff"))),
-    "cut workbook": ("a.xlsx", cut(rows(CELL), 0.5)),
     "flipped workbook": ("a.xlsx", flipped(rows(CELL), 1)),
-    "many parts": ("a.xlsx", many_parts),
     "zip in zip": ("a.xlsx", zip_in_zip),
     "text called xlsb": ("a.xlsb", text("time,height\n0,1\n1,2\n")),
-    "empty ods": ("a.ods", content(b"")),
     "repeats of 20 digits": ("a.ods", lambda path: ods(path, [ods_row(NUMBER.format(""), int("9" * 20))])),
-    "negative repeats": ("a.ods", lambda path: ods(path, [ods_row(NUMBER.format(""), -1)])),
-    "repeated columns": (
-        "a.ods",
-        lambda path: ods(path, [ods_row(NUMBER.format(' table:number-columns-repeated="1000000"'))] * 3),
-    ),
     "repeated text": (
         "a.ods",
         lambda path: ods(
@@ -229,7 +168,6 @@ WORKBOOKS: dict[str, Bomb] = {
             ],
         ),
     ),
-    "tables in tables": ("a.ods", lambda path: ods(path, ['<table:table table:name="b">'] * 100_000)),
     "ods cell of 300 MB": (
         "a.ods",
         lambda path: ods(
@@ -242,8 +180,6 @@ WORKBOOKS: dict[str, Bomb] = {
         ),
     ),
     "old, cyclic": ("a.xls", content(old_workbook(1, 0, [0] * 128))),
-    "old, many sectors": ("a.xls", content(old_workbook(2**31, 1, range(1, 129)))),
-    "old, no directory": ("a.xls", content(old_workbook(1, 2**32 - 2, [2**32 - 3] * 128))),
 }
 
 # MATLAB ------------------------------------------------------------------------------------------
@@ -291,47 +227,19 @@ SPARSE = (
 LISTED = [element(14, mat_head("", 6, 0, 0) + element(9, b""))]
 
 MATLABS: dict[str, Bomb] = {
-    "negative shape": ("a.mat", mat(mat_head("height", 6, -1, -1) + doubles(1.0))),
     "shape beyond all": ("a.mat", mat(mat_head("height", 6, 2**31 - 1, 2**31 - 1, 2**31 - 1) + doubles(1.0))),
-    "a thousand dimensions": ("a.mat", mat(mat_head("height", 6, *[2] * 1000) + doubles(1.0))),
-    "no dimensions": ("a.mat", mat(mat_head("height", 6) + doubles(1.0))),
     "length that lies": (
         "a.mat",
         content(MATLAB + struct.pack("<II", 14, 2**32 - 1) + mat_head("h", 6, 1, 9)),
     ),
-    "negative length": ("a.mat", content(MATLAB + struct.pack("<Ii", 14, -8) + mat_head("h", 6, 1, 9))),
-    "name that lies": (
-        "a.mat",
-        mat(mat_head("height", 6, 1, 1)[:-16] + struct.pack("<II", 1, 2**31) + bytes(16)),
-    ),
-    "small element that lies": (
-        "a.mat",
-        mat(mat_head("height", 6, 1, 1) + struct.pack("<HH", 9, 60_000) + bytes(4)),
-    ),
     "unknown type": ("a.mat", mat(mat_head("height", 6, 1, 1) + element(99, bytes(8)))),
-    "unknown class": ("a.mat", mat(mat_head("height", 77, 1, 1) + doubles(1.0))),
-    "function": ("a.mat", mat(mat_head("height", 16, 1, 1) + nested_structures(1))),
     "opaque": (
         "a.mat",
         mat(element(6, struct.pack("<II", 17, 0)) + element(1, b"height") * 3 + nested_structures(2)),
     ),
     "nested structures": ("a.mat", mat(nested_structures(3_000))),
     "many fields": ("a.mat", mat(structure(2**31 - 1, 32))),
-    "fields of no length": ("a.mat", mat(structure(64, 0))),
-    "fields of negative length": ("a.mat", mat(structure(64, -8))),
     "sparse": ("a.mat", mat(SPARSE + element(5, struct.pack("<3i", 9, -1, 2**30)) * 2 + doubles(1.0))),
-    "sparse and wide": (
-        "a.mat",
-        mat(
-            element(6, struct.pack("<II", 5, 1))
-            + element(5, struct.pack("<2i", 2**31 - 1, 1))
-            + element(1, b"height")
-            + element(5, struct.pack("<i", 0))
-            + element(5, struct.pack("<2i", 0, 1))
-            + doubles(1.0)
-        ),
-    ),
-    "characters": ("a.mat", mat(mat_head("height", 4, 2**30, 2**30) + element(16, b"abc"))),
     "no imaginary part": (
         "a.mat",
         mat(element(6, struct.pack("<II", 6 | 0x800, 0)) + mat_head("h", 6, 1, 1)[16:] + doubles(1.0)),
@@ -350,22 +258,8 @@ MATLABS: dict[str, Bomb] = {
             squeezed=True,
         ),
     ),
-    "no stream": ("a.mat", mat(b"not compressed at all", squeezed=True)),
-    "stream in stream": (
-        "a.mat",
-        mat(zlib.compress(struct.pack("<II", 15, 99) + zlib.compress(bytes(10**8))), squeezed=True),
-    ),
-    "the other way round": ("a.mat", content(MATLAB[:124] + b"\x01\x00MI" + bytes(64))),
     "header alone": ("a.mat", content(MATLAB)),
-    "half a header": ("a.mat", content(MATLAB[:60])),
-    "empty mat": ("a.mat", content(b"")),
-    "version 4, negative": ("a.mat", four(0, -1, -1, 0, 7)),
     "version 4, squared": ("a.mat", four(0, 2**31 - 1, 2**31 - 1, 1, 7)),
-    "version 4, long name": ("a.mat", four(0, 1, 1, 0, 2**31 - 1)),
-    "version 4, negative name": ("a.mat", four(0, 1, 1, 0, -7)),
-    "version 4, type": ("a.mat", four(9999, 1, 1, 0, 7)),
-    "version 4, sparse": ("a.mat", four(2, 8, 1, 0, 7)),
-    "version 4, texts": ("a.mat", four(51, 2**20, 2**20, 0, 7)),
 }
 
 # Parquet and TDMS --------------------------------------------------------------------------------
@@ -422,13 +316,9 @@ def increments(step: float) -> bytes:
 
 
 TABLES: dict[str, Bomb] = {
-    **{f"flipped footer {k}": ("a.parquet", flipped(parquet(**MOTION), k, -500)) for k in range(6)},
-    **{f"flipped pages {k}": ("a.parquet", flipped(parquet(**MOTION), k)) for k in range(6)},
+    **{f"flipped footer {k}": ("a.parquet", flipped(parquet(**MOTION), k, -500)) for k in range(3)},
+    **{f"flipped pages {k}": ("a.parquet", flipped(parquet(**MOTION), k)) for k in range(3)},
     "footer beyond all": ("a.parquet", patched(parquet(**MOTION), (b"PAR1", -4, b"\xff\xff\xff\x7f"))),
-    "negative footer": ("a.parquet", patched(parquet(**MOTION), (b"PAR1", -4, b"\xf0\xff\xff\xff"))),
-    "cut parquet": ("a.parquet", cut(parquet(**MOTION), 0.7)),
-    "empty parquet": ("a.parquet", content(b"")),
-    "marks alone": ("a.parquet", content(b"PAR1PAR1")),
     "repeated text in parquet": ("a.parquet", repeated_text),
     "lists": ("a.parquet", deep_lists),
     "name with lines": (
@@ -436,16 +326,9 @@ TABLES: dict[str, Bomb] = {
         parquet(**{"time": MOTION["time"], "a\nb\x1b[31m" * 9999: MOTION["time"]}),
     ),
     "next segment": ("a.tdms", content(lead(channel(10, 1, 1), 2**63, 60))),
-    "raw data": ("a.tdms", content(lead(channel(10, 1, 1), 99, 2**63))),
     "negative count": ("a.tdms", tdms_of(channel(10, 1, 2**64 - 1))),
     "count of objects": ("a.tdms", tdms_of(struct.pack("<I", 2**32 - 1) + bytes(99))),
-    "length of a name": ("a.tdms", tdms_of(struct.pack("<II", 1, 2**32 - 2) + bytes(99))),
-    "count of properties": ("a.tdms", tdms_of(channel(10, 1, 100, struct.pack("<I", 2**32 - 1)))),
-    "dimension": ("a.tdms", tdms_of(channel(10, 2**31, 100))),
-    "unknown type of tdms": ("a.tdms", tdms_of(channel(0x777, 1, 100))),
-    "texts of tdms": ("a.tdms", tdms_of(channel(0x20, 1, 100))),
     "interleaved": ("a.tdms", tdms_of(channel(10, 1, 10**12), flags=0b101110)),
-    "scaled": ("a.tdms", tdms_of(channel(10, 1, 100), flags=0b10001110)),
     "bytes": ("a.tdms", tdms_of(channel(1, 1, 200 * MEGABYTE), bytes(200 * MEGABYTE))),
     **{
         f"step {step}": ("a.tdms", tdms_of(channel(10, 1, 100, increments(step))))
@@ -498,33 +381,20 @@ def bound(path: Path) -> None:
 
 TEXTS: dict[str, Bomb] = {
     "line of 300 MB": ("a.csv", lines("", "a", 300)),
-    "line of 250 MB": ("a.csv", lines("time,height\n", "1", 250)),
     "line of words": ("a.csv", lines("time,height\n", "word ", 100)),
-    "a million columns": ("a.csv", text("time,height\n", "1," * 1_000_000)),
     "a million names": ("a.csv", text(",".join(f"c{k}" for k in range(1_000_000)), "\n0,1\n1,2\n")),
-    "rows of two": ("a.csv", lines("time,height\n", "0,1\n", 250)),
-    "rows of one": ("a.csv", lines("", "1\n", 250)),
     "rows of words": ("a.csv", lines("time,height\n", "0,word\n", 60)),
-    "long rows": ("a.csv", lines("time,height\n", f"0.{'1' * 19},0.{'2' * 19}\n", 250)),
     "comments": ("a.csv", lines("", "# nothing\n", 250)),
     "zeros": ("a.csv", lines("time,height\n", "\0", 100)),
-    "zeros between": ("a.csv", lines("time,height\n", "1\0,\0", 100)),
     "two bytes without a mark": ("a.csv", content("time,height\n0,1\n1,2\n".encode("utf-16-le"))),
-    "half a letter": ("a.csv", content("time,height\n0,1\n1,2\n".encode("utf-16")[:-1])),
-    "half a pair": ("a.csv", content("time,height\n".encode("utf-16") + b"\x00\xd8" * 99)),
     "mark of four bytes": ("a.csv", content(b"\xff\xfe\0\0" + b"\xff" * 4000)),
-    "no letters": ("a.csv", content(bytes(range(128, 256)) * 10_000)),
     "open quotes": ("a.csv", lines("time,height\n", '0,"1\n', 50)),
-    "quotes in quotes": ("a.csv", text("time,height\n", '"' * 10_000_001, "\n0,1\n")),
     "numbers without end": ("a.csv", text("time,height\n", f"0,1e{'9' * 1000}\n1,-1e{'9' * 1000}\n" * 99)),
-    "digits of a number": ("a.csv", text("time,height\n0,", "9" * 1_000_000, "\n1,2\n")),
     "units in cells": ("a.csv", lines("time,height\n", "0.1 s,3.5 mm\n", 60)),
     "times of day": ("a.csv", clock_times),
     "preamble": ("a.csv", lines("", "name: value\n", 100)),
     "brackets": ("a.csv", text("time,", "[(" * 100_000, "\n0,1\n1,2\n")),
-    "tex": ("a.csv", text("time,$", "\\rm{" * 100_000, "\n0,1\n1,2\n")),
     "headers of labview": ("a.lvm", text(LVM.format("Separator,\n" * 1_000_000, "", "X_Value,h\n0,1\n"))),
-    "ends of labview": ("a.lvm", text(LVM.format("", "***End_of_Header***\n" * 1_000_000, ""))),
     "channels of labview": (
         "a.lvm",
         text(LVM.format("", "X0\t0\nDelta_X\t1\n", "\t1" * 20_000 + "\n" + "\t1" * 20_000)),
@@ -539,7 +409,6 @@ TEXTS: dict[str, Bomb] = {
     "gzip of zeros": ("a.csv", content(zlib.compress(bytes(10**8), wbits=31))),
     "description in a circle": ("a.toml", described("b.toml")),
     "description of a device": ("a.toml", described("/dev/zero")),
-    "description of a folder": ("a.toml", described(".")),
     "points that are hostile": (
         "a.toml",
         lambda path: path.write_text("file = 'a.toml'\n[calibration]\npoints = '/dev/zero'\n"),
@@ -551,7 +420,6 @@ TEXTS: dict[str, Bomb] = {
     "link to nothing": ("a.tdms", lambda path: path.symlink_to("nothing")),
     "socket": ("a.csv", bound),
     "memory": ("a.csv", lambda path: path.symlink_to("/proc/self/mem")),
-    "file without a size": ("a.csv", lambda path: path.symlink_to("/proc/self/environ")),
 }
 
 HOSTILE: dict[str, Bomb] = {

@@ -1,7 +1,5 @@
 """Calibration of a sensor, a sampling rate, and headings that are not what they seem."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

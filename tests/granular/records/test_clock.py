@@ -1,7 +1,5 @@
 """Stamps of dates are seconds since the first, whatever their zone, and without a word."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which of the lines above the numbers is the header."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Descriptions that name files elsewhere: these are read as records, and never shown."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

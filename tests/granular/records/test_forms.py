@@ -1,7 +1,5 @@
 """Records as instruments write them: the same motion comes out of every form."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from pathlib import Path

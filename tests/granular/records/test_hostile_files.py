@@ -1,7 +1,5 @@
 """Hostile files end soon, in one line or as a record, in 2 GB and 20 s of the processor."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

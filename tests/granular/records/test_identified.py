@@ -1,7 +1,5 @@
 """From a file as an instrument wrote it to engineers' figures, without an option."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """MATLAB files with a start and an interval, or with times, and what cannot be either."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

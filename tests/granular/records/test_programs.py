@@ -3,8 +3,6 @@
 ``python -m pytest -s tests/granular/records/test_programs.py`` lists what was read from each.
 """
 
-from __future__ import annotations
-
 import datetime
 import shlex
 import warnings

@@ -1,7 +1,5 @@
 """Remedies of refusals and notes, and what a column's name, heading or unit stands for."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What stands in the cells of workbooks, and sheets that are mostly empty."""
 
-from __future__ import annotations
-
 import datetime
 import subprocess
 import sys

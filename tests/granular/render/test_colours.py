@@ -1,7 +1,5 @@
 """Colours that mean something are told apart by colour-blind eyes of all three kinds."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Movies have a picture a frame, play in time, and lose nothing to Ctrl-C."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import signal

@@ -1,9 +1,8 @@
 """Stills show the bed to scale, in the right colours."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The report of a response, what is kept of it, and what the commands refuse; nothing is run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Responses by stepped sines against closed forms; the command."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

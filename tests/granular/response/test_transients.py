@@ -1,7 +1,5 @@
 """What is read off an impulse and a sweep, against one linear oscillator."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Accuracies that are asked for: what is chosen, promised and refused; prices of runs in words."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator

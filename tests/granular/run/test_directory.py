@@ -1,7 +1,5 @@
 """The place of a run: through links, begun by several together, next to remains, on a full disk."""
 
-from __future__ import annotations
-
 import contextlib
 import resource
 import subprocess

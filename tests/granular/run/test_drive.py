@@ -1,7 +1,5 @@
 """Records of driven runs carry what drives them, as the equations of motion have it."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

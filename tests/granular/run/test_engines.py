@@ -1,7 +1,5 @@
 """Another engine takes the place of the compiled loop: here one in plain NumPy, from a distribution."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

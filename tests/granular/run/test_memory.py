@@ -1,7 +1,5 @@
 """What runs leave in memory."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """One rule says what a scene can be run with; `simulate` and those who choose settings ask it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -126,6 +124,7 @@ def test_twice_half_a_step_is_the_step(dt: float | str) -> None:
         ({"dt": 5e-4, "t_end": 4e-4}, "longer than the run, t_end = 0.0004 s"),
         ({"dt": 1e-14}, "makes 1e+11 steps from record to record, 1e+10 is the limit"),
         ({"t_end": True}, "t_end = True; give a time above 0 s"),
+        ({"dt": True}, "dt = True; give"),
         ({"t_end": 1e308}, "up to 1e+30 s"),
     ],
 )

@@ -1,7 +1,5 @@
 """What is said of a run that takes long, and how it ends when it is told to."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
@@ -86,10 +84,7 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit(small_b
 def test_kernels_are_counted_while_they_are_compiled(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], terminal: bool
 ) -> None:
-    """Kernels that stand in no file of the package are compiled in every process.
-
-    A log has a line at the start and one at the end, however many there are.
-    """
+    """Kernels that stand in no file of the package are compiled in every process."""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     kernels = [entry(lambda x, k=k: x + k) for k in range(5)]
     opening = "compiling for scenes of this kind, kept for later runs"

@@ -1,7 +1,5 @@
 """Piston records: to CSV and Parquet and back, and clear errors."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Variables of a run have one name each; who would take that of another one is told before the run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

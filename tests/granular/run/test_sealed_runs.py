@@ -1,7 +1,5 @@
 """Runs whose checkpoints stand under a seal, as earlier versions wrote them: the same bits; they go on."""
 
-from __future__ import annotations
-
 import hashlib
 import tarfile
 from pathlib import Path

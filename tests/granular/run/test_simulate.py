@@ -1,7 +1,5 @@
 """Runs: the same bits however they are cut, threaded, recorded or interrupted."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -16,7 +14,6 @@ import pytest
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.shared.errors import (
     EnergyError,
-    GranularError,
     InputError,
     Interrupted,
     NotAtRestError,
@@ -320,8 +317,3 @@ time.sleep(60)
     process.kill()
     process.wait()
     simulate(scene, t_end=3e-3, out=tmp_path / "run", resume=True, progress=False)
-
-
-def test_errors_share_a_base() -> None:
-    assert issubclass(InputError, GranularError)
-    assert issubclass(RunError, GranularError)

@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM in runs and loops of them: whenever one comes, it ends them."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

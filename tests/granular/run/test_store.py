@@ -1,16 +1,15 @@
-"""Run directories: damage is noticed by its file's name, or changes nothing that is read."""
+"""Run directories: damaged or exchanged files are noticed by their names, or change nothing."""
 
-from __future__ import annotations
-
-import dataclasses
 import json
 import os
 import shutil
+import signal
 import tracemalloc
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -21,29 +20,33 @@ from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.run.checkpoint import read_checkpoint, write_checkpoint
 from granular.shared.errors import StoreError
 
-CUT, END = 0.01234, 0.02
+EARLY, CUT, END = 0.00634, 0.01234, 0.02
+SECONDS = 60
+"""Until a test that hangs is broken off."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Damage:
-    """A file that was damaged, and how."""
+class Runs(NamedTuple):
+    """A run that was cut, copies of it and of another one, and where it leads."""
 
-    file: Path
-    how: str
+    run: Path
+    early: Path
+    other: Path
+    data: xarray.Dataset
+    end: xarray.Dataset
 
-    def do(self, directory: Path, random: np.random.Generator) -> None:
-        """Do it to a copy of the run."""
-        path = directory / self.file
-        content = bytearray(path.read_bytes())
-        if self.how == "missing":
-            path.unlink()
-            return
-        if self.how == "flipped":
-            bit = int(random.integers(8 * len(content)))
-            content[bit // 8] ^= 1 << bit % 8
-        else:
-            del content[0 if self.how == "empty" else int(random.integers(1, len(content))) :]
-        path.write_bytes(content)
+
+@contextmanager
+def in_time() -> Iterator[None]:
+    def give_up(*_: Any) -> None:
+        raise TimeoutError("it hangs")
+
+    former = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(SECONDS)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, former)
 
 
 @pytest.fixture(scope="module")
@@ -52,24 +55,19 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def directory(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A run that was cut within a step, in many small chunks."""
-    path = tmp_path_factory.mktemp("store") / "run"
+def runs(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Runs:
+    folder = tmp_path_factory.mktemp("runs")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(granular.run.zarr_arrays, "TIME_CHUNK", 16)
         patch.setattr(granular.run.zarr_arrays, "FRAME_CHUNK", 8)
-        simulate(scene, t_end=CUT, out=path, progress=False)
-    assert len(list((path / "trajectory.zarr" / "time" / "c").iterdir())) > 3
-    return path
-
-
-@pytest.fixture(scope="module")
-def integer(scene: Scene) -> Trajectory:
-    return simulate(scene, t_end=END, progress=False)
-
-
-def everything(run: Trajectory) -> xarray.Dataset:
-    return run.dataset.load()
+        simulate(scene, t_end=EARLY, out=folder / "run", progress=False)
+        shutil.copytree(folder / "run", folder / "early")
+        run = simulate(scene, t_end=CUT, out=folder / "run", resume=True, progress=False)
+        other = scene.replace(**{"arrangement.positions": [[0.16, 0.06]]})
+        simulate(other, t_end=CUT, out=folder / "other", progress=False)
+    end = simulate(scene, t_end=END, progress=False)
+    paths = (folder / name for name in ("run", "early", "other"))
+    return Runs(*paths, run.dataset.load(), end.dataset)
 
 
 def resumed(scene: Scene, path: Path) -> Trajectory:
@@ -78,61 +76,79 @@ def resumed(scene: Scene, path: Path) -> Trajectory:
         return simulate(scene, t_end=END, out=path, resume=True, progress=False)
 
 
-def outcome(made: Callable[[], Trajectory]) -> xarray.Dataset | str:
-    """What is read, or the error's line."""
-    try:
-        return everything(made())
-    except StoreError as error:
-        return str(error)
+def check(runs: Runs, scene: Scene, place: Path, damaged: str, how: str) -> list[str]:
+    """Load a damaged copy, and resume one; the lines of errors."""
+    lines = []
+    outcomes: tuple[tuple[Callable[[], Trajectory], xarray.Dataset], ...] = (
+        (lambda: load_trajectory(place), runs.data),
+        (lambda: resumed(scene, place), runs.end),
+    )
+    for made, right in outcomes:
+        try:
+            with in_time():
+                read = made().dataset.load()
+        except StoreError as error:
+            lines.append(str(error))
+            assert str(place / damaged) in lines[-1], how
+            assert "\n" not in lines[-1], how
+        else:
+            assert read.equals(right), how
+    return lines
 
 
-def check(
-    damages: list[Damage],
-    directory: Path,
-    scene: Scene,
-    integer: Trajectory,
-    place: Path,
-    random: np.random.Generator,
+def copied(runs: Runs, place: Path) -> Path:
+    shutil.rmtree(place, ignore_errors=True)
+    return Path(shutil.copytree(runs.run, place))
+
+
+def chunks(run: Path) -> list[str]:
+    return sorted(
+        str(file.relative_to(run)) for file in run.rglob("trajectory.zarr/*/c/**/*") if file.is_file()
+    )
+
+
+def files(run: Path) -> list[str]:
+    return sorted(str(file.relative_to(run)) for file in run.rglob("*") if file.is_file())
+
+
+def damage(path: Path, how: str, random: np.random.Generator) -> None:
+    """Damage a file: flip a bit, cut it, empty it or take it away."""
+    content = bytearray(path.read_bytes())
+    if how == "missing":
+        path.unlink()
+        return
+    if how == "flipped":
+        bit = int(random.integers(8 * len(content)))
+        content[bit // 8] ^= 1 << bit % 8
+    else:
+        del content[0 if how == "empty" else int(random.integers(1, len(content))) :]
+    path.write_bytes(content)
+
+
+def check_damages(
+    hows: list[str], runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
 ) -> None:
-    """Load and resume a copy with each damage: the same values, or one line with its name."""
-    good = everything(load_trajectory(directory))
-    for damage in damages:
-        shutil.rmtree(place, ignore_errors=True)
-        shutil.copytree(directory, place)
-        damage.do(place, random)
-        for made, right in (
-            (lambda: load_trajectory(place), good),
-            (lambda: resumed(scene, place), integer.dataset),
-        ):
-            read = outcome(made)
-            if isinstance(read, str):
-                assert str(place / damage.file) in read, damage
-                assert "\n" not in read
-            else:
-                assert read.equals(right), damage
-                assert read.attrs["scene"] == right.attrs["scene"]
-
-
-def damages(directory: Path, hows: list[str], random: np.random.Generator) -> list[Damage]:
-    """Damages of files drawn by chance, so that each kind of file is among many."""
-    files = sorted(one.relative_to(directory) for one in directory.rglob("*") if one.is_file())
-    return [Damage(files[random.integers(len(files))], how) for how in hows]
+    """Damage files drawn by chance, so that each kind of file is among many."""
+    for how in hows:
+        place, names = copied(runs, tmp_path / "run"), files(runs.run)
+        name = names[random.integers(len(names))]
+        damage(place / name, how, random)
+        check(runs, scene, place, name, f"{name} {how}")
 
 
 def test_some_damages_are_noticed(
-    directory: Path, scene: Scene, integer: Trajectory, tmp_path: Path, random: np.random.Generator
+    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
 ) -> None:
-    chosen = damages(directory, ["flipped"] * 6 + ["truncated", "empty", "missing"], random)
-    check(chosen, directory, scene, integer, tmp_path / "run", random)
+    check_damages(["flipped"] * 6 + ["truncated", "empty", "missing"], runs, scene, tmp_path, random)
 
 
 @pytest.mark.long
 def test_many_damages_are_noticed(
-    directory: Path, scene: Scene, integer: Trajectory, tmp_path: Path, random: np.random.Generator
+    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
 ) -> None:
     """Of 200 bits, and 50 files."""
     hows = ["flipped"] * 200 + ["truncated", "empty", "missing"] * 17
-    check(damages(directory, hows, random), directory, scene, integer, tmp_path / "run", random)
+    check_damages(hows, runs, scene, tmp_path, random)
 
 
 @pytest.mark.parametrize("how", ["flipped", "truncated", "empty", "missing"])
@@ -149,13 +165,12 @@ def test_many_damages_are_noticed(
     ],
 )
 def test_each_kind_of_file_is_named(
-    directory: Path, tmp_path: Path, random: np.random.Generator, file: str, how: str
+    runs: Runs, tmp_path: Path, random: np.random.Generator, file: str, how: str
 ) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(directory, copy)
-    Damage(Path(file), how).do(copy, random)
+    copy = copied(runs, tmp_path / "run")
+    damage(copy / file, how, random)
     with pytest.raises(StoreError) as caught:
-        everything(load_trajectory(copy))
+        load_trajectory(copy).dataset.load()
     assert str(caught.value).startswith(f"{copy / file} ")
 
 
@@ -176,10 +191,9 @@ def test_each_kind_of_file_is_named(
     ],
 )
 def test_a_file_of_gigabytes_is_not_read_whole(
-    directory: Path, tmp_path: Path, file: str, size: int, end: bytes
+    runs: Runs, tmp_path: Path, file: str, size: int, end: bytes
 ) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(directory, copy)
+    copy = copied(runs, tmp_path / "run")
     with (copy / file).open("r+b") as opened:
         opened.truncate(size - len(end))
         opened.seek(0, os.SEEK_END)
@@ -187,7 +201,7 @@ def test_a_file_of_gigabytes_is_not_read_whole(
     tracemalloc.start()
     try:
         with pytest.raises(StoreError) as caught:
-            everything(load_trajectory(copy))
+            load_trajectory(copy).dataset.load()
         most = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -195,21 +209,19 @@ def test_a_file_of_gigabytes_is_not_read_whole(
     assert most < 2**26
 
 
-def test_a_run_without_positions_is_none(directory: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(directory, copy)
+def test_a_run_without_positions_is_none(runs: Runs, tmp_path: Path) -> None:
+    copy = copied(runs, tmp_path / "run")
     shutil.rmtree(copy / "trajectory.zarr" / "position")
     with pytest.raises(StoreError, match=r"position/zarr\.json is missing; restore it"):
         load_trajectory(copy)
-    shutil.copytree(directory / "trajectory.zarr" / "position", copy / "trajectory.zarr" / "position")
+    shutil.copytree(runs.run / "trajectory.zarr" / "position", copy / "trajectory.zarr" / "position")
     shutil.rmtree(copy / "trajectory.zarr" / "position" / "c")
     with pytest.raises(StoreError, match=r"position/c/\d/0/0 is missing; restore it"):
-        everything(load_trajectory(copy))
+        load_trajectory(copy).dataset.load()
 
 
-def test_an_edited_scene_is_noticed(directory: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(directory, copy)
+def test_an_edited_scene_is_noticed(runs: Runs, tmp_path: Path) -> None:
+    copy = copied(runs, tmp_path / "run")
     file = copy / "scene.toml"
     text = file.read_text(encoding="utf-8")
     file.write_text(text.replace("density = 7368.0", "density = 7369.0"), encoding="utf-8")
@@ -217,26 +229,24 @@ def test_an_edited_scene_is_noticed(directory: Path, tmp_path: Path) -> None:
         load_trajectory(copy)
 
 
-def test_edited_settings_are_noticed(directory: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(directory, copy)
+def test_edited_settings_are_noticed(runs: Runs, tmp_path: Path) -> None:
+    copy = copied(runs, tmp_path / "run")
     settings = json.loads((copy / "run.json").read_text())
     (copy / "run.json").write_text(json.dumps(settings | {"dt": "auto/2"}))
     with pytest.raises(StoreError, match=r"run\.json is not what the run wrote"):
         load_trajectory(copy)
 
 
-def test_a_chunk_of_nothing_but_the_fill_value_is_written(directory: Path) -> None:
+def test_a_chunk_of_nothing_but_the_fill_value_is_written(runs: Runs) -> None:
     """All stages are number 0, which is the fill value: only what was lost is not there."""
-    chunks = directory / "trajectory.zarr" / "stage" / "c"
+    chunks = runs.run / "trajectory.zarr" / "stage" / "c"
     assert len(list(chunks.iterdir())) == len(list((chunks.parents[1] / "time" / "c").iterdir()))
 
 
-def test_other_programs_check_the_sums_too(directory: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(directory, copy)
+def test_other_programs_check_the_sums_too(runs: Runs, tmp_path: Path) -> None:
+    copy = copied(runs, tmp_path / "run")
     plain = xarray.open_zarr(copy / "trajectory.zarr", chunks=None)
-    found = load_trajectory(directory).dataset["greatest_speed"]
+    found = load_trajectory(runs.run).dataset["greatest_speed"]
     np.testing.assert_array_equal(plain["greatest_speed"].values, found.values)
     chunk = copy / "trajectory.zarr" / "greatest_speed" / "c" / "1"
     content = bytearray(chunk.read_bytes())
@@ -254,11 +264,10 @@ class Trap:
 
 
 def test_nothing_in_a_checkpoint_is_executed(
-    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    copy = tmp_path / "run"
-    shutil.copytree(directory, copy)
+    copy = copied(runs, tmp_path / "run")
     kept, manifest = read_checkpoint(copy)
     for strange in ({"x": np.array(Trap(), dtype=object)}, {"outcome": np.array([Trap()])}):
         write_checkpoint(copy, kept | strange, manifest)
@@ -267,14 +276,137 @@ def test_nothing_in_a_checkpoint_is_executed(
     assert not (tmp_path / "sprung").exists()
 
 
-def test_what_is_read_does_not_grow_while_the_run_does(scene: Scene, directory: Path, tmp_path: Path) -> None:
+def test_what_is_read_does_not_grow_while_the_run_does(scene: Scene, runs: Runs, tmp_path: Path) -> None:
     """A reader of a live run keeps the part that was complete when it opened it."""
-    copy = tmp_path / "run"
-    shutil.copytree(directory, copy)
+    copy = copied(runs, tmp_path / "run")
     early = load_trajectory(copy)
-    before = everything(load_trajectory(copy))
+    before = load_trajectory(copy).dataset.load()
     resumed(scene, copy)
     rows = early.dataset.sizes["time"] - 1  # the last one lay on no whole tick
     assert np.array_equal(
         early.dataset["greatest_speed"].values[:rows], before["greatest_speed"].values[:rows]
     )
+
+
+def test_an_older_chunk_is_not_taken_for_a_newer_one(runs: Runs, scene: Scene, tmp_path: Path) -> None:
+    """Behind what it held when it was copied there are fill values, which are no records."""
+    assert "trajectory.zarr/position/c/1/0/0" in chunks(runs.early)
+    for name in ("time/c/1", "piston_height/c/1", "position/c/1/0/0", "kinetic_energy/c/1"):
+        chunk = f"trajectory.zarr/{name}"
+        if chunk not in chunks(runs.early):
+            continue
+        place = copied(runs, tmp_path / "run")
+        shutil.copyfile(runs.early / chunk, place / chunk)
+        assert len(check(runs, scene, place, chunk, name)) == 2, name
+
+
+@pytest.mark.parametrize(
+    ("chunk", "donor"),
+    [
+        ("greatest_speed/c/0", "stiffest_mode/c/0"),
+        ("greatest_speed/c/1", "greatest_speed/c/0"),
+        ("position/c/0/0/0", "velocity/c/0/0/0"),
+        ("position/c/1/0/0", "position/c/0/0/0"),
+        ("stage/c/0", "time/c/0"),
+        ("time/c/0", "frame_time/c/0"),
+        ("position/c/0/0/0", "kinetic_energy/c/0"),
+    ],
+)
+def test_a_chunk_of_another_place_is_noticed(
+    runs: Runs, scene: Scene, tmp_path: Path, chunk: str, donor: str
+) -> None:
+    place = copied(runs, tmp_path / "run")
+    shutil.copyfile(runs.run / "trajectory.zarr" / donor, place / "trajectory.zarr" / chunk)
+    assert len(check(runs, scene, place, f"trajectory.zarr/{chunk}", donor)) == 2
+
+
+def test_a_chunk_of_another_run_is_noticed(runs: Runs, scene: Scene, tmp_path: Path) -> None:
+    for chunk in ("trajectory.zarr/position/c/0/0/0", "trajectory.zarr/kinetic_energy/c/3"):
+        place = copied(runs, tmp_path / "run")
+        shutil.copyfile(runs.other / chunk, place / chunk)
+        assert len(check(runs, scene, place, chunk, "other")) == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "scene.toml",
+        "run.json",
+        "checkpoint.npz",
+        "trajectory.zarr/zarr.json",
+        "trajectory.zarr/time/c/3",
+        "trajectory.zarr/position/c/0/0/0",
+    ],
+)
+def test_a_pipe_in_place_of_a_file_is_named(runs: Runs, scene: Scene, tmp_path: Path, name: str) -> None:
+    place = copied(runs, tmp_path / "run")
+    (place / name).unlink()
+    os.mkfifo(place / name)
+    with pytest.raises(StoreError) as caught, in_time():
+        load_trajectory(place).dataset.load()
+    assert str(caught.value).startswith((f"{place / name} is no file", f"{place} holds no run"))
+
+
+def exchange(runs: Runs, place: Path, random: np.random.Generator) -> tuple[str, str]:
+    """Put a chunk, seldom another file, in place of one of a copy; its name and what was done."""
+    donor = (runs.run, runs.early, runs.other)[random.integers(3)]
+    listed = chunks if random.random() < 0.85 else files
+    names, others = listed(runs.run), listed(donor)
+    name = names[random.integers(len(names))]
+    if name == "checkpoint.npz":
+        name = "scene.toml"  # an older checkpoint is that of a run that was killed
+    same = donor is not runs.run and random.random() < 0.6 and name in others
+    source = name if same else others[random.integers(len(others))]
+    shutil.copyfile(donor / source, place / name)
+    return name, f"{name} from {donor.name}/{source}"
+
+
+def check_exchanges(
+    count: int, runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
+) -> None:
+    noticed = 0
+    for _ in range(count):
+        place = copied(runs, tmp_path / "run")
+        noticed += bool(check(runs, scene, place, *exchange(runs, place, random)))
+    assert noticed > count // 2
+
+
+def test_some_exchanges_are_noticed(
+    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
+) -> None:
+    check_exchanges(20, runs, scene, tmp_path, random)
+
+
+@pytest.mark.long
+def test_many_exchanges_are_noticed(
+    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
+) -> None:
+    check_exchanges(200, runs, scene, tmp_path, random)
+
+
+def test_a_checkpoint_of_an_earlier_time_is_noticed(runs: Runs, tmp_path: Path) -> None:
+    """The last record that it knows, which lay on no whole tick, was written anew since."""
+    place = copied(runs, tmp_path / "run")
+    shutil.copyfile(runs.early / "checkpoint.npz", place / "checkpoint.npz")
+    with pytest.raises(StoreError, match=r"/c/1 is damaged, or not what the run wrote there"):
+        load_trajectory(place).dataset.load()
+
+
+@pytest.mark.parametrize(("length", "noticed"), [(b"7", False), (b"07", True), (b"-7", True)])
+def test_a_length_in_metadata_is_a_number_or_noticed(
+    runs: Runs, tmp_path: Path, length: bytes, noticed: bool
+) -> None:
+    """It is for other programs: how much is complete stands in the checkpoint."""
+    place = copied(runs, tmp_path / "run")
+    for name in ("zarr.json", "time/zarr.json"):
+        file = place / "trajectory.zarr" / name
+        count = str(runs.data.sizes["time"]).encode()
+        content = file.read_bytes()
+        assert content.count(b" " + count + b"\n")
+        file.write_bytes(content.replace(b" " + count + b"\n", b" " + length + b"\n"))
+    if noticed:
+        with pytest.raises(StoreError, match=r"zarr\.json is not what the run wrote"):
+            load_trajectory(place)
+    else:
+        assert load_trajectory(place).dataset.load().equals(runs.data)

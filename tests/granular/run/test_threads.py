@@ -1,7 +1,5 @@
 """Threads are taken where they are quicker; the bits do not tell how many there were."""
 
-from __future__ import annotations
-
 import numba
 import pytest
 

@@ -1,7 +1,5 @@
 """Two records of one time: told apart in labelled data, and joined again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

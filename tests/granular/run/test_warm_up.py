@@ -1,7 +1,5 @@
 """A warm cache: later starts compile nothing."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,13 +1,10 @@
 """The start of a run follows from the parts of a scene alone."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 
-from granular import Scene
 from granular.scene.arrangement import Arrangement, check_positions, initial_positions_and_velocities
 from granular.schema.apparatus import Grains, Piston, Species
 from granular.schema.cell import Cell
@@ -16,14 +13,6 @@ from granular.shared.errors import SceneError
 GRAINS = Grains(count=23, species=(Species(diameter=0.006),))
 CELL = Cell(width=0.09)
 PISTON = Piston(height=0.036)
-
-
-def test_parts_place_the_grains_as_their_scene_does(small_bed: Scene) -> None:
-    found = initial_positions_and_velocities(
-        small_bed.arrangement, small_bed.grains, small_bed.cell, small_bed.piston, overlapping=False
-    )
-    for values, of_scene in zip(found, small_bed.initial_positions_and_velocities(), strict=True):
-        assert np.array_equal(values, of_scene)
 
 
 def test_grains_stand_in_the_cell_and_move_at_the_speed_asked_for() -> None:

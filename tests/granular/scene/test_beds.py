@@ -1,7 +1,5 @@
 """The source's beds: its scaling, its table of bidisperse parameters, its mixing rule."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from decimal import Decimal
 

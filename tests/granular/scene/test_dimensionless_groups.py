@@ -1,7 +1,5 @@
 """Dampers of every size with equal groups are one damper."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The schemas admit what is read, and refuse what a reader refuses by a single key."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from pathlib import Path

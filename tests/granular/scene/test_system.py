@@ -1,7 +1,5 @@
 """How often the far field is met: by the scene's wish, the method, and whether grains rub."""
 
-from __future__ import annotations
-
 import pytest
 
 from granular import Scene

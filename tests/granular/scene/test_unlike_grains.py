@@ -1,7 +1,5 @@
 """Grains of unlike material: their masses and moments, and that what is said of all alike is said of each."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Folders of caches, and sealed files."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

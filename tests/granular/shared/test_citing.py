@@ -1,7 +1,5 @@
 """Papers behind what was used: each that a source names is in the bibliography, and is found."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """The one writer: a file is there whole, or what was there before still is."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

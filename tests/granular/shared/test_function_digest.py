@@ -1,7 +1,5 @@
 """Digests of functions: the same in any process, and others for what a helper's file holds."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Reports: figures whose letters can be read on a phone."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Locks: one at a time, and none that stays."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -1,7 +1,5 @@
 """A user's words in messages: short, on one line, and unable to steer a terminal or a page."""
 
-from __future__ import annotations
-
 import io
 import sys
 import warnings

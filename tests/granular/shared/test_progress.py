@@ -1,7 +1,5 @@
 """Progress: a bar where somebody looks, lines in a log."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """Results on a cache: found again by content, whole or not there, whoever kept them."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

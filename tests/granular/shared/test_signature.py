@@ -1,7 +1,5 @@
 """Options of a command from the signature of its function."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from typing import Annotated, Any, ClassVar, Literal

@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM: what ends, what waits, and that no stop is lost."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

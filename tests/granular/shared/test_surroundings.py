@@ -1,7 +1,5 @@
 """Commands in bad surroundings say so in one line, or do what they can."""
 
-from __future__ import annotations
-
 import shlex
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Blocks as text, for a terminal and as LaTeX."""
 
-from __future__ import annotations
-
 import io
 import re
 

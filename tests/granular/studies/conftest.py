@@ -1,7 +1,5 @@
 """Cases that take milliseconds, and a thread of this process that computes them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path

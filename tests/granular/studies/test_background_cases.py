@@ -1,7 +1,5 @@
 """Cases that are computed while the caller works."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Slopes over several settled beds of a scene."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor

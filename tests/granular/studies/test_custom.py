@@ -1,7 +1,5 @@
 """A user's own measures: from a file on the command line, or installed, never from a study."""
 
-from __future__ import annotations
-
 import pickle
 import sys
 from collections.abc import Callable

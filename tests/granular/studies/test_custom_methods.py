@@ -1,7 +1,5 @@
 """Methods of the user's own in a study: their tables go with the cases."""
 
-from __future__ import annotations
-
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any

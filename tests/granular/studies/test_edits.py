@@ -1,7 +1,5 @@
 """Edits of a user's file, drawn anywhere in it: runs, kernels and studies are new with every one."""
 
-from __future__ import annotations
-
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the machine does to sweeps: the same table in the end, nothing done twice, nothing left."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os
@@ -26,6 +24,7 @@ from granular.studies.cases import CaseOutcome, keep_measure_name
 from granular.studies.measures import last_values
 from granular.studies.sweep import Study, load_study
 from tests.granular.studies.conftest import falling, write_study
+from tests.processes import living
 
 ROOT = Path(__file__).parents[3]
 
@@ -197,19 +196,6 @@ def wait_for(out: Path, count: int) -> None:
 
 
 needs_proc = pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds processes in /proc")
-
-
-def living(group: int) -> list[int]:
-    """Processes of a group, without those that only wait to be noticed as dead."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, _, its_group = stat.read_text().rpartition(")")[2].split()[:3]
-        except (OSError, ValueError):
-            continue
-        if int(its_group) == group and state != "Z":
-            found.append(int(stat.parent.name))
-    return found
 
 
 def end_left(group: int) -> None:

@@ -1,7 +1,5 @@
 """Reports of a study: a table with units, a page, and one warning."""
 
-from __future__ import annotations
-
 import io
 import warnings
 from collections.abc import Iterator

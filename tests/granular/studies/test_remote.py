@@ -1,7 +1,5 @@
 """Executors on other machines, which go away."""
 
-from __future__ import annotations
-
 import signal
 import socket
 import subprocess
@@ -28,7 +26,7 @@ class There:
     def __init__(self, result: Callable[[], Any]) -> None:
         self.result = result
 
-    def add_done_callback(self, called: Callable[[There], None]) -> None:
+    def add_done_callback(self, called: Callable[["There"], None]) -> None:
         called(self)
 
 

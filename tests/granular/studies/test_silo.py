@@ -1,7 +1,5 @@
 """Flow out of a silo: its fitted law, its opening, and the rates of a small one."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

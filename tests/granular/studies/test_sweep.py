@@ -1,7 +1,5 @@
 """Sweeps: every case once, none lost, whatever is killed."""
 
-from __future__ import annotations
-
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Tolerances of a damper's parts."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

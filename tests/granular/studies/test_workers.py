@@ -1,7 +1,5 @@
 """Where cases are computed: any executor, whose workers may die."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -15,17 +13,14 @@ import pytest
 
 from granular import load_scene, sweep
 from granular.studies.cases import Case, CaseOutcome
-from granular.studies.executors import ProcessPool, case_executor
+from granular.studies.executors import case_executor
 from granular.studies.sweep import ATTEMPTS
 
 ROOT = Path(__file__).parents[3]
 
 
 class Mortal(Executor):
-    """A worker that some cases kill; what is submitted next to them is lost as well.
-
-    ``killers`` tells for each seed how many workers it kills before it lets one live.
-    """
+    """A worker that some cases kill; what is submitted next to them is lost as well."""
 
     def __init__(self, killers: dict[int, float]) -> None:
         self.killers, self.dead = killers, False
@@ -117,11 +112,6 @@ def test_processes_that_die_are_replaced() -> None:
         assert second != first
     with pytest.raises(ProcessLookupError):
         os.kill(second, 0)
-
-
-def test_no_process_is_started_without_work() -> None:
-    with ProcessPool(2) as workers:
-        assert workers._pool is None
 
 
 INTERRUPTED = """

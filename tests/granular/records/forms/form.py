@@ -1,7 +1,5 @@
 """The motion, and how a form of it is noted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -18,26 +16,7 @@ Write = Callable[[Path], Any]
 
 
 class Form(NamedTuple):
-    """A file.
-
-    Attributes
-    ----------
-    name : str
-        Of the file.
-    write : callable
-        Writes it to a path.
-    said : dict
-        What the user must say of it.
-    places : float
-        To what the height comes back [m].
-    scale : float
-        What the height comes back as, over [m].
-    after : str
-        What wrote such a file.
-    source : str
-        Address of the format's description, or of a file of that form; empty where the form is
-        what many make by hand.
-    """
+    """A file."""
 
     name: str
     write: Write

@@ -1,7 +1,5 @@
 """Formats that are more than a table in text."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from .form import HEIGHT, TIME, form, rows

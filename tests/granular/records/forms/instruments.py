@@ -1,7 +1,5 @@
 """Tables that instruments write, each after a sample or a description by its maker."""
 
-from __future__ import annotations
-
 import datetime
 from pathlib import Path
 

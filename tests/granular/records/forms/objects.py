@@ -1,7 +1,5 @@
 """The motion as objects of other libraries."""
 
-from __future__ import annotations
-
 import io
 from typing import Any
 

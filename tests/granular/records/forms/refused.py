@@ -1,25 +1,12 @@
 """What is no record of a motion, or does not say which of its columns is."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from .form import lines
 
 
 class Refused(NamedTuple):
-    """A file that is refused.
-
-    Attributes
-    ----------
-    name : str
-        Of the file.
-    content : bytes
-    words : str
-        Pattern of the message.
-    source : str
-        Address of the format's description, or of a file of that form; else empty.
-    """
+    """A file that is refused."""
 
     name: str
     content: bytes

@@ -1,7 +1,5 @@
 """Tables in text, as instruments and programs write them."""
 
-from __future__ import annotations
-
 import csv
 import datetime
 from pathlib import Path

@@ -1,0 +1,29 @@
+"""Files of plain Python, which numba must not compile, and those that repeat some of it compiled."""
+
+from pathlib import Path
+
+import numba
+import pytest
+
+COMPILED = {"test_compiled.py"}
+IN_BOUNDS = {"test_memory_bounds.py"}
+"""Also run compiled, where indices are checked."""
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Ignore the files of the other mode: numba is told once for a process."""
+    if not collection_path.name.startswith("test_"):
+        return None
+    if numba.config.DISABLE_JIT:
+        return collection_path.name in COMPILED or None
+    return (
+        collection_path.name not in (COMPILED | IN_BOUNDS if numba.config.BOUNDSCHECK else COMPILED) or None
+    )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Runs of a few steps may be rough."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.filterwarnings("ignore:two grains came as close"))
+            item.add_marker(pytest.mark.filterwarnings("ignore:the energy ledger"))

@@ -1,0 +1,31 @@
+"""Drawn scenes and features of the other files once more, compiled and in whole beds."""
+
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.long, pytest.mark.filterwarnings("ignore::RuntimeWarning")]
+
+
+@pytest.mark.parametrize("number", range(24))
+def test_a_drawn_scene_is_summed_as_written_out_when_compiled(number: int) -> None:
+    from tests.plain_python.test_drawn_scenes import SCENES, check_case, make_case
+
+    check_case(make_case(SCENES[number]))
+
+
+@pytest.mark.parametrize("part", range(10))
+def test_every_two_features_in_a_whole_bed(part: int, tmp_path: Path) -> None:
+    """Of 92 and 368 grains."""
+    from tests.plain_python.test_pairs_of_features import FULL, ROWS, check
+
+    for number, row in enumerate(ROWS[part::10]):
+        check(row, FULL, tmp_path / str(number))
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_near_pairs_that_are_listed_again_keep_the_bits_when_compiled(number: int, tmp_path: Path) -> None:
+    """In a run in three parts, and in one on two threads."""
+    from tests.plain_python.test_orders_and_bits import RESUMED, check_bits
+
+    check_bits(list(RESUMED)[number], tmp_path)
