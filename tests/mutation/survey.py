@@ -115,10 +115,7 @@ def workplace() -> Iterator[tuple[Path, Path]]:
 
 
 def caught_by(fault: Fault, tree: Path, store: Path, sound: dict[str, float], more: tuple[Stage, ...]) -> str:
-    """Plant a fault, run the tests that cover its file, and take it out again: what caught it, or nothing.
-
-    Seconds of the tests without a fault are added to ``sound``.
-    """
+    """Plant a fault, run the tests that cover its file, and take it out again: what caught it, or nothing."""
     path = tree / fault.path
     source = path.read_text(encoding="utf-8")
     # A fault in a kernel makes all compiled code stale, so that it gets a store of its own.

@@ -15,7 +15,6 @@ from granular.studies.cases import measure_identity
 from granular.studies.measures import CustomMeasure, custom_measures, find_measure, last_values
 
 OWN = """
-from __future__ import annotations
 import dataclasses
 import math
 @dataclasses.dataclass
