@@ -1,15 +1,6 @@
 """Response of a machine (the host of a damper) to what shakes it."""
 
-from granular.response.response import frequency_response, load_response, save_response
-from granular.response.steady import swept_response
-from granular.response.transients import run_frequency_sweep, run_impulse, settling_time
+import lazy_loader
 
-__all__ = [
-    "frequency_response",
-    "load_response",
-    "run_frequency_sweep",
-    "run_impulse",
-    "save_response",
-    "settling_time",
-    "swept_response",
-]
+# Names, which stand in __init__.pyi, are imported when they are used: the command costs nothing before.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -156,8 +156,10 @@ def _installed_points(group: str) -> dict[str, EntryPoint]:
 
 @functools.cache
 def _points_in_folders(folders: tuple[str, ...], group: str) -> dict[str, EntryPoint]:
-    points = tuple(_all_points(folders).select(group=group))
-    return {point.name: point for point in reversed(points)}  # of two with one name the first counts
+    points = dict[str, EntryPoint]()
+    for point in _all_points(folders).select(group=group):
+        points.setdefault(point.name, point)  # the package that comes first on the path
+    return points
 
 
 @functools.cache

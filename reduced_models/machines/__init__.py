@@ -1,8 +1,6 @@
 """The identified law at work on a machine: responses in milliseconds, and designs from them."""
 
-from reduced_models.machines.bed_element import export_bed
-from reduced_models.machines.design import design_for
-from reduced_models.machines.response import predicted_response
-from reduced_models.machines.response_comparison import compare_response
+import lazy_loader
 
-__all__ = ["compare_response", "design_for", "export_bed", "predicted_response"]
+# Names, which stand in __init__.pyi, are imported when they are used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,178 @@
+"""A package of a user's own brings a part of every kind; one that fails is named, and hinders no other."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from subprocess import CompletedProcess
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import load_scene, load_trajectory, simulate
+from granular.effects.registry import EFFECTS, WALL_LAWS
+from granular.export import EXPORTERS
+from granular.methods import METHODS, method_named
+from granular.observables import OBSERVABLES
+from granular.records.formats import READERS
+from granular.run.engines import ENGINES
+from granular.shared.blocks import ADDED_BLOCKS
+from granular.shared.errors import InputError
+from granular.shared.html_pages import Page
+from granular.shared.registry import Registry
+from granular.studies.measures import MEASURES, find_measure
+from reduced_models import PistonRecord, load_model
+from reduced_models.commands.forms import FORMS
+from reduced_models.laws import FORCE_LAWS, LAWS
+from reduced_models.models.export import MODEL_EXPORTERS
+from validation.report import SECTIONS, report
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "tests" / "data" / "laboratory_parts"
+OFFERED = tomllib.loads((PACKAGE / "pyproject.toml").read_text())["project"]["entry-points"]
+COMMANDS = ("granular", "reduced_models", "validation")
+BROKEN = (
+    r"broken' of laboratory-parts 1\.2 cannot be loaded: RuntimeError: the driver of the bench is missing; "
+    r"correct 'laboratory_parts\.broken:part'"
+)
+Command = Callable[..., CompletedProcess[str]]
+
+
+def registries() -> dict[str, Registry[Any]]:
+    """Registries of all kinds by their groups."""
+    programs = [sys.modules[f"{package}.__main__"].PROGRAM for package in COMMANDS]
+    every: list[Registry[Any]] = [
+        *(EFFECTS, WALL_LAWS, METHODS, ENGINES, OBSERVABLES, MEASURES, READERS, EXPORTERS, ADDED_BLOCKS),
+        *(LAWS, FORCE_LAWS, MODEL_EXPORTERS, FORMS, SECTIONS),
+        *(program.commands for program in programs),
+    ]
+    return {registry.group: registry for registry in every}
+
+
+@pytest.fixture(autouse=True)
+def package(
+    tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch, command: Command
+) -> Iterator[None]:
+    """Install the package as its pyproject.toml says."""
+    for program in COMMANDS:
+        command(program, "--version")
+    place = tmp_path_factory.mktemp("installed")
+    about = place / "laboratory_parts-1.2.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory-parts\nVersion: 1.2\n")
+    lines = [
+        line
+        for group, points in OFFERED.items()
+        for line in (f"[{group}]", *(f"{name} = {value}" for name, value in points.items()))
+    ]
+    (about / "entry_points.txt").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(place)
+    monkeypatch.syspath_prepend(PACKAGE)
+    yield
+    for registry in registries().values():
+        for name in OFFERED[registry.group]:
+            registry._own.pop(name, None)
+
+
+def test_the_package_has_a_part_of_every_kind() -> None:
+    assert registries().keys() == OFFERED.keys()
+    sources = [path.read_text("utf-8") for name in COMMANDS for path in (ROOT / name).rglob("*.py")]
+    named = re.compile(r"(?:Registry\[[^(]*\(\s*\"[^\"]+\",|command_registry\()\s*\"([\w.]+)\"")
+    groups = {group for text in sources for group in named.findall(text)}
+    assert groups == OFFERED.keys()
+
+
+@pytest.mark.parametrize("group", OFFERED)
+def test_a_part_is_listed_and_a_broken_one_named(group: str) -> None:
+    registry = registries()[group]
+    good, broken = OFFERED[group]
+    assert set(registry) >= {good, broken, *registry.built_in}
+    with pytest.raises(InputError, match=BROKEN) as told:
+        registry.find(broken)
+    assert "\n" not in str(told.value)
+    with pytest.warns(UserWarning, match=f"{BROKEN}.*left out"):
+        working = registry.working()
+    assert set(working) == set(registry) - {broken}
+    assert re.search(BROKEN, registry.descriptions()[broken])
+    with pytest.raises(InputError, match=rf"did you mean '{re.escape(good)}'.*group '{group}'"):
+        registry.find(f"{good}s")
+
+
+@pytest.mark.parametrize("program", COMMANDS)
+def test_commands_are_in_help_and_run(command: Command, program: str) -> None:
+    text = " ".join(command(program, "--help").stdout.split())
+    assert "bench show the state of the bench" in text
+    assert "'broken' of laboratory-parts 1.2 cannot be loaded" in text
+    assert command(program, "bench").stdout == "the bench is ready\n"
+    done = command(program, "broken")
+    assert done.returncode == 2
+    assert re.search(f"error: command '{BROKEN}", done.stderr)
+    assert "did you mean 'bench'" in command(program, "bensh").stderr
+
+
+def test_parts_of_runs_are_used(command: Command, tmp_path: Path) -> None:
+    scene = load_scene("single-particle").replace(
+        **{"effects.bench_spring.k": "3 N/m", "effects.walls.left": {"law": "bench_rubber", "k": "9 N/m"}}
+    )
+    assert scene.to_plain()["effects"]["bench_spring"]["k"] == pytest.approx(3.0)
+    with pytest.raises(InputError, match=BROKEN):
+        scene.replace(**{"effects.broken": True})
+    with pytest.raises(InputError, match=BROKEN):
+        scene.replace(**{"effects.walls.left": {"law": "broken"}})
+    assert method_named("bench-verlet").order == 2
+    where = tmp_path / "run"
+    run = simulate(load_scene("single-particle"), t_end=0.01, engine="bench", out=where, progress=False)
+    assert sys.modules["laboratory_parts.engines"].CALLS
+    assert find_measure("bench-end")(run) == {"end": pytest.approx(0.01)}
+    shown = command("granular", "observe", str(where), "bench_height", "--quiet").stdout
+    assert "bench_height [m]" in shown
+    words = ("export", str(where), "--format", "bench", "-o", str(tmp_path / "run.txt"), "--quiet")
+    assert command("granular", *words).returncode == 0
+    frames = load_trajectory(where).dataset.sizes["frame"]
+    assert (tmp_path / "run.txt").read_text() == f"{frames} frames\n"
+    listed = command("granular", "scenes").stdout
+    for group in ("effects", "wall_laws", "methods", "engines", "observables"):
+        assert set(OFFERED[f"granular.{group}"]) <= set(re.split(r"[,\s]+", listed))
+    methods = command("granular", "scenes", "--methods").stdout
+    assert re.search(BROKEN, methods)
+    assert "bench-verlet" in methods
+
+
+def test_parts_of_models_are_used(command: Command, tmp_path: Path) -> None:
+    time = np.linspace(0.0, 1.0, 50)
+    np.savetxt(tmp_path / "lab.bench", np.c_[time, 60.0 + np.cos(20.0 * time)])
+    with warnings.catch_warnings(action="ignore"):
+        record = PistonRecord.from_file(tmp_path / "lab.bench")
+    np.testing.assert_allclose(record.height, 0.06 + 1e-3 * np.cos(20.0 * time), rtol=1e-12)
+    (tmp_path / "lab.csv").write_bytes(b"\x00\x01\x02")
+    with pytest.raises(InputError, match=r"read by its ending: .*\.bench"):
+        PistonRecord.from_file(tmp_path / "lab.csv")
+    model = load_model(ROOT / "tests" / "data" / "model.json")
+    assert model.export(tmp_path / "model.bench") == "a text for the bench"
+    assert (tmp_path / "model.bench").read_text() == model.law.equation
+    with pytest.raises(InputError, match=r"give one of .*\.fmu, \.bench, broken"):
+        model.export(tmp_path / "model.xyz")
+    laws = command("reduced_models", "fit", "--laws").stdout
+    assert "bench-spring" in laws
+    assert "bench-damper" in laws
+    assert len(re.findall(BROKEN, laws)) == 2
+    assert FORMS.find("compare --bench")() == "compared"
+
+
+def test_blocks_and_sections_are_shown() -> None:
+    class Result:
+        level = 0.5
+
+    page = Page("Bench", result=Result())
+    assert "<meter value=0.5></meter>" in page.to_html()
+    assert "gauge: 0.5" in str(page)
+    assert re.search(BROKEN, str(page).replace("\n  ", " "))
+    assert not Page("Bench").blocks
+    shown = report(None, [SECTIONS.find("bench")], progress=False)
+    assert shown["verdicts"] == {"bench": "level"}
+    assert shown["holds"]

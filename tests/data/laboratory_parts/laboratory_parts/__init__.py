@@ -1,0 +1,1 @@
+"""Parts of a laboratory's own, one of each kind."""

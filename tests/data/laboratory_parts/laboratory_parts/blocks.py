@@ -1,0 +1,22 @@
+"""Blocks for pages of results, one of another kind."""
+
+from granular.shared.blocks import Heading
+
+
+class Gauge:
+    """A gauge on a page, and its value on a terminal."""
+
+    def __init__(self, value):
+        self.value = value
+
+    def __str__(self):
+        return f"gauge: {self.value}"
+
+    def _repr_html_(self):
+        return f"<meter value={self.value}></meter>"
+
+
+def bench_blocks(result):
+    """Gauge of a result that has a level; nothing on the pages of others."""
+    level = getattr(result, "level", None)
+    return () if level is None else (Heading("Bench"), Gauge(level))

@@ -1,0 +1,15 @@
+"""A command of all three programs, and a form of another."""
+
+from granular.commands.console import command, print_result
+from granular.commands.options import Output
+
+
+@command("example:\n  %(prog)s --json")
+def bench(*, output: Output) -> None:
+    """Show the state of the bench."""
+    print_result({"bench": "ready"}, "the bench is ready", output.json)
+
+
+def compare_bench():
+    """Compare with the bench."""
+    return "compared"
