@@ -1,7 +1,5 @@
 """Each room that registers itself can be missing: the main job runs, lists lack it, and asking says so."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """A package of a user's own brings a part of every kind; one that fails is named, and hinders no other."""
 
-from __future__ import annotations
-
 import re
 import sys
 import tomllib
