@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
     from granular.shared.blocks import Block
 
+__all__ = ["Section", "Task"]
+
 Plain = dict[str, Any]
 
 
@@ -90,7 +92,17 @@ def from_plain(kind: Any, value: Any) -> Any:
 
 
 class Task(NamedTuple):
-    """One measurement."""
+    """One measurement.
+
+    Attributes
+    ----------
+    label : str
+        Name of it for bars and failures.
+    key : dict of str to Any
+        What the result depends on, as plain data: a result is kept, and found again by it.
+    measure : function
+        Returns a result of the section's kind.
+    """
 
     label: str
     key: Plain

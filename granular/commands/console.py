@@ -45,6 +45,8 @@ from granular.shared.stop_signals import handle_sigterm
 from granular.shared.terminal import print_blocks, wrap
 from granular.shared.version import __version__
 
+__all__ = ["Command", "command", "print_result"]
+
 # As argparse has it, and as shells have it: 128 and the number of the signal, SIGINT or SIGTERM.
 BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
 
@@ -152,7 +154,15 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 
 class Command(NamedTuple):
-    """A command of a program."""
+    """A command of a program.
+
+    Attributes
+    ----------
+    summary, examples : str
+        Texts of its help.
+    carry_out : function
+        What it does; its signature holds the options.
+    """
 
     summary: str
     examples: str
@@ -160,7 +170,18 @@ class Command(NamedTuple):
 
 
 def command(examples: str) -> Callable[[Callable[..., None]], Command]:
-    """Make the function below it a command of a program, called as the function if not otherwise."""
+    """Make the function below it a command of a program.
+
+    Parameters
+    ----------
+    examples : str
+        Text at the end of its help.
+
+    Returns
+    -------
+    function
+        Decorator that makes a `Command` of a function, whose docstring is the summary.
+    """
 
     def decorate(carry_out: Callable[..., None]) -> Command:
         words = inspect.getdoc(carry_out) or ""
@@ -281,7 +302,17 @@ def add_version_option(parser: argparse.ArgumentParser) -> None:
 
 
 def print_result(result: dict[str, Any], shown: str | Iterable[Block], as_json: bool) -> None:
-    """Print a result: one JSON object, or blocks or a text for people, with long notes in several lines."""
+    """Print a result: one JSON object, or blocks or a text for people, with long notes in several lines.
+
+    Parameters
+    ----------
+    result : dict of str to Any
+        Plain data; a number that is not finite becomes null.
+    shown : str or iterable of blocks
+        The same for people.
+    as_json : bool
+        Whether the object is printed.
+    """
     if as_json:
         print(json.dumps(replace_non_finite_by_none(result), allow_nan=False))
     elif isinstance(shown, str):

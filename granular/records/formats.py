@@ -41,6 +41,8 @@ from granular.shared.registry import Registry
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+__all__ = ["FileFormat"]
+
 MAX_BYTES = 256 * 2**20
 """Largest file."""
 _MAX_LINES = 3_000_000
@@ -65,7 +67,15 @@ _MAX_SHOWN = 20
 
 
 class FileFormat(NamedTuple):
-    """A format of files: the reader of its bytes, and how many it takes at most."""
+    """A format of record files.
+
+    Attributes
+    ----------
+    read : function
+        Of the file's bytes and the options of reading; returns a sheet, as `sheet_from_table` makes one.
+    max_bytes : int
+        Size of the largest file.
+    """
 
     read: Callable[[bytes, ReadOptions], Sheet]
     max_bytes: int = MAX_BYTES

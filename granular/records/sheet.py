@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
 
+__all__ = ["sheet_from_table"]
+
 IN_MEMORY = ("xarray", "DataFrame", "columns")
 """Forms of a sheet that is no file's."""
 
@@ -158,7 +160,23 @@ def _parse_clock_times(cells: Sequence[str]) -> np.ndarray:
 
 
 def sheet_from_table(table: Any) -> Sheet:
-    """Make a sheet of a DataFrame or Series, an xarray object, or a mapping of names to arrays."""
+    """Make a sheet of a table.
+
+    Parameters
+    ----------
+    table : DataFrame, Series, xarray object or mapping
+        Columns (n,) by names, with units as in ``height [mm]``.
+
+    Returns
+    -------
+    Sheet
+        The columns with their units.
+
+    Raises
+    ------
+    RecordError
+        If it is no table, or its columns have different lengths.
+    """
     if hasattr(table, "to_frame") and not hasattr(table, "columns") and hasattr(table, "iloc"):
         table = table.to_frame(table.name or "height")  # a Series
     if hasattr(table, "to_dataset") and hasattr(table, "dims"):  # a DataArray
