@@ -10,8 +10,8 @@ import numpy as np
 from benchmarks.engine import bed_of
 from benchmarks.handwritten_steps import KERNELS, Bed
 from benchmarks.timing import least_seconds
-from granular.effects.dissipative_effect import DissipativeEffect
-from validation.effect_costs import STEP, EngineSteps
+from granular.effects.effect import DissipativeEffect
+from validation.overview import STEP, EngineSteps
 
 
 def hand_and_engine(

@@ -24,17 +24,17 @@ from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import write_text
 from granular.shared.version import versions
-from validation.measured_quantities import QUANTITIES
-from validation.report_tasks import Plain, Task, failure_lines, results_of, run_tasks
-from validation.work_precision_result import SolverSettings, WorkPrecisionPoint
-from validation.work_precision_runs import (
+from validation.accuracy_cost import (
     Comparison,
     ReferenceValue,
     compare_with_references,
+    compression_scene,
     run_setting,
     scenes_with_other_seeds,
 )
-from validation.work_precision_section import compression_scene
+from validation.measured_quantities import QUANTITIES
+from validation.report_tasks import Plain, Task, failure_lines, results_of, run_tasks
+from validation.work_precision_result import SolverSettings, WorkPrecisionPoint
 
 
 class Priced(NamedTuple):

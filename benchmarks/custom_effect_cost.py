@@ -17,7 +17,7 @@ from granular.effects.registry import EFFECTS
 from granular.kernel_data.state import Bed
 from granular.schema.sections import quantity
 from granular.user_code import import_user_code
-from validation.effect_costs import EngineSteps
+from validation.overview import EngineSteps
 
 CLASS = '''
 from granular import effect, quantity

@@ -66,7 +66,7 @@ def _peak() -> int:
 
 def _measure(count: int, method: str) -> dict[str, int]:
     from benchmarks.engine import bed_of
-    from validation.effect_costs import EngineSteps
+    from validation.overview import EngineSteps
 
     small = EngineSteps(bed_of(92, {"pairs.method": method}))
     small.make_steps(16)

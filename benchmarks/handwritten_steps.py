@@ -13,9 +13,8 @@ import numba
 import numpy as np
 
 from granular.effects import slide
-from granular.effects.wall_experimental import ExperimentalWall
-from granular.pairs.direct_sum import direct_sum
-from granular.pairs.direct_vector_loops import reproducible_sum
+from granular.effects.wall_laws import ExperimentalWall
+from granular.pairs.direct_sum import direct_sum, reproducible_sum
 from granular.pairs.grain_arrays import GrainArrays
 
 _force = ExperimentalWall.force

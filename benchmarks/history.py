@@ -49,7 +49,7 @@ class Kernel(NamedTuple):
 def _kernels() -> dict[str, Kernel]:
     from benchmarks.engine import bed_of
     from benchmarks.sums import BATCH, PaddedGrains, arrangement, by_cut_off, direct, plain
-    from validation.effect_costs import EngineSteps
+    from validation.overview import EngineSteps
 
     def step(count: int, changes: dict[str, Any]) -> Kernel:
         engine = EngineSteps(bed_of(count, changes))

@@ -10,7 +10,7 @@ from typing import Any
 
 from granular import simulate
 from granular.scene.scene import Scene
-from validation.work_precision_section import disturbed_lattice
+from validation.accuracy_cost import disturbed_lattice
 
 FORCES = ("piston_force", "left_force", "right_force", "bottom_force")
 METHODS = ("mesh", "cut-off")

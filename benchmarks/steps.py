@@ -17,7 +17,7 @@ from granular.pairs.direct_sum import PARTED_FROM
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import EnergyError
-from validation.effect_costs import EngineSteps
+from validation.overview import EngineSteps
 
 STEPS = 32
 """Steps timed together, so that they share what is done once in several steps."""

@@ -30,8 +30,8 @@ from granular.pairs.direct_sum import (
     partial_sum_buffers,
 )
 from granular.pairs.grain_arrays import GrainArrays
+from granular.pairs.near_list import VERLET_RADIUS as SOURCE_RADIUS
 from granular.pairs.stripes import Stripes, stripes_workspace
-from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
 
 _direct_sum = entry(direct_sum)
 

@@ -18,7 +18,7 @@ from granular import PistonRecord, evaluate, load_scene, simulate
 from granular.export import to_lammps
 from reduced_models import discover, fit, read_record
 from reduced_models.discovery.terms import state_symbols
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 from reduced_models.records.example_records import write_example_records
 from research.discovery.cases import equation_text
 from research.discovery.peers import pysindy_law, smoothed, tuned_window

@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 
 from granular import load_scene
 from reduced_models.machines import export_bed, predicted_response
-from reduced_models.machines.bed_element import mass_matrix
+from reduced_models.machines.design import mass_matrix
 from reduced_models.machines.response import MEASURED, SETTLING, CoupledSystem
 
 FORCE = 10.0

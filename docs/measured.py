@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from granular import PistonRecord, Scene, Trajectory, damper, load_scene, simulate
 from granular.pairs.disc_law import Disc, disc_energy_and_force
 from reduced_models import fit, predict, score_drops
-from reduced_models.falls.lattice_pressure import lattice_pressure
+from reduced_models.falls.predicted_law import lattice_pressure
 from reduced_models.laws.elliptic_motion import (
     OSCILLATORS,
     averaged_amplitude,

@@ -26,7 +26,7 @@ from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_sce
 from granular import simulate as simulated
 from granular.observables import per_distance, radial_distribution, track_defects
 from granular.observables.plots import plot_correlation_function, plot_defect_paths
-from granular.render import movie, save_picture, still
+from granular.render import movie, save_picture
 from granular.response import frequency_response
 from granular.run.work_precision import FLOORS, SceneWorkPrecision, starts_for_tolerance
 from granular.run.work_precision import load_work_precision_scenes as prices
@@ -40,8 +40,8 @@ from reduced_models.machines.response import CoupledSystem, LinearSwing, solve_h
 from research.published.judging import judged
 from research.published.results import committed
 from validation import convergence, exact_problem, hard_case_catalogue, run_hard_case
-from validation.effect_costs import effect_costs
 from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED
+from validation.overview import effect_costs
 from validation.work_precision_result import duration_text
 
 DOCS = Path(__file__).parent

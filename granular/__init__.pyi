@@ -1,7 +1,7 @@
 from .effects.custom import effect, wall_law
 from .linear.equilibrium import Equilibrium, equilibrium
 from .methods import Method
-from .protocol.custom_stages import stage
+from .protocol.stages import stage
 from .records.record import PistonRecord
 from .run.evaluation import Evaluation, evaluate
 from .run.plan import Plan, plan

@@ -12,7 +12,7 @@ from granular.methods.tables import METHODS
 from granular.observables.catalogue import OBSERVABLES
 from granular.observables.frame import observable_metadata
 from granular.shared.user_file import run_user_file, user_definitions
-from granular.studies.measures import CustomMeasure, custom_measures
+from granular.studies.cases import CustomMeasure, custom_measures
 
 
 def import_user_code(paths: Iterable[str | Path]) -> dict[str, CustomMeasure]:

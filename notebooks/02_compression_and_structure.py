@@ -38,7 +38,7 @@ from granular.observables import (
     voronoi_cells,
 )
 from granular.observables.plots import plot_cells, plot_hysteresis, plot_series
-from validation.published import compression_duration, published_value
+from validation.measured_quantities import compression_duration, published_value
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 

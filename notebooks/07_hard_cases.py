@@ -38,8 +38,8 @@ from validation import (
     run_hard_case,
     scene_near_stability_limit,
 )
-from validation.exact.bounce import harmonic_period
-from validation.exact.bounce import oscillation_problem as wide_swing
+from validation.exact_solution import harmonic_period
+from validation.exact_solution import oscillation_problem as wide_swing
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 

@@ -30,7 +30,7 @@ from granular import load_scene, simulate
 from granular.pairs.disc_law import Disc, disc_energy_and_force
 from granular.schema import Scales
 from reduced_models import fit, predict
-from reduced_models.falls.lattice_pressure import lattice_pressure
+from reduced_models.falls.predicted_law import lattice_pressure
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 warnings.simplefilter("ignore")  # the fit says that a linear law leaves something over

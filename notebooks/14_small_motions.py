@@ -28,7 +28,7 @@ import numpy as np
 
 from granular import equilibrium, load_scene, simulate
 from granular.linear import dynamic_stiffness, root_of_steps, small_motions, transmissibility
-from granular.linear.plots import (
+from granular.linear.page import (
     plot_density_of_states,
     plot_dynamic_stiffness,
     plot_mode,

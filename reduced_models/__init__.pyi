@@ -1,24 +1,21 @@
 from .calibration.calibrate import calibrate
 from .derived.derive import derive
 from .designs.damper import DamperCandidate
-from .designs.design import design
-from .designs.proposal import propose_design
-from .designs.target import DesignTarget
+from .designs.design import design, propose_design
+from .designs.result import DesignTarget
 from .discovery.discover import discover
 from .discovery.options import DiscoveryOptions
-from .falls.fall_summary import whole_fall
 from .falls.predicted_law import predict, valid_shaking_range
-from .falls.unseen_fall_scores import score_drops
+from .falls.unseen_fall_scores import score_drops, whole_fall
 from .fitting.fit import fit
 from .fitting.law_estimator import LawEstimator
-from .fitting.options import FitOptions
 from .fitting.parameter import Parameter
 from .fitting.posterior import sample_posterior
+from .fitting.problem import FitOptions
 from .fitting.roll_out import roll_out
 from .identification.comparison import compare
 from .identification.comparison_table import Comparison
-from .identification.identify import identify
-from .identification.options import IdentifyOptions
+from .identification.identify import IdentifyOptions, identify
 from .laws.catalogue import law_named
 from .laws.law import Law
 from .models.model import ReducedModel, load_model

@@ -18,14 +18,13 @@ from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
 
-from granular.shared.cache_files import (
+from granular.shared.errors import InputError, quote, sanitize
+from granular.shared.files import (
     read_sealed_file,
     toolkit_cache_folder,
     trusted_cache_folder,
     write_sealed_file,
 )
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote, sanitize
 from granular.shared.stop_signals import defer_stop_signals
 
 with defer_stop_signals():  # broken off, the import of JAX's C++ ended in a segmentation fault
@@ -38,7 +37,7 @@ _VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 
 
 def _cache_folder() -> Path | None:
-    """Folder where compiled code is kept; see `granular.shared.cache_files.trusted_cache_folder`."""
+    """Folder where compiled code is kept; see `granular.shared.files.trusted_cache_folder`."""
     chosen = os.environ.get(_VARIABLE)
     home = toolkit_cache_folder()
     return trusted_cache_folder(Path(chosen) if chosen else home and home / "jax", _VARIABLE)

@@ -42,8 +42,8 @@ from granular.commands.signature import Option, add_options, arguments_of
 from granular.export.frames import iterate_frames, open_run
 from granular.observables import depaula_pair_distance
 from granular.observables.catalogue import grain_compressive_force
+from granular.observables.forces import effects_of_unknown_pair_force
 from granular.observables.frame import Frame, is_present
-from granular.observables.interactions import effects_of_unknown_pair_force
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
 from granular.schema.natural_units import Scales

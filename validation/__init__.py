@@ -4,10 +4,10 @@
 >>> found = recommend_settings(scene, "rest height", 0.01)
 >>> run = simulate(scene.replace(**found.changes), **found.keywords)
 
-`exact` is the table of motions that are known, `hard_cases` the table of what may break a simulation,
-`work_precision_runs` measures error against time. On these stand the sections of the report, each with
+`exact_problems` is the table of motions that are known, `hard_cases` the table of cases that may break a
+simulation, `work_precision` measures error against time. On these stand the sections of the report, each with
 its tasks, verdict and blocks: `convergence_order`, `depaula_experiment`, `energy_drift`,
-`work_precision_section`, `hard_case_outcomes`; `overview` is the first screen. `report` makes the page of
+`accuracy_cost`, `hard_case_outcomes`; `overview` is the first screen. `report` makes the page of
 them, also for a user's own methods, and `report_tasks` runs tasks and keeps their outcomes.
 `recommendation` answers which step and method to take.
 """

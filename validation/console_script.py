@@ -22,8 +22,7 @@ from granular.commands.console import (
 )
 from granular.commands.options import Output
 from granular.commands.signature import Option, add_options
-from granular.shared.errors import InputError
-from granular.shared.message_text import unknown_word_message
+from granular.shared.errors import InputError, unknown_word_message
 
 PROG = "granular-damper"
 

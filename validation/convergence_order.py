@@ -30,7 +30,7 @@ from granular.methods.method import COMPENSATED
 from granular.scene.loading import load_scene
 from granular.shared.blocks import Text
 from granular.shared.errors import InputError, RunError
-from validation import external_integrators
+from validation import exact_solution, external_integrators
 from validation.convergence_result import (
     BED_ROOT,
     CLEAR,
@@ -42,8 +42,8 @@ from validation.convergence_result import (
     fit_convergence_slope,
     fit_line,
 )
-from validation.exact import NAMES, bounce, exact_problem
-from validation.exact.problem import ExactProblem, GrainStates
+from validation.exact_problems import NAMES, exact_problem
+from validation.exact_solution import ExactProblem, GrainStates
 from validation.report_tasks import Section, Task
 
 if TYPE_CHECKING:
@@ -376,7 +376,7 @@ def _measure_convergence(name: str, method: str, full: bool) -> ConvergenceResul
     short = not full or reference or _is_shown_briefly(method)
     problem = exact_problem(name)
     if short and name == "bounce":
-        problem = bounce.bounce_problem(time=bounce.SHORT)
+        problem = exact_solution.bounce_problem(time=exact_solution.SHORT)
     if not reference:
         return convergence(problem, method)
     solve, order = external_integrators.external_solver(method), external_integrators.ORDERS[method]

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from granular.effects.wall_experimental import ExperimentalWall
+from granular.effects.wall_laws import ExperimentalWall
 from granular.schema.natural_units import Scales
 from granular.shared.blocks import Block, Picture, Table, Text
 from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure
-from validation.exact import bounce
+from validation import exact_solution
 from validation.report_tasks import WIDTH, PlainData, Section, Task, label_line, picture
 
 if TYPE_CHECKING:
@@ -193,9 +193,9 @@ class DepaulaStepTest(PlainData):
         """Draw the height [mm] over time [s] at the finest step, next to free fall."""
         axes = axes_or_new(ax)
         run = self.runs_of_form(COMPENSATED)[-1]
-        time = np.arange(len(run.path)) * bounce.TIME / len(run.path)
+        time = np.arange(len(run.path)) * exact_solution.TIME / len(run.path)
         axes.plot(time, 1e3 * np.array(run.path), color=COLOURS[0], label=f"step {run.step:g} s")
-        gravity = bounce.bounce_problem().scene.effects.gravity
+        gravity = exact_solution.bounce_problem().scene.effects.gravity
         assert gravity is not None
         fallen = run.path[0] - 0.5 * gravity.acceleration * time**2
         above = fallen > 0.0
@@ -225,22 +225,22 @@ def _slope(steps: list[float], errors: list[float]) -> float:
 def run_depaula_experiment(*, full: bool = True) -> DepaulaStepTest:
     """Run de Paula's test of its method: a bouncing grain at seven steps, in three forms."""
     steps = STEPS if full else STEPS[:4]
-    problem = bounce.bounce_problem()
-    exact = float(problem.exact(bounce.TIME).positions[0, 1])
+    problem = exact_solution.bounce_problem()
+    exact = float(problem.exact(exact_solution.TIME).positions[0, 1])
     runs = [_run_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps]
     runs += [_run_toolkit(step, exact) for step in (steps if full else steps[:2])]
     return DepaulaStepTest(tuple(runs))
 
 
 def _run_form(form: str, step: float, exact: float) -> DepaulaRun:
-    scene = bounce.bounce_problem().scene
+    scene = exact_solution.bounce_problem().scene
     scales = Scales.from_grains(scene.grains)
     assert scene.effects.gravity is not None
     weight = scene.effects.gravity.acceleration / scales.acceleration
     loop = _integrate_position_form if form == PLAIN else _integrate_compensated_form
     peaks, path = np.zeros(_PEAKS), np.zeros(_SAMPLES)
-    h, count = step / scales.time, round(bounce.TIME / step)
-    start = float(bounce.START)
+    h, count = step / scales.time, round(exact_solution.TIME / step)
+    start = float(exact_solution.START)
     loop(start, weight, h, 2, peaks, path)  # compiles
     start_time = time.perf_counter()
     end, result = loop(start, weight, h, count, peaks, path)
@@ -262,9 +262,9 @@ def _run_toolkit(step: float, exact: float) -> DepaulaRun:
 
     start_time = time.perf_counter()
     run = simulate(
-        bounce.bounce_problem().scene,
+        exact_solution.bounce_problem().scene,
         dt=step,
-        t_end=bounce.TIME,
+        t_end=exact_solution.TIME,
         method="stormer-verlet+compensated",
         progress=False,
     )

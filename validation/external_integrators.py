@@ -18,7 +18,7 @@ from granular.protocol import Hold
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
-from validation.exact.problem import ExactProblem, GrainStates
+from validation.exact_solution import ExactProblem, GrainStates
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -16,9 +16,8 @@ from granular.scene.published_beds import mono_bed
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
-from validation.exact import APART, ExactProblem, scattering_problem
-from validation.exact.bounce import harmonic_period, oscillation_problem
-from validation.exact.problem import BOTTOM_ONLY, few_grains_scene
+from validation.exact_problems import APART, ExactProblem, scattering_problem
+from validation.exact_solution import BOTTOM_ONLY, few_grains_scene, harmonic_period, oscillation_problem
 
 FAIR = 1e-4
 """Residual of the ledger beyond which the engine itself calls a run degraded."""

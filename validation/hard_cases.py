@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from validation import hard_case
-from validation.exact import exact_problem
+from validation.exact_problems import exact_problem
 from validation.hard_case import BROKEN, ErrorMeasure, HardCase, few_grains, packaged_scene
 
 PISTONS = (

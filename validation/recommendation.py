@@ -20,6 +20,14 @@ from granular.run.work_precision import (
 )
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from validation.accuracy_cost import (
+    REPEATS,
+    STEPS,
+    candidate_settings,
+    compare_with_references,
+    reference_setting,
+    scenes_with_other_seeds,
+)
 from validation.measured_quantities import MeasuredQuantity, quantity_named
 from validation.report_tasks import PlainData
 from validation.work_precision_result import (
@@ -31,14 +39,6 @@ from validation.work_precision_result import (
     advise_setting,
     duration_text,
     points_without_clear_error,
-)
-from validation.work_precision_runs import (
-    REPEATS,
-    STEPS,
-    candidate_settings,
-    compare_with_references,
-    reference_setting,
-    scenes_with_other_seeds,
 )
 
 SEEDS = 4

@@ -18,6 +18,13 @@ from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_json
 from granular.shared.html_pages import Page
 from granular.shared.registry import Registry
+from validation.accuracy_cost import (
+    WORK_PRECISION,
+    Plan,
+    candidate_settings,
+    frictionless_bed,
+    work_precision_task,
+)
 from validation.convergence_order import (
     CONVERGENCE,
     convergence_task,
@@ -26,7 +33,7 @@ from validation.convergence_order import (
 )
 from validation.depaula_experiment import DEPAULA
 from validation.energy_drift import ENERGY, energy_task, wall_oscillation_run
-from validation.exact import NAMES, exact_problem
+from validation.exact_problems import NAMES, exact_problem
 from validation.hard_case_outcomes import STABILITY, outcome_count_table
 from validation.measured_quantities import quantity_named
 from validation.overview import OVERVIEW
@@ -40,8 +47,6 @@ from validation.report_tasks import (
     results_of,
     run_tasks,
 )
-from validation.work_precision_runs import candidate_settings
-from validation.work_precision_section import WORK_PRECISION, Plan, frictionless_bed, work_precision_task
 
 Outcomes = Mapping[str, Sequence[Outcome]]
 """Outcomes of sections by their names."""

@@ -36,10 +36,19 @@ from typing import Any, NamedTuple, NoReturn, TextIO
 from granular.commands.signature import add_options, arguments_of
 from granular.shared.blocks import Block
 from granular.shared.command_line import set_command
-from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_package_error
+from granular.shared.errors import (
+    GranularError,
+    InputError,
+    Interrupted,
+    Terminated,
+    missing_package_error,
+    one_line,
+    printable,
+    sanitize,
+    unknown_word_message,
+)
 from granular.shared.files import replace_non_finite_by_none
 from granular.shared.garbage import rare_garbage_collection
-from granular.shared.message_text import one_line, printable, sanitize, unknown_word_message
 from granular.shared.registry import Registry
 from granular.shared.stop_signals import handle_sigterm
 from granular.shared.terminal import print_blocks, wrap

@@ -151,7 +151,7 @@ def _defect_path_table(motion: xarray.Dataset) -> pandas.DataFrame:
 
 def _write_defect_tables(directory: Path, motion: xarray.Dataset, positions: Any) -> None:
     from granular.observables.plots import plot_defect_paths
-    from granular.render.still import save_picture
+    from granular.render.picture import save_picture
     from granular.shared.plotting import figure
 
     make_directory(directory)

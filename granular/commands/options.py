@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from granular.commands.signature import Option, Reader
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, quote
 from granular.shared.files import parse_toml
-from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene
-    from granular.studies.measures import CustomMeasure
+    from granular.studies.cases import CustomMeasure
 
 
 def _parse_time_step(text: str) -> float | str:
@@ -147,7 +146,7 @@ class Parts:
         """Read tolerances by their keys: the usual ones, and those that were given."""
         tolerances: dict[str, str | float] = {}
         if self.usual and scene is not None:
-            from granular.studies.tolerance_parts import usual_parts
+            from granular.studies.tolerances import usual_parts
 
             tolerances = usual_parts(scene)
         return tolerances | dict(_split_pairs("--part", self.parts, "KEY=TOLERANCE", "grains.remanence=2.5%"))

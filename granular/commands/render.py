@@ -8,8 +8,7 @@ from typing import Annotated
 from granular.commands.console import command, given, print_result
 from granular.commands.options import Output, OwnCode, RunDirectory
 from granular.commands.signature import Hertz, Option, Seconds
-from granular.shared.errors import InputError, SceneError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, SceneError, quote
 
 
 @command("""\
@@ -52,7 +51,7 @@ def render(
 ) -> None:
     """Draw a still or a movie of a run."""
     from granular.render.movie import WRITERS, movie
-    from granular.render.still import save_picture, still
+    from granular.render.picture import save_picture, still
 
     own.run()
     if Path(out).suffix.lower() in WRITERS:

@@ -44,7 +44,7 @@ def tolerances(
     output: Output,
 ) -> None:
     """Equilibrium, frequency and damping of a damper by the tolerances of its parts."""
-    from granular.studies.tolerance_page import tolerances_page
+    from granular.studies.study_page import tolerances_page
     from granular.studies.tolerances import tolerances as find_tolerances
 
     loaded = changes.load(scene)

@@ -15,18 +15,17 @@ import numpy as np
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
-from granular.compiled.numba_insides import insides_are_usable
+from granular.compiled.kernel_cache import insides_are_usable
 from granular.compiled.source_digest import PACKAGE
 
 _INNER: dict[str, Any] = {}
 _ENTRY: dict[str, Any] = {}
 if insides_are_usable():
-    from granular.compiled.kernel_cache import cache_kernel
-    from granular.compiled.kernel_linking import EntryCompiler, InnerCompiler
+    from granular.compiled.kernel_cache import EntryCompiler, InnerCompiler, cache_kernel
 
     _INNER, _ENTRY = {"pipeline_class": InnerCompiler}, {"pipeline_class": EntryCompiler}
 else:
-    from granular.compiled.cache_folder import cache_kernel_by_numba as cache_kernel
+    from granular.compiled.kernel_cache import cache_kernel_by_numba as cache_kernel
 
 __all__ = ["Array", "compiled", "entry"]
 

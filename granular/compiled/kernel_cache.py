@@ -1,4 +1,4 @@
-"""Compiled kernels on disk: one file for each kernel, types of arguments, and processor.
+"""Compiled kernels on disk: compiled once, linked from each other, and read in a few milliseconds.
 
 Numba's own cache looks at the file of the function that is called alone, keeps an index that two
 processes may write simultaneously, names its files by line numbers, and loads whatever it finds.
@@ -6,8 +6,15 @@ Here
 
 - one digest of all kernels' sources stands for them all, since kernels call each other: editing one
   compiles all afresh, and nothing stale is ever run (see `granular.compiled.source_digest`);
-- a file is loaded only if it is the user's own and whole (see `granular.shared.cache_files`), and what
+- a file is loaded only if it is the user's own and whole (see `granular.shared.files`), and what
   cannot be written is not kept: the worst that a cache can do to a run is to cost it time.
+
+Kernels that only kernels call are linked into their callers, and turned into code only there.
+
+Numba optimises every function and writes its machine code, also where its code is put into a caller
+and optimised there again, level by level; that took most of the time of a first start. Here a
+kernel that only kernels call stays as it was lowered, and an entry takes in all kernels below it at
+once.
 """
 
 from __future__ import annotations
@@ -15,19 +22,298 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import os
 import pickle
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
 import time
+import warnings
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import llvmlite
 import numba
+from llvmlite import binding
+from numba import _dynfunc
 from numba.core.caching import NullCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, CompileResult, compile_result
+from numba.core.event import Event, Listener, install_listener
 from numba.core.serialize import dumps
 
-from granular.compiled.cache_folder import digest_of_sources, kernel_cache_folder, write_cache_file
-from granular.compiled.kernel_linking import rebuild_kernel
-from granular.shared.cache_files import read_sealed_file
-from granular.shared.file_locks import lock_file
+from granular.compiled.source_digest import PACKAGE, digest_of_bytes, digest_of_syntax, read_compiled_sources
+from granular.shared.files import (
+    lock_file,
+    read_sealed_file,
+    toolkit_cache_folder,
+    trusted_cache_folder,
+    write_sealed_file,
+)
+from granular.shared.garbage import rare_garbage_collection
+
+
+@functools.cache
+def kernel_cache_folder() -> Path | None:
+    """Folder where kernels are kept: in ``NUMBA_CACHE_DIR``, or among the user's caches."""
+    here = hashlib.sha256(f"{PACKAGE} {sys.implementation.cache_tag}".encode()).hexdigest()
+    chosen = numba.config.CACHE_DIR
+    home = Path(chosen) if chosen else toolkit_cache_folder()
+    return trusted_cache_folder(home and home / f"kernels-{here[:16]}", "NUMBA_CACHE_DIR")
+
+
+@functools.cache
+def digest_of_sources() -> str:
+    """Digest of all that the code of kernels depends on, but for arguments and processor."""
+    files = read_compiled_sources()
+    # Parsing takes a quarter of a second.
+    syntax = read_or_compute("source", digest_of_bytes(files), lambda: digest_of_syntax(files))
+    versions = f"{sys.version} {sys.flags.optimize} {numba.__version__} {llvmlite.__version__}"
+    return hashlib.sha256(f"{versions} {syntax}".encode()).hexdigest()
+
+
+def read_or_compute(name: str, label: str, compute: Callable[[], str]) -> str:
+    """Text of a file in the folder that was made for a label, or as computed, and written there."""
+    folder = kernel_cache_folder()
+    sealed = None if folder is None else read_sealed_file(folder / name, label)
+    if sealed is not None:
+        return sealed.decode()
+    result = compute()
+    if folder is not None:
+        write_cache_file(folder / name, label, result.encode())
+    return result
+
+
+def write_cache_file(path: Path, label: str, body: bytes) -> None:
+    """Write a sealed file, or warn once that it cannot be written."""
+    try:
+        write_sealed_file(path, label, body)
+    except OSError as error:
+        _warn_once(f"{path.parent} cannot be written: {error.strerror}")
+
+
+@functools.cache
+def _warn_once(why: str) -> None:
+    warnings.warn(f"compiled code is not kept: {why}; the next start compiles anew", stacklevel=3)
+
+
+@functools.cache
+def _numba_cache_folder() -> Path | None:
+    """Folder for Numba's own cache, of these sources alone: Numba looks at one file of theirs."""
+    folder = kernel_cache_folder()
+    if folder is None:
+        return None
+    current = folder / f"njit-{digest_of_sources()[:16]}"
+    for former in folder.glob("njit-*"):
+        if former != current:
+            shutil.rmtree(former, ignore_errors=True)
+    return current
+
+
+def cache_kernel_by_numba(kernel: Any) -> None:
+    """Keep the compiled forms of an entry, which hold all kernels below it, by Numba's own cache."""
+    folder, chosen = _numba_cache_folder(), numba.config.CACHE_DIR
+    if folder is not None and "no_cpython_wrapper" not in kernel.targetoptions:
+        numba.config.CACHE_DIR = str(folder)
+        kernel.enable_caching()
+        numba.config.CACHE_DIR = chosen
+
+
+class CompileTimer(Listener):
+    """Counts the time in which its thread holds the lock of Numba's compiler."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._thread, self._depth, self._begun = threading.get_ident(), 0, 0.0
+
+    def on_start(self, event: Event) -> None:
+        """Start the clock where the thread takes the lock."""
+        if threading.get_ident() == self._thread:
+            if self._depth == 0:
+                self._begun = time.perf_counter()
+            self._depth += 1
+
+    def on_end(self, event: Event) -> None:
+        """Stop the clock where the thread gives the lock back."""
+        if threading.get_ident() == self._thread:
+            self._depth -= 1
+            if self._depth == 0:
+                self.seconds += time.perf_counter() - self._begun
+
+
+@contextlib.contextmanager
+def measure_compile_time() -> Iterator[CompileTimer]:
+    """Measure the time in which kernels are compiled or read within the block [s]."""
+    with install_listener("numba:compiler_lock", CompileTimer()) as timer:
+        yield timer
+
+
+class CompileReporter(Listener):
+    """Tells how many kernels its thread has begun to compile; those from the cache do not count."""
+
+    def __init__(self, report: Callable[[int], None]) -> None:
+        self._report, self._thread, self._begun = report, threading.get_ident(), 0
+
+    def on_start(self, event: Event) -> None:
+        """Count a kernel whose compiling the thread begins, and report the number."""
+        if threading.get_ident() == self._thread:
+            self._begun += 1
+            self._report(self._begun)
+
+    def on_end(self, event: Event) -> None:
+        """Do nothing where a kernel is done."""
+        pass
+
+
+@contextlib.contextmanager
+def report_compiled_kernels(report: Callable[[int], None]) -> Iterator[None]:
+    """Call a function with the number of each kernel that is compiled within the block."""
+    with install_listener("numba:compile", CompileReporter(report)):
+        yield
+
+
+def _libraries_below(libraries: list[Any]) -> list[Any]:
+    """Libraries and those that they link, each once, callers before what they call."""
+    result: dict[Any, None] = {}
+
+    def enter(library: Any) -> None:
+        if library not in result:
+            if isinstance(library, LinkedLibrary):
+                for below in library._linking_libraries:
+                    enter(below)
+            result[library] = None
+
+    for library in libraries:
+        enter(library)
+    return list(result)[::-1]
+
+
+class LinkedLibrary(JITCodeLibrary):
+    """Code of a kernel that is to be linked, neither optimised as a whole nor turned into code."""
+
+    _linking_libraries: list[Any]
+    _shared_module: Any
+
+    def finalize(self) -> None:
+        """Close the library without optimising it; its functions may be merged when it is linked."""
+        self._raise_if_finalized()
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == binding.Linkage.external:
+                function.linkage = "linkonce_odr"
+        self._finalize_dynamic_globals()
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
+        self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        """Own code with all that it calls."""
+        self._ensure_finalized()
+        if self._shared_module is None:
+            total = self._final_module.clone()
+            for library in _libraries_below(self._linking_libraries):
+                total.link_in(_module_to_link(library), preserve=True)
+            self._shared_module = total
+        return self._shared_module
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        """Bitcode of the kernel with all that it calls, for the cache."""
+        return self.name, "linked", self._get_module_for_linking().as_bitcode()
+
+
+class EntryLibrary(JITCodeLibrary):
+    """Code of a kernel that Python calls, with all kernels below it."""
+
+    _linking_libraries: list[Any]
+
+    def finalize(self) -> None:
+        """Link in all kernels below, and turn all of it into machine code."""
+        self._raise_if_finalized()
+        for library in _libraries_below(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(_module_to_link(library), preserve=True)
+        # Numba's own finalize would link them in a second time.
+        self._linking_libraries = []
+        super().finalize()
+
+
+def _module_to_link(library: Any) -> Any:
+    if isinstance(library, LinkedLibrary):
+        return library._final_module
+    return library._get_module_for_linking()
+
+
+class InnerCompiler(Compiler):
+    """Numba's compiler, up to what is to be linked."""
+
+    def define_pipelines(self) -> Any:
+        """Define Numba's stages of compiling, up to a library that is to be linked."""
+        state = self.state
+        if not state.flags.auto_parallel.enabled:
+            codegen = state.targetctx.codegen()
+            state.library = LinkedLibrary(codegen, state.func_id.func_qualname)
+            state.flags.no_compile = True
+        return super().define_pipelines()
+
+    def _compile_core(self) -> Any:
+        result = super()._compile_core()
+        library = result.library
+        if isinstance(library, LinkedLibrary):
+            entry = _placeholder_entry_point(library, result.fndesc, result.environment)
+            result = result._replace(entry_point=entry)
+            result.target_context.insert_user_function(entry, result.fndesc, [library])
+        return result
+
+
+class EntryCompiler(Compiler):
+    """Numba's compiler, with a library that takes in all kernels below."""
+
+    def define_pipelines(self) -> Any:
+        """Define Numba's stages of compiling, with a library that takes in the kernels below."""
+        state = self.state
+        codegen = state.targetctx.codegen()
+        state.library = EntryLibrary(codegen, state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return super().define_pipelines()
+
+    def _compile_core(self) -> Any:
+        with rare_garbage_collection():  # all kernels below are compiled in here
+            return super()._compile_core()
+
+
+def _placeholder_entry_point(library: Any, fndesc: Any, env: Any) -> Any:
+    """Stand in for the kernel in Numba's tables; not to be called."""
+    name = fndesc.qualname.split(".")[-1]
+    return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
+
+
+def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
+    """Rebuild the compiled form of a kernel from its file's content."""
+    (name, kind, data), fndesc, env, signature, *rest = payload
+    if kind != "linked":
+        return CompileResult._rebuild(context, *payload)
+    library = LinkedLibrary(context.codegen(), name)
+    library._final_module = binding.parse_bitcode(data)
+    library.finalize()
+    library._shared_module = library._final_module
+    return compile_result(
+        target_context=context,
+        typing_context=context.typing_context,
+        library=library,
+        environment=env,
+        entry_point=_placeholder_entry_point(library, fndesc, env),
+        fndesc=fndesc,
+        type_annotation=rest[2],
+        signature=signature,
+        objectmode=False,
+        lifted=rest[1],
+        reload_init=rest[3],
+        referenced_envs=rest[4],
+    )
+
 
 ABANDONED = 86400.0
 """Age [s] from which a part of a file is nobody's any more."""
@@ -125,3 +411,46 @@ class KernelCache(NullCache):
 def cache_kernel(kernel: Any) -> None:
     """Keep the compiled forms of a kernel on disk."""
     kernel._cache = KernelCache(kernel.py_func, kernel.targetoptions)
+
+
+SWITCH = "GRANULAR_PLAIN_NUMBA"
+"""Variable of the environment: 1 for Numba's own ``njit``, 0 for the insides, whatever the version."""
+
+TESTED = (0, 64), (0, 68)
+"""First and last version of Numba that the tests were run with."""
+
+
+def insides_are_usable() -> bool:
+    """Return whether kernels are compiled by Numba's insides; warn once where they no longer fit."""
+    chosen = os.environ.get(SWITCH, "")
+    if chosen:
+        return chosen == "0"
+    version = tuple(int(number) for number in re.findall(r"\d+", numba.__version__)[:2])
+    if numba.config.DISABLE_JIT or TESTED[0] <= version <= TESTED[1]:
+        return True
+    fault = read_or_compute("insides", digest_of_sources(), _find_fault)
+    if fault:
+        tested = " to ".join(f"{major}.{minor}" for major, minor in TESTED)
+        warnings.warn(
+            f"numba {numba.__version__} is outside the tested versions, {tested}, and its insides do not "
+            f"fit ({fault}): its own njit compiles, with the same results and a first start twice as long",
+            stacklevel=2,
+        )
+        os.environ[SWITCH] = "1"  # worker processes need not find out, and warn, again
+    return not fault
+
+
+def _find_fault() -> str:
+    """Return the error that stops the trial kernels; empty if they run."""
+    # In a process of its own: code that does not fit may end one without an exception.
+    path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", "from granular.compiled.trial_kernels import run; run()"],
+            env={**os.environ, SWITCH: "0", "NUMBA_CACHE_DIR": folder, "PYTHONPATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    lines = done.stderr.strip().splitlines()
+    return (lines or [f"exit code {done.returncode}"])[-1] if done.returncode else ""

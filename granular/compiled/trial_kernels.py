@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.by_reference import by_reference
+from granular.compiled.hook_calls import by_reference
 
 
 class Weighted(NamedTuple):

@@ -19,9 +19,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import discs_unless_dipoles
-from granular.effects.dissipative_effect import DissipativeEffect
-from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.force_effect import ForceEffect
+from granular.effects.effect import DissipativeEffect, EffectContext, ForceEffect, energy_variable
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import LOSSES, Bed, State
 from granular.pairs.dipole_law import ENERGY, pair_energy

@@ -24,8 +24,7 @@ from granular.compiled.hook_calls import OPTIONS
 from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import LOSSES, WORK, Bed, State
 from granular.pairs.grain_arrays import value_or_one
-from granular.shared.errors import InputError
-from granular.shared.message_text import one_line
+from granular.shared.errors import InputError, one_line
 
 Functions = Mapping[str, Any]
 

@@ -7,8 +7,7 @@ Villani 1998, doi:10.1155/1998/79537]. The formula printed as [D, eq. 2.6] has 1
 
 from __future__ import annotations
 
-from granular.effects.effect import energy_variable
-from granular.effects.force_effect import ForceEffect
+from granular.effects.effect import ForceEffect, energy_variable
 from granular.pairs.disc_law import Disc
 from granular.schema.apparatus import Grains
 

@@ -23,16 +23,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.dissipative_effect import DissipativeEffect
-from granular.effects.effect import EffectContext, energy_variable
+from granular.effects.effect import DissipativeEffect, EffectContext, energy_variable
 from granular.effects.slide import drag_flow_coefficients
-from granular.kernel_data.compensated_summation import add_to_velocity
-from granular.kernel_data.state import LOSSES, Bed, State
-from granular.pairs.direct_sum import pad_values
-from granular.pairs.direct_vector_loops import reproducible_sum
+from granular.kernel_data.state import LOSSES, Bed, State, add_to_velocity
+from granular.pairs.direct_sum import pad_values, reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
-from granular.parts.drags import counter_flow_factor, disc_drag
-from granular.parts.liquids import find_liquid
+from granular.parts.liquids import counter_flow_factor, disc_drag, find_liquid
 from granular.schema.apparatus import Grains
 from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError, at_key
@@ -51,7 +47,7 @@ class Drag(DissipativeEffect):
     ----------
     coefficient : float
         gamma [kg/s] of a grain of the first species; of others it goes with the area of a face. If it is
-        not given it follows from the liquid (`granular.parts.drags`), and is 0.1 kg/s without one.
+        not given it follows from the liquid (`granular.parts.liquids`), and is 0.1 kg/s without one.
     liquid : str or None
         Liquid in the cell by name, such as ``"silicone oil 350 cSt"``, at ``grains.temperature``.
     viscosity : float or None

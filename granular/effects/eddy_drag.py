@@ -21,10 +21,14 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import discs_unless_dipoles
-from granular.effects.dissipative_effect import DissipativeEffect
-from granular.effects.eddy_drag_tensor import Plate, lattice_drag_factor, lone_disc_drag_factor
-from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.mutual_eddy_drag import MutualEddyLaw, make_mutual_eddy_law
+from granular.effects.effect import DissipativeEffect, Effect, EffectContext, energy_variable
+from granular.effects.mutual_eddy_drag import (
+    MutualEddyLaw,
+    Plate,
+    lattice_drag_factor,
+    lone_disc_drag_factor,
+    make_mutual_eddy_law,
+)
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.direct_sum import pad_values

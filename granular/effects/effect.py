@@ -8,9 +8,9 @@ What is not there costs nothing; ``law, workspace, index`` come before the other
 
 An effect is of one of three kinds, or of two, and subclasses what it is:
 
-- a force, `granular.effects.force_effect`: it has an energy, and is minus its gradient;
-- a flow, `granular.effects.dissipative_effect`: it takes energy, and is solved exactly;
-- a frame, `granular.effects.moving_frame_effect`: it acts on everything, the piston too.
+- a force, `granular.effects.effect`: it has an energy, and is minus its gradient;
+- a flow, `granular.effects.effect`: it takes energy, and is solved exactly;
+- a frame, `granular.effects.effect`: it acts on everything, the piston too.
 
 ``workspace(size, count)``, where the law has it, makes the scratch arrays that the loop hands
 over as ``workspace``; its field ``persistent``, if it has one, is part of the run's state.
@@ -20,6 +20,44 @@ written: a class with the functions of one of them, decorated with
 `granular.effects.custom.effect` as a user's own, becomes an effect of this form, and so does a
 formula. `granular.effects.magnetic_gradient` is written so. The file's own test aside, nothing else has to
 be touched but the table in `granular.effects.registry`.
+
+A flow: it takes energy, and is solved exactly. `granular.effects.eddy_drag` is a short one.
+
+Its velocities after a duration are exact at fixed positions: as a force it would cost the second
+order. What it takes is entered in ``state.ledger[LOSSES + index]``. Hooks of its law, behind
+``law, workspace, index``:
+
+``damp_velocities(..., dt, bed, opens_step) -> int``
+    Velocities after ``dt`` under this effect alone; forward behind the kick that opens a step,
+    backward before the one that closes it.
+``kick(..., dt, bed, opens_step) -> int``
+    Velocities after ``dt`` under all forces, instead of the plain kick, for what must be solved
+    together with them; the last effect that has one gives it, and must take along what others do.
+
+A force: it has an energy, and is minus its gradient. `granular.effects.gravity` is a short one.
+
+Hooks of its law, behind ``law, workspace, index``:
+
+``add_forces(..., bed, time) -> int``
+    Add the forces on the grains; how many grains are where they cannot be.
+``measure_energy_and_stiffness(..., bed, time, stiffness, energies) -> int``
+    Enter the energy at ``energies[index]``; add to ``stiffness`` a bound of each grain's stiffness
+    over its mass, which the automatic step follows.
+``record_external_work(..., dt, bed, time) -> int``
+    Enter in ``state.ledger[WORK]`` what a force that depends on time does.
+``squared_head_on_impact_frequency(..., speed, constants) -> float``
+    Greatest stiffness over mass that a grain of this speed meets.
+
+A frame: it acts on everything, the piston too. `granular.effects.shaking` is a short one.
+
+A host moves grains and piston by their forces, so the loop itself moves it: `granular.engine.bodies`.
+Hooks of its law, behind ``law, workspace, index``, next to those of a force that it may have:
+
+``upward_acceleration(..., time) -> float``
+    Upward acceleration of all that has a mass.
+``drift(..., dt, bed) -> int``
+    Positions after ``dt``, instead of the plain drift, and velocities that change in its middle, as
+    a heat bath wants it; for Störmer-Verlet's coefficients alone.
 """
 
 from __future__ import annotations
@@ -243,3 +281,60 @@ class Effect(Section):
 def energy_variable(name: str, meaning: str) -> RecordedVariable:
     """Make the record of an energy."""
     return RecordedVariable(name, "J", meaning, "energy")
+
+
+class DissipativeEffect(Effect):
+    """Base of the effects that take energy."""
+
+    def decay_rate(self, scales: Scales) -> float:
+        """Rate of a linear decay of the velocities, which a step is to resolve up to a limit.
+
+        Parameters
+        ----------
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        float
+            [1/tau]; 0 where the effect has none.
+        """
+        return 0.0
+
+
+class ForceEffect(Effect):
+    """Base of the effects that have an energy."""
+
+    def downward_acceleration(self, scales: Scales) -> float:
+        """Downward acceleration that never changes, which can make grains faster.
+
+        Parameters
+        ----------
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        float
+            [D/tau^2]; 0 where the effect has none.
+        """
+        return 0.0
+
+
+class MovingFrameEffect(Effect):
+    """Base of the effects that carry grains and piston together."""
+
+    def greatest_imparted_speed(self, scales: Scales) -> float:
+        """Greatest speed that the effect lends to all grains.
+
+        Parameters
+        ----------
+        scales : Scales
+            Natural units of the scene, in SI.
+
+        Returns
+        -------
+        float
+            [D/tau]; 0 where it lends none.
+        """
+        return 0.0

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import compiled
-from granular.kernel_data.cubic_spline import evaluate_cubic_spline
+from granular.kernel_data.state import evaluate_cubic_spline
 from granular.schema.field_kinds import FieldError, at_key
 from granular.schema.natural_units import Scales
 from granular.schema.sections import (
@@ -21,8 +21,7 @@ from granular.schema.sections import (
     quantity_list_field,
     text_field,
 )
-from granular.shared.errors import RecordError
-from granular.shared.message_text import quote
+from granular.shared.errors import RecordError, quote
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.force_effect import ForceEffect
+from granular.effects.effect import EffectContext, ForceEffect, energy_variable
 from granular.kernel_data.state import Bed
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales

@@ -25,11 +25,15 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import compiled, entry
-from granular.effects.dissipative_effect import DissipativeEffect
-from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.moving_frame_effect import MovingFrameEffect
+from granular.effects.effect import (
+    DissipativeEffect,
+    Effect,
+    EffectContext,
+    MovingFrameEffect,
+    energy_variable,
+)
 from granular.kernel_data.state import LOSSES, STEPS, Bed
-from granular.pairs.direct_vector_loops import reproducible_sum
+from granular.pairs.direct_sum import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell

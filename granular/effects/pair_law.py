@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import EffectContext
-from granular.effects.force_effect import ForceEffect
+from granular.effects.effect import EffectContext, ForceEffect
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import Bed
 from granular.pairs.dipole_law import ENERGY

@@ -20,7 +20,7 @@ EFFECTS = Registry[type[Effect]](
         "gradient": "granular.effects.magnetic_gradient:Gradient",
         "gravity": "granular.effects.gravity:Gravity",
         "host": "granular.effects.host_structure:Host",
-        "pair_law": "granular.effects.pair_formula:PairLaws",
+        "pair_law": "granular.effects.formula:PairLaws",
         "shaking": "granular.effects.shaking:Shaking",
         "wall_friction": "granular.effects.wall_friction:WallFriction",
         "walls": "granular.effects.walls:Walls",

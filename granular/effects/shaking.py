@@ -12,8 +12,7 @@ import math
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.moving_frame_effect import MovingFrameEffect
+from granular.effects.effect import EffectContext, MovingFrameEffect, energy_variable
 from granular.kernel_data.state import HEIGHT, WORK, Bed
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales

@@ -23,8 +23,14 @@ import numpy as np
 from granular.compiled import Array, compiled, entry
 from granular.effects.wall_side import WallView, distance_from_wall, position_along_wall, push_grain
 from granular.pairs.dipole_law import ENERGY
-from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
-from granular.pairs.disc_near_law import disc_law_continued_below_contact, force_slope_at_contact
+from granular.pairs.disc_law import (
+    Disc,
+    contact_distance,
+    disc_energy_and_force,
+    disc_law_continued_below_contact,
+    force_slope_at_contact,
+    pair_squared_distance_shift,
+)
 from granular.pairs.grain_arrays import value_or_one
 
 if TYPE_CHECKING:

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import sum_of_hooks
 from granular.effects import drag
-from granular.effects.dissipative_effect import DissipativeEffect
-from granular.effects.effect import Effect, EffectContext, energy_variable
+from granular.effects.effect import DissipativeEffect, Effect, EffectContext, energy_variable
 from granular.effects.slide import drag_flow_coefficients, move_with_drag, slide
 from granular.effects.wall_side import PARALLEL, Side
 from granular.effects.walls import natural_sides

@@ -14,21 +14,17 @@ from typing import Any, ClassVar
 import numpy as np
 
 from granular.effects.dipole import species_discs
-from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.force_effect import ForceEffect
+from granular.effects.effect import Effect, EffectContext, ForceEffect, energy_variable
 from granular.effects.registry import WALL_LAWS
 from granular.effects.wall_discs import DiscWall, disc_wall_tables
-from granular.effects.wall_experimental import ExperimentalWall
-from granular.effects.wall_infinite import InfiniteWall
-from granular.effects.wall_kernels import WallLaws
+from granular.effects.wall_laws import ExperimentalWall, InfiniteWall, SlabWall, WallLaws
 from granular.effects.wall_side import Side
-from granular.effects.wall_slab import SlabWall
 from granular.kernel_data.state import CELL, PISTON
 from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell, Point, SideLine
 from granular.schema.field_kinds import FieldError, FieldKind, NestedSectionKind, at_key
 from granular.schema.sections import Section, quantity, section_field, text_field
-from granular.shared.message_text import quote, unknown_word_message
+from granular.shared.errors import quote, unknown_word_message
 
 LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"

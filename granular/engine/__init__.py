@@ -31,8 +31,7 @@ record, frame
 schedule
     How a stage is cut: the length of a tick and of a step, ticks from record to record and from
     frame to frame. The automatic step resolves the stiffest mode that the bed can meet; when a
-    look finds one that is twice as stiff, the ticks that follow have more steps (`step_size`,
-    `frequency_bounds`).
+    look finds one that is twice as stiff, the ticks that follow have more steps (`step_size`).
 plan
     What all steps of a run have in common: the method's table of kicks and drifts, or its
     Butcher tableau, and how often the far field acts (`time_step`).
@@ -45,7 +44,7 @@ watch
     piston that the stage was to reach, a step that has grown too long, a grain that has left.
 far field
     Where pairs are summed with a mesh, the part of the force that varies slowly acts in impulses
-    (`far_field_forces`): one kick opens an interval of at most ``far_every`` steps (``<``), one closes it
+    (`forces`): one kick opens an interval of at most ``far_every`` steps (``<``), one closes it
     (``>``), each with the field of that moment over half the interval. Intervals divide a tick, so
     that a look sees whole ones. The field at the stage's beginning is *held*: it acts in every
     step, like any other force, and the impulses give what the field differs from it by. (Where the
@@ -57,7 +56,7 @@ A run changes a `State` of plain arrays, and reads `Constants`
 (`granular.kernel_data`). In these stands, for every effect that acts, a law whose kernels the
 compiler writes into the loop (`granular.effects.effect`, `granular.compiled.hook_calls`); of what
 does not act nothing is there. A host that carries the cell moves all the others (`bodies`).
-`energy_ledger` checks the energy of every record, `granular.run.snapshot` says what must be kept to go on
-with the same bits, `run_errors` puts what went wrong into words. Kernels are declared with
+`state` checks the energy of every record, `granular.run.run_directory_writer` keeps what a resumed
+run needs for the same bits, `run_errors` puts what went wrong into words. Kernels are declared with
 `granular.compiled`.
 """

@@ -33,11 +33,10 @@ from typing import TYPE_CHECKING
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_last_hook, sum_of_hooks
-from granular.effects.body_table import BodyLaw, BodyScratch, bed_momentum, link_force
 from granular.effects.excitation import evaluate_excitation, excitation_during_kick
+from granular.effects.host_structure import BodyLaw, BodyScratch, bed_momentum, link_force
 from granular.effects.slide import drag_flow_coefficients, slide
-from granular.effects.wall_kernels import force_on_body
-from granular.kernel_data.compensated_summation import add_to_velocity, compensated_sum
+from granular.effects.wall_laws import force_on_body
 from granular.kernel_data.constants import BodyResistance
 from granular.kernel_data.state import (
     CELL,
@@ -50,6 +49,8 @@ from granular.kernel_data.state import (
     WORK,
     Bed,
     State,
+    add_to_velocity,
+    compensated_sum,
 )
 from granular.pairs.grain_arrays import value_or_one
 from granular.protocol.piston_motion import TABLE, Motion, driven_height_and_velocity, outer_force_on_piston

@@ -1,26 +1,212 @@
-"""All forces on the grains, and the energies and stiffness that go with them."""
+"""All forces on the grains, and the energies and stiffness that go with them.
+
+The far field in the engine: a part of every force, or impulses that come every so many steps.
+
+Where grains rub it is a part of every force, for sticking is decided by all of it. At rest it stays
+as it is, to the last bit; while grains slide it goes on for some steps as it changed before.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.by_reference import by_reference
-from granular.compiled.hook_calls import sum_of_hooks
-from granular.engine.far_field_forces import add_far_field, compute_far_field, far_energy, refresh_far_field
+from granular.compiled.hook_calls import by_reference, sum_of_hooks
 from granular.kernel_data.constants import Constants, multiply_by_moment_over_mass, pair_stiffness_bound
-from granular.kernel_data.state import Bed, Measurement, State, grain_arrays_of_bed
+from granular.kernel_data.state import Bed, Measurement, State, add_to_velocity, grain_arrays_of_bed
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.dipole_law import ENERGY
-from granular.pairs.direct_sum import direct_sum
-from granular.pairs.direct_vector_loops import reproducible_sum
-from granular.pairs.grain_arrays import GrainArrays, array_if_wanted, clear_sums
+from granular.pairs.direct_sum import direct_sum, reproducible_sum
+from granular.pairs.far_field import (
+    CALLS,
+    CHANGING,
+    TIME,
+    DirectFarFieldWorkspace,
+    FarFieldState,
+    compute_direct_far_field,
+    compute_mesh_far_field,
+)
+from granular.pairs.grain_arrays import GrainArrays, array_if_wanted, clear_sums, value_or_one
+from granular.pairs.multilevel_mesh import MultilevelMesh
 from granular.pairs.near_law import add_near_forces, add_near_loads, measure_near_part
+from granular.pairs.near_list import VerletSettings, any_grain_moved, store_positions, verlet_list_sum
 from granular.pairs.stripes import CutOffSettings
-from granular.pairs.verlet_list import VerletSettings, verlet_list_sum
 
 if TYPE_CHECKING:
     from jaxtyping import Float
+
+
+@compiled(inline=True)
+def compute_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
+    """Compute the far field at the present positions; non-zero if grains crowd its mesh; time [tau]."""
+    if far is None:
+        return 0
+    far.timing[TIME] = time
+    far.timing[CALLS] = 0.0
+    far.timing[CHANGING] = 0.0
+    return _find_far_forces_of_bed(far.mesh, far.direct, far, bed)
+
+
+@compiled(inline=True)
+def _find_far_forces_of_bed(
+    mesh: MultilevelMesh | None, direct: DirectFarFieldWorkspace | None, far: FarFieldState, bed: Bed
+) -> int:
+    state, constants = bed.state, bed.constants
+    assert state.stripes is not None
+    crowded, grains, threaded = 0, constants.grains, constants.threaded
+    arrays = grain_arrays_of_bed(bed, far.fx, far.fy, None, None, far.load)
+    if mesh is not None:
+        crowded = compute_mesh_far_field(mesh, far, threaded, grains, arrays, state.stripes.order)
+    if direct is not None:
+        compute_direct_far_field(direct, state.stripes, far.radius, threaded, grains, arrays, far.energy)
+        store_positions(far.evaluated_at, state.x, state.y, grains)
+    return crowded
+
+
+@compiled(inline=True)
+def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
+    """Find the far field if it is a part of every force; impulses leave it as it is; time [tau]."""
+    if far is None:
+        return 0
+    return _refresh_if_moved(far.held_forces, far.evaluated_at, far.rates, far, bed, time)
+
+
+@compiled(inline=True)
+def _refresh_if_moved(
+    held: Array | None, met: Array | None, rates: Array | None, far: FarFieldState, bed: Bed, time: float
+) -> int:
+    """Compute the far field, and its rate of change where the last one is recent."""
+    if held is not None:
+        return 0
+    if met is None:
+        return compute_far_field(far, bed, time)
+    state, constants = bed.state, bed.constants
+    far.timing[CALLS] += 1.0
+    if far.timing[CHANGING] > 0.0 and far.timing[CALLS] < far.extrapolation_steps:
+        return 0
+    # While nothing has moved further, grains at rest feel the same force to the last bit.
+    if not any_grain_moved(met, state.x, state.y, constants.grains, far.unchanged_distance**2):
+        far.timing[CHANGING] = 0.0
+        return 0
+    if rates is None:
+        return compute_far_field(far, bed, time)
+    lapse = time - far.timing[TIME]
+    goes_on = far.timing[CALLS] <= far.extrapolation_steps and lapse > 0.0
+    _store_far_forces(rates, far)
+    crowded = compute_far_field(far, bed, time)
+    if goes_on:
+        _store_far_force_rates(rates, far, lapse)
+        far.timing[CHANGING] = 1.0
+    return crowded
+
+
+@compiled
+def _store_far_forces(rates: Array, far: FarFieldState) -> None:
+    for i in range(far.fx.size):
+        rates[0, i] = far.fx[i]
+        rates[1, i] = far.fy[i]
+        rates[2, i] = value_or_one(far.load, i)
+
+
+@compiled
+def _store_far_force_rates(rates: Array, far: FarFieldState, lapse: float) -> None:
+    for i in range(far.fx.size):
+        rates[0, i] = (far.fx[i] - rates[0, i]) / lapse
+        rates[1, i] = (far.fy[i] - rates[1, i]) / lapse
+        rates[2, i] = (value_or_one(far.load, i) - rates[2, i]) / lapse
+
+
+@compiled(inline=True)
+def add_far_field(far: FarFieldState | None, state: State, count: int, time: float) -> None:
+    """Add the far field to forces and loads [F*]; where it acts in impulses, the held one; time [tau]."""
+    if far is not None:
+        _add_held_forces(far.held_forces, far, state.load, state, count)
+        if far.timing[CHANGING] > 0.0:
+            _add_extrapolated_forces(far.rates, state.load, time - far.timing[TIME], state, count)
+
+
+@compiled
+def _add_held_forces(
+    held: Array | None, far: FarFieldState, load: Array | None, state: State, count: int
+) -> None:
+    if held is None:
+        for i in range(count):
+            state.fx[i] += far.fx[i]
+            state.fy[i] += far.fy[i]
+        if load is not None and far.load is not None:
+            for i in range(count):
+                load[i] += far.load[i]
+    else:
+        for i in range(count):
+            state.fx[i] += held[0, i]
+            state.fy[i] += held[1, i]
+
+
+@compiled
+def _add_extrapolated_forces(
+    rates: Array | None, load: Array | None, lapse: float, state: State, count: int
+) -> None:
+    if rates is not None:
+        for i in range(count):
+            state.fx[i] += lapse * rates[0, i]
+            state.fy[i] += lapse * rates[1, i]
+        if load is not None:
+            for i in range(count):
+                load[i] += lapse * rates[2, i]
+
+
+@compiled
+def far_energy(far: FarFieldState | None) -> float:
+    """Energy of the far field at the positions of its last evaluation [F* D]."""
+    return 0.0 if far is None else far.energy[0]
+
+
+@compiled
+def kick_by_far_field(far: FarFieldState | None, dt: float, bed: Bed) -> None:
+    """Give the impulse by which the far field differs from the held one; dt [tau]."""
+    state, constants = bed.state, bed.constants
+    if far is not None:
+        _kick_by_change_since_held(
+            state.rounding, far.held_forces, far, dt, state, constants.masses, constants.grains
+        )
+
+
+@compiled
+def _kick_by_change_since_held(
+    rounding: Array | None,
+    held: Array | None,
+    far: FarFieldState,
+    dt: float,
+    state: State,
+    masses: Array | None,
+    count: int,
+) -> None:
+    if held is not None:
+        for i in range(count):
+            gain = dt
+            if masses is not None:
+                gain /= masses[i]
+            by_x, by_y = far.fx[i] - held[0, i], far.fy[i] - held[1, i]
+            add_to_velocity(rounding, state, i, gain * by_x, gain * by_y)
+
+
+def update_held_far_field(state: State) -> None:
+    """Hold the present far field from now on, where it acts in impulses."""
+    far = state.far_forces
+    if far is not None and far.held_forces is not None:
+        # The energy stays, but what a symplectic step conserves changes a little: seldom, if nothing
+        # dissipates.
+        state.fx[:] += far.fx - far.held_forces[0]
+        state.fy[:] += far.fy - far.held_forces[1]
+        far.held_forces[0], far.held_forces[1] = far.fx, far.fy
+
+
+def force_with_far_field(state: State) -> tuple[Array, Array]:
+    """Force on the grains (m,), (m,), with all of a far field that acts in impulses [F*]."""
+    far = state.far_forces
+    if far is None or far.held_forces is None:
+        return state.fx, state.fy
+    return state.fx + far.fx - far.held_forces[0], state.fy + far.fy - far.held_forces[1]
 
 
 @compiled(inline=True)

@@ -1,14 +1,41 @@
-"""The time step of a stage: given by the user, or a fraction of the stiffest mode's period."""
+"""The size of a step: bounds of the bed's frequencies, the automatic step, and reversible variable steps.
+
+Bounds of the highest angular frequency that the bed has, and that its fastest grains can meet.
+
+The automatic step follows them, and a given step is judged by them.
+
+Time-reversible variable steps: the density of steps follows the state by its rate.
+
+Hairer and Soderlind, SIAM J. Sci. Comput. 26 (2005) 1838: with a control Q the step is eps/rho, and
+rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n), G = -d ln Q/dt; the step is symmetric with the density
+that it is made with. Here 1/Q = `step_density`, a smooth bound of the highest frequency.
+
+Only differentiable functions of the positions serve a reversible control of the step, so each pair
+and each wall enters the sum with the same law, whatever the scene's wall law is; a power mean of
+them is close to the largest.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.compiled import compiled
+from granular.compiled import Array, compiled, entry
+from granular.compiled.hook_calls import by_reference, greatest_of_hooks, sum_of_hooks
+from granular.effects.host_structure import BodyLaw
+from granular.effects.wall_laws import add_body_stiffness
+from granular.kernel_data.constants import Constants, relative_moments
+from granular.kernel_data.state import CELL, DENSITY, LEAST, PISTON, SQUARE, Bed, Measurement, State
+from granular.pairs.dipole_law import head_on_frequency_squared
+from granular.pairs.near_law import NearLaw, squared_collision_frequency
+from granular.protocol.piston_motion import Motion
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 FRACTION, LEAST_FRACTION = 0.1, 0.03
 """Automatic step times the highest angular frequency. Verlet is stable below 2; at 0.1 its error
@@ -158,3 +185,183 @@ def completed_ticks(schedule: StepSchedule, time: float) -> float:
         steps = math.floor(time / schedule.h + 1e-6)
         return ((steps + 1) * schedule.every - 1) // schedule.given
     return math.floor(time / schedule.length + 1e-6)
+
+
+_squared_impact_frequency = greatest_of_hooks("squared_head_on_impact_frequency", "speed constants")
+
+
+@entry
+def evaluate_highest_impact_frequency(constants: Constants, speed: float) -> float:
+    """Highest angular frequency of a collision [1/tau], for Python; speed [D/tau]."""
+    return highest_impact_frequency(by_reference(constants), speed)
+
+
+@compiled
+def highest_impact_frequency(constants: Constants, speed: float) -> float:
+    """Highest angular frequency of a collision at a speed [1/tau]; speed [D/tau]."""
+    # Energy fixes the closest approach, so a step is short before a collision, not after it.
+    square = 0.0
+    if constants.acting.dipole is not None and constants.grains > 1:
+        square = _head_on_pair_stiffness(
+            constants.acting.near, speed, constants.least_mass, constants.least_moment
+        )
+    laws = constants.acting.laws
+    return math.sqrt(max(square, _squared_impact_frequency(laws, laws, speed, constants)))
+
+
+@compiled(inline=True)
+def _head_on_pair_stiffness(discs: NearLaw | None, speed: float, mass: float, moment: float) -> float:
+    if discs is None:
+        return head_on_frequency_squared(speed, mass, moment)
+    return squared_collision_frequency(discs, speed)
+
+
+@compiled
+def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None) -> tuple[float, float]:
+    """Stiffness of all grains [F*/D], and the largest of one grain per mass."""
+    total, largest = 0.0, 0.0
+    for i in range(count):
+        largest = max(largest, slopes[i])
+        total += slopes[i] if masses is None else slopes[i] * masses[i]
+    return total, largest
+
+
+@compiled
+def _raise_by_body(body: int, mass: float, highest: float, bed: Bed, measurement: Measurement) -> float:
+    """Bound of the squared frequencies of bed and a body of a mass [m], by its sides [1/tau^2]."""
+    slopes, constants = measurement.against_piston, bed.constants
+    slopes[:] = 0.0
+    add_body_stiffness(bed, body, slopes)
+    total, largest = _total_and_largest_stiffness(slopes, constants.grains, constants.masses)
+    # The body's row has each grain's stiffness on the diagonal and beside it; a grain's row the body's.
+    return max(highest + largest, 2.0 * total / mass)
+
+
+@compiled
+def _raise_by_further_bodies(
+    law: BodyLaw | None, highest: float, bed: Bed, measurement: Measurement
+) -> float:
+    """Bound of the squared frequencies with further bodies, and springs that are not the machine's."""
+    if law is None:
+        return highest
+    masses, links, largest = law.rows.masses, law.links, 0.0
+    for b in range(CELL if law.moves else PISTON, masses.size):
+        if b > PISTON:
+            highest = _raise_by_body(b, masses[b], highest, bed, measurement)
+        total = 0.0
+        for link in range(law.chain, links.stiffness.size):
+            total += 2.0 * abs(links.signs[link, b]) * links.stiffness[link]
+        if total > 0.0:
+            largest = max(largest, total / masses[b])
+    return highest + largest
+
+
+@compiled
+def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement: Measurement) -> float:
+    """Bound of the highest angular frequency of bed, free piston and collisions [1/tau]; speed [D/tau]."""
+    constants = bed.constants
+    highest = 0.0
+    # Row sums of the Hessian over the masses bound its eigenvalues (Gershgorin).
+    for i in range(constants.grains):
+        highest = max(highest, measurement.stiffness[i])
+    if motion.free:
+        highest = _raise_by_body(PISTON, constants.piston_mass, highest, bed, measurement)
+    highest = _raise_by_further_bodies(constants.acting.host, highest, bed, measurement)
+    return max(math.sqrt(highest), highest_impact_frequency(constants, speed))
+
+
+_POWER = 4
+"""Power of the mean: with 4, a thousand equal terms raise the frequency by (1000)^(1/8) = 2.4."""
+
+
+@compiled
+def _fourth_power_and_rate(gap: float, rate: float, fraction: float, square: float) -> tuple[float, float]:
+    """kappa^4 and its rate, for kappa = share/gap^5 + square/gap^2 and d gap/dt = rate."""
+    inverse = 1.0 / gap
+    near, far = fraction * inverse**5, square * inverse**2
+    kappa = near + far
+    cube = kappa * kappa * kappa
+    return cube * kappa, -_POWER * cube * (5.0 * near + 2.0 * far) * inverse * rate
+
+
+@compiled
+def step_density(
+    x: Float[Array, "m"],
+    y: Float[Array, "m"],
+    vx: Float[Array, "m"],
+    vy: Float[Array, "m"],
+    count: int,
+    moments: Float[Array, "m"] | None,
+    square: float,
+    least: float,
+    walls: Float[Array, "sides 4"],
+    pairs: bool,
+) -> tuple[float, float]:
+    """Smooth frequency, its logarithmic rate [1/tau]; x [D], vx [D/tau], square [D^2/tau^2]."""
+    # omega^8 = sum of kappa^4 + least^8, with kappa a squared frequency, over all pairs and walls.
+    total, rate = least**8, 0.0
+    for i in range(count):
+        qi = 1.0 if moments is None else moments[i]
+        if pairs:
+            for j in range(i):
+                qj = 1.0 if moments is None else moments[j]
+                dx, dy = x[i] - x[j], y[i] - y[j]
+                r = math.sqrt(dx * dx + dy * dy)
+                closing = (dx * (vx[i] - vx[j]) + dy * (vy[i] - vy[j])) / r
+                value, change = _fourth_power_and_rate(r, closing, 3.0 * (qi + qj), 4.0 * square)
+                total += value
+                rate += change
+        for k in range(len(walls)):
+            nx, ny, offset, lift = walls[k]
+            gap = nx * x[i] + (ny * y[i] - offset)
+            if gap < math.inf:
+                speed = nx * vx[i] + ny * (vy[i] - lift)
+                value, change = _fourth_power_and_rate(gap, speed, 1.75, square)
+                total += value
+                rate += change
+    return total**0.125, 0.125 * rate / total
+
+
+_fill_wall = sum_of_hooks("fill_wall", "bed walls")
+
+
+@compiled
+def _bed_step_density(bed: Bed) -> tuple[float, float]:
+    state, constants = bed.state, bed.constants
+    walls = np.empty((state.wall_forces.size, 4))
+    _fill_wall(constants.acting.sides, constants.acting.sides, bed, walls)
+    return step_density(
+        state.x,
+        state.y,
+        state.vx,
+        state.vy,
+        constants.grains,
+        relative_moments(constants),
+        state.clock[SQUARE],
+        state.clock[LEAST],
+        walls,
+        constants.acting.dipole is not None,
+    )
+
+
+@entry
+def initialise_step_density(
+    speed: float, longest: float, fraction: float, state: State, constants: Constants
+) -> None:
+    """Set the density half a step before the present state; speed [D/tau], longest [tau]."""
+    bed = by_reference(Bed(state, constants))
+    state.clock[SQUARE] = speed * speed
+    state.clock[LEAST] = fraction / longest
+    density, rate = _bed_step_density(bed)
+    state.clock[DENSITY] = max(density - 0.5 * fraction * rate, state.clock[LEAST])
+
+
+@compiled
+def advance_step_density(fraction: float, bed: Bed) -> float:
+    """Advance the density of steps by one step [tau]."""
+    state = bed.state
+    _, rate = _bed_step_density(bed)
+    # rho_{n+1/2} = rho_{n-1/2} + eps d ln(omega)/dt; half the least: a fast retreat must not make it
+    # negative.
+    state.clock[DENSITY] = max(state.clock[DENSITY] + fraction * rate, 0.5 * state.clock[LEAST])
+    return fraction / state.clock[DENSITY]

@@ -14,16 +14,26 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.by_reference import by_reference
-from granular.effects.wall_kernels import force_on_body
+from granular.compiled.hook_calls import by_reference
+from granular.effects.wall_discs import DiscWall
+from granular.effects.wall_laws import force_on_body
 from granular.engine import columns
 from granular.engine.bodies import piston_energy, record_bodies
-from granular.engine.far_field_forces import compute_far_field, kick_by_far_field
-from granular.engine.forces import compute_and_measure_forces, kinetic_energy, potential_energies
-from granular.engine.frequency_bounds import highest_frequency_bound
-from granular.engine.step_size import StepSchedule, steps_in_tick, tick_start_time
+from granular.engine.forces import (
+    compute_and_measure_forces,
+    compute_far_field,
+    kick_by_far_field,
+    kinetic_energy,
+    potential_energies,
+)
+from granular.engine.step_size import (
+    StepSchedule,
+    advance_step_density,
+    highest_frequency_bound,
+    steps_in_tick,
+    tick_start_time,
+)
 from granular.engine.time_step import StepPlan, advance_one_step
-from granular.engine.variable_step import advance_step_density
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import (
     HEIGHT,
@@ -40,10 +50,12 @@ from granular.kernel_data.state import (
     Measurement,
     State,
 )
+from granular.pairs.direct_sum import PADDING
 from granular.protocol.piston_motion import Motion
 
 if TYPE_CHECKING:
     from jaxtyping import Float
+
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, REMOVED = range(6)
 """Why the loop returns: its ticks are made; a grain is where it cannot be; all is at rest; the step
@@ -135,7 +147,7 @@ class TickRange(NamedTuple):
 
 @compiled
 def _energy_turnover(watch: StopCriteria, laws: int, row: Array) -> float:
-    """Energy turned over since the start; see `granular.engine.energy_ledger.EnergyLedger`."""
+    """Energy turned over since the start; see `granular.engine.state.EnergyLedger`."""
     c = columns
     potential, lost = row[c.PAIR] - watch.potential, row[c.PISTON_LOSS]
     for law in range(laws):
@@ -286,3 +298,43 @@ def _advance_window(
         if row[columns.STIFFEST] * schedule.h > watch.stiff:
             return STIFF, done - window.first, saved
     return RUNNING, window.ticks, saved
+
+
+def constants_per_grain(constants: Constants) -> list[np.ndarray]:
+    """Constants with one value for each grain (m,), which must move with the grains."""
+    acting = constants.acting
+    result = [constants.masses, constants.moments, acting.weight, acting.charges, acting.shift]
+    if acting.near is not None:
+        result.append(acting.near.species)
+    result += [side.law.species for side in acting.sides if isinstance(side.law, DiscWall)]
+    # A law's arrays are all of this kind; any other stands in a tuple of its own within the law.
+    result += [values for law in acting.laws for values in law]
+    # Masses, moments and charges may be one array, and must not be moved twice.
+    return list({id(values): values for values in result if isinstance(values, np.ndarray)}.values())
+
+
+def remove_outflowed_grains(state: State, constants: Constants) -> Constants:
+    """Take out the grains below the exit, by moving the last ones to their entries."""
+    grains = constants.grains
+    for i in range(grains - 1, -1, -1):
+        if state.y[i] < constants.exit:
+            grains -= 1
+            _replace_by_last_grain(i, grains, state, constants)
+    state.scratch[:] = 0.0
+    for workspace in state.workspaces:
+        if isinstance(workspace, np.ndarray):
+            workspace[:] = 0.0
+    return constants._replace(grains=grains)
+
+
+def _replace_by_last_grain(i: int, last: int, state: State, constants: Constants) -> None:
+    """Swap a grain with the last one, and put padding in the last entry."""
+    moving = [state.x, state.y, state.vx, state.vy, state.label, *constants_per_grain(constants)]
+    if state.rounding is not None:
+        moving += list(state.rounding)
+    for values in moving:
+        values[[i, last]] = values[[last, i]]
+    state.x[last], state.y[last] = PADDING * (last + 1.0), 0.0
+    state.vx[last] = state.vy[last] = 0.0
+    if state.rounding is not None:
+        state.rounding[:, last] = 0.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_last_hook
-from granular.effects.wall_kernels import force_on_body
+from granular.effects.wall_laws import force_on_body
 from granular.engine.bodies import (
     close_drift_of_bodies,
     kick_bodies,
@@ -23,7 +23,6 @@ from granular.engine.bodies import (
 )
 from granular.engine.forces import compute_and_measure_forces, compute_forces
 from granular.engine.step_size import StepRequest
-from granular.kernel_data.compensated_summation import compensated_sum
 from granular.kernel_data.state import (
     HEIGHT,
     PISTON,
@@ -37,10 +36,11 @@ from granular.kernel_data.state import (
     State,
     X,
     Y,
+    compensated_sum,
 )
 from granular.methods import Method
+from granular.pairs.far_field import FarFieldSettings
 from granular.pairs.grain_arrays import value_or_one
-from granular.pairs.mesh_far_field import FarFieldSettings
 from granular.protocol.piston_motion import Motion, driven_height_and_velocity, outer_force_on_piston
 
 if TYPE_CHECKING:

@@ -33,8 +33,7 @@ from granular.export.lammps_script import (
 from granular.export.lammps_stages import RemainingStage, remaining_stage
 from granular.observables.frame import frame_at
 from granular.pairs import dipole_law
-from granular.pairs.disc_law import Disc
-from granular.pairs.disc_near_law import disc_over_dipole_stiffness, make_disc_laws
+from granular.pairs.disc_law import Disc, disc_over_dipole_stiffness, make_disc_laws
 from granular.run.run_directory import is_run_directory
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene

@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.effects.dipole import discs_unless_dipoles
-from granular.effects.wall_experimental import ExperimentalWall
-from granular.effects.wall_infinite import InfiniteWall
+from granular.effects.wall_laws import ExperimentalWall, InfiniteWall
 from granular.export.lammps_stages import RemainingStage
 from granular.pairs import dipole_law
-from granular.pairs.disc_near_law import disc_law_continued_below_contact, force_slope_at_contact
+from granular.pairs.disc_law import disc_law_continued_below_contact, force_slope_at_contact
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError

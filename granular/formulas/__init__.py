@@ -1,15 +1,25 @@
 """Formulas that people write, parsed into a tree. Nothing of a text is ever run.
 
-A text is cut into tokens (`tokens`): numbers, names with their primes, and operators. Python's
+A text is cut into tokens: numbers, names with their primes, and operators. Python's
 parser, which runs nothing, orders stand-ins for them, and what it gives is taken over node by node
-(`parser`), only what a formula may hold. Of the tree (`tree`), `granular.formulas.algebra` makes
+(`parser`), only what a formula may hold. Of the tree, `granular.formulas.algebra` makes
 SymPy's objects, and `granular.formulas.dimensions` its unit.
 """
 
-from granular.formulas.functions import CONSTANTS, FUNCTIONS, FormulaFunction
-from granular.formulas.parser import parse
-from granular.formulas.tokens import MAX_CHARACTERS, FormulaError
-from granular.formulas.tree import Name, Node, Number, Operation, constant_names, variable_names
+from granular.formulas.parser import (
+    CONSTANTS,
+    FUNCTIONS,
+    MAX_CHARACTERS,
+    FormulaError,
+    FormulaFunction,
+    Name,
+    Node,
+    Number,
+    Operation,
+    constant_names,
+    parse,
+    variable_names,
+)
 
 __all__ = [
     "CONSTANTS",

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from granular.formulas import FUNCTIONS, FormulaError, Name, Node, Number, parse
-from granular.shared.message_text import quote
+from granular.shared.errors import quote
 
 if TYPE_CHECKING:
     import sympy

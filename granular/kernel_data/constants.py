@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.compiled import Array, compiled
+from granular.pairs.far_field import FarFieldSettings
 from granular.pairs.grain_arrays import STIFFNESS, value_or_one
-from granular.pairs.mesh_far_field import FarFieldSettings
 from granular.pairs.near_law import NearLaw
+from granular.pairs.near_list import VerletSettings
 from granular.pairs.stripes import CutOffSettings
-from granular.pairs.verlet_list import VerletSettings
 
 if TYPE_CHECKING:
     from jaxtyping import Float

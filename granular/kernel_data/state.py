@@ -1,4 +1,10 @@
-"""State of a run: plain padded arrays, in natural units."""
+"""State of a run: plain padded arrays, in natural units.
+
+Compensated sums: what a sum loses to rounding is kept and enters the next one.
+
+Kahan, Commun. ACM 8 (1965) 40; for integrators Hairer, Lubich and Wanner, Geometric Numerical
+Integration (2006), VIII.5.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +14,14 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.kernel_data.constants import Constants
+from granular.pairs.far_field import FarFieldState
 from granular.pairs.grain_arrays import GrainArrays
-from granular.pairs.mesh_far_field import FarFieldState
 from granular.pairs.near_list import NearList
 from granular.pairs.stripes import Stripes
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
+
 
 X, Y, VX, VY = range(4)
 """Rows of what is kept of the grains: positions and velocities together."""
@@ -101,3 +108,34 @@ def grain_arrays_of_bed(
 
 PERSISTENT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces", "label")
 """Fields that a checkpoint holds; the others are scratch."""
+
+
+@compiled
+def compensated_sum(total: float, rounding: float, increment: float) -> tuple[float, float]:
+    """Sum of a total and an increment, and what rounding took from it (Kahan 1965)."""
+    wanted = increment + rounding
+    new = total + wanted
+    return new, wanted - (new - total)
+
+
+@compiled
+def add_to_velocity(
+    rounding: Float[Array, "4 m"] | None, state: State, i: int, by_x: float, by_y: float
+) -> None:
+    """Add to a velocity [D/tau], as a compensated sum where what rounding takes is kept."""
+    if rounding is None:
+        state.vx[i] += by_x
+        state.vy[i] += by_y
+    else:
+        state.vx[i], rounding[VX, i] = compensated_sum(state.vx[i], rounding[VX, i], by_x)
+        state.vy[i], rounding[VY, i] = compensated_sum(state.vy[i], rounding[VY, i], by_y)
+
+
+@compiled
+def evaluate_cubic_spline(values: Array, slopes: Array, h: float, time: float) -> tuple[float, float]:
+    """Value and slope at a time from the first knot; behind its ends what they are; h the knots' distance."""
+    k = min(max(int(time / h), 0), values.size - 2)
+    s = min(max(time / h - k, 0.0), 1.0)
+    rise, left, right = values[k + 1] - values[k], h * slopes[k], h * slopes[k + 1]
+    bend, twist = 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise
+    return values[k] + s * (left + s * (bend + s * twist)), (left + s * (2.0 * bend + 3.0 * s * twist)) / h

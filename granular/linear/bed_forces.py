@@ -16,7 +16,7 @@ import numpy as np
 
 from granular.effects.gravity import GravityLaw
 from granular.engine import columns
-from granular.engine.far_field_forces import force_with_far_field
+from granular.engine.forces import force_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.engine.step_size import StepSchedule
 from granular.kernel_data.state import HEIGHT, SPEED
@@ -27,8 +27,7 @@ from granular.run.run_state import RunState
 from granular.scene.scene import Scene
 from granular.schema.cell import PISTON, Heights, piston_wall_key
 from granular.schema.sections import find_value
-from granular.shared.errors import InputError, RunError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, RunError, quote
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.effects.force_effect import ForceEffect
+from granular.effects.effect import ForceEffect
 from granular.effects.host_structure import BodyTable, FurtherPiston, Host
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales

@@ -18,8 +18,8 @@ from granular.linear.response import dynamic_stiffness
 from granular.linear.roots import Root, piston_roots, require_free_piston
 from granular.linear.slopes import Slopes, slopes
 from granular.run.trajectory import Trajectory
-from granular.scene.dimensionless_groups import dimensionless_groups, groups_line
 from granular.scene.scene import Scene
+from granular.scene.scene_in_natural_units import dimensionless_groups, groups_line
 from granular.shared.blocks import Block, Printout, Table, Text
 from granular.shared.html_pages import Shown
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from granular.methods.method import COMPENSATED, Method, method_from_plain
 from granular.methods.tables import METHODS
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 
 
 def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:

@@ -1,17 +1,16 @@
-from .biexponential import biexponential_fit
-from .bond_order import bond_correlation, bond_relaxation, global_psi6, local_psi6, psi6
-from .catalogue import OBSERVABLES, per_frame
-from .correlation import per_distance, radial_distribution, spatial_correlation
-from .defect_clusters import detect_defects
-from .defect_tracks import track_defects
-from .defects import disclination_charges, dislocations
-from .displacement import (
-    lindemann_parameter,
-    mean_square_displacement,
-    non_affine_motion,
-    non_affine_series,
-    per_lag,
+from .bond_order import (
+    bond_correlation,
+    bond_relaxation,
+    global_psi6,
+    local_psi6,
+    per_distance,
+    psi6,
+    radial_distribution,
+    spatial_correlation,
 )
+from .catalogue import OBSERVABLES, per_frame
+from .defect_tracks import track_defects
+from .defects import detect_defects, disclination_charges, dislocations
 from .forces import (
     compressive_forces,
     force_dip_test,
@@ -24,14 +23,22 @@ from .forces import (
     wall_forces,
 )
 from .frame import Frame, frame_at, observable
-from .harmonics import harmonic_response, stage_response
-from .hysteresis import hysteresis_cycles, hysteresis_energy
+from .harmonics import harmonic_response, hysteresis_cycles, hysteresis_energy, stage_response
 from .moduli import (
     bed_moduli,
     crystal_moduli,
     dipole_pair_strength,
     interaction_parameter,
     melting_theory_modulus,
+)
+from .motion import (
+    configurational_temperature,
+    kinetic_temperature,
+    lindemann_parameter,
+    mean_square_displacement,
+    non_affine_motion,
+    non_affine_series,
+    per_lag,
 )
 from .packing import (
     area_fraction_by_depth,
@@ -43,8 +50,13 @@ from .packing import (
     packing_fraction_series,
 )
 from .plasticity import drop_statistics, elastic_strain, plastic_distortion, plastic_events
-from .statistics import axial_order_parameter, dip_test, knuth_histogram, pearson_correlation
-from .temperature import configurational_temperature, kinetic_temperature
+from .statistics import (
+    axial_order_parameter,
+    biexponential_fit,
+    dip_test,
+    knuth_histogram,
+    pearson_correlation,
+)
 from .voronoi import cell_polygons, hexagon_regularity, polygon_fractions, voronoi_cells
 
 __all__ = [

@@ -28,11 +28,10 @@ from granular.observables.frame import (
     select_frames,
     species_names,
 )
+from granular.observables.motion import fluctuation_energies, kinetic_temperature
 from granular.observables.packing import least_piston_distance, mean_pair_distance, packing_fraction
-from granular.observables.temperature import fluctuation_energies, kinetic_temperature
 from granular.observables.voronoi import hexagon_regularity, polygon_fractions, voronoi_cells
-from granular.shared.errors import GranularError, InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import GranularError, InputError, quote
 from granular.shared.registry import Registry
 
 if TYPE_CHECKING:

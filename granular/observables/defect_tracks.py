@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.observables.bond_order import global_psi6
-from granular.observables.defect_clusters import (
+from granular.observables.defects import (
     BOUNDARY,
     DISLOCATION,
     KINDS,
     PAIR,
     FrameDefects,
     detect_defects,
+    lattice_to_plane,
 )
-from granular.observables.defects import lattice_to_plane
 from granular.observables.frame import check_frames, labelled_columns, select_frames
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.voronoi import VoronoiCells, check_cells
+from granular.observables.bond_order import global_psi6, local_psi6
+from granular.observables.voronoi import VoronoiCells, check_cells, circumcentres
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
+
 
 SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 """Nearest neighbours in the lattice, counter-clockwise from a1."""
@@ -195,3 +199,212 @@ def _mean_cell_areas_of_pairs(cells: VoronoiCells, pairs: np.ndarray) -> np.ndar
     chosen = np.unique(np.stack([owner[both[:, 0]], both[:, 1]], axis=1), axis=0)
     total = np.bincount(chosen[:, 0], cells.area[chosen[:, 1]], minlength=len(pairs))
     return np.asarray(total / np.bincount(chosen[:, 0], minlength=len(pairs)))
+
+
+DISLOCATION, DISCLINATION, VACANCY, INTERSTITIAL, PAIR, BOUNDARY = KINDS = (
+    "dislocation",
+    "disclination",
+    "vacancy",
+    "interstitial",
+    "bound pair",
+    "grain boundary",
+)
+
+# Dislocations this far apart turn the lattice by 1/7 rad, 8 degrees.
+LINKED = 7.0
+"""Dislocations nearer than this to each other, in spacings, can belong to one boundary."""
+
+LEAST_OF_BOUNDARY = 5
+"""Dislocations of a grain boundary, with Burgers vectors that do not cancel."""
+
+
+# The shells at 1, sqrt(3) and 2 spacings count, the next, at sqrt(7), does not.
+CORE = 2.6
+"""Radius of the disorder that counts for a dislocation's position, in spacings."""
+
+_CENTRINGS = 3
+
+
+class FrameDefects(NamedTuple):
+    """The defects of a frame."""
+
+    kinds: tuple[str, ...]  # of `KINDS`
+    positions: Float[np.ndarray, "d 2"]  # position of each defect [m]
+    lattice: Int[np.ndarray, "d 2"]  # Burgers vector in the lattice, see `granular.observables.defects`
+    burgers: Float[np.ndarray, "d 2"]  # the same in the plane [m]
+    charge: Int[np.ndarray, "d"]  # sum of 6 minus the number of neighbours
+    sizes: Int[np.ndarray, "d"]  # grains that have not six neighbours
+    angle: float  # direction of the lattice [rad]
+    spacing: float  # of the lattice of the mean cell area [m]
+
+
+class _DefectCluster(NamedTuple):
+    kind: str
+    position: np.ndarray
+    lattice: np.ndarray
+    charge: int
+    size: int
+
+
+def detect_defects(
+    positions: np.ndarray, angle: float | None = None, cells: VoronoiCells | None = None
+) -> FrameDefects:
+    """Defects of the hexagonal order, by clusters of neighbouring grains that have not six.
+
+    Of each cluster the Burgers circuit about it is taken (Hirth and Lothe, Theory of Dislocations, 1982;
+    see `granular.observables.defects.burgers_vectors`). A cluster with a charge is a
+    disclination, one with a Burgers vector a dislocation, and one with neither a vacancy or an
+    interstitial, by the number of grains in it against that of lattice sites within the circuit;
+    with as many as there are sites it is a bound pair of dislocations, as heat makes them and takes
+    them back.
+    `LEAST_OF_BOUNDARY` dislocations or more, each less than `LINKED` spacings from the next, whose
+    Burgers vectors add up to half of their number or more, are a grain boundary. Clusters that
+    touch the rim, where cells are not interior, are known by half only and are left out, but for
+    boundaries.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        Positions of the grains [m]; NaN for absent grains.
+    angle : float, optional
+        Direction of the lattice [rad], which is known up to 60 degrees; that of the mean bond order
+        if not given. Parts of the bed should be turned by less than 25 degrees against it.
+    cells : VoronoiCells, optional
+        Voronoi cells of the same positions, if known.
+
+    Returns
+    -------
+    FrameDefects
+        Kinds (d,), positions (d, 2) [m], Burgers vectors (d, 2) [m] and charges (d,) of the defects; d is 0
+        without defects.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape than (n, 2), the cells are of another number of grains, or no
+        grain has an interior cell.
+    """
+    positions, cells = check_cells(positions, cells)
+    if not cells.interior.any():
+        raise InputError("no grain has an interior cell; give a larger bed")
+    if angle is None:
+        angle = float(np.angle(global_psi6(positions, cells))) / 6.0
+    area = float(cells.area[cells.interior].mean())
+    spacing = math.sqrt(2.0 / math.sqrt(3.0) * area)
+    clusters = _join_grain_boundaries(_cluster_defects(positions, cells, angle, spacing), spacing)
+    lattice = np.array([cluster.lattice for cluster in clusters], dtype=int).reshape(-1, 2)
+    return FrameDefects(
+        kinds=tuple(cluster.kind for cluster in clusters),
+        positions=np.array([cluster.position for cluster in clusters], dtype=float).reshape(-1, 2),
+        lattice=lattice,
+        burgers=lattice_to_plane(lattice, angle, spacing),
+        charge=np.array([cluster.charge for cluster in clusters], dtype=int),
+        sizes=np.array([cluster.size for cluster in clusters], dtype=int),
+        angle=angle,
+        spacing=spacing,
+    )
+
+
+def _cluster_defects(
+    positions: np.ndarray, cells: VoronoiCells, angle: float, spacing: float
+) -> list[_DefectCluster]:
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(positions)
+    triangles = cells.triangles
+    bonds = np.unique(np.sort(edges_of_triangles(triangles).reshape(-1, 2), axis=1), axis=0)
+    # By the triangulation: four grains on one circle have a bond too, as circuits need it.
+    degree = np.bincount(bonds.ravel(), minlength=count)
+    odd = cells.interior & (degree != 6)
+    both = bonds[odd[bonds].all(axis=1)]
+    graph = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(count, count))
+    _, owner = connected_components(graph, directed=False)
+    owner = np.where(odd, owner, -1)
+    at_rim = np.zeros(count, dtype=bool)
+    at_rim[bonds[~cells.interior[bonds].all(axis=1)].ravel()] = True
+    vectors = burgers_vectors(triangles, positions, angle)
+    of_triangle = owner[triangles].max(axis=1, initial=-1)
+    order = np.abs(local_psi6(positions, cells))
+    disorder = np.where(cells.interior & np.isfinite(order), 1.0 - order, 0.0)
+    result = []
+    for label in np.unique(owner[odd]):
+        members = np.flatnonzero(owner == label)
+        region = triangles[of_triangle == label]
+        lattice = vectors[of_triangle == label].sum(axis=0)
+        charge = int((6 - degree[members]).sum())
+        kind = DISCLINATION if charge else DISLOCATION
+        if not charge and not lattice.any():
+            excess = round(excess_grains(region, positions, angle))
+            kind = VACANCY if excess < 0 else INTERSTITIAL if excess > 0 else PAIR
+        if at_rim[members].any():
+            # Clusters at the rim are known by half; only the end of a boundary has a vector this long, and is
+            # kept to be joined to it.
+            if kind != BOUNDARY and lattice_norm_squared(lattice) < LEAST_OF_BOUNDARY**2 / 4:
+                continue
+            kind = DISLOCATION
+        position = positions[members].mean(axis=0)
+        if kind == VACANCY:
+            position = _vacancy_centre(positions, region)
+        elif kind == DISLOCATION:
+            position = _dislocation_core_position(positions, disorder, position, spacing)
+        result.append(_DefectCluster(kind, position, lattice, charge, len(members)))
+    return result
+
+
+def _dislocation_core_position(
+    positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
+) -> np.ndarray:
+    """Centre of the disorder about a point: a core moves between sites, its grains jump."""
+    started = position
+    for _ in range(_CENTRINGS):
+        along = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)
+        # Weight and slope are zero at the edge: grains enter and leave without a jump.
+        weight = np.where(along < 1.0, disorder * (1.0 - along**2) ** 2, 0.0)
+        if not weight.sum() > 0.0:
+            return started
+        position = np.nansum(weight[:, None] * positions, axis=0) / weight.sum()
+    # Farther off the centre has run into the disorder of another defect.
+    return position if np.linalg.norm(position - started) < spacing else started
+
+
+def _vacancy_centre(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """Middle of the largest circle among the triangles that holds no grain."""
+    corners = circumcentres(positions, region)
+    radii = np.linalg.norm(corners - positions[region[:, 0]], axis=1)
+    return np.asarray(corners[np.argmax(radii)])
+
+
+def _join_grain_boundaries(clusters: list[_DefectCluster], spacing: float) -> list[_DefectCluster]:
+    """Clusters with the dislocations of each grain boundary as one."""
+    from scipy.cluster.hierarchy import fcluster, linkage
+
+    able = [cluster for cluster in clusters if cluster.lattice.any()]
+    if sum(math.sqrt(lattice_norm_squared(defect.lattice)) for defect in able) < LEAST_OF_BOUNDARY / 2:
+        return clusters
+    rest = [cluster for cluster in clusters if not cluster.lattice.any()]
+    positions = np.array([defect.position for defect in able])
+    groups = (
+        fcluster(linkage(positions, "single"), LINKED * spacing, "distance")
+        if len(able) > 1
+        else np.ones(1, dtype=int)
+    )
+    for group in np.unique(groups):
+        members = [defect for defect, mine in zip(able, groups, strict=True) if mine == group]
+        rest += _merge_grain_boundary(members)
+    return rest
+
+
+def _merge_grain_boundary(members: list[_DefectCluster]) -> list[_DefectCluster]:
+    lengths = [math.sqrt(lattice_norm_squared(member.lattice)) for member in members]
+    total = np.sum([member.lattice for member in members], axis=0)
+    # A dislocation is two grains that have not six neighbours.
+    dislocations = sum(member.size for member in members) / 2.0
+    if dislocations < LEAST_OF_BOUNDARY or math.sqrt(lattice_norm_squared(total)) < 0.5 * max(
+        sum(lengths), LEAST_OF_BOUNDARY
+    ):
+        return members
+    sizes = np.array([member.size for member in members])
+    middle = np.average([member.position for member in members], axis=0, weights=sizes)
+    charge = sum(member.charge for member in members)
+    return [_DefectCluster(BOUNDARY, middle, total, charge, int(sizes.sum()))]

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from granular.schema.units import unit_size
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 
 if TYPE_CHECKING:
     import xarray

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.linear.bed_forces import BedForces
+from granular.observables.forces import SILENT, relative_magnetic_moments
 from granular.observables.frame import check_vectors, is_present
-from granular.observables.interactions import SILENT, relative_magnetic_moments
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
@@ -62,7 +62,7 @@ def dipole_pair_strength(moment: float) -> float:
     float
         Strength C [J m^3], 0 or more.
     """
-    from granular.parts.moment import MAGNETIC_CONSTANT
+    from granular.parts.magnets import MAGNETIC_CONSTANT
 
     return MAGNETIC_CONSTANT * moment**2 / (4.0 * math.pi)
 

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.defect_clusters import CORE, FrameDefects
 from granular.observables.defect_tracks import (
     DefectEvent,
     DefectTrack,
@@ -33,7 +32,7 @@ from granular.observables.defect_tracks import (
     find_defect_events,
     link_defect_tracks,
 )
-from granular.observables.defects import lattice_to_plane
+from granular.observables.defects import CORE, FrameDefects, lattice_to_plane
 from granular.observables.frame import check_frames, check_series
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError

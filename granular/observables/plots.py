@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.observables.biexponential import BiexponentialFit
 from granular.observables.defects import Dislocations
 from granular.observables.forces import piston_force
-from granular.observables.statistics import Histogram
+from granular.observables.statistics import BiexponentialFit, Histogram
 from granular.observables.voronoi import VoronoiCells, cell_polygons, voronoi_cells
 from granular.scene.bed_drawing import style_as_map
 from granular.shared.plotting import ARROWS_TO_SCALE, COLOURS, GREY, SIDES, STYLES, axes_or_new, figure_label

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS, LOAD_TERM, LOAD_FAR = range(8)
-"""Coefficients of the sum over all pairs of discs (`granular.pairs.disc_near_law`): b of alike discs; c;
+"""Coefficients of the sum over all pairs of discs (`granular.pairs.disc_law`): b of alike discs; c;
 g / `DISC_SCALE`; what sums of forces lack as a factor, besides `STRENGTH`; the factor of r^-5 that the far
 field has beside r^-3; the greatest stiffness beyond the tables over that of dipoles at rho; of the load on
-the plates d and the factor of r^-5 (`granular.pairs.disc_torque`)."""
+the plates d and the factor of r^-5 (`granular.pairs.disc_law`)."""
 
 
 class GrainArrays(NamedTuple):

@@ -1,7 +1,7 @@
 """Near part of a pair law: what close pairs of grains have beyond the sum over all pairs.
 
 Any pair law is split in two. Its tail in r^-3 is summed over all pairs as dipoles are, with a charge
-of each grain in place of its moment; of discs that sum has one term more (`granular.pairs.disc_near_law`).
+of each grain in place of its moment; of discs that sum has one term more (`granular.pairs.disc_law`).
 The near part is the difference of the energies, tabulated for each pair of species, over the pairs of a
 near list. Discs and laws of a user's own are made so.
 """

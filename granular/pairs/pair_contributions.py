@@ -2,9 +2,9 @@
 
 The law is the dipole pair: with s = r^-5 the force on i is (3/4) q_i q_j s (r_i - r_j), and
 r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the
-factor `granular.pairs.simd.SCALE`, and the forces also 3/4. Of discs (`granular.pairs.disc_near_law`)
+factor `granular.pairs.simd.SCALE`, and the forces also 3/4. Of discs (`granular.pairs.disc_law`)
 s = rho^-5, without `DISC_SCALE`; it enters the energy as rho^2 (s + c s^2), the force as (s + g)^2 - g^2,
-whose sums lack a factor of their own, and the load with two terms more (`granular.pairs.disc_torque`).
+whose sums lack a factor of their own, and the load with two terms more (`granular.pairs.disc_law`).
 """
 
 from __future__ import annotations

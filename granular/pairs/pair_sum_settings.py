@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.pairs.verlet_list import RADIUS, SKIN, VerletSettings
+from granular.pairs.near_list import VERLET_RADIUS, VERLET_SKIN, VerletSettings
 from granular.schema.field_kinds import FieldError
 from granular.schema.sections import Section, choice_field, integer_field, quantity
 
@@ -105,7 +105,7 @@ class PairSumSettings(Section):
     ) -> float | None:
         """Radius at which pairs end, or at which the far field takes over; diameter [m]."""
         if method == "cut-off":
-            return self._radius_or_default(diameter, RADIUS)
+            return self._radius_or_default(diameter, VERLET_RADIUS)
         if method == "mesh":
             return self._radius_or_default(diameter, self._mesh_split_radius())
         if method == "direct" and shorter_side is not None:
@@ -140,8 +140,8 @@ class PairSumSettings(Section):
 
     def verlet_list_settings(self, diameter: float) -> VerletSettings:
         """Radius and skin of de Paula's list [D, 5.1] in diameters of the first species; diameter [m]."""
-        skin = SKIN if self.skin is None else self.skin / diameter
-        return VerletSettings(self._radius_or_default(diameter, RADIUS), skin)
+        skin = VERLET_SKIN if self.skin is None else self.skin / diameter
+        return VerletSettings(self._radius_or_default(diameter, VERLET_RADIUS), skin)
 
     def _mesh_split_radius(self) -> float:
         return SPLIT_RADIUS * (TOLERANCE / self.tolerance) ** (1.0 / _ORDER)

@@ -2,7 +2,7 @@
 
 The partners of a grain are then a few runs of consecutive entries: the rest of its own
 stripe, and a part of each of the two stripes above. Every stripe ends with entries so far away that
-a vector may run over its end. See `granular.pairs.stripe_partner_lists` and `granular.pairs.cut_off_sum`.
+a vector may run over its end. See `granular.pairs.cut_off_sum`.
 """
 
 from __future__ import annotations
@@ -12,12 +12,22 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.cut_off_vector_loops import IMAGES, RANGES, ROWS
 from granular.pairs.direct_sum import PARTED_FROM, PARTS
 from granular.pairs.simd import WIDTH, pad_to_vectors
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
+
+
+ROWS = 2
+"""Rows swept together, neighbours in a stripe."""
+
+RANGES = 3
+"""Runs of partners for two rows: the rest of their stripe, and the two stripes above it."""
+
+IMAGES = 3
+"""Runs in the place of one in a periodic cell: of the grains themselves, and of their images on the
+right and on the left."""
 
 
 @compiled

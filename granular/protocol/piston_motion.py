@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.kernel_data.cubic_spline import evaluate_cubic_spline
+from granular.kernel_data.state import evaluate_cubic_spline
 
 if TYPE_CHECKING:
     from jaxtyping import Float

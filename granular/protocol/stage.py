@@ -10,9 +10,8 @@ import numpy as np
 
 from granular.protocol.piston_motion import SPLINE, Motion
 from granular.schema.field_kinds import FieldError
-from granular.schema.formula_parameters import SectionWithFormula
 from granular.schema.natural_units import Scales
-from granular.schema.sections import Section, choice_field, quantity, text_field
+from granular.schema.sections import Section, SectionWithFormula, choice_field, quantity, text_field
 
 if TYPE_CHECKING:
     from jaxtyping import Float

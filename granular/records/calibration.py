@@ -18,8 +18,7 @@ from numpy.polynomial import Polynomial
 
 from granular.records.headings import ANGLE_UNITS, HEIGHT, SI, normalize_unit, role_unit_size
 from granular.schema.units import unit_size
-from granular.shared.errors import RecordError, SceneError
-from granular.shared.message_text import quote, unknown_word_message
+from granular.shared.errors import RecordError, SceneError, quote, unknown_word_message
 
 if TYPE_CHECKING:
     from jaxtyping import Float

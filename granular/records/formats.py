@@ -33,9 +33,8 @@ from granular.records.roles import find_time_column, is_index
 from granular.records.sheet import Column, Sheet
 from granular.records.text import read_delimited
 from granular.schema.units import unit_size
-from granular.shared.errors import RecordError, RecordWarning, SceneError
+from granular.shared.errors import RecordError, RecordWarning, SceneError, quote, sanitize
 from granular.shared.files import report_read_errors as reading_file
-from granular.shared.message_text import quote, sanitize
 from granular.shared.registry import Registry
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ import shlex
 from typing import Any, Literal
 
 from granular.schema.units import Dimension, unit_size
-from granular.shared.errors import RecordError, SceneError
-from granular.shared.message_text import quote, sanitize
+from granular.shared.errors import RecordError, SceneError, quote, sanitize
 
 TIME, HEIGHT, VELOCITY, FORCE = "time", "height", "velocity", "force"
 ACCELERATION = "acceleration"

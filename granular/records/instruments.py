@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.records.binary import Content, check_count, read_within_limits
 from granular.records.headings import (
     ACCELERATION,
     HEIGHT,
@@ -22,12 +23,10 @@ from granular.records.headings import (
     is_unit,
     name_and_unit,
 )
-from granular.records.limited_process import Content, check_count, read_within_limits
 from granular.records.options import ANGLE, STROKE, ReadOptions, note_on_other_tables
 from granular.records.sheet import Column, Sheet, report_parsing_errors
 from granular.records.text import read_delimited
-from granular.shared.errors import RecordError
-from granular.shared.message_text import quote
+from granular.shared.errors import RecordError, quote
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -32,8 +32,7 @@ from granular.records.options import ANGLE, STROKE, ReadOptions
 from granular.records.roles import assign_roles, is_alone, is_index, motion_role
 from granular.records.sheet import IN_MEMORY, Column, Sheet
 from granular.schema.units import unit_size
-from granular.shared.errors import RecordError, SceneError
-from granular.shared.message_text import quote, sanitize, unknown_word_message
+from granular.shared.errors import RecordError, SceneError, quote, sanitize, unknown_word_message
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -20,9 +20,8 @@ from typing import Any, TypeVar
 
 from granular.records.calibration import KEYS
 from granular.schema.units import si_value
-from granular.shared.errors import RecordError, SceneError
+from granular.shared.errors import RecordError, SceneError, quote, sanitize, unknown_word_message
 from granular.shared.files import read_toml, write_text
-from granular.shared.message_text import quote, sanitize, unknown_word_message
 
 T = TypeVar("T")
 

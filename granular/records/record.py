@@ -15,9 +15,8 @@ from granular.records.headings import ACCELERATION, COORDINATES, VELOCITY, Coord
 from granular.records.integration import integrate_without_drift
 from granular.records.options import RecordSource, options_from_plain, source_of_file
 from granular.records.sheet import numbers_in_si
-from granular.shared.errors import RecordError, RecordWarning
+from granular.shared.errors import RecordError, RecordWarning, quote, sanitize
 from granular.shared.files import write_atomically
-from granular.shared.message_text import quote, sanitize
 
 if TYPE_CHECKING:
     import pandas

@@ -35,8 +35,7 @@ from granular.records.headings import (
 )
 from granular.records.options import ANGLE, ROLES, STROKE, ReadOptions
 from granular.records.sheet import Column, Sheet
-from granular.shared.errors import RecordError
-from granular.shared.message_text import quote, sanitize, unknown_word_message
+from granular.shared.errors import RecordError, quote, sanitize, unknown_word_message
 
 NAMED = (TIME, HEIGHT, VELOCITY, FORCE)
 """Roles that a column's name gives it; the others are said."""

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.records.headings import name_and_unit, size_of_quantity
-from granular.shared.errors import RecordError
-from granular.shared.message_text import quote, sanitize
+from granular.shared.errors import RecordError, quote, sanitize
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int

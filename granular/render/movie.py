@@ -15,12 +15,18 @@ import numpy as np
 from granular.export.frames import iterate_frames, open_run
 from granular.observables.forces import interaction_forces, outer_acceleration
 from granular.observables.frame import Frame
-from granular.render.colourings import colouring_by_name
-from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest_point_of_bed
+from granular.render.picture import (
+    DPI,
+    LEFT,
+    RIGHT,
+    BedPicture,
+    colour_limits,
+    colouring_by_name,
+    highest_point_of_bed,
+)
 from granular.run.trajectory import Trajectory
-from granular.shared.errors import InputError, import_extra
+from granular.shared.errors import InputError, import_extra, quote
 from granular.shared.files import check_output_file, write_atomically
-from granular.shared.message_text import quote
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
 
 if TYPE_CHECKING:
@@ -59,7 +65,7 @@ def movie(
     path : path
         A name that ends in .mp4 or .gif.
     colour : str
-        Quantity that the colours show: a name of `granular.render.colourings.COLOURINGS`.
+        Quantity that the colours show: a name of `granular.render.picture.COLOURINGS`.
     fps : float
         Pictures a second [1/s], above 0; at most 50 in a GIF and 240 in an MP4.
     speed : float or None

@@ -1,27 +1,124 @@
-"""A picture of the bed: drawn once, then brought up to date from frame to frame."""
+"""A picture of the bed: drawn once, then brought up to date from frame to frame.
+
+Colourings of a picture, in one table.
+
+Continuous colours are matplotlib's perceptually uniform maps; the discrete ones are distinguished
+by colour-blind eyes too: the species after Okabe and Ito (https://jfly.uni-koeln.de/color/), the
+numbers of sides between orange and purple.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import Frame, is_present
-from granular.observables.voronoi import cell_polygons, voronoi_cells
-from granular.render.colourings import colour_classes, colouring_by_name
+from granular.export.frames import open_run
+from granular.observables.catalogue import grain_compressive_force, grain_pressure, interior_force_fluctuation
+from granular.observables.forces import interaction_forces
+from granular.observables.frame import Frame, frame_at, is_present
+from granular.observables.voronoi import cell_polygons, hexagon_regularity, voronoi_cells
 from granular.run.trajectory import Trajectory
 from granular.scene.bed_drawing import SidePiece, body_of_side, side_pieces
 from granular.scene.scene import Scene
 from granular.schema.cell import CELL, ROUNDING, Point
 from granular.schema.cell import PISTON as PISTON_BODY
-from granular.shared.plotting import COLOURS, GREY, figure_label
+from granular.shared.errors import InputError, quote, unknown_word_message
+from granular.shared.files import write_atomically
+from granular.shared.plotting import COLOURS, GREY, SIDES, figure_label
 
 if TYPE_CHECKING:
     from jaxtyping import Float
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
+
+
+class Colouring(NamedTuple):
+    """Quantity that the colours show."""
+
+    label: str  # title of bar or legend, with the unit
+    values: Callable[[Frame], np.ndarray]  # (n,), in that unit; NaN: none; of classes the index
+    map: str = ""  # of matplotlib; empty: classes
+    needs_cells: bool = False  # values follow from the Voronoi cells, which are drawn
+    on_cells: bool = False  # cells are coloured, grains are dark discs
+    lower: float | None = 0.0  # end of the colours; None: 1st percentile
+    upper: float | None = None  # None: 99th percentile
+
+
+def _voronoi_side_counts(frame: Frame) -> np.ndarray:
+    cells = voronoi_cells(frame.positions)
+    return np.where(cells.interior, np.clip(cells.sides, 4, 8) - 4.0, np.nan)
+
+
+COLOURINGS: Mapping[str, Colouring] = {
+    "species": Colouring("species", lambda frame: frame.species.astype(float)),
+    "speed": Colouring(
+        "speed [mm/s]", lambda frame: 1e3 * np.linalg.norm(frame.velocities, axis=1), "viridis"
+    ),
+    "force": Colouring(
+        "force of grains and walls [N]",
+        lambda frame: np.linalg.norm(interaction_forces(frame), axis=1),
+        "inferno",
+    ),
+    "compression": Colouring("compressive force [N]", grain_compressive_force, "inferno", lower=None),
+    "pressure": Colouring(
+        "pressure of the grain [N/m] (white: rim)",
+        grain_pressure,
+        "inferno",
+        needs_cells=True,
+        on_cells=True,
+        lower=None,
+    ),
+    "sides": Colouring("sides of the Voronoi cell", _voronoi_side_counts, needs_cells=True, on_cells=True),
+    "regularity": Colouring(
+        "regularity of the hexagons (white: others)",
+        lambda frame: hexagon_regularity(voronoi_cells(frame.positions)),
+        "viridis",
+        needs_cells=True,
+        on_cells=True,
+        lower=None,
+        upper=1.0,
+    ),
+    "fluctuation": Colouring(
+        "relative fluctuation of the force (white: rim)",
+        interior_force_fluctuation,
+        "cividis",
+        needs_cells=True,
+    ),
+}
+"""The colourings by name.
+
+``species``; ``speed``; ``force``: magnitude of the resulting force of grains and walls;
+``compression``: sum of the magnitudes of the single ones; ``pressure`` of the grains with an
+interior cell, by their virials; ``sides``: number of sides of the interior Voronoi cells;
+``regularity`` of the hexagonal ones [D, eq. 4.25]; ``fluctuation``: |F_k - mean|/mean of the
+resulting force within the species, of the grains with an interior cell [D, eq. 4.35]. A cell is
+interior if it lies in the box of the outermost centres [D, 4.2.4].
+"""
+
+
+def colouring_by_name(name: str) -> Colouring:
+    """Find a colouring by its name."""
+    if name not in COLOURINGS:
+        raise InputError(unknown_word_message(name, tuple(COLOURINGS), "colour"))
+    return COLOURINGS[name]
+
+
+def colour_classes(name: str, scene: Scene) -> dict[str, str]:
+    """Names and colours of the classes of a colouring."""
+    if name == "sides":
+        return SIDES
+    if name != "species":
+        return {}
+    names = [f"{specy.name}, {1e3 * specy.diameter:g} mm" for specy in scene.grains.species]
+    return {name: SPECIES[k % len(SPECIES)] for k, name in enumerate(names)}
+
 
 INK, WALL = "#22292f", "#8a949c"
 DPI = 120
@@ -350,3 +447,92 @@ def highest_point_of_bed(run: Trajectory, frames: Iterable[Frame]) -> float:
         reach = np.fmax.reduce(frame.positions[:, 1], initial=0.0) + radius
         top = max(top, reach, float(np.fmax(frame.piston_height, 0.0)))
     return top or run.scene.cell.width
+
+
+FORMATS = (".png", ".svg", ".pdf")
+STILL_DPI = 200
+
+
+def still(
+    run: Trajectory | str | Path, frame: int = -1, *, time: float | None = None, colour: str = "species"
+) -> Figure:
+    """Picture of the bed at one instant: grains at their true size, walls and piston.
+
+    Grains that have left the cell are not drawn.
+
+    Parameters
+    ----------
+    run : Trajectory or path
+        A run, or its directory.
+    frame : int
+        Number of the frame, from 0; negative ones count from the end.
+    time : float, optional
+        Takes the frame nearest to this time [s] instead.
+    colour : str
+        Quantity that the colours show: a name of `granular.render.picture.COLOURINGS`. The
+        colours end at the 99th percentile of the frame's values.
+
+    Returns
+    -------
+    matplotlib Figure
+        Picture, which `save_picture` writes.
+
+    Raises
+    ------
+    InputError
+        If the run cannot be read, has no such frame, does not reach the time, or the colour is unknown.
+    """
+    colouring_by_name(colour)
+    run = open_run(run)
+    chosen = frame_at(run, frame if time is None else _nearest_frame_index(run, time))
+    picture = BedPicture(run, colour, colour_limits(colour, [chosen]), highest_point_of_bed(run, [chosen]))
+    picture.show_frame(chosen)
+    return picture.figure
+
+
+def _nearest_frame_index(run: Trajectory, time: float) -> int:
+    times = run.dataset["frame_time"].values
+    if not (math.isfinite(time) and times[0] <= time <= times[-1]):
+        raise InputError(
+            f"time {time:g} s is not in the run; it has frames from {times[0]:g} to {times[-1]:g} s"
+        )
+    return int(np.abs(times - time).argmin())
+
+
+def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
+    """Write a picture as PNG (200 dots per inch), SVG or PDF, by the ending of the path.
+
+    Without dates in it: the same picture is the same file.
+
+    Parameters
+    ----------
+    figure : Figure
+        Picture, as `still` makes it.
+    path : str or Path
+        File to write.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Returns
+    -------
+    Path
+        The file that was written.
+
+    Raises
+    ------
+    InputError
+        If the format is another, the file exists and may not be replaced, or it cannot be written.
+    """
+    import matplotlib as mpl
+
+    path = Path(path)
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(
+            f"unknown format {quote(path.suffix)} of {path.name}; a still is one of "
+            f"{', '.join(FORMATS)}, a movie .mp4 or .gif"
+        )
+    # Without date and random names the same picture is the same file.
+    undated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with write_atomically(path, overwrite) as part, mpl.rc_context({"svg.hashsalt": "granular"}):
+        figure.savefig(part, dpi=STILL_DPI, metadata=undated[path.suffix.lower()])
+    return path

@@ -1,5 +1,4 @@
-from .response import frequency_response, load_response, save_response
-from .steady import swept_response
+from .response import frequency_response, load_response, save_response, swept_response
 from .transients import run_frequency_sweep, run_impulse, settling_time
 
 __all__ = [

@@ -10,9 +10,8 @@ from granular.commands.console import command, given, print_result, refuse_optio
 from granular.commands.options import Changes, Output, SceneName, TimeStep, WorkerCount
 from granular.commands.signature import Fraction, Hertz, Option, Seconds, quantity
 from granular.shared.blocks import Block, Text
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, quote
 from granular.shared.files import make_directory, write_text
-from granular.shared.message_text import quote
 
 if TYPE_CHECKING:
     import pandas

@@ -11,8 +11,7 @@ from granular.linear.equilibrium import Equilibrium, equilibrium
 from granular.linear.response import harmonic_answers
 from granular.linear.roots import require_free_piston
 from granular.response.response import FrequencyResponse
-from granular.shared.errors import GranularError
-from granular.shared.message_text import one_line
+from granular.shared.errors import GranularError, one_line
 
 if TYPE_CHECKING:
     from jaxtyping import Complex, Float

@@ -11,12 +11,17 @@ import numpy as np
 
 from granular.effects.host_structure import Host
 from granular.response.linear_system import linear_host_comparison, slowest_decay_rate
-from granular.response.response import AMPLITUDES, FrequencyResponse, response_dataset
-from granular.response.steady import PERIODS, POINTS, swept_response
+from granular.response.response import (
+    AMPLITUDES,
+    PERIODS,
+    POINTS,
+    FrequencyResponse,
+    response_dataset,
+    swept_response,
+)
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 
 if TYPE_CHECKING:
     import pandas

@@ -6,17 +6,15 @@ import dataclasses
 
 import numpy as np
 
-from granular.engine.far_field_forces import force_with_far_field
-from granular.engine.forces import evaluate_forces
-from granular.engine.new_state import new_measurement, new_state
+from granular.engine.forces import evaluate_forces, force_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
+from granular.engine.state import new_measurement, new_state
 from granular.kernel_data.state import HEIGHT, State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits, scene_in_natural_units
 from granular.schema.cell import PISTON, Heights
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.energy_ledger import EnergyLedger
-from granular.engine.far_field_forces import update_held_far_field
-from granular.engine.outflow import remove_outflowed_grains
+from granular.engine.forces import update_held_far_field
 from granular.engine.run_errors import not_at_rest_error, unbalanced_energy_error
+from granular.engine.state import EnergyLedger
 from granular.engine.step_size import REVIEW, StepSchedule
 from granular.engine.tick_loop import (
     HIGHEST,
@@ -26,16 +25,16 @@ from granular.engine.tick_loop import (
     STIFFEST,
     StopCriteria,
     TickRange,
+    remove_outflowed_grains,
 )
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.protocol.piston_motion import driven_height_and_velocity
 from granular.protocol.stage import TimedStage
-from granular.protocol.stage_trials import name_stage_in_errors
+from granular.protocol.stages import name_stage_in_errors
 from granular.run.engines import Rows
-from granular.run.plan import Plan
+from granular.run.plan import Plan, ThreadCountTuner
 from granular.run.run_state import ARRANGE, RunState
-from granular.run.thread_count import ThreadCountTuner
-from granular.scene.dry_friction import has_coarse_friction
+from granular.scene.scene import has_coarse_friction
 from granular.schema.cell import CELL, PISTON
 from granular.shared.errors import NotFiniteError, RunError
 

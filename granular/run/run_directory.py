@@ -10,7 +10,7 @@ import uuid
 from pathlib import Path
 
 from granular.shared.errors import StoreError
-from granular.shared.file_locks import HAS_LOCKS, lock_open_file
+from granular.shared.files import HAS_LOCKS, lock_open_file
 
 SCENE = "scene.toml"
 SETTINGS = "run.json"

@@ -8,13 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.effects.dissipative_effect import DissipativeEffect
-from granular.effects.moving_frame_effect import MovingFrameEffect
+from granular.effects.effect import DissipativeEffect, MovingFrameEffect
 from granular.engine import columns
-from granular.engine.energy_ledger import EnergyLedger
-from granular.engine.frequency_bounds import evaluate_highest_impact_frequency
-from granular.engine.new_state import new_measurement, new_state
 from granular.engine.run_errors import misplaced_grain_error, too_many_steps_error
+from granular.engine.state import EnergyLedger, new_measurement, new_state
 from granular.engine.step_size import (
     MOST_COUNT,
     MOST_STEPS,
@@ -22,18 +19,19 @@ from granular.engine.step_size import (
     StepSchedule,
     auto_step_text,
     completed_ticks,
+    evaluate_highest_impact_frequency,
+    initialise_step_density,
 )
 from granular.engine.tick_loop import OUTSIDE, STIFFEST, TURNED, StopCriteria, TickRange
 from granular.engine.time_step import make_step_plan
-from granular.engine.variable_step import initialise_step_density
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, STEPS, TIME, Measurement, State
 from granular.protocol import Stage
 from granular.protocol.piston_motion import Motion, drive_angular_frequency, greatest_piston_speed
 from granular.protocol.stage import TimedStage
+from granular.run.dataset import RecordBuffer
 from granular.run.engines import ENGINES, NO_TICKS, UNDIVIDED, UNWATCHED, Rows, Ticks, record_length
 from granular.run.plan import Plan
-from granular.run.record_buffer import RecordBuffer
 from granular.shared.errors import NotFiniteError, RunError
 
 if TYPE_CHECKING:

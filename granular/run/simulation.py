@@ -13,25 +13,22 @@ from typing import Any
 
 import numpy as np
 
-from granular.compiled.compile_timer import CompileTimer, measure_compile_time
+from granular.compiled.kernel_cache import CompileTimer, measure_compile_time
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.methods.method import Method
 from granular.methods.registry import method_as_run_setting
-from granular.protocol.stage_trials import try_stages
+from granular.protocol.stages import try_stages
 from granular.run.checkpoint import read_checkpoint, read_verified_files
-from granular.run.dataset_variables import check_variable_names
+from granular.run.dataset import check_variable_names
 from granular.run.engines import NUMBA
-from granular.run.plan import METHOD, Plan, plan
+from granular.run.plan import METHOD, Plan, plan, set_thread_count
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.run_directory import SETTINGS, is_run_directory
-from granular.run.run_directory_writer import RunDirectoryWriter
+from granular.run.run_directory_writer import RunDirectoryWriter, restore_snapshot, take_snapshot
 from granular.run.run_progress_bar import RunProgressBar
-from granular.run.snapshot import restore_snapshot, take_snapshot
 from granular.run.summary import custom_code_digests
-from granular.run.thread_count import set_thread_count
 from granular.run.trajectory import Trajectory, load_trajectory, make_trajectory
-from granular.scene.dry_friction import degraded_residual_limit
-from granular.scene.scene import Scene
+from granular.scene.scene import Scene, degraded_residual_limit
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stop_signals import StopRequest, defer_stop_signals

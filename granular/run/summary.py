@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.parts.grades import REFERENCE_TEMPERATURE, REMANENCE_SLOPE, find_grade
 from granular.parts.liquids import find_liquid
+from granular.parts.magnets import REFERENCE_TEMPERATURE, REMANENCE_SLOPE, find_grade
 from granular.run.trajectory import Trajectory
-from granular.scene.dimensionless_groups import dimensionless_groups, groups_line
 from granular.scene.scene import Scene
+from granular.scene.scene_in_natural_units import dimensionless_groups, groups_line
 from granular.schema.field_kinds import QuantityKind
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from granular.methods.registry import method_named
 from granular.run.summary import active_effect_names, custom_code_digests
 from granular.scene.scene import Scene
-from granular.shared.cache_files import toolkit_cache_folder
 from granular.shared.errors import InputError, StoreError
-from granular.shared.files import parse_toml
+from granular.shared.files import parse_toml, toolkit_cache_folder
 from granular.shared.result_cache import ResultCache, digest
 from granular.shared.version import __version__
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from granular.run.checkpoint import METADATA, REMEDY, Manifest, read_checkpoint, read_run_file
-from granular.run.dataset_variables import STAGE, DatasetVariable, all_run_variables
+from granular.run.dataset import STAGE, DatasetVariable, all_run_variables
 from granular.run.run_directory import TRAJECTORY, replace_run_file
 from granular.scene.scene import Scene
 from granular.shared.errors import StoreError

@@ -19,8 +19,7 @@ from granular.scene.scene import Effects, Scene
 from granular.schema import field_kinds as kinds
 from granular.schema.cell import SidesKind
 from granular.schema.field_kinds import FieldKind
-from granular.schema.formula_parameters import ParameterValuesKind, SectionWithFormula
-from granular.schema.sections import Section
+from granular.schema.sections import ParameterValuesKind, Section, SectionWithFormula
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 Schema = dict[str, Any]

@@ -6,9 +6,8 @@ import os
 from pathlib import Path
 
 from granular.scene.scene import Scene
-from granular.shared.errors import SceneError
+from granular.shared.errors import SceneError, quote, unknown_word_message
 from granular.shared.files import read_toml
-from granular.shared.message_text import quote, unknown_word_message
 
 SCENES = Path(__file__).parents[1] / "scenes"
 

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.apparatus import Species
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 
 REFERENCE_COUNT = 368
 WIDTH, START, END = 60.0, 75.0, 20.0

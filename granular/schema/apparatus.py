@@ -13,10 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.parts.drags import blade_drag, guide_drag
-from granular.parts.grades import RECOIL_PERMEABILITY, REFERENCE_TEMPERATURE, find_grade
-from granular.parts.liquids import find_liquid
-from granular.parts.moment import Magnet, make_magnet, remanence_of_moment
+from granular.parts.liquids import blade_drag, find_liquid, guide_drag
+from granular.parts.magnets import (
+    RECOIL_PERMEABILITY,
+    REFERENCE_TEMPERATURE,
+    Magnet,
+    find_grade,
+    make_magnet,
+    remanence_of_moment,
+)
 from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError, at_key
 from granular.schema.sections import (

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from granular.schema.units import si_value
-from granular.shared.errors import InputError, SceneError
-from granular.shared.message_text import quote, sanitize, unknown_word_message
+from granular.shared.errors import InputError, SceneError, quote, sanitize, unknown_word_message
 
 _LONGEST = 200  # characters of a name
 _DIGITS = re.compile(r"[+-]?[0-9]{1,30}")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from granular.parts.moment import MAGNETIC_CONSTANT
+from granular.parts.magnets import MAGNETIC_CONSTANT
 from granular.schema.apparatus import Grains
 from granular.schema.units import unit_size
 

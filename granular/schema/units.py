@@ -9,8 +9,7 @@ import math
 import re
 from decimal import Decimal
 
-from granular.shared.errors import SceneError
-from granular.shared.message_text import quote, sanitize
+from granular.shared.errors import SceneError, quote, sanitize
 
 Dimension = tuple[int, int, int, int]  # powers of metre, kilogram, second, ampere
 

@@ -12,8 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from granular.shared.version import __version__
 
 FILE = Path(__file__).with_name("bibliography.bib")

@@ -1,21 +1,31 @@
-"""Files: read within limits, and written atomically, by a temporary file next to the path."""
+"""Files: read within limits, and written atomically, by a temporary file next to the path.
+
+Folders for what can be computed again, and files in them that are whole or count as absent.
+
+What is kept here is code. It is loaded only from folders and files that belong to the user and that
+nobody else may write to, and only if it is what was written.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import hashlib
+import importlib.util
 import json
 import math
 import os
 import re
 import secrets
 import stat
+import tempfile
 import tomllib
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.shared.errors import InputError, StoreError
-from granular.shared.message_text import quote, sanitize
+from granular.shared.errors import InputError, StoreError, quote, sanitize
 
 MOST_TOML_BYTES = 16 * 2**20
 """Largest file: the positions of 400 000 grains, which are read in half a minute."""
@@ -195,3 +205,133 @@ def make_directory(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(f"{path} cannot be made: {error.strerror}; give another place") from None
+
+
+def toolkit_cache_folder() -> Path | None:
+    """Folder of the toolkit among the user's caches."""
+    # An empty or relative one is ignored, as its specification says: it would be another folder in every
+    # working directory.
+    home = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not home.is_absolute():
+        try:
+            home = Path.home() / ".cache"
+        except RuntimeError:
+            return None
+    return home / "granular-damper"
+
+
+def trusted_cache_folder(folder: Path | None, variable: str) -> Path | None:
+    """Folder for compiled code, made where there is none, if it can be trusted and written to."""
+    try:
+        if folder is None:
+            raise OSError("there is no home directory")
+        folder = folder.absolute()
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _belongs_to_user_alone(folder.stat()):
+            raise PermissionError(f"{folder} belongs to others, or others may write to it (chmod go-w)")
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        why = f"{folder} cannot be used: {error.strerror}" if error.strerror else str(error)
+        warnings.warn(
+            f"compiled code is not kept, and every start compiles anew: {why}; set {variable} to a "
+            "folder of your own",
+            stacklevel=2,
+        )
+        return None
+    return folder
+
+
+def _belongs_to_user_alone(status: os.stat_result) -> bool:
+    """Return True where something belongs to the user, and only the user may write to it."""
+    if not hasattr(os, "geteuid"):
+        return True  # elsewhere other rules hold, and a user's folders are private
+    return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def read_sealed_file(path: Path, label: str) -> bytes | None:
+    """Read what `write_sealed_file` wrote; None: no file, not the user's own, or damaged."""
+    try:
+        with path.open("rb") as file:
+            content = file.read() if _belongs_to_user_alone(os.fstat(file.fileno())) else b""
+    except OSError:
+        return None
+    seal, body = content[:_SEAL], content[_SEAL:]
+    return body if seal == _seal_digest(label, body) else None
+
+
+def write_sealed_file(path: Path, label: str, body: bytes) -> None:
+    """Write a file with a digest before its content, in one step."""
+    handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(_seal_digest(label, body) + body)
+        os.replace(part, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        raise
+
+
+def _seal_digest(label: str, body: bytes) -> bytes:
+    """Digest of a label and a content."""
+    return hashlib.sha256(label.encode() + b"\0" + body).digest()
+
+
+_SEAL = hashlib.sha256().digest_size
+
+
+HAS_LOCKS = importlib.util.find_spec("fcntl") is not None
+"""False on systems without file locks, where nothing keeps two processes apart."""
+
+WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
+
+
+@contextlib.contextmanager
+def lock_file(path: Path, wait: bool) -> Iterator[bool]:
+    """Lock a file while the block runs, against other processes."""
+    if not HAS_LOCKS:
+        yield True
+        return
+    held = _try_lock(path, wait)
+    if held is None:
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        path.unlink(missing_ok=True)  # before others have it, who look whether it is still there
+        os.close(held)
+
+
+def lock_open_file(opened: int, wait: bool) -> None:
+    """Lock an open file or directory until it is closed; only where `HAS_LOCKS` is True."""
+    import fcntl
+
+    fcntl.flock(opened, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _try_lock(path: Path, wait: bool) -> int | None:
+    while True:
+        held = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
+        try:
+            lock_open_file(held, wait)
+            if _is_current_lock(held, path):
+                return held
+        except BlockingIOError:
+            os.close(held)
+            return None
+        except OSError as error:
+            # Some network file systems know no locks; refusing would shut their users out of every run.
+            if error.errno in WITHOUT_LOCKS:
+                return held
+            os.close(held)
+            raise
+        os.close(held)
+
+
+def _is_current_lock(held: int, path: Path) -> bool:
+    """Return False where the file was taken away, by who held it before, and made anew."""
+    try:
+        return os.path.samestat(os.fstat(held), path.stat())
+    except FileNotFoundError:
+        return False

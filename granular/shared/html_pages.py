@@ -22,8 +22,8 @@ from granular.shared.blocks import (
     Text,
     added_blocks,
 )
+from granular.shared.errors import printable
 from granular.shared.files import write_text
-from granular.shared.message_text import printable
 from granular.shared.plotting import svg_text
 from granular.shared.terminal import blocks_text
 from granular.shared.version import versions

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
-from granular.shared.message_text import sanitize
+from granular.shared.errors import sanitize
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

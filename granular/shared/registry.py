@@ -16,8 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import EntryPoint
 from typing import Any, TypeVar
 
-from granular.shared.errors import InputError, missing_package_error
-from granular.shared.message_text import one_line, quote, unknown_word_message
+from granular.shared.errors import InputError, missing_package_error, one_line, quote, unknown_word_message
 
 Named = TypeVar("Named")
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import TextIO
 
 from granular.shared.blocks import Block, Caution, Equation, Heading, Items, Picture, Printout, Table, Text
-from granular.shared.message_text import printable
+from granular.shared.errors import printable
 
 COLUMNS = 100
 """Letters of a line."""

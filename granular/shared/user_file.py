@@ -8,9 +8,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, sanitize
 from granular.shared.files import read_text
-from granular.shared.message_text import sanitize
 
 LONGEST_FILE = 2**20
 """Bytes: a file that is longer is a mistake."""

@@ -14,8 +14,8 @@ from granular.linear.bed_forces import check_free_piston
 from granular.linear.equilibrium import COARSE_REST, equilibrium, equilibrium_from, settling_changes
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
-from granular.shared.cache_files import toolkit_cache_folder
 from granular.shared.errors import InputError
+from granular.shared.files import toolkit_cache_folder
 from granular.studies.cases import keep_measure_name
 from granular.studies.sweep import sweep
 

@@ -14,10 +14,8 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from pathlib import Path
 from typing import Any, TypeVar
 
-from granular.shared.errors import GranularError, InputError, MissingPackageError, StoreError
-from granular.shared.file_locks import lock_file
-from granular.shared.files import make_directory
-from granular.shared.message_text import quote
+from granular.shared.errors import GranularError, InputError, MissingPackageError, StoreError, quote
+from granular.shared.files import lock_file, make_directory
 from granular.studies.cases import ELSEWHERE, MACHINE, PROGRAM, Case, CaseOutcome, Measure, OutcomeCache
 
 T = TypeVar("T")

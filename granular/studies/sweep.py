@@ -29,14 +29,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.methods import Method
-from granular.run.dataset_variables import scalar_variables
+from granular.run.dataset import scalar_variables
 from granular.scene.loading import load_scene, scene_names
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import IntegerKind, QuantityKind
 from granular.schema.sections import find_field
-from granular.shared.errors import InputError, StoreError
+from granular.shared.errors import InputError, StoreError, sanitize, unknown_word_message
 from granular.shared.files import make_directory, read_toml
-from granular.shared.message_text import sanitize, unknown_word_message
 from granular.shared.progress_bars import progress_bar
 from granular.studies.cases import (
     ELSEWHERE,
@@ -46,10 +45,11 @@ from granular.studies.cases import (
     CaseOutcome,
     Measure,
     OutcomeCache,
+    find_measure,
+    last_values,
     make_cases,
 )
 from granular.studies.executors import ProcessPool, case_executor, compute_case
-from granular.studies.measures import find_measure, last_values
 
 if TYPE_CHECKING:
     import pandas

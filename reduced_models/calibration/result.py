@@ -13,7 +13,7 @@ from granular.shared.blocks import Heading, Picture, Printout, Table, cautions
 from granular.shared.files import write_json
 from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, GREY, figure
-from reduced_models.models.quality import ParameterDirection
+from reduced_models.models.quantities import ParameterDirection
 from reduced_models.records.sources import make_directory
 
 if TYPE_CHECKING:

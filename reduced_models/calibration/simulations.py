@@ -20,8 +20,7 @@ from granular.scene.scene import Scene
 from granular.schema.field_kinds import QuantityKind
 from granular.schema.sections import find_field
 from granular.shared.errors import InputError, RecordError
-from granular.studies.cases import CaseOutcome
-from granular.studies.measures import piston_columns
+from granular.studies.cases import CaseOutcome, piston_columns
 from granular.studies.sweep import sweep
 from reduced_models.fitting.fit import fit
 from reduced_models.laws.law import Law

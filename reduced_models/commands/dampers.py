@@ -10,8 +10,7 @@ from typing import Annotated, Any, Literal
 from granular.commands.console import command, given, print_result, refuse_options
 from granular.commands.options import Changes, MethodName, Output, Parts, SceneName, TimeStep, WorkerCount
 from granular.commands.signature import Fraction, Hertz, Kilograms, Metres, Option
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.commands.records import Reading, print_result_and_report_path
 
 OutputDirectory = Annotated[
@@ -104,8 +103,7 @@ def design(
     """Choose mass, grains and drag for a wanted frequency and damping."""
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}; give 1 or more")
-    from granular.studies.tolerance_parts import read_parts
-    from granular.studies.tolerances import tolerances_at
+    from granular.studies.tolerances import read_parts, tolerances_at
     from reduced_models.designs.damper import DamperCandidate
     from reduced_models.designs.design import design as design_damper
     from reduced_models.records.sources import make_directory
@@ -166,7 +164,7 @@ def fall(
     output: Output,
 ) -> None:
     """Predict a whole fall from the scene alone."""
-    from reduced_models.falls.fall_summary import whole_fall
+    from reduced_models.falls.unseen_fall_scores import whole_fall
 
     predicted = whole_fall(
         changes.load(scene), height, simulate=False if law_only else None, progress=output.progress

@@ -12,7 +12,7 @@ FORMS = Registry[Callable[..., Any]](
     "reduced_models.forms",
     {
         "compare --response": "reduced_models.machines.command:compare_response_with_law",
-        "export-model SCENE": "reduced_models.machines.bed_element:export_bed",
+        "export-model SCENE": "reduced_models.machines.design:export_bed",
     },
     lambda _, form: callable(form),
     "a function",

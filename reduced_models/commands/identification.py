@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from granular.commands.console import command, given, print_result, refuse_options, require_options
 from granular.commands.options import Changes, MethodName, Output, Parts, ThreadCount, TimeStep
 from granular.commands.signature import Fraction, Kilograms, Option, Seconds
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, quote
 from granular.shared.files import write_text
-from granular.shared.message_text import quote
 from reduced_models.commands.forms import FORMS
 from reduced_models.commands.records import (
     Reading,
@@ -94,9 +93,8 @@ def identify(
     """Simulate or read a motion, compare laws, and write a report."""
     from granular.records.record import PistonRecord
     from granular.shared.progress_bars import print_above_bar
+    from reduced_models.identification.identify import IdentifyOptions, plan_run
     from reduced_models.identification.identify import identify as identify_source
-    from reduced_models.identification.identify import plan_run
-    from reduced_models.identification.options import IdentifyOptions
     from reduced_models.records.sources import METHOD, open_source
 
     changes.run()
@@ -192,7 +190,7 @@ def fit(
 ) -> None:
     """Fit one law to one record, or to several together."""
     from reduced_models.fitting.fit import fit as fit_law
-    from reduced_models.fitting.options import FitOptions
+    from reduced_models.fitting.problem import FitOptions
     from reduced_models.laws.catalogue import LAWS
     from reduced_models.laws.force_laws import FORCE_LAWS
     from reduced_models.records.sensor import parse_sensor
@@ -368,7 +366,7 @@ def compare(
     from reduced_models.fitting.levenberg_marquardt import spent_budget_text, time_budget
     from reduced_models.identification.candidate_laws import CANDIDATES
     from reduced_models.identification.comparison import compare as compare_laws
-    from reduced_models.identification.options import check_budget
+    from reduced_models.identification.identify import check_budget
     from reduced_models.records.sources import make_directory
 
     check_budget(budget)

@@ -10,8 +10,7 @@ from typing import Annotated, Any, Literal
 from granular.commands.console import command, given, print_result, refuse_options
 from granular.commands.options import Output
 from granular.commands.signature import Kilograms, Metres, Option, Seconds, quantity
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.commands.forms import FORMS
 
 MOST_SAMPLES = 10**7

@@ -14,8 +14,7 @@ from granular.commands.console import command, print_result
 from granular.commands.options import Output
 from granular.commands.signature import Option
 from granular.records.options import ALL
-from granular.shared.errors import CautionWarning, InputError, SceneError
-from granular.shared.message_text import quote
+from granular.shared.errors import CautionWarning, InputError, SceneError, quote
 
 if TYPE_CHECKING:
     from granular.records.options import ReadOptions

@@ -20,17 +20,24 @@ import numpy as np
 
 from granular.linear.equilibrium import Equilibrium, equilibrium
 from granular.linear.roots import MASS_FRACTION, Root, modal_coordinate, piston_roots, require_free_piston
-from granular.protocol.driven_piston_stages import Lift
+from granular.protocol.stages import Lift
 from granular.records.record import PistonRecord
 from granular.run.trajectory import Trajectory, frame_heights
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, RecordError
-from reduced_models.derived.continuation import HeldState, Instability, follow_piston, held_state
-from reduced_models.derived.polynomial_law import HIGHEST_ORDER, energy_backbone, polynomial_law
+from reduced_models.derived.polynomial_law import (
+    HIGHEST_ORDER,
+    HeldState,
+    Instability,
+    energy_backbone,
+    follow_piston,
+    held_state,
+    polynomial_law,
+)
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printout import format_percent
-from reduced_models.models.quality import Quality
+from reduced_models.models.quantities import Quality
 from reduced_models.records.backbone import Backbone
 from reduced_models.records.envelope import find_extremes
 from reduced_models.records.sources import open_source

@@ -10,8 +10,7 @@ import numpy as np
 
 from granular.scene.published_beds import REFERENCE_COUNT, damper
 from granular.scene.scene import Scene
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 
 if TYPE_CHECKING:
     from jaxtyping import Float

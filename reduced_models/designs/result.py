@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,12 +12,21 @@ import numpy as np
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.scene.scene import Scene
 from granular.shared.blocks import Heading, Picture, Printout, Table, cautions, format_number
+from granular.shared.errors import InputError, quote
 from granular.shared.files import write_json
 from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, GREY, figure
-from reduced_models.designs.damper import ASPECT, DIAMETER, DamperCandidate, PredictedFigures
-from reduced_models.designs.target import DesignTarget
-from reduced_models.falls.workshop_sheet import workshop_sheet
+from reduced_models.designs.damper import (
+    ASPECT,
+    COUNTS,
+    DIAMETER,
+    LARGEST_SHARE,
+    DamperCandidate,
+    PredictedFigures,
+    check_above_zero,
+    check_fraction,
+)
+from reduced_models.falls.workshop import workshop_sheet
 from reduced_models.models.printout import caution_lines, figure_lines, wrap_words
 from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError, student_half_width
 from reduced_models.records.sources import make_directory
@@ -28,6 +38,64 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from granular.studies.tolerances import Tolerances
+
+
+class DesignTarget(NamedTuple):
+    """Figures that a damper shall have, and what of it is fixed.
+
+    They are not checked here: `check_ranges` refuses what is out of its range.
+
+    Attributes
+    ----------
+    frequency : float
+        Frequency of the undamped small swing about rest [Hz], above 0.
+    damping : float
+        Damping ratio, a fraction of critical damping, above 0.
+    grains : int or None
+        Number of grains, from 92 to 368; None where it is free.
+    mass : float or None
+        Mass of the piston [kg], above 0; None where it is free. At most one of both is fixed.
+    small_share : float
+        Fraction of grains with 0.6 of the diameter, from 0 to 0.5.
+    magnets : str
+        ``"dipoles"``, or ``"cylinders"``: discs.
+    """
+
+    frequency: float
+    damping: float
+    grains: int | None = None
+    mass: float | None = None
+    small_share: float = 0.0
+    magnets: str = "dipoles"
+
+    def check_ranges(self) -> None:
+        """Refuse values out of their ranges.
+
+        A target that passes may still be out of reach: see `propose_design`.
+
+        Raises
+        ------
+        InputError
+            If frequency, damping or mass is no finite number above 0, grains and mass are both
+            fixed, grains is no integer from 92 to 368, the fraction of small ones is not from 0 to
+            0.5, or there are no such magnets.
+        """
+        check_above_zero("frequency", self.frequency, "Hz")
+        check_above_zero("damping", self.damping)
+        if self.mass is not None:
+            check_above_zero("mass", self.mass, "kg")
+        if self.grains is not None and self.mass is not None:
+            raise InputError(
+                f"grains = {quote(self.grains)} and mass = {quote(self.mass)} fix the frequency already; "
+                "give one of them, or none"
+            )
+        low, high = COUNTS
+        if self.grains is not None and not (isinstance(self.grains, Integral) and low <= self.grains <= high):
+            raise InputError(f"grains = {quote(self.grains)}; give an integer from {low} to {high}")
+        check_fraction("small_share", self.small_share, LARGEST_SHARE)
+        if self.magnets not in ("dipoles", "cylinders"):
+            raise InputError(f"magnets = {quote(self.magnets)}; give 'dipoles' or 'cylinders'")
+
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 """Relative errors that every check of a proposal may have."""
@@ -260,7 +328,7 @@ class Design:
 
     def page(self, of_parts: Tolerances | None = None) -> Page:
         """Design as a page, with the tolerances of its parts if they are given."""
-        from granular.studies.tolerance_page import tolerance_blocks
+        from granular.studies.study_page import tolerance_blocks
 
         chosen, target = self.damper, self.target
         return Page(

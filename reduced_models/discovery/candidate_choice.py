@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.shared.message_text import format_factor
+from granular.shared.errors import format_factor
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.structure_proposals import ProposedStructures, candidate_from_terms
 from reduced_models.discovery.subset_selection import EquationScorer, normalise_columns, score_terms

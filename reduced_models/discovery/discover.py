@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from granular.records.record import PistonRecord
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote, sanitize
+from granular.shared.errors import InputError, quote, sanitize
 from granular.shared.progress_bars import stage_reporter
 from reduced_models.discovery.candidate_choice import (
     notes_on_candidate,
@@ -14,7 +13,6 @@ from reduced_models.discovery.candidate_choice import (
     weigh_structure_evidence,
 )
 from reduced_models.discovery.hidden_state_search import hidden_state_studies, memory_notes
-from reduced_models.discovery.operon_search import is_operon_installed
 from reduced_models.discovery.options import (
     SPARSE,
     DiscoveryOptions,
@@ -25,9 +23,9 @@ from reduced_models.discovery.options import (
 )
 from reduced_models.discovery.parametric_terms import OpenTerms, ParametricTerms, split_parametric_terms
 from reduced_models.discovery.polishing import polish_candidate
-from reduced_models.discovery.pysr_search import require_pysr
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structure_proposals import Study, SymbolicSearch, propose_structures
+from reduced_models.discovery.symbolic_search import is_operon_installed, require_pysr
 from reduced_models.discovery.term_libraries import (
     AUTO,
     MEMORY,
@@ -47,8 +45,8 @@ from reduced_models.discovery.weak_form import (
     observed_weak_form,
     weak_form,
 )
-from reduced_models.fitting.given_records import RecordLike, list_of_records, refuse_prescribed_strokes
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.fitting.fit_data import RecordLike, list_of_records, refuse_prescribed_strokes
+from reduced_models.laws.law import HeightLine
 from reduced_models.records.inputs import column_names
 
 _NO_OPERON = (

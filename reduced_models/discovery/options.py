@@ -7,11 +7,10 @@ import math
 from collections.abc import Sequence
 from typing import Literal, get_args
 
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.discovery.term_libraries import AUTO, MEMORY
 from reduced_models.laws.equation import parse_equation
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 
 Method = Literal["auto", "sindy", "pysindy", "operon", "pysr"]
 Target = Literal["acceleration", "force", "height"]

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular import formulas
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.subset_selection import normalise_columns
 from reduced_models.discovery.term_libraries import find_term_fault

@@ -25,11 +25,10 @@ from reduced_models.discovery.terms import (
     state_symbols,
 )
 from reduced_models.fitting.fit import fit
-from reduced_models.fitting.options import FitOptions
 from reduced_models.fitting.parameter import Parameter
+from reduced_models.fitting.problem import FitOptions
 from reduced_models.fitting.start_values import start_values_near
-from reduced_models.laws.height_line import HeightLine
-from reduced_models.laws.law import Law
+from reduced_models.laws.law import HeightLine, Law
 from reduced_models.records.sensor import Sensor
 
 if TYPE_CHECKING:

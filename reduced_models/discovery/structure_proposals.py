@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.shared.errors import import_extra
 from reduced_models.discovery.hidden_states import ScaledHiddenState
-from reduced_models.discovery.operon_search import search_expressions_with_operon
 from reduced_models.discovery.parametric_terms import ParametricTerms
-from reduced_models.discovery.pysindy_search import find_supports_with_pysindy
-from reduced_models.discovery.pysr_search import search_expressions_with_pysr
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.subset_selection import (
     MOST_TERMS,
@@ -26,9 +25,14 @@ from reduced_models.discovery.subset_selection import (
     score_subsets,
     scorers_in_common_unit,
 )
+from reduced_models.discovery.symbolic_search import (
+    search_expressions_with_operon,
+    search_expressions_with_pysr,
+)
 from reduced_models.discovery.terms import (
     AnyTerm,
     CustomTerm,
+    MotionState,
     complexity,
     linear_combination,
     sort_terms,
@@ -41,6 +45,46 @@ from reduced_models.records.inputs import TIME
 if TYPE_CHECKING:
     import sympy
     from jaxtyping import Float
+
+
+_THRESHOLDS = np.geomspace(1e-3, 0.5, 24)  # of a term's share, over the size of z''
+
+
+def find_supports_with_pysindy(
+    motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]
+) -> list[list[int]]:
+    """Find the terms, by their indices, that PySINDy keeps at each of its thresholds."""
+    # As in PySINDy's guide: states (z, z') with their derivatives, inputs, the terms as a library of its own
+    # making, sequentially thresholded least squares (Brunton, Proctor & Kutz 2016,
+    # doi:10.1073/pnas.1517384113), whose threshold is scanned.
+    pysindy = import_extra("pysindy", "method 'pysindy'", "discover")
+    inner = [motion.inner for motion in motions]
+    data = {
+        "x": [np.stack([motion.smooth, motion.velocity], axis=1) for motion in inner],
+        "t": [motion.time for motion in inner],
+        "x_dot": [np.stack([motion.velocity, motion.acceleration], axis=1) for motion in inner],
+        "u": [np.stack([_drive(motion), motion.time], axis=1) for motion in inner],
+    }
+    library = pysindy.CustomLibrary([_feature(term) for term in terms], interaction_only=True)
+    size = float(np.linalg.norm(np.concatenate([motion.acceleration for motion in inner])))
+    supports = []
+    for threshold in size * _THRESHOLDS:
+        optimizer = pysindy.STLSQ(threshold=threshold, alpha=1e-8, normalize_columns=True)
+        model = pysindy.SINDy(optimizer=optimizer, feature_library=library)
+        with warnings.catch_warnings(action="ignore"):  # that a high threshold leaves nothing
+            model.fit(**data)
+        supports.append(np.flatnonzero(model.coefficients()[1]).tolist())
+    return supports
+
+
+def _drive(motion: SmoothedMotion) -> np.ndarray:
+    return np.zeros_like(motion.time) if motion.drive is None else motion.drive
+
+
+def _feature(term: AnyTerm) -> Callable[..., np.ndarray]:
+    # PySINDy counts the arguments.
+    return lambda z, v, u, t: term.values(MotionState(*map(np.asarray, (z, v, u, t))))
+
 
 _MOST_POINTS = 500  # of a symbolic regression
 _MOST_UNION = 120

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.discovery.subset_selection import (
     EquationScorer,
     ScoredTerms,
@@ -31,7 +30,7 @@ from reduced_models.discovery.terms import (
     structure_text,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 
 PHYSICAL = "physical"
 """The library without another name: see `reduced_models.discovery.terms.physical_library_terms`."""

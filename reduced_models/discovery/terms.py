@@ -12,8 +12,7 @@ import numpy as np
 
 from granular import formulas
 from granular.formulas import algebra
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.discovery.terms import AnyTerm, MotionState, evaluate_expression
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 from reduced_models.records.derivatives import derivatives, noise_level
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.inputs import input_column

@@ -10,15 +10,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.errors import GranularError, InputError
-from granular.shared.message_text import format_factor, quote
-from reduced_models.fitting.covariance import (
-    FitStatistics,
-    joint_covariance,
-    marginal_information,
-    shifts_by_calibration_errors,
-)
+from granular.shared.errors import GranularError, InputError, format_factor, quote
 from reduced_models.fitting.fit_data import FitData
+from reduced_models.fitting.parameter import Unknowns
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import SearchResult, delay_remarks
 from reduced_models.fitting.residual_diagnostics import (
@@ -30,19 +24,21 @@ from reduced_models.fitting.residual_diagnostics import (
 )
 from reduced_models.fitting.residuals import BLOWN_UP, remove_random_walk
 from reduced_models.fitting.uncertainty import (
+    FitStatistics,
     Interval,
     interval_analysis,
+    joint_covariance,
+    marginal_information,
     physical_covariance,
+    shifts_by_calibration_errors,
     small_motion_figures,
     widen_to_linear_intervals,
 )
-from reduced_models.fitting.unknowns import Unknowns
 from reduced_models.laws.linearization import NoSwing
-from reduced_models.models.at_rest import AtRest
-from reduced_models.models.harmonic_cycle import HarmonicCycle
+from reduced_models.models.at_rest import AtRest, HarmonicCycle
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.observed import stroke_cycles
-from reduced_models.models.quality import Quality
+from reduced_models.models.quantities import Quality
 from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.envelope import (
     amplitude_remarks,
@@ -50,7 +46,7 @@ from reduced_models.records.envelope import (
     extremes_apart,
     find_extremes,
 )
-from reduced_models.records.held_out_swings import SwingTestError, error_on_swings
+from reduced_models.records.free_motion import SwingTestError, error_on_swings
 from reduced_models.records.release import release_sample
 from reduced_models.records.sensor import Sensor
 from reduced_models.records.sources import describe_record

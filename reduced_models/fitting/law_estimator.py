@@ -11,8 +11,8 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from granular.records.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.fitting.fit import fit
-from reduced_models.fitting.options import STARTS, TEST_FRACTION
 from reduced_models.fitting.parameter import Parameters
+from reduced_models.fitting.problem import STARTS, TEST_FRACTION
 from reduced_models.fitting.residuals import LossName
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel

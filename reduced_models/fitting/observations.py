@@ -16,10 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.errors import InputError, RecordError, RecordWarning
-from granular.shared.message_text import quote
-from reduced_models.fitting.fit_data import FitData, data_of_record
-from reduced_models.fitting.given_records import weights_and_noise
+from granular.shared.errors import InputError, RecordError, RecordWarning, quote
+from reduced_models.fitting.fit_data import FitData, data_of_record, weights_and_noise
 from reduced_models.fitting.parameter import ParameterSettings
 from reduced_models.fitting.residuals import LossName
 from reduced_models.laws.law import Law

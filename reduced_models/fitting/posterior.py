@@ -14,15 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.errors import InputError, MissingPackageError
-from granular.shared.message_text import quote
-from reduced_models.fitting.fit_data import FitData
-from reduced_models.fitting.given_records import list_of_records
+from granular.shared.errors import InputError, MissingPackageError, quote
+from reduced_models.fitting.fit_data import FitData, list_of_records
 from reduced_models.fitting.parameter import check_parameter_names
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.residuals import residual_function
+from reduced_models.fitting.residuals import grid_over_record, residual_function
 from reduced_models.fitting.roll_out import search_vector_of_model
-from reduced_models.fitting.samples import grid_over_record
 from reduced_models.jax_setup import jax, jax_call
 from reduced_models.records.first_guesses import first_guesses
 

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reduced_models.fitting.covariance import sandwich_covariance
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.uncertainty import Interval, intervals_between
+from reduced_models.fitting.uncertainty import Interval, intervals_between, sandwich_covariance
 
 if TYPE_CHECKING:
     from jaxtyping import Float

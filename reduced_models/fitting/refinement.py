@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
 from reduced_models.fitting.problem import FitProblem

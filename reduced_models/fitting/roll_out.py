@@ -11,12 +11,11 @@ import numpy as np
 from granular.records.record import PistonRecord
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
-from reduced_models.fitting.residuals import BLOWN_UP
-from reduced_models.fitting.samples import grid_over_record
-from reduced_models.fitting.unknowns import Unknowns
+from reduced_models.fitting.parameter import Unknowns
+from reduced_models.fitting.residuals import BLOWN_UP, grid_over_record
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
-from reduced_models.records.held_out_swings import error_on_swings, find_whole_swings
+from reduced_models.records.free_motion import error_on_swings, find_whole_swings
 from reduced_models.records.sensor import column_sensor
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from reduced_models.jax_setup import jax
 from reduced_models.records.inputs import StepGrid
-from reduced_models.records.sensor import Sensor
-from reduced_models.records.sensor_filter import filter_matrices
+from reduced_models.records.sensor import Sensor, filter_matrices
 
 if TYPE_CHECKING:
     from jaxtyping import Float

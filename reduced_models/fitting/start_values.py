@@ -21,7 +21,7 @@ import numpy as np
 from granular.records.record import PistonRecord
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
-from reduced_models.fitting.unknowns import Pairs, Unknowns
+from reduced_models.fitting.parameter import Pairs, Unknowns
 from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.law import Law, Starts
 from reduced_models.laws.symmetry import canonical_parameters

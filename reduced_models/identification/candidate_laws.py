@@ -12,16 +12,14 @@ import numpy as np
 
 from granular.records.headings import tells_of_motion
 from granular.records.record import PistonRecord
-from granular.shared.errors import GranularError, InputError
-from granular.shared.message_text import format_factor, quote
+from granular.shared.errors import GranularError, InputError, format_factor, quote
 from reduced_models.discovery.subset_selection import score_subsets
 from reduced_models.discovery.terms import Term, physical_library_terms
 from reduced_models.discovery.weak_form import WeakForm, estimate_motion, normalising_line, weak_form
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.force_laws import FORCE_LAWS
-from reduced_models.laws.height_line import HeightLine
-from reduced_models.laws.law import Law
+from reduced_models.laws.law import HeightLine, Law
 from reduced_models.laws.rubbing_bed import RUBBING_BED, rubbing_bed_near
 from reduced_models.records.derivatives import fit_local_cubics, noise_level
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses

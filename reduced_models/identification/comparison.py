@@ -16,11 +16,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from granular.records.record import PistonRecord
-from granular.shared.errors import GranularError, InputError
-from granular.shared.message_text import format_factor, quote
+from granular.shared.errors import GranularError, InputError, format_factor, quote
 from reduced_models.fitting.fit import fit, resolve_law
-from reduced_models.fitting.given_records import RecordLike, list_of_records
-from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_fit_options
+from reduced_models.fitting.fit_data import RecordLike, list_of_records
 from reduced_models.fitting.parameter import (
     Parameter,
     Parameters,
@@ -29,6 +27,7 @@ from reduced_models.fitting.parameter import (
     given_line_parameters,
     is_per_record,
 )
+from reduced_models.fitting.problem import STARTS, TEST_FRACTION, check_fit_options
 from reduced_models.fitting.roll_out import RollOut, roll_out
 from reduced_models.fitting.start_values import start_values_near
 from reduced_models.identification.comparison_table import (
@@ -43,7 +42,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printout import format_percent
-from reduced_models.models.quality import Quality
+from reduced_models.models.quantities import Quality
 
 STRONG = 6.0
 """Difference of information criteria from which evidence is strong (Kass & Raftery 1995,

@@ -6,19 +6,18 @@ import contextlib
 import dataclasses
 import math
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from granular.records.record import PandasOrXarray, PistonRecord
-from granular.shared.errors import CautionWarning, InputError
-from granular.shared.message_text import quote
-from reduced_models.fitting.given_records import record_from_table
-from reduced_models.fitting.options import STARTS, check_fit_options
+from granular.shared.errors import CautionWarning, InputError, quote
+from reduced_models.fitting.fit_data import record_from_table
+from reduced_models.fitting.problem import STARTS, check_fit_options
 from reduced_models.identification.comparison import compare_on_further_records
 from reduced_models.identification.laws_of_record import Stopwatch, compare_laws_of_record, measure_own_swing
-from reduced_models.identification.options import IdentifyOptions
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import (
     RecordsOfRest,
@@ -36,6 +35,58 @@ from reduced_models.laws.law import Law
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.records.sensor_artefacts import without_clipped_samples
 from reduced_models.records.sources import METHOD, make_directory, open_and_check_source, run_plan
+
+BUDGET = 300.0
+"""Processor time for discovery and fits [s], ten times what a damper's motion takes."""
+
+
+@dataclasses.dataclass(frozen=True)
+class IdentifyOptions:
+    """Rare options of `identify`: its time, and the checks of a simulated record.
+
+    Parameters
+    ----------
+    budget : float
+        Processor time for discovery and fits [s], above 0. Laws that come later are not fitted, and a
+        note names them; half of the time is for a discovery.
+    checks : bool
+        Whether the scene also runs with another time step and from other random starts, which gives the
+        figures their step error and scatter, and with another lift, which all laws then have to predict.
+        If no laws are named and the scene begins with a fall, laws of the whole fall
+        (`reduced_models.falls.unseen_fall_scores.FALL_LAWS`) are fitted to it, and judged on falls from
+        other heights and random starts. A check that fails becomes a note.
+    executor : concurrent.futures.Executor, optional
+        Where the checks run, as in `granular.sweep`; processes on this machine if not given.
+    parts : mapping of str to str or float, optional
+        Tolerances of the scene's parts, as `granular.tolerances` takes them: the standard deviations that
+        they give the figures of small motions are printed apart from the errors of the figures.
+
+    Raises
+    ------
+    InputError
+        If the budget is not a time above 0.
+
+    Examples
+    --------
+    >>> from reduced_models import IdentifyOptions
+    >>> IdentifyOptions(checks=False).budget
+    300.0
+    """
+
+    budget: float = BUDGET
+    checks: bool = True
+    executor: Executor | None = None
+    parts: Mapping[str, str | float] | None = None
+
+    def __post_init__(self) -> None:
+        check_budget(self.budget)
+
+
+def check_budget(budget: object) -> None:
+    """Refuse a processor time [s] that is not above 0."""
+    if not isinstance(budget, Real) or not float(budget) > 0.0:
+        raise InputError(f"budget = {quote(budget)} s; give a time above 0")
+
 
 RUNS = 9
 """Runs of a scene and of its checks, which share what is compiled."""

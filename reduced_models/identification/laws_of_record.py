@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.errors import GranularError, InputError, RecordWarning, TimeBudgetError
-from granular.shared.message_text import sanitize
+from granular.shared.errors import GranularError, InputError, RecordWarning, TimeBudgetError, sanitize
 from reduced_models.fitting.levenberg_marquardt import spent_budget_text, time_budget
 from reduced_models.identification.candidate_laws import (
     candidate_force_laws,
@@ -22,13 +21,12 @@ from reduced_models.identification.candidate_laws import (
     unused_columns,
 )
 from reduced_models.identification.comparison import compare, law_name, merge_comparisons
-from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.derived_figures import FREQUENCY
+from reduced_models.identification.comparison_table import FREQUENCY, Comparison
+from reduced_models.identification.elliptic_averaging import well_quantities
 from reduced_models.identification.measured_swing import MeasuredSwing, measure_swing
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import friction_of
-from reduced_models.identification.wells import well_quantities
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law

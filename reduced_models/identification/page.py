@@ -9,12 +9,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from granular.records.options import RecordSource
 from granular.shared.blocks import Block, Caution, Equation, Heading, Table, Text, cautions, format_number
 from granular.shared.command_line import current_command
+from granular.shared.errors import format_factor
 from granular.shared.html_pages import Page, made_with
-from granular.shared.message_text import format_factor
 from reduced_models.identification.comparison_table import Comparison
+from reduced_models.identification.elliptic_averaging import LOWER_WELL
 from reduced_models.identification.pictures import comparison_section, residual_axis
 from reduced_models.identification.residual_tests import ResidualTests
-from reduced_models.identification.wells import LOWER_WELL
 from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
 from reduced_models.models.model import OPEN, ReducedModel
 from reduced_models.models.observed import CYCLE_COLUMNS, cycle_rows

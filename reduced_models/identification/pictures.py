@@ -309,7 +309,7 @@ def _stage_row(stage: StageResult) -> Sequence[str]:
 
 
 def _energy_ledger_section(run: Trajectory) -> Iterator[Block]:
-    from granular.scene.dry_friction import degraded_residual_limit
+    from granular.scene.scene import degraded_residual_limit
 
     yield Heading("Energy ledger")
     yield Picture(

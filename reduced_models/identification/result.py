@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from granular.records.record import PistonRecord
 from granular.shared.blocks import Block, Caution, Heading, Items, Table, Text, cautions
+from granular.shared.errors import format_factor
 from granular.shared.files import make_directory, write_text
 from granular.shared.html_pages import Page, made_with
-from granular.shared.message_text import format_factor
 from granular.shared.terminal import blocks_text
 from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
 from reduced_models.identification import page, pictures
-from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.derived_figures import FREQUENCY, DerivedFigures
+from reduced_models.identification.comparison_table import FREQUENCY, Comparison, DerivedFigures
 from reduced_models.identification.elliptic_averaging import (
     EllipticAveraging,
     SolvedMotion,
@@ -292,7 +291,7 @@ class Identification:
         if self.own is not None:
             yield from self.own.blocks()
         if self.of_parts is not None:
-            from granular.studies.tolerance_page import tolerance_blocks
+            from granular.studies.study_page import tolerance_blocks
 
             yield from tolerance_blocks(self.of_parts)
         averaging = "" if self.elliptic_averaging is None else self.elliptic_averaging.text

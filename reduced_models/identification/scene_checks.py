@@ -23,7 +23,7 @@ from reduced_models.fitting.fit import fit
 from reduced_models.fitting.parameter import given_line_parameters
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.identification.candidate_laws import LIKELY
-from reduced_models.identification.derived_figures import DerivedFigures
+from reduced_models.identification.comparison_table import DerivedFigures
 from reduced_models.identification.measured_swing import MeasuredSwing, quantities_at_amplitudes
 from reduced_models.laws.catalogue import law_named
 from reduced_models.models.model import ReducedModel
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
     from granular.studies.background_cases import BackgroundCall, BackgroundCase, BackgroundCaseRunner
     from granular.studies.cases import CaseOutcome
-    from granular.studies.tolerance_parts import Part
+    from granular.studies.tolerances import Part
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
@@ -113,7 +113,7 @@ def release_from(rest: Equilibrium, stages: tuple[Mapping[str, Any], ...]) -> di
 
 def is_rest(scene: Scene, index: int) -> bool:
     """Return whether a stage leaves the piston free until it rests."""
-    from granular.protocol.free_piston_stages import Free
+    from granular.protocol.stages import Free
 
     stage = scene.protocol[index]
     return isinstance(stage, Free) and stage.until == "rest"
@@ -148,7 +148,7 @@ def read_parts_of_source(
 ) -> tuple[Part, ...]:
     """Read the tolerances of parts of a scene, or of a run's, that begins with a rest."""
     from granular.linear.bed_forces import check_free_piston
-    from granular.studies.tolerance_parts import read_parts
+    from granular.studies.tolerances import read_parts
 
     if isinstance(source, PistonRecord):
         raise InputError("a record has no parts whose tolerances could be followed; give a scene or a run")
@@ -399,7 +399,7 @@ def random_start_checks(scene: Scene) -> list[RunCheck]:
 
 def higher_lift_check(scene: Scene) -> RunCheck | None:
     """Check of a scene with a lift three times as high."""
-    from granular.protocol.driven_piston_stages import Lift
+    from granular.protocol.stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
     if len(lifts) != 1:
@@ -417,7 +417,7 @@ def end_time_of_open_run(run: Trajectory) -> float | None:
 
 def begins_with_fall(scene: Scene) -> bool:
     """Return whether a scene's first stage leaves the piston to gravity."""
-    from granular.protocol.free_piston_stages import Free
+    from granular.protocol.stages import Free
 
     falls = scene.piston is not None and scene.effects.gravity is not None
     return falls and bool(scene.protocol) and isinstance(scene.protocol[0], Free)

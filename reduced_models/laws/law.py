@@ -4,25 +4,44 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from granular import formulas
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.laws.equation import (
     TIME_OR_OBSERVATION,
     ParsedEquation,
     parse_equation,
     parse_law_formulas,
 )
-from reduced_models.laws.height_line import HeightLine
 
 if TYPE_CHECKING:
     import sympy
 
     from reduced_models.records.first_guesses import FirstGuesses
+
+
+class HeightLine(NamedTuple):
+    """height = shift + scale z."""
+
+    shift: float = 0.0  # height at z = 0 [m, rad]
+    scale: float = 1.0  # height per unit of z, in the same unit; not zero
+
+    @property
+    def text(self) -> str:
+        """Line as an equation of a law."""
+        return f"height = {self.shift!r} + {self.scale!r}*z"
+
+    def coordinate(self, height: Any) -> Any:
+        """Coordinate z at a height, of any shape."""
+        return (height - self.shift) / self.scale
+
+    def height(self, z: Any) -> Any:
+        """Height at a coordinate z, of any shape."""
+        return self.shift + self.scale * z
+
 
 Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
 

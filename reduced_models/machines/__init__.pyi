@@ -1,6 +1,4 @@
-from .bed_element import export_bed
-from .design import design_for
-from .response import predicted_response
-from .response_comparison import compare_response
+from .design import design_for, export_bed
+from .response import compare_response, predicted_response
 
 __all__ = ["compare_response", "design_for", "export_bed", "predicted_response"]

@@ -9,7 +9,7 @@ from granular.commands.console import print_result
 from granular.commands.options import Output
 from granular.response import load_response
 from granular.shared.blocks import Block, Text
-from reduced_models.machines.response_comparison import response_page_with_law
+from reduced_models.machines.response import response_page_with_law
 
 
 def compare_response_with_law(directory: str, output: Output) -> None:

@@ -1,4 +1,10 @@
-"""The bed, piston and drag that leave least of a host's vibration, by the identified law."""
+"""The bed, piston and drag that leave least of a host's vibration, by the identified law.
+
+The bed of a scene as an element between two bodies, from the scene alone.
+
+The bed's force acts on the piston, and against it on the cell. The bed's mass is no part of the
+element: grains that follow the piston affinely give the mass matrix that `mass_matrix` returns.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +27,27 @@ from granular.scene.loading import load_scene
 from granular.scene.published_beds import damper
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from reduced_models.falls.predicted_law import FEWEST, OutsideRangeWarning
-from reduced_models.falls.workshop_sheet import workshop_sheet
-from reduced_models.machines.response import RANGE, CoupledSystem, PredictedResponse, solve_host_response
+from reduced_models.falls.predicted_law import FEWEST, OutsideRangeWarning, PredictedLaw
+from reduced_models.falls.workshop import workshop_sheet
+from reduced_models.laws.annealing_bed import ANNEALING_BED
+from reduced_models.machines.response import (
+    ORDER,
+    RANGE,
+    CoupledSystem,
+    PredictedResponse,
+    solve_host_response,
+)
+from reduced_models.models.at_rest import AtRest
+from reduced_models.models.export import write_code
+from reduced_models.models.ports import ForcePort
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from jaxtyping import Float
+
     from granular.shared.html_pages import Page
+
 
 HELPS = 0.9
 """Least fraction of the peak that a damper must leave away, as 1 minus this, to be one."""
@@ -285,3 +304,70 @@ def _candidate_dampers(host: Host, excitation: Excitation, limit: float, magnets
             filled = count * math.pi / 4.0 * diameter**2 / (law.rest * scene.cell.width)
             if law.rest < height and filled < _FILLED:
                 yield scene
+
+
+def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
+    """Write the bed of a scene as an element between two bodies, from the scene alone.
+
+    Its inputs are height [m] and velocity [m/s] of the piston over the cell, its output is the
+    force of the bed on the piston [N]. The bed's mass is no part of it.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of a piston with a mass on magnets that drag alone damps.
+    path : str or Path
+        File to write: ``.py``, ``.c`` (with its header), ``.m``, ``.mo`` or ``.fmu``.
+    fmi : int
+        Version of FMI of an ``.fmu``, 2 or 3.
+
+    Returns
+    -------
+    str
+        Language of the file.
+
+    Raises
+    ------
+    InputError
+        If the law of the bed is not known, the ending is another one, or the file cannot be
+        written.
+
+    Examples
+    --------
+    >>> from granular import load_scene
+    >>> from reduced_models.machines import export_bed
+    >>> export_bed(load_scene("damper"), "Bed.mo")
+    'a Modelica model'
+    """
+    return write_code(bed_force_port(scene), Path(path), fmi)
+
+
+def bed_force_port(scene: Scene) -> ForcePort:
+    """Return the law of a scene's bed as an element."""
+    system = CoupledSystem.from_bed_scene(scene)
+    load, swing = system.piston * system.gravity, system.small_swing
+    values = {
+        "lam": 0.5 * system.drag / system.moving,
+        "weight": load / system.moving,
+        "rest": system.rest,
+        "power": system.power,
+        "modulus": system.modulus,
+        "strength": system.strength,
+    }
+    at_rest = AtRest(system.rest, math.tau / swing.omega, swing.lam / swing.omega, {})
+    model = PredictedLaw(
+        ANNEALING_BED,
+        values,
+        (system.rest, 0.0),
+        at_rest,
+        provenance={"data": f"none, from the scene {scene.name}"},
+        hidden={"q": ORDER},
+    )
+    return ForcePort(model, system.moving, load)
+
+
+def mass_matrix(system: CoupledSystem) -> Float[np.ndarray, "2 2"]:
+    """Mass matrix [kg] of host and piston over the cell."""
+    # An affine bed moves by 1/2 of the piston's stroke on average, in the mass that couples it with the host.
+    swing = system.piston + 0.5 * system.bed
+    return np.array([[system.host + system.piston + system.bed, swing], [swing, system.moving]])

@@ -11,16 +11,17 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from granular.records.headings import CoordinateUnit
-from reduced_models.models.plain_data import Interval, Size, SizeOrInfinity
+from reduced_models.models.plain_data import Interval, Size, SizeOrInfinity, SizeOrUnknown
 from reduced_models.models.printout import figure_lines
 from reduced_models.models.quantities import DAMPING_RATIO, EQUIVALENT_FRICTION, LEVEL, QuantityWithError
 from reduced_models.records.envelope import PeakDamping
 
 if TYPE_CHECKING:
     import pandas
+
 
 _UNDERDAMPED = 0.999  # a damping ratio above which nothing swings
 _STEP = 1e-4  # of a number, by which it is changed to see what follows from it
@@ -219,3 +220,33 @@ def _quantity_with_propagated_errors(
 def _slowdown(ratio: float) -> float:
     """Damped over natural frequency."""
     return math.sqrt(1.0 - ratio**2)
+
+
+class HarmonicCycle(NamedTuple):
+    """A harmonic cycle: of a motion per kilogram, of a force on a prescribed stroke in newtons.
+
+    Attributes
+    ----------
+    amplitude, frequency, centre : float
+        [m], [rad/s], [m].
+    stiffness, damping, energy : float
+        Of the first harmonic, and dissipated: [1/s^2], [1/s], [J/kg], or [N/m], [N s/m], [J].
+    errors : (float, float, float)
+        Half-widths of the intervals of these three; zero where none are known.
+    measured : int
+        Number of cycles that were measured; 0 of a law.
+    """
+
+    amplitude: float
+    frequency: float
+    centre: float
+    stiffness: float
+    damping: float
+    energy: float
+    errors: tuple[SizeOrUnknown, ...] = (0.0, 0.0, 0.0)
+    measured: int = 0
+
+    @property
+    def damping_ratio(self) -> float:
+        """Fraction of critical damping."""
+        return self.damping / (2.0 * math.sqrt(self.stiffness))

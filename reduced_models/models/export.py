@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, quote, sanitize
 from granular.shared.files import write_text
-from granular.shared.message_text import quote, sanitize
 from granular.shared.registry import Registry
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.ports import ForcePort, force_port, prepare_port_for_export

@@ -13,10 +13,8 @@ import numpy as np
 
 from granular.records.headings import COORDINATES, CoordinateUnit
 from granular.records.record import PistonRecord
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
-from reduced_models.laws.height_line import HeightLine
-from reduced_models.laws.law import Law
+from granular.shared.errors import InputError, quote
+from reduced_models.laws.law import HeightLine, Law
 from reduced_models.laws.linearization import (
     NoSwing,
     equation_rates,
@@ -26,8 +24,7 @@ from reduced_models.laws.linearization import (
     small_swing_of_equation,
 )
 from reduced_models.laws.printing import latex, round_equation, round_expression, round_significant
-from reduced_models.models.at_rest import AtRest
-from reduced_models.models.harmonic_cycle import HarmonicCycle
+from reduced_models.models.at_rest import AtRest, HarmonicCycle
 from reduced_models.models.plain_data import Interval, Lines, Size
 from reduced_models.records.inputs import TIME, Interpolation, input_column
 from reduced_models.records.sensor import Sensor

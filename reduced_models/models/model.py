@@ -12,16 +12,14 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.shared.blocks import Equation, Printout
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, quote, sanitize
 from granular.shared.files import write_json
-from granular.shared.message_text import quote, sanitize
 from reduced_models.models import export, observed, prediction, response, schema
-from reduced_models.models.harmonic_cycle import HarmonicCycle
+from reduced_models.models.at_rest import HarmonicCycle
 from reduced_models.models.plain_data import annotations_of, plain_value
 from reduced_models.models.ports import GRAVITY, force_port
 from reduced_models.models.printed_model import PrintedModel
-from reduced_models.records.sensor import Sensor
-from reduced_models.records.sensor_filter import motion_signal
+from reduced_models.records.sensor import Sensor, motion_signal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,11 +11,10 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.shared.blocks import align_columns
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.laws.solution import observed_signal, solve_law
+from reduced_models.models.at_rest import HarmonicCycle
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.harmonic_cycle import HarmonicCycle
 from reduced_models.models.prediction import errors_of_figures
 from reduced_models.records.derivatives import derivatives
 from reduced_models.records.inputs import STROKE, input_column, with_stroke_columns

@@ -12,8 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 import numpy as np
 
 from granular.formulas import MAX_CHARACTERS
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote, sanitize, unknown_word_message
+from granular.shared.errors import InputError, quote, sanitize, unknown_word_message
 
 _MOST_ITEMS = 200
 _LARGEST = 1e100  # of a number: its square and cube are numbers still

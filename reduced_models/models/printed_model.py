@@ -18,8 +18,7 @@ from reduced_models.models.printout import (
     record_lines,
     wrap_words,
 )
-from reduced_models.models.quality import ParameterDirection, Quality
-from reduced_models.models.quantities import LEVEL, QuantityWithError
+from reduced_models.models.quantities import LEVEL, ParameterDirection, Quality, QuantityWithError
 from reduced_models.records.sensor import sensor_report_lines
 
 _COLLOCATION = {

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
     Rates,
@@ -24,8 +23,8 @@ from reduced_models.laws.linearization import (
     harmonic_cycles,
     law_rates,
 )
+from reduced_models.models.at_rest import HarmonicCycle
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.harmonic_cycle import HarmonicCycle
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -15,9 +15,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, sanitize
 from granular.shared.files import read_text
-from granular.shared.message_text import sanitize
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law
@@ -31,7 +30,7 @@ from reduced_models.models.plain_data import (
     read_value,
     wrong_value_error,
 )
-from reduced_models.models.quality import Quality
+from reduced_models.models.quantities import Quality
 
 FORMAT = 1
 """Version of the files that are written and read."""

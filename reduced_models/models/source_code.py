@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.formulas import MAX_CHARACTERS
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote, sanitize
+from granular.shared.errors import InputError, quote, sanitize
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.inputs import STROKE
 

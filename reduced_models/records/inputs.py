@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.errors import RecordError
-from granular.shared.message_text import quote
+from granular.shared.errors import RecordError, quote
 from reduced_models.records.derivatives import derivatives, is_evenly_sampled
 
 if TYPE_CHECKING:

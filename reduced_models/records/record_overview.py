@@ -13,8 +13,7 @@ from granular.records.formats import interpret_record_file
 from granular.records.interpret import SheetInterpretation
 from granular.records.options import ReadOptions
 from granular.records.record import PistonRecord
-from granular.shared.errors import RecordError, RecordWarning
-from granular.shared.message_text import sanitize
+from granular.shared.errors import RecordError, RecordWarning, sanitize
 from reduced_models.records.derivatives import noise_level, rounding_step
 from reduced_models.records.free_motion import find_free_motion
 from reduced_models.records.sensor_artefacts import end_time_of_motion

@@ -12,8 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 from granular.records.options import ReadOptions, is_record_description, read_record_description
 from granular.records.record import PistonRecord
-from granular.shared.errors import InputError, RecordError, RecordWarning, StoreError
-from granular.shared.message_text import one_line, quote, sanitize
+from granular.shared.errors import (
+    InputError,
+    RecordError,
+    RecordWarning,
+    StoreError,
+    one_line,
+    quote,
+    sanitize,
+)
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
 
 if TYPE_CHECKING:
@@ -279,7 +286,7 @@ RECORD, FALL = "record", "fall"
 
 def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
     """Piston's record of a run, and of its first stage if that is a free motion, as columns [s, m]."""
-    from granular.protocol.free_piston_stages import Free
+    from granular.protocol.stages import Free
 
     motions = {RECORD: run.piston()}
     first = run.scene.protocol[0]

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import Parser, launch
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from research.campaign import Block, Campaign
 from research.discovery.cases import NOISES, SEEDS
 from research.discovery.results import EMPTY, Results

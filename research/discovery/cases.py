@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.shared.errors import GranularError
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 from research.discovery.judging import worth
 from research.discovery.peers import pyoperon_law, pysindy_law
 from research.discovery.systems import INPUT, SYSTEMS, System, made_record, system_named

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from reduced_models.discovery.terms import split_terms
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 from research.discovery.systems import System, right_structures, solved, unseen_motion, unseen_push
 
 if TYPE_CHECKING:

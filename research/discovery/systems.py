@@ -13,8 +13,7 @@ import numpy as np
 
 from granular.formulas import algebra
 from granular.records.record import PistonRecord
-from granular.shared.errors import InputError
-from granular.shared.message_text import quote
+from granular.shared.errors import InputError, quote
 from reduced_models.discovery.terms import parse_term_expressions, split_terms, state_symbols
 
 if TYPE_CHECKING:

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from granular.observables.bond_order import psi6
-from granular.observables.displacement import lindemann_parameter
-from granular.observables.interactions import iterate_wall_forces
+from granular.observables.forces import iterate_wall_forces
 from granular.observables.moduli import dipole_pair_strength
-from granular.observables.temperature import configurational_temperature, kinetic_temperature
+from granular.observables.motion import configurational_temperature, kinetic_temperature, lindemann_parameter
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.run.trajectory import Trajectory
 from granular.schema.natural_units import Scales

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from granular import damper
 from granular.linear import piston_roots
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
-from granular.scene.dimensionless_groups import dimensionless_groups, lattice_rest, rescale
+from granular.scene.scene_in_natural_units import dimensionless_groups, lattice_rest, rescale
 from granular.shared.plotting import READABLE, figure
 from granular.studies.bed_slopes import settled_beds
 from research.campaign import Plain

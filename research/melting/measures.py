@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.observables.temperature import configurational_temperature
+from granular.observables.motion import configurational_temperature
 from research.melting.displacements import LONGEST_WAVE, lindemann, mode_squares, on_sites, plateau, waves
 from research.melting.neighbours import bond_order, correlation, neighbours
 from research.melting.scenes import Layer

@@ -15,7 +15,7 @@ from research.published.protocols import ACCELERATED, HASTE
 from research.published.results import Results
 from research.published.start_and_creep import FITTED_SIZE, GRID, STEPS, creep_name
 from research.published.velocity_variants import LATE_HASTE, LATE_SEEDS
-from validation.published import published_value
+from validation.measured_quantities import published_value
 
 COLUMNS = (
     ("start", "half_start_D", "half_mean_distance.start"),

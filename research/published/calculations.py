@@ -103,7 +103,7 @@ def slab_exponent(_: bool) -> Numbers:
     """
     from scipy.optimize import curve_fit
 
-    from granular.effects.wall_slab import normal_force
+    from granular.effects.wall_laws import normal_force
 
     distances = np.arange(0.5, 59.005, 0.01)
     fitted, logarithmic = [], []

@@ -41,7 +41,7 @@ from research.published.plan import (
     damper_name,
     mixture_name,
 )
-from validation.published import published_value
+from validation.measured_quantities import published_value
 
 OWN_TERMS = Rule(comparable=False)
 MADE = Rule(constructed=True)

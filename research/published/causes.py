@@ -19,7 +19,7 @@ from research.published.plan import (
 )
 from research.published.protocols import ACCELERATED, BEST_FIRST, PUBLISHED, QUICK
 from research.published.results import Results
-from validation.published import published_value
+from validation.measured_quantities import published_value
 
 ROUNDING = 0.005
 """Half of the last digit of what is printed here."""

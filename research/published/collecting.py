@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.scene.dry_friction import has_coarse_friction
+from granular.scene.scene import has_coarse_friction
 from granular.shared.result_cache import ResultCache
 from granular.studies.cases import CaseOutcome
 from research.campaign import Plain, made_now

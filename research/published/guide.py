@@ -14,7 +14,7 @@ from research.published.page import FIRST, describe_fields
 from research.published.plan import ASPECTS, GAMMAS, MASSES, SOURCE_DRAG, damper_name, mixture_name
 from research.published.results import Results, counted
 from research.published.statements import counted_statements
-from validation.published import published_keys
+from validation.measured_quantities import published_keys
 
 WIDTH = 110
 PAGES: Mapping[str, str] = {

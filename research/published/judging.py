@@ -23,7 +23,7 @@ from research.published.entry import verdict as verdict_of
 from research.published.finding import Finding
 from research.published.protocols import PUBLISHED
 from research.published.results import Results
-from validation.published import published_value
+from validation.measured_quantities import published_value
 
 
 class Judged(NamedTuple):

@@ -10,7 +10,7 @@ from research.published.measures import together
 from research.published.plan import ASPECTS, RATIOS, VARIANT_RATIOS, VARIANTS, mixture_name
 from research.published.results import Results
 from research.published.statement import LEVEL, StatementCheck, mean_course
-from validation.published import published_value
+from validation.measured_quantities import published_value
 
 ALIKE = 0.2
 """Correlation of neighbours' forces up to which they are called independent."""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from research.published.protocols import ACCELERATED, PUBLISHED, QUICK, Protocol
 from research.published.series import Series, fall, mixture, mono, pressed
 from research.published.start_and_creep import both_at, creep, grid_of_height, regularised
-from validation.published import compression_duration
+from validation.measured_quantities import compression_duration
 
 SIZES = (92, 184, 276, 368, 460, 552, 644, 736)
 LISTED = (368, 460, 552, 644, 736)

@@ -29,7 +29,7 @@ from research.published.plan import (
     mixture_name,
 )
 from research.published.results import Results
-from validation.published import published_value
+from validation.measured_quantities import published_value
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from validation.published import compression_duration
+from validation.measured_quantities import compression_duration
 
 STEP = "auto*1.5"
 """Time step of the beds. Friction holds them at rest where the forces balance, whatever the step:

@@ -21,7 +21,7 @@ PRESSED = 110.0
 """Force on the piston up to which de Paula's experiment compresses [N] [D, 4.2.2]."""
 
 
-@keep_measure_name("validation.published.records:bed_record, 2")
+@keep_measure_name("validation.measured_quantities.records:bed_record, 2")
 def bed_record(run: Trajectory) -> Mapping[str, Any]:
     """The states before and after compression and at the end, and the courses between.
 
@@ -66,7 +66,7 @@ def bed_record(run: Trajectory) -> Mapping[str, Any]:
     }
 
 
-@keep_measure_name("validation.published.records:pressed_record, 1")
+@keep_measure_name("validation.measured_quantities.records:pressed_record, 1")
 def pressed_record(run: Trajectory) -> Mapping[str, Any]:
     """The state in which the force on the piston first reached `PRESSED`, if it did.
 
@@ -90,7 +90,7 @@ def pressed_record(run: Trajectory) -> Mapping[str, Any]:
     }
 
 
-@keep_measure_name("validation.published.records:damper_record, 2")
+@keep_measure_name("validation.measured_quantities.records:damper_record, 2")
 def damper_record(run: Trajectory) -> Mapping[str, Any]:
     """The fall, the rest, and the swing after the lift.
 

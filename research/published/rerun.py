@@ -6,8 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from granular.shared.errors import InputError
-from granular.shared.message_text import unknown_word_message
+from granular.shared.errors import InputError, unknown_word_message
 from research.published.calculations import calculated
 from research.published.catalogue import entries
 from research.published.collecting import collected

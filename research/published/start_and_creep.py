@@ -14,7 +14,7 @@ from typing import Any
 
 from research.published.protocols import ACCELERATED, HASTE, PUBLISHED, QUICK, Protocol
 from research.published.series import Series, mono
-from validation.published import compression_duration
+from validation.measured_quantities import compression_duration
 
 GRID = 1.15
 """Height of the first grid, over the piston's height at the compression's start: the one number

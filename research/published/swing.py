@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.scene.scene import Scene
-from validation.published import published_value
+from validation.measured_quantities import published_value
 
 LAW = "z'' + 2*alpha*(z**2 - 2*z)*z' + omega**2*z = g0"
 """[D, eq. 5.12], in the height as it is given."""

@@ -20,7 +20,7 @@ from granular.schema.natural_units import Scales
 from research.published.protocols import PUBLISHED
 from research.published.series import mono
 from research.published.start_and_creep import GRID, grid_of_height, regularised
-from validation.published import compression_duration
+from validation.measured_quantities import compression_duration
 
 TILT = 0.0126585
 """N_i = K sum_j r_ij^-3 of 6 mm grains [D, eq. 2.15]."""

@@ -13,9 +13,9 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.result_cache import digest
 from reduced_models.fitting.fit_data import data_of_record
-from reduced_models.fitting.options import STARTS, TEST_FRACTION
+from reduced_models.fitting.parameter import Unknowns
+from reduced_models.fitting.problem import STARTS, TEST_FRACTION
 from reduced_models.fitting.start_values import scale_unknowns, start_vectors
-from reduced_models.fitting.unknowns import Unknowns
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import TIME, input_column

@@ -19,9 +19,8 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.shared.blocks import Table
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, sanitize
 from granular.shared.files import read_text
-from granular.shared.message_text import sanitize
 from reduced_models.records.inputs import input_column
 
 SAMPLING = 1e7 / 2**14

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.engine.new_state import new_state
+from granular.engine.state import new_state
 from granular.engine.tick_loop import advance_ticks
 from granular.methods import METHODS
 from granular.scene.scene_in_natural_units import scene_in_natural_units
-from granular.shared.cache_files import read_sealed_file
+from granular.shared.files import read_sealed_file
 from tests.physics.test_contact import head_on_collision
 from tests.physics.test_friction import lone_grain
 

@@ -40,7 +40,7 @@ ALLOWED = {
     ): "the one place where formulas become code: trees of the grammar, names made there",
     ("granular/shared/user_file.py", "exec"): "the file that a user names on the command line, by --import",
     ("granular/shared/user_file.py", "compile"): "the same file",
-    ("granular/run/thread_count.py", "import_module"): "two modules of Numba, by names in the source",
+    ("granular/run/plan.py", "import_module"): "two modules of Numba, by names in the source",
     ("granular/shared/errors.py", "import_module"): "libraries of the extras, by names in the source",
     (
         "granular/compiled/kernel_cache.py",

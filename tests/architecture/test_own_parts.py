@@ -23,7 +23,7 @@ from granular.shared.blocks import ADDED_BLOCKS
 from granular.shared.errors import InputError
 from granular.shared.html_pages import Page
 from granular.shared.registry import Registry
-from granular.studies.measures import MEASURES, find_measure
+from granular.studies.cases import MEASURES, find_measure
 from reduced_models import PistonRecord, load_model
 from reduced_models.commands.forms import FORMS
 from reduced_models.laws import FORCE_LAWS, LAWS

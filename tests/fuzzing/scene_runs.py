@@ -35,7 +35,7 @@ def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
 
 
 def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
-    from granular.scene.dry_friction import degraded_residual_limit
+    from granular.scene.scene import degraded_residual_limit
 
     assert run.complete
     bad = not_finite(run)

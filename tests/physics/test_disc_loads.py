@@ -9,8 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from granular import Scene, evaluate
 from granular.effects.dipole import discs_unless_dipoles
-from granular.pairs.disc_law import Disc, contact_distance
-from granular.pairs.disc_torque import disc_load, disc_torque_over_dipoles
+from granular.pairs.disc_law import Disc, contact_distance, disc_load, disc_torque_over_dipoles
 from granular.schema.natural_units import Scales
 from tests.physics.test_discs import lattice
 

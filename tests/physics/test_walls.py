@@ -11,11 +11,9 @@ from hypothesis import strategies as st
 
 from granular import Scene, evaluate, load_scene, simulate
 from granular.compiled import entry
-from granular.effects import wall_discs, wall_slab
-from granular.effects.wall_experimental import ExperimentalWall
-from granular.effects.wall_infinite import InfiniteWall
-from granular.pairs.disc_law import Disc, pair_squared_distance_shift
-from granular.pairs.disc_near_law import disc_law_continued_below_contact
+from granular.effects import wall_discs, wall_laws
+from granular.effects.wall_laws import ExperimentalWall, InfiniteWall
+from granular.pairs.disc_law import Disc, disc_law_continued_below_contact, pair_squared_distance_shift
 from granular.shared.errors import SceneError
 
 LENGTH = 10.0
@@ -49,12 +47,12 @@ def test_slab_force_is_minus_gradient(w: float, s: float) -> None:
         energy = float(slab_energy(mpmath.mpf(w), mpmath.mpf(s)))
     if min(abs(a), abs(b)) < 1e-6:
         return
-    assert wall_slab.energy(w, a, b) == pytest.approx(energy, rel=1e-12)
+    assert wall_laws.energy(w, a, b) == pytest.approx(energy, rel=1e-12)
     normal = -difference(slab_energy, w, s, axis=0)
     tangential = -difference(slab_energy, w, s, axis=1)
-    scale = abs(wall_slab.normal_force(w, a, b)) + abs(tangential)
-    assert wall_slab.normal_force(w, a, b) == pytest.approx(normal, rel=1e-7, abs=1e-9 * scale)
-    assert wall_slab.tangential_force(w, a, b) == pytest.approx(tangential, rel=1e-7, abs=1e-9 * scale)
+    scale = abs(wall_laws.normal_force(w, a, b)) + abs(tangential)
+    assert wall_laws.normal_force(w, a, b) == pytest.approx(normal, rel=1e-7, abs=1e-9 * scale)
+    assert wall_laws.tangential_force(w, a, b) == pytest.approx(tangential, rel=1e-7, abs=1e-9 * scale)
 
 
 def test_slab_force_is_the_sources_above_it() -> None:
@@ -62,18 +60,18 @@ def test_slab_force_is_the_sources_above_it() -> None:
     w, s = 1.3, 3.7
     a, b = w / s, w / (LENGTH - s)
     wanted = 0.75 / w**3 * sum((3 * k**2 + 2) / (3 * k**2 + 3) / np.sqrt(k**2 + 1) for k in (a, b))
-    assert wall_slab.normal_force(w, s, LENGTH - s) == pytest.approx(wanted, rel=1e-14)
+    assert wall_laws.normal_force(w, s, LENGTH - s) == pytest.approx(wanted, rel=1e-14)
 
 
 def test_slab_tends_to_the_infinite_wall() -> None:
     for w in (0.3, 1.0, 4.0):
         errors = [
-            abs(wall_slab.normal_force(w, half, half) / InfiniteWall.force(None, w) - 1.0)
+            abs(wall_laws.normal_force(w, half, half) / InfiniteWall.force(None, w) - 1.0)
             for half in (10.0, 100.0, 1000.0)
         ]
         assert errors[0] > errors[1] > errors[2]
         assert errors[2] < 1e-9
-        assert wall_slab.energy(w, 1e6, 1e6) == pytest.approx(InfiniteWall.energy(None, w), rel=1e-10)
+        assert wall_laws.energy(w, 1e6, 1e6) == pytest.approx(InfiniteWall.energy(None, w), rel=1e-10)
 
 
 @pytest.mark.parametrize("law", [ExperimentalWall, InfiniteWall])
@@ -95,10 +93,10 @@ def test_stiffest_turn_at_a_slab_is_that_at_its_end() -> None:
     """A grain of that speed turns there where half the infinite wall's energy stops it."""
     speed, far = 0.4, 1e6
     distances = np.geomspace(0.2, 20.0, 20000)
-    energies = [wall_slab.energy(one, 0.0, far) for one in distances]
+    energies = [wall_laws.energy(one, 0.0, far) for one in distances]
     turn = distances[np.argmin(np.abs(np.array(energies) - 0.5 * speed**2))]
-    slab = wall_slab.SlabWall(np.array([0.0]), np.array([LENGTH]), True)
-    found = entry(wall_slab.SlabWall.turning_point_stiffness)(slab, speed)
+    slab = wall_laws.SlabWall(np.array([0.0]), np.array([LENGTH]), True)
+    found = entry(wall_laws.SlabWall.turning_point_stiffness)(slab, speed)
     assert found == pytest.approx(InfiniteWall.stiffness(None, turn), rel=0.01)
 
 

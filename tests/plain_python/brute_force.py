@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from granular import Scene
-from granular.pairs.disc_law import Disc, disc_energy_and_force
-from granular.pairs.disc_torque import disc_torque_over_dipoles
+from granular.pairs.disc_law import Disc, disc_energy_and_force, disc_torque_over_dipoles
 
 MU_0 = 4e-7 * math.pi
 SIDES = ("left", "right", "bottom", "top")

@@ -10,8 +10,8 @@ import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, simulate, stage, wall_law
 from granular.effects.registry import EFFECTS
-from granular.engine.new_state import new_state
-from granular.engine.outflow import constants_per_grain, remove_outflowed_grains
+from granular.engine.state import new_state
+from granular.engine.tick_loop import constants_per_grain, remove_outflowed_grains
 from granular.methods import METHODS
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.user_code import import_user_code

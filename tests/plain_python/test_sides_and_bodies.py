@@ -13,15 +13,14 @@ from granular import Scene, evaluate, simulate
 from granular.export import to_extxyz, to_gsd, to_vtk
 from granular.linear import motion_friction, slopes
 from granular.linear.equilibrium import equilibrium, equilibrium_from
+from granular.observables.forces import iterate_wall_forces
 from granular.observables.frame import frame_at
-from granular.observables.interactions import iterate_wall_forces
 from granular.render import picture
 from granular.run.trajectory import Trajectory
 from granular.scene.bed_drawing import draw_bed
 from granular.shared.errors import InputError
 from granular.studies.bed_slopes import equilibrium_state
-from granular.studies.tolerance_parts import read_parts
-from granular.studies.tolerances import tolerances_at
+from granular.studies.tolerances import read_parts, tolerances_at
 
 D = 6e-3
 

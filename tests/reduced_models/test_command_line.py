@@ -21,7 +21,7 @@ from reduced_models.commands.records import look
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.fitting.parameter import parameter_settings
 from reduced_models.laws import LAWS
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import sympy
 from granular.shared.errors import InputError
 from reduced_models.discovery.term_libraries import library_terms
 from reduced_models.discovery.terms import state_symbols
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 from research.campaign import read_results
 from research.discovery import runner
 from research.discovery.__main__ import CAMPAIGN

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from granular.scene.dimensionless_groups import lattice_rest
+from granular.scene.scene_in_natural_units import lattice_rest
 from research.measured.__main__ import CAMPAIGN
 from research.measured.measurements import MEASUREMENTS, largest_packing, scene_of
 

@@ -9,6 +9,7 @@ from granular.linear import root_of_steps
 from granular.methods import METHODS
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
+from validation import exact_solution
 from validation.convergence_order import (
     STEEP_IN_ROOT,
     Solver,
@@ -26,7 +27,7 @@ from validation.convergence_result import (
     convergence_table,
     fit_convergence_slope,
 )
-from validation.exact import NAMES, ExactProblem, GrainStates, bounce, exact_problem
+from validation.exact_problems import NAMES, ExactProblem, GrainStates, exact_problem
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))
 
@@ -162,7 +163,9 @@ TOLERANCE = {1: 0.02, 2: 0.02, 4: 0.1, 6: 0.1, 8: 0.3}
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", NAMES)
 def test_every_method_has_its_order(name: str, method: str) -> None:
-    problem = bounce.bounce_problem(time=bounce.SHORT) if name == "bounce" else exact_problem(name)
+    problem = (
+        exact_solution.bounce_problem(time=exact_solution.SHORT) if name == "bounce" else exact_problem(name)
+    )
     if not method_suits_problem(problem, method):
         pytest.skip("does not suit the problem")
     result = convergence(problem, method_name_to_plot(method))

@@ -13,7 +13,7 @@ from granular.methods.registry import register_methods
 from granular.shared.errors import InputError
 from validation.__main__ import main
 from validation.convergence_order import convergence
-from validation.exact import exact_problem
+from validation.exact_problems import exact_problem
 from validation.report import method_report
 
 Z = 0.1931833275037836

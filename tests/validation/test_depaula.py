@@ -7,6 +7,7 @@ import pytest
 
 from granular import simulate
 from granular.schema.natural_units import Scales
+from validation import exact_solution
 from validation.depaula_experiment import (
     COMPENSATED,
     PLAIN,
@@ -19,11 +20,10 @@ from validation.depaula_experiment import (
     _run_toolkit,
     run_depaula_experiment,
 )
-from validation.exact import bounce
 
 
 def forms(*steps: float) -> DepaulaStepTest:
-    exact = float(bounce.bounce_problem().exact(bounce.TIME).positions[0, 1])
+    exact = float(exact_solution.bounce_problem().exact(exact_solution.TIME).positions[0, 1])
     return DepaulaStepTest(
         tuple(_run_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps)
     )
@@ -48,8 +48,8 @@ def test_the_position_form_is_rounding(coarse: DepaulaStepTest) -> None:
 
 def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaStepTest) -> None:
     """Four peaks within 2 s, as high as the start; the path is the exact one all along."""
-    problem, length = bounce.bounce_problem(), len(coarse.runs[0].path)
-    heights = {k: problem.exact(k * bounce.TIME / length).positions[0, 1] for k in (0, 19, 42, 137)}
+    problem, length = exact_solution.bounce_problem(), len(coarse.runs[0].path)
+    heights = {k: problem.exact(k * exact_solution.TIME / length).positions[0, 1] for k in (0, 19, 42, 137)}
     for one in coarse.runs:
         assert len(one.peaks) == 4
         assert np.abs(one.peaks).max() < 1e-8
@@ -64,11 +64,11 @@ def test_position_form_and_velocity_form_are_one_sequence() -> None:
 
     At a step of 0.1 ms the truncation is seen and rounding is not: both have the same error.
     """
-    scales, step, count = Scales.from_grains(bounce.bounce_problem().scene.grains), 1e-4, 3000
-    problem = bounce.bounce_problem(time=count * step)
+    scales, step, count = Scales.from_grains(exact_solution.bounce_problem().scene.grains), 1e-4, 3000
+    problem = exact_solution.bounce_problem(time=count * step)
     gravity = problem.scene.effects.gravity
     assert gravity is not None
-    start = (float(bounce.START), gravity.acceleration / scales.acceleration)
+    start = (float(exact_solution.START), gravity.acceleration / scales.acceleration)
     plain, _ = _integrate_position_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
     clean, _ = _integrate_compensated_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
     exact = float(problem.exact(problem.time).positions[0, 1])
@@ -81,7 +81,7 @@ def test_position_form_and_velocity_form_are_one_sequence() -> None:
 
 def test_compensated_sums_keep_what_plain_ones_lose() -> None:
     """Two million steps of the toolkit: compensated, the error is the truncation alone."""
-    exact = float(bounce.bounce_problem().exact(bounce.TIME).positions[0, 1])
+    exact = float(exact_solution.bounce_problem().exact(exact_solution.TIME).positions[0, 1])
     clean = _run_toolkit(1e-6, exact)
     form = _run_form(COMPENSATED, 1e-6, exact)
     assert clean.end == pytest.approx(form.end, rel=1e-13)

@@ -11,16 +11,18 @@ from scipy.integrate import solve_ivp
 
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
-from validation.exact import NAMES, ExactProblem, exact_problem
-from validation.exact.bounce import (
+from validation.exact_problems import NAMES, ExactProblem, exact_problem
+from validation.exact_solution import (
     bounce_period,
     bounce_scene,
     harmonic_period,
+    natural_units,
     oscillation_problem,
+    position_after_upper_turning,
     potential_well,
+    speed_from_energy,
     wall_rest_height,
 )
-from validation.exact.problem import natural_units, position_after_upper_turning, speed_from_energy
 from validation.hard_case import head_on_collision
 
 Force = Callable[[float, np.ndarray, np.ndarray, ExactProblem, Scales], np.ndarray]

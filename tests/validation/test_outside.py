@@ -8,7 +8,8 @@ import pytest
 from granular import Scene, evaluate
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
-from validation.exact import bounce, exact_problem
+from validation import exact_solution
+from validation.exact_problems import exact_problem
 from validation.external_integrators import (
     ORDERS,
     equations_of_motion,
@@ -50,7 +51,7 @@ def test_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
 
 @pytest.mark.parametrize("name", ORDERS)
 def test_tolerance_sets_the_error(name: str) -> None:
-    problem = bounce.bounce_problem()
+    problem = exact_solution.bounce_problem()
     exact = problem.exact(0.5).positions / Scales.from_grains(problem.scene.grains).length
     errors = []
     for tolerance in (1e-6, 1e-9, 1e-12):

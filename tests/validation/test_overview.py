@@ -12,11 +12,15 @@ import pytest
 from granular import Scene, effect
 from granular.shared.terminal import blocks_text
 from validation import overview
-from validation.effect_costs import NOTHING, EffectCost, EffectCosts, effect_costs
+from validation.accuracy_cost import Plan, work_precision_task
 from validation.overview import (
+    NOTHING,
+    EffectCost,
+    EffectCosts,
     FreshStart,
     OverviewResult,
     advice_table,
+    effect_costs,
     overview_blocks,
     overview_tasks,
     plan_runs,
@@ -25,7 +29,6 @@ from validation.overview import (
 from validation.report import report_page, section_tables, summarise_verdicts
 from validation.report_tasks import Outcome, run_tasks
 from validation.work_precision_result import SolverSettings, WorkPrecision, WorkPrecisionPoint
-from validation.work_precision_section import Plan, work_precision_task
 
 
 def study(floor: float) -> WorkPrecision:

@@ -10,9 +10,8 @@ import pytest
 from granular import Scene, Trajectory, damper, load_scene, plan, simulate
 from granular.run.plan import parse_accuracy
 from validation import SolverSettings, recommend_settings
+from validation.accuracy_cost import compare_with_references, compression_scene, scenes_with_other_seeds
 from validation.measured_quantities import QUANTITIES
-from validation.work_precision_runs import compare_with_references, scenes_with_other_seeds
-from validation.work_precision_section import compression_scene
 
 FRESH = 5
 FIRST = 1001

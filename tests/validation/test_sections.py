@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from granular.shared.terminal import blocks_text
+from validation.accuracy_cost import Studies, advised_setting_table
 from validation.convergence_result import ConvergenceResult, FittedSlope, convergence_holds, slope_table
 from validation.depaula_experiment import (
     COMPENSATED,
@@ -19,15 +20,12 @@ from validation.depaula_experiment import (
     DepaulaStepTest,
     depaula_blocks,
 )
-from validation.effect_costs import EffectCost, EffectCosts
-from validation.energy_drift import EnergyStudy
+from validation.energy_drift import EnergyStudy, EnergyTrend
 from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED, HardCaseOutcome, outcome_matrix
-from validation.overview import OverviewResult
+from validation.overview import EffectCost, EffectCosts, OverviewResult
 from validation.report import outcomes_from_plain, report_page, section_tables
 from validation.report_tasks import Outcome
-from validation.trend_significance import EnergyTrend
 from validation.work_precision_result import USUAL, SolverSettings, WorkPrecision, WorkPrecisionPoint
-from validation.work_precision_section import Studies, advised_setting_table
 
 ORDER = ConvergenceResult(
     *("bounce", "pefrl", 4, True, (0.1, 0.01), (1.0, 1e-4), 1e-9),

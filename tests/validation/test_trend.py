@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from granular.shared.errors import InputError
-from validation.trend_significance import energy_trend
+from validation.energy_drift import energy_trend
 
 LENGTH = 1600
 TIME = np.arange(float(LENGTH))

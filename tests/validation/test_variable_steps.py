@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from granular import Trajectory, simulate
+from validation import exact_solution
 from validation.energy_drift import EnergyRun, run_energy_study, variable_step_bounce_run
-from validation.exact import bounce
 from validation.hard_case import energy_change, head_on_collision
 
 LIMIT = 1e-6
@@ -58,8 +58,8 @@ def test_a_control_loses_energy_over_far_fewer_bounces() -> None:
 
     Quick: trends that are put into made series, in `test_trend`.
     """
-    scene = bounce.bounce_problem().scene
-    time = 100.0 * float(bounce.bounce_period(scene))
+    scene = exact_solution.bounce_problem().scene
+    time = 100.0 * float(exact_solution.bounce_period(scene))
     records = {"output.scalars": time / 2048, "output.frames": time}
     found = run_energy_study(EnergyRun("bounces", scene.replace(**records), "runge-kutta-4", 1e-3, time))
     assert found.trend.verdict() == "loses"

@@ -13,17 +13,17 @@ from granular import load_scene, simulate
 from granular.records.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
-from validation.exact import bounce
-from validation.measured_quantities import MeasuredQuantity, swing_period_and_damping
-from validation.recommendation import recommend_from_study, recommend_settings
-from validation.work_precision_result import LEVELS, SolverSettings, WorkPrecision, WorkPrecisionPoint
-from validation.work_precision_runs import (
+from validation import exact_solution
+from validation.accuracy_cost import (
     candidate_settings,
     depends_on_seed,
     deviation_over_starts,
     work_precision,
     work_precision_of_quantities,
 )
+from validation.measured_quantities import MeasuredQuantity, swing_period_and_damping
+from validation.recommendation import recommend_from_study, recommend_settings
+from validation.work_precision_result import LEVELS, SolverSettings, WorkPrecision, WorkPrecisionPoint
 
 
 def point(method: str, steps: int, error: float, seconds: float) -> WorkPrecisionPoint:
@@ -82,7 +82,7 @@ def test_picture_names_what_cheapest_chooses(level: str) -> None:
 
 def test_outside_references_are_shown_and_never_chosen() -> None:
     """The lone grain: SciPy's position is measured like the toolkit's, its energy is not."""
-    problem = bounce.bounce_problem(time=0.3)
+    problem = exact_solution.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", "auto"), SolverSettings("SciPy DOP853", 1e-10)]
     energy, positions = work_precision_of_quantities(
@@ -110,7 +110,7 @@ def test_choice_is_a_command_and_keywords() -> None:
 
 def test_study_of_the_lone_grain() -> None:
     """Errors against the exact motion fall with the step, and a choice can be run again."""
-    problem = bounce.bounce_problem(time=0.3)
+    problem = exact_solution.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", dt) for dt in ("auto*4", "auto", "auto/4")]
     settings.append(SolverSettings("stormer-verlet", 1.0))  # a step longer than the run
@@ -126,7 +126,7 @@ def test_study_of_the_lone_grain() -> None:
 
 @pytest.mark.parametrize(("tolerance", "tried"), [(0.05, False), (1e-9, True)])
 def test_methods_of_many_force_calls_are_tried_where_they_may_pay(tolerance: float, tried: bool) -> None:
-    found = recommend_settings(bounce.bounce_problem(time=0.3).scene, "energy", tolerance, until=0.3)
+    found = recommend_settings(exact_solution.bounce_problem(time=0.3).scene, "energy", tolerance, until=0.3)
     families = {one.setting.family for one in found.study.points}
     assert "stormer-verlet" in families
     assert ("blanes-moan-6" in families) is tried

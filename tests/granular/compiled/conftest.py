@@ -29,10 +29,10 @@ class Constants(NamedTuple):
 
 # Calls kernels of four files, and compiles some ten of them.
 CODE = """
-from granular.effects.wall_experimental import ExperimentalWall
-from granular.effects.wall_kernels import WallLaws
+from granular.effects.wall_laws import ExperimentalWall
+from granular.effects.wall_laws import WallLaws
 from granular.effects.wall_side import Side
-from granular.engine.frequency_bounds import evaluate_highest_impact_frequency
+from granular.engine.step_size import evaluate_highest_impact_frequency
 from granular.few_constants import Acting, Constants
 walls = WallLaws((Side(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0, ExperimentalWall()),) * 4)
 print(evaluate_highest_impact_frequency(Constants(Acting((walls,))), 2.0))

@@ -20,7 +20,7 @@ def test_a_docstring_compiles_nothing_and_an_operator_compiles_all(fresh_worksho
     before = float(fresh_workshop.run()[0])
     kernels = fresh_workshop.kernels()
     assert len(kernels) > 5
-    law = "effects/wall_experimental.py"
+    law = "effects/wall_laws.py"
     opening = 'def stiffness(law: object, w: float) -> float:\n        """'
     fresh_workshop.edit(law, opening, opening + "Other words.\n\n        On more lines, before ")
     fresh_workshop.edit(law, "    def energy(", "    # A comment.\n\n    def energy(")
@@ -103,7 +103,7 @@ COMPILES = """
 import sys, time
 from pathlib import Path
 from granular.compiled.kernel_cache import _read_kernel_file_or_claim, _release_claim
-from granular.shared.cache_files import write_sealed_file
+from granular.shared.files import write_sealed_file
 path = Path(sys.argv[1])
 assert _read_kernel_file_or_claim(path, "label") is None
 print("claimed", flush=True)

@@ -6,7 +6,7 @@ import pytest
 
 from granular.compiled import compiled, entry
 from granular.effects import drag, friction
-from granular.pairs.direct_vector_loops import reproducible_sum
+from granular.pairs.direct_sum import reproducible_sum
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")

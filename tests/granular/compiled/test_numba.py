@@ -11,7 +11,7 @@ from typing import Any
 import numba
 import pytest
 
-from granular.compiled.numba_insides import TESTED
+from granular.compiled.kernel_cache import TESTED
 
 ROOT = Path(__file__).parents[3]
 
@@ -22,8 +22,6 @@ INSIDES = {
         "numba.core.serialize.dumps",
         "numba.core.compiler.CompileResult._reduce",
         "numba.core.codegen.JITCodeLibrary.has_dynamic_globals",
-    ),
-    "granular/compiled/kernel_linking.py": (
         "numba._dynfunc.make_function",
         "numba.core.codegen.JITCodeLibrary._raise_if_finalized",
         "numba.core.codegen.JITCodeLibrary._finalize_dynamic_globals",
@@ -36,13 +34,11 @@ INSIDES = {
         "numba.core.compiler.Compiler._compile_core",
         "numba.core.compiler.CompileResult._rebuild",
     ),
-    "granular/compiled/by_reference.py": (
+    "granular/compiled/hook_calls.py": (
         "numba.core.cgutils.gep_inbounds",
         "numba.core.imputils.impl_ret_borrowed",
         "numba.core.typing.templates.infer_getattr",
         "numba.extending.lower_getattr_generic",
-    ),
-    "granular/compiled/hook_calls.py": (
         "numba.extending.intrinsic",
         "numba.core.typing.context.BaseContext.resolve_value_type",
         "numba.core.base.BaseContext.get_function",
@@ -75,7 +71,7 @@ PROGRAM = """
 import sys
 import numpy as np
 from granular.compiled.trial_kernels import Weighted, _sum
-print(_sum(Weighted(np.arange(4.0), 0.5)), "granular.compiled.kernel_linking" in sys.modules)
+print(_sum(Weighted(np.arange(4.0), 0.5)), "granular.compiled.kernel_cache" in sys.modules)
 """
 
 
@@ -116,7 +112,7 @@ def test_numba_s_own_cache_is_never_stale(fresh_workshop: Any, monkeypatch: pyte
     before = float(fresh_workshop.run()[0])
     kept = set(fresh_workshop.cache.rglob("*.nbc"))
     assert kept
-    fresh_workshop.edit("effects/wall_experimental.py", "STRENGTH * 3.5", "STRENGTH * 3.5 * 4.0")
+    fresh_workshop.edit("effects/wall_laws.py", "STRENGTH * 3.5", "STRENGTH * 3.5 * 4.0")
     assert float(fresh_workshop.run()[0]) == pytest.approx(2.0 * before, rel=1e-12)
     # Code of former sources is taken out.
     now = set(fresh_workshop.cache.rglob("*.nbc"))

@@ -21,7 +21,7 @@ FEW = {
     for name, content in FILES.items()
     if name.startswith("kernel_data/")
     or name in ("compiled/__init__.py", "effects/drag.py", "effects/slide.py", "pairs/dipole_law.py")
-    or name in ("pairs/direct_vector_loops.py", "pairs/grain_arrays.py", "pairs/simd.py")
+    or name in ("pairs/direct_sum.py", "pairs/grain_arrays.py", "pairs/simd.py")
 }
 """Files that import from each other: parsing all takes half a second."""
 
@@ -43,7 +43,7 @@ def edited(name: str, old: str, new: str, files: dict[str, bytes]) -> dict[str, 
         ("effects/slide.py", "    z = rate * dt", "    # A comment.\n\n    z = (rate  * dt)"),
         ("pairs/dipole_law.py", '    """Repulsion', '    """More.\n\n    Lines.\n    """\n    """Repulsion'),
         ("pairs/dipole_law.py", "Coefficients", "The coefficients"),
-        ("engine/energy_ledger.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
+        ("engine/state.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
     ],
 )
 def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new: str) -> None:

@@ -20,8 +20,7 @@ from granular.effects.registry import EFFECTS
 from granular.run.summary import custom_code_digests
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.errors import GranularError, InputError
-from granular.studies.cases import make_cases
-from granular.studies.measures import find_measure
+from granular.studies.cases import find_measure, make_cases
 from granular.user_code import import_user_code
 
 SCALES = SimpleNamespace(one=1.0)
@@ -69,7 +68,7 @@ OF_A_WALL = f"""
 import sys
 from pathlib import Path
 from granular import load_scene
-from granular.engine.frequency_bounds import evaluate_highest_impact_frequency
+from granular.engine.step_size import evaluate_highest_impact_frequency
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.user_code import import_user_code
 import_user_code([sys.argv[1]])

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.effects.eddy_drag_tensor import (
+from granular.effects.mutual_eddy_drag import (
     FARTHEST,
+    LEFT_OUT,
+    USUAL,
     Plate,
     drag_tensor,
     drag_tensor_of_squares,
     lattice_drag_factor,
 )
-from granular.effects.mutual_eddy_drag import LEFT_OUT, USUAL
 from granular.pairs.disc_law import Disc
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.schema.natural_units import Scales

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from granular import load_scene, simulate
 from granular.methods import METHODS
-from granular.pairs.mesh_far_field import FarFieldSettings
+from granular.pairs.far_field import FarFieldSettings
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.scene.scene_in_natural_units import scene_in_natural_units

@@ -8,7 +8,7 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene, simulate
 from granular.effects.eddy_drag import Eddy
-from granular.effects.wall_infinite import InfiniteWall
+from granular.effects.wall_laws import InfiniteWall
 from granular.schema.natural_units import Scales
 from granular.shared.errors import SceneError
 

@@ -17,8 +17,13 @@ from granular.export import to_lammps
 from granular.export.lammps import mode_frequency_bound
 from granular.export.lammps_stages import remaining_stage
 from granular.pairs.dipole_law import ENERGY
-from granular.pairs.disc_law import Disc, contact_distance
-from granular.pairs.disc_near_law import RELATIVE, TOLERANCE, disc_law_continued_below_contact
+from granular.pairs.disc_law import (
+    RELATIVE,
+    TOLERANCE,
+    Disc,
+    contact_distance,
+    disc_law_continued_below_contact,
+)
 from granular.protocol import Move
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError

@@ -20,8 +20,7 @@ from granular.linear import (
     transmissibility,
 )
 from granular.linear.equilibrium import equilibrium_from, settled_state
-from granular.linear.page import modes_page
-from granular.linear.plots import plot_density_of_states, plot_mode
+from granular.linear.page import modes_page, plot_density_of_states, plot_mode
 from granular.response.linear_system import linear_response
 from granular.response.response import FrequencyResponse, response_dataset
 from granular.response.small_amplitude import add_linear_response, linear_displacements

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular.methods import METHODS, Method
-from granular.methods.order_conditions import (
+from granular.methods.method import (
     HIGHEST_ORDER,
     _rooted_trees,
     failed_composition_condition,

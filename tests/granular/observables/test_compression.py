@@ -18,8 +18,8 @@ from granular.observables import (
     per_frame,
     voronoi_cells,
 )
+from granular.observables.forces import iterate_pair_forces, iterate_wall_forces
 from granular.observables.frame import Frame
-from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces
 from granular.shared.errors import InputError
 from tests.granular.observables.conftest import MakeRun, hexagonal
 

@@ -5,7 +5,7 @@ import pytest
 
 from granular import load_scene
 from granular.observables import configurational_temperature
-from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces
+from granular.observables.forces import iterate_pair_forces, iterate_wall_forces
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun, hexagonal

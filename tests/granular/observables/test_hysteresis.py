@@ -6,7 +6,7 @@ import pytest
 from granular import Scene, Trajectory, simulate
 from granular.observables import hysteresis_cycles, hysteresis_energy, packing_fraction_series, wall_forces
 from granular.observables.forces import piston_force
-from granular.observables.hysteresis import cycle_bounds
+from granular.observables.harmonics import cycle_bounds
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun

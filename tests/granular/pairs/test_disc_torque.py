@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, squared_distance_shift
-from granular.pairs.disc_near_law import make_disc_laws
-from granular.pairs.disc_torque import disc_load, disc_load_law, disc_torque_over_dipoles, fit_load_term
+from granular.pairs.disc_law import (
+    Disc,
+    contact_distance,
+    disc_energy_and_force,
+    disc_load,
+    disc_load_law,
+    disc_torque_over_dipoles,
+    fit_load_term,
+    make_disc_laws,
+    squared_distance_shift,
+)
 from granular.pairs.grain_arrays import TERM
 from tests.granular.pairs.test_discs import COIN, MU0, SMALL, TALL, THIN, face_points
 

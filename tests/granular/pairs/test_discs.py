@@ -11,13 +11,15 @@ from granular.pairs import direct_sum as direct
 from granular.pairs import near_law
 from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.disc_law import (
+    CLOSEST,
     Disc,
     contact_distance,
     disc_energy_and_force,
+    disc_law_continued_below_contact,
+    make_disc_laws,
     pair_squared_distance_shift,
     squared_distance_shift,
 )
-from granular.pairs.disc_near_law import CLOSEST, disc_law_continued_below_contact, make_disc_laws
 from granular.pairs.grain_arrays import STIFFNESS, GrainArrays
 from granular.pairs.near_law import near_law_workspace
 from granular.shared.errors import InputError

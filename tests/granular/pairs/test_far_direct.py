@@ -5,15 +5,15 @@ import pytest
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.pairs import direct_far_field
+from granular.pairs import far_field
 from granular.pairs.dipole_law import far_part_of_inverse_cube, far_part_of_inverse_fifth
-from granular.pairs.direct_far_field import direct_far_field_workspace
 from granular.pairs.direct_sum import pad_coordinates, pad_values
+from granular.pairs.far_field import direct_far_field_workspace
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS as RADIUS
 from granular.pairs.stripes import stripes_workspace
 
-compute_direct_far_field = entry(direct_far_field.compute_direct_far_field)
+compute_direct_far_field = entry(far_field.compute_direct_far_field)
 COUNT, WIDTH = 150, 30.0
 
 

@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.pairs import mesh_far_field
+from granular.pairs import far_field
 from granular.pairs.dipole_law import far_part_of_inverse_cube, far_part_of_inverse_fifth
 from granular.pairs.direct_sum import pad_coordinates, pad_values
+from granular.pairs.far_field import FarFieldSettings, FarFieldState, far_field_state
 from granular.pairs.grain_arrays import GrainArrays
-from granular.pairs.mesh_far_field import FarFieldSettings, FarFieldState, far_field_state
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS as RADIUS
 from granular.pairs.pair_sum_settings import TOLERANCE
 from granular.scene.published_beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
-compute_mesh_far_field = entry(mesh_far_field.compute_mesh_far_field)
+compute_mesh_far_field = entry(far_field.compute_mesh_far_field)
 
 
 @given(ratio=st.floats(0.05, 4.0), radius=st.floats(0.5, 50.0))

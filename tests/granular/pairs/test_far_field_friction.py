@@ -8,10 +8,10 @@ import pytest
 
 from granular import Scene, plan, simulate
 from granular.compiled import entry
-from granular.engine.far_field_forces import add_far_field, refresh_far_field
+from granular.engine.forces import add_far_field, refresh_far_field
 from granular.kernel_data.state import Bed
 from granular.methods import method_named
-from granular.pairs.mesh_far_field import AHEAD, STILL, TIME
+from granular.pairs.far_field import AHEAD, STILL, TIME
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.run_state import ARRANGE
 from granular.scene.scene_in_natural_units import scene_in_natural_units

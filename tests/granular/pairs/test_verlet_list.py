@@ -5,15 +5,14 @@ import pytest
 
 from granular import Scene
 from granular.compiled import entry
-from granular.pairs import verlet_list
+from granular.pairs import near_list
 from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
-from granular.pairs.near_list import BUILDS, LISTED, NearList
+from granular.pairs.near_list import BUILDS, LISTED, NearList, VerletSettings, verlet_list_workspace
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
-from granular.pairs.verlet_list import VerletSettings, verlet_list_workspace
 from granular.shared.errors import SceneError
 
-verlet_list_sum = entry(verlet_list.verlet_list_sum)
+verlet_list_sum = entry(near_list.verlet_list_sum)
 
 LISTING = VerletSettings(6.0, 2.0)
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_bvp
 
-from granular.parts.drags import (
+from granular.parts.liquids import (
     blade_displacement_drag,
     blade_drag,
+    bow_of_plate,
     counter_flow_factor,
     disc_drag,
     guide_drag,
 )
-from granular.parts.plates import bow_of_plate
 
 
 def test_disc_between_plates_feels_both_films() -> None:

@@ -10,8 +10,7 @@ from scipy.special import ellipe, ellipk
 from granular import Scene, load_scene, scene_text
 from granular.observables.moduli import hexagonal_lattice_sum
 from granular.pairs.disc_law import Disc, disc_energy_and_force
-from granular.parts.grades import GRADES
-from granular.parts.moment import LATTICE_SUM, demagnetising_factor
+from granular.parts.magnets import GRADES, LATTICE_SUM, demagnetising_factor
 from granular.schema import Scales
 from granular.shared.errors import InputError
 

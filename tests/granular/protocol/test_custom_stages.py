@@ -9,7 +9,7 @@ import pytest
 
 from granular import Scene, load_scene, quantity, simulate, stage
 from granular.protocol.piston_motion import driven_height_and_velocity
-from granular.protocol.stage_trials import try_stages
+from granular.protocol.stages import try_stages
 from granular.run.simulation import custom_code_digests
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, SceneError

@@ -8,7 +8,7 @@ import pytest
 from matplotlib import colormaps
 from matplotlib.colors import to_rgb
 
-from granular.render.colourings import COLOURINGS, SPECIES
+from granular.render.picture import COLOURINGS, SPECIES
 from granular.shared.plotting import COLOURS, SIDES
 
 EYES = {

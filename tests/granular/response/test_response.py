@@ -16,8 +16,7 @@ from granular.response.linear_system import (
     linear_response,
     tuned_mass_spring_and_dashpot,
 )
-from granular.response.response import frequency_response
-from granular.response.steady import complex_amplitude, steady_figures
+from granular.response.response import complex_amplitude, frequency_response, steady_figures
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 

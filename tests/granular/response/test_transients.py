@@ -13,7 +13,7 @@ from scipy.signal import lsim
 from granular import Scene
 from granular.__main__ import main
 from granular.response import settling_time, swept_response
-from granular.response.steady import swept_amplitudes
+from granular.response.response import swept_amplitudes
 from granular.response.transients import settling_time_of_samples
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError

@@ -8,7 +8,7 @@ import pytest
 from granular import Scene, effect, load_scene, plan, simulate
 from granular.methods import METHODS
 from granular.run.plan import can_run, multiply_time_step, parse_time_step
-from granular.scene.dry_friction import dry_friction_parts
+from granular.scene.scene import dry_friction_parts
 from granular.shared.errors import InputError, StepCountError
 
 

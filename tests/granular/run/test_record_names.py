@@ -7,7 +7,7 @@ import pytest
 
 from granular import Scene, effect, quantity, simulate
 from granular.effects import registry
-from granular.run.dataset_variables import all_run_variables, check_variable_names
+from granular.run.dataset import all_run_variables, check_variable_names
 from granular.shared.errors import InputError
 
 TAKEN = ("Kinetic", "Pair", "Piston", "Wall", "Weight")

@@ -4,7 +4,7 @@ import numba
 import pytest
 
 from granular import Scene
-from granular.run.thread_count import ThreadCountTuner, choose_thread_count
+from granular.run.plan import ThreadCountTuner, choose_thread_count
 
 TWO = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one processor")
 

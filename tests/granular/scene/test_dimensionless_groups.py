@@ -9,7 +9,7 @@ from granular import load_scene, scene_text
 from granular.linear import piston_roots
 from granular.linear.equilibrium import equilibrium_from
 from granular.observables.moduli import crystal_moduli, dipole_pair_strength
-from granular.scene.dimensionless_groups import dimensionless_groups, groups_line, lattice_rest, rescale
+from granular.scene.scene_in_natural_units import dimensionless_groups, groups_line, lattice_rest, rescale
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import at_rest, small_damper
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from granular.shared.cache_files import (
+from granular.shared.files import (
     read_sealed_file,
     toolkit_cache_folder,
     trusted_cache_folder,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from granular.shared.file_locks import lock_file
+from granular.shared.files import lock_file
 
 pytest.importorskip("fcntl")
 
@@ -47,7 +47,7 @@ def test_only_one_at_a_time_of_many_that_wait(tmp_path: Path) -> None:
 def test_the_lock_of_a_process_that_is_killed_is_free(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     words = (
-        "import sys, time; from pathlib import Path; from granular.shared.file_locks import lock_file\n"
+        "import sys, time; from pathlib import Path; from granular.shared.files import lock_file\n"
         "with lock_file(Path(sys.argv[1]), True): print('held', flush=True); time.sleep(600)"
     )
     holder = subprocess.Popen([sys.executable, "-c", words, str(path)], cwd=ROOT, stdout=subprocess.PIPE)

@@ -11,9 +11,19 @@ import pytest
 from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch, print_result
 from granular.shared.blocks import Caution, Heading, Items, Printout, Table, Text
-from granular.shared.errors import GranularError, InputError, RunError
+from granular.shared.errors import (
+    LONGEST,
+    MOST,
+    GranularError,
+    InputError,
+    RunError,
+    format_factor,
+    one_line,
+    printable,
+    quote,
+    sanitize,
+)
 from granular.shared.html_pages import Page
-from granular.shared.message_text import LONGEST, MOST, format_factor, one_line, printable, quote, sanitize
 from granular.shared.plotting import figure_label, line_style
 
 STEERING = "\x1b[2J\x1b]0;title\x07\r\n\x00\u202e\u2028\x9b31m\ud800"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from granular.records.limited_process import MAX_NUMBERS
+from granular.records.binary import MAX_NUMBERS
 from granular.shared import files
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.files import parse_toml, read_text, read_toml

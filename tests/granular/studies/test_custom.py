@@ -11,8 +11,7 @@ from granular.__main__ import main
 from granular.commands.console import launch
 from granular.shared.errors import InputError
 from granular.shared.user_file import run_user_file
-from granular.studies.cases import measure_identity
-from granular.studies.measures import CustomMeasure, custom_measures, find_measure, last_values
+from granular.studies.cases import CustomMeasure, custom_measures, find_measure, last_values, measure_identity
 
 OWN = """
 import dataclasses

@@ -13,8 +13,7 @@ from granular import Scene, evaluate, load_scene, simulate, sweep
 from granular.run.simulation import custom_code_digests
 from granular.shared.errors import StoreError
 from granular.shared.user_file import user_definitions
-from granular.studies.cases import make_cases, measure_identity
-from granular.studies.measures import CustomMeasure, last_values
+from granular.studies.cases import CustomMeasure, last_values, make_cases, measure_identity
 from granular.user_code import import_user_code
 
 EDITS = 40

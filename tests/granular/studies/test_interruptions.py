@@ -20,8 +20,7 @@ import granular.run.simulation
 import granular.shared.result_cache
 from granular import Trajectory, sweep
 from granular.shared.errors import StoreError
-from granular.studies.cases import CaseOutcome, keep_measure_name
-from granular.studies.measures import last_values
+from granular.studies.cases import CaseOutcome, keep_measure_name, last_values
 from granular.studies.sweep import Study, load_study
 from tests.granular.studies.conftest import falling, write_study
 from tests.processes import living

@@ -10,8 +10,14 @@ import pytest
 import granular.studies.cases
 from granular import Trajectory, load_scene, sweep
 from granular.shared.errors import InputError, SceneError
-from granular.studies.cases import CaseOutcome, OutcomeCache, make_cases, measure_identity
-from granular.studies.measures import last_values, piston_columns
+from granular.studies.cases import (
+    CaseOutcome,
+    OutcomeCache,
+    last_values,
+    make_cases,
+    measure_identity,
+    piston_columns,
+)
 from granular.studies.sweep import load_study
 from tests.granular.studies.conftest import falling
 
@@ -160,7 +166,7 @@ def test_a_file_of_an_outcome_is_plain(tmp_path: Path, here: Executor) -> None:
 
 def test_studies_kept_before_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Their cases are known by keys that no move of code may change."""
-    from reduced_models.designs.checks import measure_design_check
+    from reduced_models.designs.design import measure_design_check
 
     monkeypatch.setattr(granular.studies.cases, "__version__", "0.1.0")
     settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}

@@ -14,12 +14,19 @@ from granular.linear import motion_friction, piston_roots, slopes
 from granular.linear.bed_forces import BedForces
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.relaxation import relax
-from granular.parts.grades import REFERENCE_TEMPERATURE, REMANENCE_SLOPE
+from granular.parts.magnets import REFERENCE_TEMPERATURE, REMANENCE_SLOPE
 from granular.schema.sections import find_field
 from granular.shared.errors import InputError
 from granular.studies import tolerances as module
-from granular.studies.tolerance_parts import Part, move_parts, read_parts, usual_parts
-from granular.studies.tolerances import Tolerances, tolerances, tolerances_at
+from granular.studies.tolerances import (
+    Part,
+    Tolerances,
+    move_parts,
+    read_parts,
+    tolerances,
+    tolerances_at,
+    usual_parts,
+)
 from tests.granular.linear.small_beds import at_rest, small_damper
 
 TWO = {"grains.remanence": "2.5%", "piston.mass": "0.01 kg"}

@@ -14,8 +14,7 @@ import pytest
 
 from granular import PistonRecord, Scene, load_scene
 from granular.shared.errors import InputError
-from reduced_models.calibration.calibrate import run_calibration
-from reduced_models.calibration.gauss_newton import RADIUS
+from reduced_models.calibration.calibrate import RADIUS, run_calibration
 from reduced_models.calibration.result import Calibration
 from reduced_models.calibration.simulations import (
     RecordFeatures,

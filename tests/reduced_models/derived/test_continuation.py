@@ -9,7 +9,7 @@ from granular import Scene, damper, equilibrium
 from granular.linear import piston_roots
 from granular.linear.equilibrium import Equilibrium, find_equilibrium
 from reduced_models import derive
-from reduced_models.derived.continuation import RESOLUTION, follow_piston
+from reduced_models.derived.polynomial_law import RESOLUTION, follow_piston
 
 DIAMETER = 6e-3  # [m]
 

@@ -15,9 +15,8 @@ from granular.linear.equilibrium import Equilibrium
 from granular.shared.errors import InputError
 from reduced_models import PistonRecord, derive, load_model
 from reduced_models.__main__ import main
-from reduced_models.derived.continuation import HeldState
 from reduced_models.derived.derive import motion_error
-from reduced_models.derived.polynomial_law import polynomial_law
+from reduced_models.derived.polynomial_law import HeldState, polynomial_law
 from reduced_models.laws.linearization import SmallSwing, small_swing
 
 LIFT = 1e-4  # [m]

@@ -15,14 +15,20 @@ from hypothesis import strategies as st
 from granular import simulate
 from granular.linear import piston_roots
 from granular.shared.errors import InputError, StoreError
-from granular.studies.tolerance_parts import read_parts
-from granular.studies.tolerances import tolerances_at
+from granular.studies.tolerances import read_parts, tolerances_at
 from reduced_models import DamperCandidate, DesignTarget, design, fit, propose_design
 from reduced_models.__main__ import main
-from reduced_models.designs.checks import figures_of_design_check, measure_design_check
 from reduced_models.designs.damper import COUNTS, DIAMETER, LOADS, POWERS, figures_of, scaled_logarithms
-from reduced_models.designs.design import MOST, DesignError, _damper_between
-from reduced_models.designs.proposal import HEAVY, damper_by_laws, reachable_frequencies
+from reduced_models.designs.design import (
+    HEAVY,
+    MOST,
+    DesignError,
+    _damper_between,
+    damper_by_laws,
+    figures_of_design_check,
+    measure_design_check,
+    reachable_frequencies,
+)
 from reduced_models.designs.result import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE, DesignCheck, DesignRound
 from tests.granular.linear.small_beds import at_rest, small_damper
 

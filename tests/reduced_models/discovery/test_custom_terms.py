@@ -32,7 +32,7 @@ from reduced_models.discovery.terms import (
     state_symbols,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 
 TIME = np.linspace(0.0, 40.0, 2000)
 UNPOLISHED = DiscoveryOptions(polish=0)

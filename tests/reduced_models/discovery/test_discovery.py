@@ -231,7 +231,7 @@ def test_terms_that_may_be_zero_are_left_out() -> None:
 
 
 def test_a_seed_repeats_a_search() -> None:
-    from reduced_models.discovery.operon_search import search_expressions_with_operon
+    from reduced_models.discovery.symbolic_search import search_expressions_with_operon
 
     z = clean("duffing")[::5]
     v = np.gradient(z, TIME[::5])

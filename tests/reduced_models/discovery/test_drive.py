@@ -13,7 +13,7 @@ from reduced_models.discovery.parametric_terms import ParametricTerms, split_par
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.terms import parse_term_expressions, split_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 
 TIME = np.linspace(0.0, 40.0, 2000)
 FREQUENCY = 1.7

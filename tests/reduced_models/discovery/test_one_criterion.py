@@ -17,7 +17,7 @@ from reduced_models.discovery.structure_proposals import ProposedStructures, Stu
 from reduced_models.discovery.subset_selection import EquationScorer, score_subsets, score_terms
 from reduced_models.discovery.terms import Term, physical_library_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 
 TIME = np.linspace(0.0, 40.0, 1000)
 SPRING, DRAG, SQUARE, CUBE = Term(1), Term(0, 1, True), Term(2), Term(3)

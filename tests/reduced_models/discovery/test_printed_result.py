@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy
 
 from reduced_models.discovery.result import CandidateEquation, Discovery
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 
 
 def test_a_long_front_is_printed_on_one_screen() -> None:

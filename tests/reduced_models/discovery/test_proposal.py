@@ -15,7 +15,7 @@ from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.term_libraries import cause_text, parse_custom_terms
 from reduced_models.discovery.terms import Term, physical_library_terms
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 
 TIME = np.linspace(0.0, 40.0, 1000)
 UNPOLISHED = DiscoveryOptions(polish=0)

@@ -14,12 +14,12 @@ import sympy
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import DiscoveryOptions, discover
-from reduced_models.discovery import pysr_search
+from reduced_models.discovery import symbolic_search
 from reduced_models.discovery.structure_proposals import _prune_expression
 from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
 from reduced_models.discovery.terms import physical_library_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 
 TIME = np.linspace(0.0, 20.0, 400)
 RECORD = PistonRecord(TIME, np.cos(TIME))
@@ -37,7 +37,7 @@ stub = Anything()
 stub.AnyValue = type("AnyValue", (), {}); stub.VectorValue = type("VectorValue", (), {})
 sys.modules["juliacall"] = stub
 import warnings; warnings.simplefilter("ignore")
-from reduced_models.discovery.pysr_search import import_pysr_regressor, pysr_regressor_settings
+from reduced_models.discovery.symbolic_search import import_pysr_regressor, pysr_regressor_settings
 PySRRegressor = import_pysr_regressor()
 for options in (dict(), dict(functions=("sin", "exp"), seed=3)):
     wanted = pysr_regressor_settings(**options)
@@ -51,7 +51,7 @@ except TypeError as error:
 
 
 def needs_no_julia() -> None:
-    if pysr_search.missing_pysr_requirements() is None:
+    if symbolic_search.missing_pysr_requirements() is None:
         pytest.skip("Julia is here")
 
 
@@ -61,7 +61,7 @@ def test_absent_julia_is_one_line_with_two_commands() -> None:
         discover(RECORD, "pysr")
     text = str(caught.value)
     assert "\n" not in text
-    assert all(command in text for command in pysr_search.COMMANDS)
+    assert all(command in text for command in symbolic_search.COMMANDS)
 
 
 def test_the_probe_imports_no_pysr_and_downloads_nothing() -> None:
@@ -71,7 +71,7 @@ def test_the_probe_imports_no_pysr_and_downloads_nothing() -> None:
         "def refuse(*a, **k): raise SystemExit('the network was used')\n"
         "socket.socket.connect = refuse\n"
         "from reduced_models.discovery import pysr_search\n"
-        "assert pysr_search.missing_pysr_requirements()\n"
+        "assert symbolic_search.missing_pysr_requirements()\n"
         "assert not {'pysr', 'juliacall'} & set(sys.modules)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -115,14 +115,14 @@ def test_given_julia_is_looked_at_and_not_run(
         "broken": str(project / "broken"),
         "python": sys.executable,
     }
-    monkeypatch.setattr(pysr_search, "_has_resolved_julia_packages", lambda: False)
-    monkeypatch.setattr(pysr_search, "version", lambda _: juliacall)
-    monkeypatch.setattr(pysr_search.importlib.util, "find_spec", lambda _: object())
+    monkeypatch.setattr(symbolic_search, "_has_resolved_julia_packages", lambda: False)
+    monkeypatch.setattr(symbolic_search, "version", lambda _: juliacall)
+    monkeypatch.setattr(symbolic_search.importlib.util, "find_spec", lambda _: object())
     for name in ("EXE", "PROJECT"):
         monkeypatch.delenv(f"PYTHON_JULIACALL_{name}", raising=False)
     for name, value in given.items():
         monkeypatch.setenv(f"PYTHON_JULIACALL_{name}", places.get(value, value))
-    found = pysr_search.missing_pysr_requirements()
+    found = symbolic_search.missing_pysr_requirements()
     assert found is None if lack is None else lack in str(found)
 
 
@@ -134,7 +134,7 @@ def test_what_only_juliapkg_reads_is_left_to_its_dry_run(
     monkeypatch.setenv("PYTHON_JULIAPKG_EXE", sys.executable)
     monkeypatch.setenv("PYTHON_JULIACALL_PROJECT", str(project))
     monkeypatch.delenv("PYTHON_JULIACALL_EXE", raising=False)
-    assert pysr_search.missing_pysr_requirements() is not None
+    assert symbolic_search.missing_pysr_requirements() is not None
 
 
 def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_p
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "pysr", raising=False)
     with pytest.raises(InputError, match="could not be started: Exception") as caught:
-        pysr_search.import_pysr_regressor()
+        symbolic_search.import_pysr_regressor()
     assert "\n" not in str(caught.value)
 
 
@@ -165,10 +165,10 @@ def searched(monkeypatch: pytest.MonkeyPatch, interrupted: bool) -> dict[str, ob
             (folder / "hall_of_fame.csv").write_text("1")
             self.equations_ = pd.DataFrame({"equation": ["x0 * 2.0"]})
 
-    monkeypatch.setattr(pysr_search, "missing_pysr_requirements", lambda: None)
+    monkeypatch.setattr(symbolic_search, "missing_pysr_requirements", lambda: None)
     monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
     x = np.linspace(-1.0, 1.0, 50)
-    seen["found"] = pysr_search.search_expressions_with_pysr({"x": x}, 3.0 * x, noise=0.03)
+    seen["found"] = symbolic_search.search_expressions_with_pysr({"x": x}, 3.0 * x, noise=0.03)
     seen["size"] = float(np.std(3.0 * x))
     return seen
 
@@ -188,7 +188,7 @@ def test_ctrl_c_that_julia_took_is_heeded(monkeypatch: pytest.MonkeyPatch) -> No
 
 @pytest.mark.long
 @pytest.mark.skipif(
-    pysr_search.missing_pysr_requirements() is not None, reason="there is no Julia with PySR's packages"
+    symbolic_search.missing_pysr_requirements() is not None, reason="there is no Julia with PySR's packages"
 )
 def test_a_real_search() -> None:
     """A damped swing with 1 % noise, wherever Julia is."""
@@ -222,7 +222,7 @@ def test_ctrl_c_stays_with_python(given: dict[str, str], seen: list[str], tmp_pa
     (tmp_path / "pysr.py").write_text(PROBE)
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-        "from reduced_models.discovery.pysr_search import import_pysr_regressor\n"
+        "from reduced_models.discovery.symbolic_search import import_pysr_regressor\n"
         "import_pysr_regressor(); import pysr; print(pysr.seen)"
     )
     kept = {key: value for key, value in os.environ.items() if "JULIACALL" not in key}
@@ -253,7 +253,7 @@ def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.Monk
             best = " + ".join(f"({c} * {s})" for c, s in zip(numbers, variable_names, strict=False))
             self.equations_ = pd.DataFrame({"equation": ["x0 * -1.0", "x0 * NaN", best]})
 
-    monkeypatch.setattr(pysr_search, "missing_pysr_requirements", lambda: None)
+    monkeypatch.setattr(symbolic_search, "missing_pysr_requirements", lambda: None)
     monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
     height = 0.7 * np.exp(-0.05 * TIME) * np.cos(1.4 * TIME)
     noise = np.random.default_rng(0).normal(0.0, 0.003, len(TIME))
@@ -282,7 +282,7 @@ def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pyte
     z, v, speed = (sympy.Symbol(name, real=True) for name in ("z", "v", "speed"))
     crowded = 0.78 * v - 0.79 * z**2 * v - 0.98 * z - 0.21 * z**3
     crowded += 0.013 * speed - 0.011 * z * speed + 0.004 * z**2 - 0.006 * v * speed
-    monkeypatch.setattr(pysr_search, "missing_pysr_requirements", lambda: None)
+    monkeypatch.setattr(symbolic_search, "missing_pysr_requirements", lambda: None)
     monkeypatch.setattr(
         "reduced_models.discovery.structure_proposals.search_expressions_with_pysr", lambda *_: [crowded]
     )

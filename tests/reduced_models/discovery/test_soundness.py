@@ -8,7 +8,7 @@ import pytest
 from granular import PistonRecord
 from reduced_models.discovery.term_libraries import find_term_fault, library_terms
 from reduced_models.discovery.weak_form import estimate_motion
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 
 TIME = np.linspace(0.0, 40.0, 1000)
 SWING = PistonRecord(TIME, np.exp(-0.02 * TIME) * np.cos(TIME))

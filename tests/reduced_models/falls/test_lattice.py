@@ -14,7 +14,7 @@ from granular.pairs.disc_law import disc_energy_and_force
 from granular.schema.apparatus import Grains
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
-from reduced_models.falls.lattice_pressure import POWER, lattice_pressure, lattice_under_pressure
+from reduced_models.falls.predicted_law import POWER, lattice_pressure, lattice_under_pressure
 
 UNLIKE = [
     {"name": "big", "diameter": 0.006, "share": 0.6},

@@ -13,8 +13,9 @@ from granular import damper, load_scene, simulate
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from reduced_models import predict, valid_shaking_range, whole_fall
-from reduced_models.falls.lattice_pressure import POWER, PRESSURE
 from reduced_models.falls.predicted_law import (
+    POWER,
+    PRESSURE,
     WEIGHT,
     OutsideRangeWarning,
     PredictedLaw,

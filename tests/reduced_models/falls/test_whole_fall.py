@@ -11,8 +11,8 @@ from granular import damper, simulate
 from granular.shared.errors import InputError
 from reduced_models import predict
 from reduced_models.__main__ import main
-from reduced_models.falls.fall_summary import whole_fall
 from reduced_models.falls.predicted_law import OutsideRangeWarning
+from reduced_models.falls.unseen_fall_scores import whole_fall
 
 HEIGHT = 0.12
 

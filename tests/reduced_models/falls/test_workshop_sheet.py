@@ -17,7 +17,7 @@ from granular.linear import motion_friction, piston_roots
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.shared.errors import InputError
 from reduced_models import DamperCandidate, design
-from reduced_models.falls.workshop_sheet import usual_tolerances, workshop_sheet
+from reduced_models.falls.workshop import usual_tolerances, workshop_sheet
 from reduced_models.machines.design import DamperDesign
 from reduced_models.machines.response import CoupledSystem, solve_host_response
 

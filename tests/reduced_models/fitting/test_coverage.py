@@ -10,8 +10,8 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models import fit
-from reduced_models.fitting.covariance import standing_reading_covariance
 from reduced_models.fitting.residual_diagnostics import fit_autoregression, gradient_covariance
+from reduced_models.fitting.uncertainty import standing_reading_covariance
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.solution import solve_law
 

@@ -10,7 +10,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import FitOptions, Law, LawEstimator, ReducedModel, fit, load_model
-from reduced_models.fitting.samples import grid_over_record
+from reduced_models.fitting.residuals import grid_over_record
 from reduced_models.laws.solution import solve_law
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, interpolate_inputs, piecewise_cubics
 

@@ -14,14 +14,14 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import Parameter, ReducedModel, fit, load_model
-from reduced_models.fitting.options import STARTS
+from reduced_models.fitting.problem import STARTS
 from reduced_models.fitting.refinement import FINEST, SOLVER_LIMIT, _refine_grid
 from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.equation import parse_equation
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.solution import Solution, solve_law
 from reduced_models.records.first_guesses import FirstGuesses
-from reduced_models.records.held_out_swings import choose_test_swings
+from reduced_models.records.free_motion import choose_test_swings
 from reduced_models.records.inputs import StepGrid
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
 

@@ -14,7 +14,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import compare, fit
-from reduced_models.fitting.given_records import list_of_records
+from reduced_models.fitting.fit_data import list_of_records
 
 TIME = np.linspace(0.0, 2.0, 2000)
 HEIGHT = 0.06 + 1e-3 * np.exp(-0.8 * TIME) * np.cos(21.8 * TIME)

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from granular import PistonRecord
 from reduced_models import fit
-from reduced_models.fitting.covariance import marginal_information, sandwich_covariance
+from reduced_models.fitting.uncertainty import marginal_information, sandwich_covariance
 
 SAMPLES, SIZE = 400, 4
 

@@ -14,8 +14,7 @@ import pytest
 from granular import PistonRecord, Scene, simulate
 from granular.shared.errors import InputError
 from granular.shared.html_pages import Page
-from granular.studies.tolerance_parts import Part
-from granular.studies.tolerances import Tolerances
+from granular.studies.tolerances import Part, Tolerances
 from reduced_models import IdentifyOptions, identify, load_model
 from reduced_models.identification.comparison_table import Comparison, ComparisonRow
 from reduced_models.identification.page import comparison_page
@@ -83,7 +82,7 @@ def test_no_name_breaks_a_report_or_lets_anything_through() -> None:
 
 
 def test_no_name_steers_a_terminal() -> None:
-    from granular.shared.message_text import printable
+    from granular.shared.errors import printable
 
     text = printable(str(found(HOSTILE)))
     assert all(sign.isprintable() or sign in "\n\t" for sign in text)

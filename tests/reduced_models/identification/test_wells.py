@@ -12,8 +12,7 @@ from scipy.special import ellipj, ellipk
 
 from granular import PistonRecord
 from reduced_models import ReducedModel, fit
-from reduced_models.identification.elliptic_averaging import solve_elliptic_motion
-from reduced_models.identification.wells import well_quantities
+from reduced_models.identification.elliptic_averaging import solve_elliptic_motion, well_quantities
 from reduced_models.models.printout import figure_lines
 
 TIME = np.linspace(0.0, 30.0, 1500)

@@ -18,7 +18,7 @@ from granular import PistonRecord, Scene, load_scene, simulate
 from granular.shared.errors import InputError
 from reduced_models import fit
 from reduced_models.machines import export_bed
-from reduced_models.machines.bed_element import bed_force_port, mass_matrix
+from reduced_models.machines.design import bed_force_port, mass_matrix
 from reduced_models.machines.response import CoupledSystem, fill_rates
 from reduced_models.models.export import write_code
 from reduced_models.models.fmu import port_jacobian

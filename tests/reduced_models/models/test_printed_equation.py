@@ -15,7 +15,7 @@ from granular import PistonRecord
 from reduced_models import ReducedModel, fit
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates
-from reduced_models.laws.height_line import HeightLine
+from reduced_models.laws.law import HeightLine
 from reduced_models.laws.linearization import (
     NoSwing,
     Rates,

@@ -20,7 +20,7 @@ from research.published.plan import LARGE, LISTED, RADII, RATIOS, full_plan, mix
 from research.published.results import EMPTY, Results, committed, counted, read
 from research.published.runner import summary
 from research.published.velocity_variants import LATE_SEEDS
-from validation.published import published_value
+from validation.measured_quantities import published_value
 
 
 def series(

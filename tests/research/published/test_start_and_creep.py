@@ -13,7 +13,7 @@ from research.published.results import EMPTY, committed
 from research.published.series import mono
 from research.published.start_and_creep import both_causes, grid_of_height, regularised
 from research.published.velocity_variants import _forces, _height, cycle, late_cycle
-from validation.published import compression_duration
+from validation.measured_quantities import compression_duration
 
 DIAMETER = 0.006
 

@@ -10,7 +10,7 @@ import pytest
 from granular.shared.errors import InputError
 from research.published.catalogue import entries
 from research.published.page import SECTIONS
-from validation.published import LABELS, published_keys, published_value, published_values
+from validation.measured_quantities import LABELS, published_keys, published_value, published_values
 
 GIVEN = Path(__file__).parents[2] / "data" / "published_values.toml"
 

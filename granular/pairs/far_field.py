@@ -1,0 +1,334 @@
+"""The far field: the smooth far part of the pair law, from a mesh or as a difference of direct sums.
+
+The far field as the sum over all pairs less that over the near ones.
+
+Both are sums over pairs, so action and reaction are equal, and nothing is left out: what is gained
+comes from summing all pairs once in several steps.
+
+The far field: what the smooth far part of the pair law does to the grains.
+
+From a mesh, forces are the exact gradient of its energy. The mesh is no function of distances
+alone, so momentum is not kept to the last bit, as it is by sums over pairs; energy is.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numba
+import numpy as np
+
+from granular.compiled import Array, compiled, threaded_if_wanted
+from granular.pairs.cut_off_sum import cut_off_sum
+from granular.pairs.dipole_law import CUBE, ENERGY, FIFTH_ENERGY
+from granular.pairs.direct_sum import direct_sum, partial_sum_buffers
+from granular.pairs.grain_arrays import (
+    GrainArrays,
+    replace_energy_and_closest,
+    replace_sums,
+    set_forces_to_nan,
+    value_or_one,
+)
+from granular.pairs.mesh_potential import compute_mesh_potential, interpolate_potential, spread_grains
+from granular.pairs.multilevel_mesh import (
+    PARTS,
+    MultilevelMesh,
+    fit_windows_to_grains,
+    multilevel_mesh_workspace,
+)
+from granular.pairs.near_list import positions_are_finite, store_positions
+from granular.pairs.periodic_mesh import periodic_mesh_workspace
+from granular.pairs.stripes import Stripes
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
+
+class DirectFarFieldWorkspace(NamedTuple):
+    """Workspace for the two sums."""
+
+    near: Float[np.ndarray, "2 m"]  # forces of the near part, along x and y [F*]
+    energy_and_closest: Float[np.ndarray, "2 2"]  # of all pairs; of the near ones
+    buffers: Float[np.ndarray, "parts 5 m"] | None  # see `partial_sum_buffers`
+    load: Float[np.ndarray, "m"] | None  # near part of the sums behind the normal force [1/D^3]
+
+
+def direct_far_field_workspace(size: int, *, with_loads: bool) -> DirectFarFieldWorkspace:
+    """Allocate the arrays of a far field that is the sum over all pairs less that over near pairs."""
+    return DirectFarFieldWorkspace(
+        near=np.zeros((2, size)),
+        energy_and_closest=np.zeros((2, 2)),
+        buffers=partial_sum_buffers(size),
+        load=np.zeros(size) if with_loads else None,
+    )
+
+
+@compiled(inline=True)
+def _subtract_if_wanted(values: Array | None, other: Array | None, grains: int) -> None:
+    if values is not None and other is not None:
+        for i in range(grains):
+            values[i] -= other[i]
+
+
+@compiled
+def compute_direct_far_field(
+    workspace: DirectFarFieldWorkspace,
+    stripes: Stripes,
+    radius: float,
+    threaded: bool | None,
+    grains: int,
+    arrays: GrainArrays,
+    energy: Float[Array, "1"],
+) -> None:
+    """Overwrite forces [F*], energy [F* D] and, if wanted, loads [1/D^3] by the far part; radius [D]."""
+    if not positions_are_finite(arrays.x, arrays.y, grains):
+        set_forces_to_nan(arrays, grains)
+        return
+    forces, every, near = workspace.near, workspace.energy_and_closest[0], workspace.energy_and_closest[1]
+    direct_sum(replace_energy_and_closest(arrays, every), workspace.buffers, threaded, None)
+    close = replace_sums(arrays, forces[0], forces[1], None, near, workspace.load)
+    cut_off_sum(stripes, radius, True, threaded, grains, close)
+    _subtract_if_wanted(arrays.fx, forces[0], grains)
+    _subtract_if_wanted(arrays.fy, forces[1], grains)
+    _subtract_if_wanted(arrays.load, workspace.load, grains)
+    energy[0] = ENERGY * (every[0] - near[0])
+
+
+SPACINGS = 4.5
+"""Spacings of the finest mesh in the split radius. With 4.5 the mesh takes about as long as the near part
+where it is met every eighth step."""
+
+STILL = 5e-4
+"""Way of a grain [D] up to which the far field counts as unchanged where grains rub.
+
+In a bed as dense as a full compression, grain against grain, it changes by at most 25 rho / r_c^3
+times twice this displacement, with rho grains per D^2: 3e-5 F* at a radius of 6.5 D, a fifth of
+what the mesh may be off by. Beds whose grains move together change it by far less."""
+
+STILL_EXACT = 5e-5
+"""The same where the far field is a sum over pairs: 3e-6 F*, for there is no mesh's error."""
+
+AHEAD = 8
+"""Steps that the far field goes on for as it last changed, where grains slide fast and nothing else
+is asked for.
+
+To second order in them, as impulses every so many steps are."""
+
+TIME, CALLS, CHANGING = range(3)
+"""Entries of when the far field was found: the time [tau]; forces since then; whether it goes on as
+it changed before."""
+
+MOST_POINTS = 1e8
+"""Most points of the finest mesh: all of them take two gigabytes."""
+
+
+class FarFieldSettings(NamedTuple):
+    """The far field of a scene."""
+
+    radius: float  # distance at which the near part ends [D]
+    size: tuple[float, float] | None  # width and height of the mesh [D]; None: all pairs less the near ones
+    every: int | None  # steps between impulses; None: the far force is a part of every force
+    rubbing: int | None = None  # steps between evaluations while grains slide; None: every force
+    periodic: bool = False  # the mesh goes round a periodic cell of that size
+    inverse_fifth_factor: float = 0.0  # of discs: factor of r^-5 beside r^-3 [D^2]
+    load_fifth_factor: float = 0.0  # of discs: the same in loads [D^2]
+
+
+class FarFieldState(NamedTuple):
+    """Forces and energy of the last evaluation, and the arrays that compute them."""
+
+    mesh: MultilevelMesh | None
+    load_mesh: MultilevelMesh | None  # of the loads of discs, with the arrays of the other
+    direct: DirectFarFieldWorkspace | None  # instead of the mesh: all pairs less the near ones
+    radius: float  # [D]
+    self_potential: float  # of a grain of moment 1 at its own position [1/D^3]
+    self_load: float  # of a grain of weight 1 [1/D^3]
+    fx: Float[np.ndarray, "m"]  # [F*]
+    fy: Float[np.ndarray, "m"]  # [F*]
+    held_forces: Float[np.ndarray, "2 m"] | None  # [F*], act all the time; impulses add the rest
+    load: Float[np.ndarray, "m"] | None  # far part of the sums behind the normal force [1/D^3]
+    evaluated_at: Float[np.ndarray, "2 m"] | None  # positions then [D]; None: each force
+    rates: Float[np.ndarray, "3 m"] | None  # of fx, fy [F*/tau], load [1/(D^3 tau)]; None: not needed
+    extrapolation_steps: int  # steps that the rates are used for
+    unchanged_distance: float  # see `STILL` [D]
+    timing: Float[np.ndarray, "3"]  # see `TIME` and the others
+    energy: Float[np.ndarray, "1"]  # [F* D]
+    part_totals: Float[np.ndarray, "parts"]  # twice the energy of each part
+
+
+def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
+    """Allocate the far field of a scene, with the mesh or the direct sum that computes it [F*]."""
+    mesh, load_mesh = _new_mesh(field, field.inverse_fifth_factor, size), None
+    if mesh is not None and with_loads and field.load_fifth_factor != field.inverse_fifth_factor:
+        other = _new_mesh(field, field.load_fifth_factor, size)
+        assert other is not None
+        load_mesh = mesh._replace(
+            band_along=other.band_along,
+            band_across=other.band_across,
+            rest_along=other.rest_along,
+            rest_across=other.rest_across,
+        )
+    return FarFieldState(
+        mesh=mesh,
+        load_mesh=load_mesh,
+        direct=direct_far_field_workspace(size, with_loads=with_loads) if mesh is None else None,
+        radius=field.radius,
+        self_potential=_self_potential(field.radius, field.inverse_fifth_factor),
+        self_load=_self_potential(field.radius, field.load_fifth_factor),
+        fx=np.zeros(size),
+        fy=np.zeros(size),
+        # Without it grains at rest would be pushed to and fro by the impulses.
+        held_forces=None if field.every is None else np.zeros((2, size)),
+        load=np.zeros(size) if with_loads else None,
+        evaluated_at=None if field.rubbing is None else np.full((2, size), np.nan),
+        rates=np.zeros((3, size)) if field.rubbing is not None and field.rubbing > 1 else None,
+        extrapolation_steps=field.rubbing or 0,
+        unchanged_distance=STILL_EXACT if mesh is None else STILL,
+        timing=np.zeros(3),
+        energy=np.zeros(1),
+        part_totals=np.zeros(PARTS),
+    )
+
+
+def _new_mesh(field: FarFieldSettings, fifth: float, size: int) -> MultilevelMesh | None:
+    if field.size is None:
+        return None
+    spacing = field.radius / SPACINGS
+    if field.periodic:
+        return periodic_mesh_workspace(*field.size, field.radius, spacing, fifth)
+    return multilevel_mesh_workspace(*field.size, field.radius, spacing, size, fifth)
+
+
+def _self_potential(radius: float, fifth: float) -> float:
+    return CUBE[0] / (radius * radius * radius) + FIFTH_ENERGY[0] * fifth / radius**5
+
+
+@compiled(inline=True)
+def _store_load_if_wanted(load: Array | None, i: int, value: float) -> None:
+    if load is not None:
+        load[i] = value
+
+
+@compiled
+def _interpolate_forces_of_part(
+    mesh: MultilevelMesh,
+    arrays: GrainArrays,
+    order: Array,
+    grains: int,
+    self_potential: float,
+    totals: Array,
+    part: int,
+) -> None:
+    """Return the forces of a part of the grains, and loads of grains that are all alike."""
+    total = 0.0
+    for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
+        i = order[k]
+        x, y, q = arrays.x[i], arrays.y[i], value_or_one(arrays.moments, i)
+        value, by_x, by_y = interpolate_potential(mesh.points_per_length, mesh, x, y)
+        arrays.fx[i] = -ENERGY * q * by_x
+        arrays.fy[i] = -ENERGY * q * by_y
+        total += q * (value - self_potential * q)
+        _store_load_if_wanted(arrays.load, i, value_or_one(arrays.weight, i) * (value - self_potential))
+    totals[part] = total
+
+
+@compiled
+def _interpolate_loads_of_part(
+    mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_load: float, part: int
+) -> None:
+    """Return the loads of a part of the grains, from a mesh of their weights."""
+    for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
+        i = order[k]
+        value, _, _ = interpolate_potential(mesh.points_per_length, mesh, arrays.x[i], arrays.y[i])
+        _store_load_if_wanted(arrays.load, i, value - self_load * value_or_one(arrays.weight, i))
+
+
+@threaded_if_wanted
+def _interpolate_forces(
+    mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_potential: float, totals: Array
+) -> None:
+    for part in numba.prange(PARTS):
+        _interpolate_forces_of_part(mesh, arrays, order, grains, self_potential, totals, part)
+
+
+@threaded_if_wanted
+def _interpolate_loads(
+    mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_load: float
+) -> None:
+    for part in numba.prange(PARTS):
+        _interpolate_loads_of_part(mesh, arrays, order, grains, self_load, part)
+
+
+@compiled(inline=True)
+def _fit_windows_unless_periodic(
+    points_per_length: Array | None, mesh: MultilevelMesh, x: Array, y: Array, grains: int
+) -> bool:
+    return True if points_per_length is not None else fit_windows_to_grains(mesh, x, y, grains)
+
+
+@compiled(inline=True)
+def _compute_loads_by_weights(
+    weight: Array | None,
+    moments: Array | None,
+    load_mesh: MultilevelMesh | None,
+    mesh: MultilevelMesh,
+    threaded: bool | None,
+    arrays: GrainArrays,
+    order: Array,
+    grains: int,
+    self_load: float,
+) -> None:
+    """Compute the loads of discs, and of grains that differ; of others they come with the forces."""
+    if weight is not None:
+        if load_mesh is not None:
+            _compute_loads(load_mesh, threaded, weight, arrays, order, grains, self_load)
+        elif moments is not None:
+            _compute_loads(mesh, threaded, weight, arrays, order, grains, self_load)
+
+
+@compiled
+def _compute_loads(
+    mesh: MultilevelMesh,
+    threaded: bool | None,
+    weight: Array,
+    arrays: GrainArrays,
+    order: Array,
+    grains: int,
+    self_load: float,
+) -> None:
+    spread_grains(mesh.points_per_length, mesh, threaded, arrays.x, arrays.y, weight, order, grains)
+    compute_mesh_potential(mesh.points_per_length, mesh, threaded)
+    _interpolate_loads(threaded, mesh, arrays, order, grains, self_load)
+
+
+@compiled
+def compute_mesh_far_field(
+    mesh: MultilevelMesh,
+    far: FarFieldState,
+    threaded: bool | None,
+    grains: int,
+    arrays: GrainArrays,
+    order: Int[Array, "m"],
+) -> int:
+    """Compute force [F*], energy [F* D] and, where grains rub, load [1/D^3] of the far part by the mesh."""
+    if grains == 0:
+        return 0
+    x, y = arrays.x, arrays.y
+    if not positions_are_finite(x, y, grains):
+        set_forces_to_nan(arrays, grains)
+        return 0
+    if not _fit_windows_unless_periodic(mesh.points_per_length, mesh, x, y, grains):
+        far.energy[0] = np.nan
+        return 1
+    spread_grains(mesh.points_per_length, mesh, threaded, x, y, arrays.moments, order, grains)
+    compute_mesh_potential(mesh.points_per_length, mesh, threaded)
+    _interpolate_forces(threaded, mesh, arrays, order, grains, far.self_potential, far.part_totals)
+    total = 0.0
+    for part in range(PARTS):
+        total += far.part_totals[part]
+    far.energy[0] = 0.5 * ENERGY * total
+    store_positions(far.evaluated_at, x, y, grains)
+    _compute_loads_by_weights(
+        arrays.weight, arrays.moments, far.load_mesh, mesh, threaded, arrays, order, grains, far.self_load
+    )
+    return 0

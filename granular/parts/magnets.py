@@ -1,0 +1,136 @@
+"""Magnets: grades of catalogues, and the moment of a disc.
+
+The moment of a disc among others, from what is bought or measured.
+
+A coating is no part of the magnet. The core, of the volume V, has the magnetisation Br/mu0 + chi H, with
+chi the recoil permeability less 1. H is its own demagnetising field -N M and the field of neighbours beside
+it, on average -S m/(4 pi a^3) in a triangular lattice of dipoles at the spacing a, S = 11.0342 the lattice
+sum of r^-3. So
+
+    m = (Br V/mu0) / (1 + chi (N + S V/(4 pi a^3))).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from granular.shared.errors import InputError, quote
+
+# Lowest and highest remanence [T] at 20 degrees Celsius.
+_REMANENCE = {
+    "N35": (1.17, 1.22),
+    "N38": (1.22, 1.25),
+    "N40": (1.25, 1.28),
+    "N42": (1.28, 1.32),
+    "N45": (1.32, 1.37),
+    "N48": (1.37, 1.42),
+    "N50": (1.39, 1.44),
+    "N52": (1.42, 1.46),
+}
+# Highest temperature [deg C] by the letter behind the number, of magnets 0.7 times as thick as wide: flatter
+# ones lose moment for good from lower temperatures on.
+_HIGHEST = {"": 80.0, "M": 100.0}
+REMANENCE_SLOPE = -1.2e-3
+"""Relative change of the remanence with temperature [1/K], of all grades of that table."""
+RECOIL_PERMEABILITY = 1.05
+"""Ratio to free space, of all grades of that table."""
+REFERENCE_TEMPERATURE = 20.0
+"""Temperature of the remanence of a grade [deg C]."""
+
+
+class Grade(NamedTuple):
+    """A grade of magnets."""
+
+    name: str
+    lowest: float  # remanence [T]
+    highest: float
+    highest_temperature: float  # [deg C]
+
+    @property
+    def remanence(self) -> float:
+        """Middle of the grade's range [T]."""
+        return 0.5 * (self.lowest + self.highest)
+
+
+GRADES = {
+    number + letter: Grade(number + letter, *remanence, hottest)
+    for letter, hottest in _HIGHEST.items()
+    for number, remanence in _REMANENCE.items()
+}
+
+
+def find_grade(name: str) -> Grade:
+    """Return the grade of that name."""
+    if name not in GRADES:
+        raise InputError(
+            f"there is no grade {quote(name)} in the table, which has {', '.join(GRADES)}; "
+            "give the remanence instead"
+        )
+    return GRADES[name]
+
+
+MAGNETIC_CONSTANT = 4e-7 * math.pi
+"""Permeability of free space [H/m], the value of [D, Table 4.3]."""
+LATTICE_SUM = 11.034175
+"""Sum of r^-3 over the triangular lattice of spacing 1 (Topping 1927, doi:10.1098/rspa.1927.0025)."""
+
+
+class Magnet(NamedTuple):
+    """A disc and the steps to its moment."""
+
+    diameter: float  # of the core [m]
+    thickness: float
+    remanence: float  # at the temperature [T]
+    demagnetisation: float  # chi N
+    neighbours: float  # chi S V/(4 pi a^3)
+
+    @property
+    def volume(self) -> float:
+        """Volume of the core [m^3]."""
+        return math.pi * self.thickness * self.diameter**2 / 4.0
+
+    @property
+    def moment(self) -> float:
+        """Moment among its neighbours [A m^2]."""
+        weakening = 1.0 + self.demagnetisation + self.neighbours
+        return self.remanence * self.volume / MAGNETIC_CONSTANT / weakening
+
+
+def make_magnet(
+    diameter: float,
+    thickness: float,
+    remanence: float,
+    *,
+    coating: float = 0.0,
+    permeability: float = 1.0,
+    spacing: float = math.inf,
+    temperature: float = REFERENCE_TEMPERATURE,
+) -> Magnet:
+    """Return the magnet in a disc; lengths [m], remanence at 20 deg C [T], temperature [deg C]."""
+    diameter, thickness, chi = diameter - 2.0 * coating, thickness - 2.0 * coating, permeability - 1.0
+    remanence *= 1.0 + REMANENCE_SLOPE * (temperature - REFERENCE_TEMPERATURE)
+    magnet = Magnet(diameter, thickness, remanence, 0.0, 0.0)
+    if chi == 0.0:  # importing elliptic integrals takes long
+        return magnet
+    beside = LATTICE_SUM * magnet.volume / (4.0 * math.pi * spacing**3)
+    own = demagnetising_factor(diameter, thickness)
+    return magnet._replace(demagnetisation=chi * own, neighbours=chi * beside)
+
+
+def remanence_of_moment(moment: float, magnet: Magnet) -> float:
+    """Remanence by which a lone disc has this moment [T]; moment at 20 deg C [A m^2]."""
+    return moment * MAGNETIC_CONSTANT / magnet.volume * (1.0 + magnet.demagnetisation)
+
+
+def demagnetising_factor(diameter: float, height: float) -> float:
+    """Demagnetising factor of a cylinder along its axis, averaged over its volume."""
+    # The mean field of a uniformly magnetised cylinder is that of a solenoid of its shape, mu0 M times
+    # Nagaoka's coefficient (Joseph 1966, doi:10.1063/1.1703091).
+    from scipy.special import ellipe, ellipk
+
+    square = diameter**2 / (diameter**2 + height**2)
+    rest, k = 1.0 - square, math.sqrt(square)
+    first, second = float(ellipk(square)), float(ellipe(square))
+    nagaoka = 4.0 / (3.0 * math.pi * math.sqrt(rest)) * (rest / square * (first - second) + second - k)
+    return 1.0 - nagaoka

@@ -1,0 +1,277 @@
+"""Symbolic regression by other programs: Operon and PySR.
+
+Symbolic regression by pyoperon.
+
+Genetic programming with fitted numbers (Burlacu, Kronberger & Kommenda 2020,
+doi:10.1145/3377929.3398099).
+
+Symbolic regression by PySR (Cranmer 2023, arXiv:2305.01582), where Julia is there.
+
+Nothing is imported or downloaded before a probe has found Julia and PySR's Julia packages in
+place: importing PySR without them would fetch both.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import importlib
+import importlib.util
+import logging
+import os
+import re
+import shutil
+import tempfile
+import tomllib
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.formulas import FormulaError, parse, variable_names
+from granular.formulas.algebra import sympy_expression
+from granular.shared.errors import InputError, import_extra, quote
+
+if TYPE_CHECKING:
+    import sympy
+    from jaxtyping import Float
+
+
+_OPERON_ITERATIONS = 10  # of the least squares on the numbers of each new expression
+# A search ends by their number: one that ends by time cannot be repeated.
+_EVALUATIONS = 400_000
+_POPULATION = 1000
+_LENGTH = 30
+_GENERATIONS = 10_000  # more than the evaluations last for
+
+
+def is_operon_installed() -> bool:
+    """Tell if pyoperon is installed, without importing it."""
+    return importlib.util.find_spec("pyoperon") is not None
+
+
+def search_expressions_with_operon(
+    inputs: Mapping[str, np.ndarray],
+    target: Float[np.ndarray, "n"],
+    noise: float,
+    functions: Sequence[str] = (),
+    effort: float = 1.0,
+    seed: int = 0,
+) -> list[sympy.Expr]:
+    """Find expressions for a target by pyoperon's genetic programming."""
+    # The front of error against length, numbers by least squares (Burlacu, Kronberger & Kommenda 2020,
+    # doi:10.1145/3377929.3398099). Its default noise of 1 would pick too short expressions.
+    sklearn = import_extra("pyoperon.sklearn", "method 'operon'", "discover")
+    samples = scale_samples(inputs, target)
+    search = sklearn.SymbolicRegressor(
+        allowed_symbols=",".join(("add", "sub", "mul", "constant", "variable", *functions)),
+        objectives=["r2", "length"],
+        optimizer_iterations=_OPERON_ITERATIONS,
+        max_evaluations=round(effort * _EVALUATIONS),
+        generations=_GENERATIONS,
+        population_size=_POPULATION,
+        max_length=_LENGTH,
+        uncertainty=[noise / samples.target_size],
+        n_threads=1,
+        random_state=seed + 1,  # it takes 0 for no seed
+    ).fit(samples.matrix, samples.target)
+    names = list(samples.names)
+    texts = [search.get_model_string(item["tree"], 12, names) for item in search.pareto_front_]
+    return samples.parse_expressions(texts)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ScaledSamples:
+    """Samples as a search takes them: its numbers are drawn about 1."""
+
+    matrix: Float[np.ndarray, "n inputs"]
+    target: Float[np.ndarray, "n"]
+    names: tuple[str, ...]
+    sizes: Mapping[str, float]  # rms of each variable, in the order of the columns
+    target_size: float
+
+    def parse_expressions(self, texts: Iterable[str]) -> list[sympy.Expr]:
+        """Expressions that a search wrote, in the variables' own names and units."""
+        import sympy
+
+        own = {
+            name: sympy.Symbol(variable, real=True) / size
+            for name, (variable, size) in zip(self.names, self.sizes.items(), strict=True)
+        }
+        expressions = []
+        for text in texts:
+            with contextlib.suppress(FormulaError):
+                tree = parse(text)
+                if {item.name for item in variable_names(tree)} <= set(self.names):
+                    # By name, since searches differ in what they assume of their symbols.
+                    expression = sympy_expression(tree)
+                    symbols = {symbol: own[symbol.name] for symbol in expression.free_symbols}
+                    expressions.append(sympy.Float(self.target_size) * expression.xreplace(symbols))
+        return expressions
+
+
+def scale_samples(inputs: Mapping[str, np.ndarray], target: Float[np.ndarray, "n"]) -> ScaledSamples:
+    """Divide samples by their rms values, as a search takes them."""
+    sizes = {name: _typical_size(values) for name, values in inputs.items()}
+    matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)
+    names = tuple(f"x{k}" for k in range(len(inputs)))
+    return ScaledSamples(matrix, target / _typical_size(target), names, sizes, _typical_size(target))
+
+
+def _typical_size(values: np.ndarray) -> float:
+    return max(float(np.sqrt((values**2).mean())), 1e-300)
+
+
+COMMANDS = ("pip install 'granular-damper[discover]'", 'python -c "import pysr"')
+"""The commands that install PySR, and then Julia with PySR's Julia packages."""
+
+_ENOUGH = 1.0
+"""Mean square error over that of the noise at which a search ends: the right expression comes to
+0.66 to 0.96 of it, since it follows a little of the noise."""
+
+_ITERATIONS = 60
+_BINARY = ("/", "max", "min")
+_MOST_NODES = 30
+
+
+def require_pysr() -> None:
+    """Raise an error, with the commands that cure it, unless PySR and Julia can run."""
+    lack = missing_pysr_requirements()
+    if lack is not None:
+        raise InputError(
+            f"method 'pysr' needs Julia 1.10 or newer, and {lack}; install it with: "
+            f"{COMMANDS[0]} && {COMMANDS[1]}"
+        )
+
+
+def import_pysr_regressor() -> Any:
+    """Import the class ``pysr.PySRRegressor`` so that Ctrl-C still comes to Python."""
+    # Julia would take over the signals, and end the process; without them it may have one thread, as a search
+    # that can be repeated has anyway. The user's own settings stay.
+    os.environ.setdefault("PYTHON_JULIACALL_HANDLE_SIGNALS", "no")
+    os.environ.setdefault("PYTHON_JULIACALL_THREADS", "1")
+    try:
+        with warnings.catch_warnings(action="ignore"):  # PySR warns of either setting
+            from pysr import PySRRegressor
+    except Exception as error:  # Julia's, juliapkg's and the network's are of no common kind
+        raise InputError(
+            f"PySR could not be started: {type(error).__name__}: {quote(str(error))}; try {COMMANDS[1]}"
+        ) from error
+    return PySRRegressor
+
+
+def pysr_regressor_settings(
+    functions: Sequence[str] = (), effort: float = 1.0, seed: int = 0
+) -> dict[str, Any]:
+    """Keywords of ``pysr.PySRRegressor`` for a search that a seed repeats."""
+    return {
+        "binary_operators": ["+", "-", "*", *(name for name in functions if name in _BINARY)],
+        "unary_operators": [name for name in functions if name not in _BINARY],
+        "niterations": max(1, round(effort * _ITERATIONS)),
+        "maxsize": _MOST_NODES,
+        "precision": 64,
+        "deterministic": True,
+        "parallelism": "serial",
+        "random_state": seed,
+        "temp_equation_file": False,  # it would be left behind
+        "progress": False,
+        "verbosity": 0,
+        "input_stream": "devnull",
+    }
+
+
+def search_expressions_with_pysr(
+    inputs: Mapping[str, np.ndarray],
+    target: Float[np.ndarray, "n"],
+    noise: float,
+    functions: Sequence[str] = (),
+    effort: float = 1.0,
+    seed: int = 0,
+) -> list[sympy.Expr]:
+    """Find expressions for a target by PySR (Cranmer 2023, arXiv:2305.01582)."""
+    require_pysr()
+    samples = scale_samples(inputs, target)
+    with tempfile.TemporaryDirectory(prefix="granular-damper-") as folder:
+        search = import_pysr_regressor()(
+            early_stop_condition=_ENOUGH * (noise / samples.target_size) ** 2,
+            output_directory=folder,
+            **pysr_regressor_settings(functions, effort, seed),
+        )
+        search.fit(samples.matrix, samples.target, variable_names=list(samples.names))
+        if getattr(search, "interrupted_", False):
+            raise KeyboardInterrupt
+        # Not the column of SymPy's objects: PySR evaluates its texts to make them.
+        return samples.parse_expressions(search.equations_["equation"])
+
+
+EXE, PROJECT = "PYTHON_JULIACALL_EXE", "PYTHON_JULIACALL_PROJECT"
+_READS_BOTH = (0, 9, 28)
+"""The juliacall from which on a Julia and a project that both are named so are taken
+(PythonCall.jl's changelog); otherwise juliapkg finds them, and fetches what is not there."""
+
+_PACKAGES = ("SymbolicRegression", "PythonCall")
+_MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")
+
+
+def missing_pysr_requirements() -> str | None:
+    """Return the requirement that PySR lacks here, in words; nothing is ever downloaded."""
+    if importlib.util.find_spec("pysr") is None:
+        return "the package pysr is not installed"
+    julia, project = os.environ.get(EXE), os.environ.get(PROJECT)
+    if (julia or project) and _juliacall_version() >= _READS_BOTH:
+        return _missing_from_named_julia(julia, project)
+    if _has_resolved_julia_packages():
+        return None
+    if julia or project:
+        return f"{EXE} and {PROJECT} are read by juliacall 0.9.28 and newer only"
+    return "Julia, or PySR's Julia packages, are not there"
+
+
+def _missing_from_named_julia(julia: str | None, project: str | None) -> str | None:
+    """Return what is missing of a Julia and a project that the user names."""
+    if not julia or not project:
+        return f"{EXE} and {PROJECT} must be set together"
+    if shutil.which(julia) is None:
+        return f"there is no Julia at {quote(julia)}"
+    if not os.path.isdir(project):
+        return f"there is no Julia project at {quote(project)}"
+    installed = _julia_project_packages(Path(project))
+    lack = [name for name in _PACKAGES if name not in installed]
+    if lack:
+        return f"the Julia project at {quote(project)} lacks {' and '.join(lack)}"
+    return None
+
+
+def _julia_project_packages(project: Path) -> set[str]:
+    """Return the packages of a project's manifests: Julia takes the one of its version."""
+    names: set[str] = set()
+    for path in project.iterdir():
+        if _MANIFEST.fullmatch(path.name):
+            try:
+                plain: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+            except (OSError, ValueError):
+                continue
+            packages = plain.get("deps", plain)  # a manifest of the first format has them on top
+            names |= set(packages) if isinstance(packages, dict) else set()
+    return names
+
+
+def _juliacall_version() -> tuple[int, ...]:
+    """Version of juliacall; (0,) where there is none."""
+    try:
+        words = re.match(r"\d+(\.\d+)*", version("juliacall"))
+    except PackageNotFoundError:
+        return (0,)
+    return tuple(map(int, words[0].split("."))) if words else (0,)
+
+
+def _has_resolved_julia_packages() -> bool:
+    """Return true where juliapkg has all in place; a dry run looks without installing."""
+    logging.getLogger("juliapkg").setLevel(logging.ERROR)
+    try:
+        return bool(importlib.import_module("juliapkg").resolve(dry_run=True))
+    except Exception:  # whatever is wrong with it, PySR cannot run
+        return False

@@ -1,0 +1,467 @@
+"""The workshop sheet: the parts of a damper that is built, and its behaviour with their tolerances.
+
+The workshop sheet of a damper: parts, tolerances with their costs, and first measurements.
+
+Tolerances are those of the settled bed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.linear import piston_roots
+from granular.linear.equilibrium import Equilibrium
+from granular.linear.friction import motion_friction, names_friction
+from granular.parts.liquids import bow_of_plate, find_liquid, silicone_oil_viscosity_ratio
+from granular.parts.magnets import GRADES, REMANENCE_SLOPE, Grade
+from granular.scene.scene import Scene
+from granular.schema.natural_units import Scales
+from granular.shared.blocks import (
+    Block,
+    Caution,
+    Heading,
+    Items,
+    Picture,
+    Printout,
+    Table,
+    Text,
+    cautions,
+    format_number,
+)
+from granular.shared.errors import InputError
+from granular.shared.html_pages import Page
+from granular.shared.plotting import COLOURS, GREY, figure
+from granular.studies.study_page import tolerance_blocks
+from granular.studies.tolerances import Tolerances, read_parts, tolerances_at, usual_parts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from granular.linear.roots import Root
+
+
+PartRow = tuple[str, str, str, str]
+"""Part, number, dimensions, mass."""
+GAPS = (5e-5, 1e-4, 2e-4, 5e-4)
+"""Between a face of a grain and its plate [m]."""
+_SIDES = {"top": "piston", "bottom": "floor"}
+COEFFICIENTS = (0.05, 0.1)
+"""Static coefficients of friction, of metal on PTFE: 0.05 to 0.1."""
+LEAVES = 0.05
+"""Part of the repulsion that two discs may lose on opposite plates: 7.5 p^2/r^2 at the play p, of an energy
+(1 - 4.5 p^2/r^2)/r^3."""
+GLASS = (4, 5, 6, 8, 10, 12, 15, 19, 25)
+"""Thicknesses of float glass (EN 572-2) [mm]."""
+BOWS = 0.25
+"""Part of the play that plates may bow by: the load grows with the play."""
+GAP_COLUMNS = (
+    "gap on each side [mm]",
+    "depth of the cell [mm]",
+    "viscosity [Pa s]",
+    "tilt [°]",
+    "load of a disc [N]",
+    "friction",
+    "plates",
+)
+
+
+def part_rows(scene: Scene, rest: float) -> list[PartRow]:
+    """All parts of a scene; height at rest [m]."""
+    return [*_disc_rows(scene), *_wall_rows(scene), *_piston_rows(scene), *_cell_rows(scene, rest)]
+
+
+def _disc_rows(scene: Scene) -> Iterator[PartRow]:
+    grains = scene.grains
+    masses, kinds = grains.masses(), grains.species_indices()
+    law = "point dipoles" if grains.magnets == "dipoles" else "discs"
+    for k, species in enumerate(grains.species):
+        own = masses[kinds == k]
+        thickness, remanence = (float(grains.species_values(name)[k]) for name in ("thickness", "remanence"))
+        grade = "".join(f" ({grade.name})" for grade in _grades_of(remanence)[:1])
+        words = (
+            f"diameter {1e3 * species.diameter:g} mm, thickness {1e3 * thickness:g} mm, "
+            f"remanence {remanence:g} T{grade}"
+        )
+        if grains.coating is not None:
+            words += f", {1e6 * grains.coating:g} um of it coating"
+        if grains.permeability is not None:
+            words += f", permeability {grains.permeability:g}"
+        if grains.temperature is not None:
+            words += f", at {grains.temperature:g} °C"
+        yield (
+            "disc magnet, magnetised along its axis",
+            str(len(own)),
+            f"{words}; simulated as {law}, moment {grains.magnets_in_species()[k].moment:.5g} A m^2",
+            f"{1e3 * own[0]:.4g} g each, {own.sum():.4g} kg in all",
+        )
+
+
+def _wall_rows(scene: Scene) -> Iterator[PartRow]:
+    """Rows of magnets by which piston, floor and sides repel."""
+    walls, piston = scene.effects.walls, scene.piston
+    assert piston is not None
+    diameter = scene.grains.species[0].diameter
+    for side, wall in () if walls is None else walls.present_walls:
+        pitch = wall.pitch or diameter
+        length = scene.cell.width if side in ("top", "bottom") else piston.height
+        law = "as simulated" if wall.law == "discs" else f"simulated by the law {wall.law}"
+        yield (
+            f"disc magnets of the {_SIDES.get(side, side + ' side')}",
+            str(math.floor(length / pitch + 0.5)),
+            f"like the first grains, a row of pitch {1e3 * pitch:g} mm, middles {0.5e3 * diameter:g} mm "
+            f"behind the face; {law}",
+            "",
+        )
+
+
+def walls_text(scene: Scene) -> str:
+    """Hold of the walls' magnets."""
+    # Dipoles at one diameter; discs push more.
+    push = 0.75 * Scales.from_grains(scene.grains).force
+    return (
+        "Magnets of walls and piston have their poles the same way as the grains. Glue them into grooves of "
+        "a material that is not magnetic, closed at both ends: neighbours that touch push each other apart "
+        f"with {push:.2g} N or more."
+    )
+
+
+def _piston_rows(scene: Scene) -> Iterator[PartRow]:
+    piston, drag = scene.piston, scene.effects.drag
+    assert piston is not None
+    yield (
+        "piston, as wide as the cell",
+        "1",
+        f"width {1e3 * scene.cell.width:.4g} mm, drag {piston.drag:.4g} kg/s, friction {piston.friction:g} N",
+        f"{piston.mass or 0.0:.5g} kg with all that moves with it",
+    )
+    if piston.blade is not None:
+        size = f"{1e3 * piston.blade.depth:g} mm deep, films of {1e3 * piston.blade.film:g} mm"
+        yield ("blade of the piston, in the liquid", "1", size, "")
+    if piston.guide is not None:
+        guide = piston.guide
+        size = f"diameter {1e3 * guide.diameter:g} mm, {1e3 * guide.length:g} mm long"
+        yield ("rod and bush", str(guide.count), f"{size}, clearance {1e6 * guide.clearance:g} um", "")
+    if drag is None:
+        return
+    if drag.liquid is None:
+        yield ("liquid", "1", f"drag of a disc {drag.coefficient:.5g} kg/s, in a gap of the table below", "")
+    else:
+        celsius = scene.grains.liquid_temperature
+        oil = find_liquid(drag.liquid, celsius)
+        words = f"{oil.viscosity:.4g} Pa s at {celsius:g} °C, {oil.density:.4g} kg/m^3"
+        yield (drag.liquid, "1", f"{words}, as sold within {100.0 * oil.uncertainty:g} %", "")
+
+
+def _cell_rows(scene: Scene, rest: float) -> Iterator[PartRow]:
+    assert scene.piston is not None
+    drag, gap = scene.effects.drag, ""
+    if drag is not None and drag.follows:
+        gap = f", {1e3 * scene.cell.separation:g} mm apart"
+    yield (
+        "plates of a material that is not magnetic",
+        "2",
+        f"inner width {1e3 * scene.cell.width:.4g} mm, height {1e3 * scene.piston.height:.4g} mm or more "
+        f"(at rest {1e3 * rest:.4g} mm){gap}",
+        "",
+    )
+
+
+def _grades_of(remanence: float) -> list[Grade]:
+    return [grade for grade in GRADES.values() if grade.lowest <= remanence <= grade.highest]
+
+
+def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, ...]]:
+    """Gaps at which the bed stays in its plane, with what they cost at an amplitude [m]."""
+    from scipy.spatial.distance import pdist
+
+    scene, drag = bed.scene, bed.scene.effects.drag
+    thickness = float(scene.grains.species_values("thickness").max())
+    diameter = scene.grains.species[0].diameter
+    nearest = pdist(bed.positions).min()
+    follows = drag is not None and drag.follows
+    rows: list[tuple[str, ...]] = []
+    for film in (0.5 * (scene.cell.separation - thickness),) if follows else GAPS:
+        depth, play = thickness + 2.0 * film, 2.0 * film
+        lost = 7.5 * (play / nearest) ** 2
+        if lost > LEAVES and not follows:
+            continue
+        wide = dataclasses.replace(bed, scene=scene.replace(**{"cell.separation": depth}))
+        named = scene.effects.friction is not None
+        words = []
+        for static in (None,) if named else COEFFICIENTS:
+            rubs = motion_friction(wide, static, root)
+            added, sticking = rubs.equivalent_damping_ratio(amplitude), rubs.sticking_amplitude
+            doubles = ", doubles the damping" if added > root.damping_ratio else ""
+            sticks = "sticks" if amplitude < sticking else f"+{100.0 * added:.2g} %"
+            name = "" if static is None else f"mu {static:g}: "
+            words.append(f"{name}{sticks}{doubles}; sticks below {1e3 * sticking:.2g} mm")
+        tilt = math.asin(depth / math.hypot(diameter, thickness)) - math.atan(thickness / diameter)
+        # That gives the first discs their drag.
+        viscosity = (
+            0.0 if drag is None else drag.viscosity or 2.0 * drag.coefficient * film / math.pi / diameter**2
+        )
+        plates = _plates_text(rubs.load, scene.cell.width, bed.piston_height or 0.0, play)
+        plates += f"; discs on opposite plates repel by {100.0 * lost:.2g} % less"
+        rows.append(
+            (
+                f"{1e3 * film:.4g}",
+                format_number(1e3 * depth),
+                format_number(viscosity, 3),
+                f"{math.degrees(tilt):.2g}",
+                f"{rubs.load / scene.grains.count:.2g}",
+                ". ".join(words),
+                plates,
+            )
+        )
+    return rows
+
+
+def _plates_text(load: float, width: float, height: float, play: float) -> str:
+    """Thinnest glass that bows by no more than a part of the play under a load [N]; lengths [m]."""
+    for thick in GLASS:
+        bow, enough = bow_of_plate(load, width, height, 1e-3 * thick), ""
+        if bow.supported <= BOWS * play:
+            break
+        enough = ", too much: hold them by ribs"
+    size = f"{1e3 * bow.clamped:.2g} to {1e3 * bow.supported:.2g} mm"
+    return f"glass of {thick} mm bows by {size} under {load:.3g} N{enough}"
+
+
+def limit_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[str]:
+    """Limits of use: touching discs, temperature, and energy a cycle at an amplitude [m]."""
+    scene, pencil, radii = bed.scene, bed.pencil, 0.5 * bed.scene.grains.diameters()
+    assert bed.piston_height is not None
+    assert scene.piston is not None
+    i, j = np.triu_indices(len(radii), 1)
+    touch, (across, height) = radii[i] + radii[j], np.abs(bed.positions[i] - bed.positions[j]).T
+    near = across < touch
+    factors = np.sqrt(touch[near] ** 2 - across[near] ** 2) / height[near]
+    factor = float(min(factors.max(initial=0.0), 1.0))
+    squeezed = pencil.at.copy()
+    squeezed[pencil.bed.grains : pencil.bed.bodies] *= factor
+    load = pencil.bed.forces(squeezed)[pencil.bed.piston] + pencil.bed.weight
+    speed = math.tau * root.frequency * amplitude
+    energy = math.tau * root.damping_ratio * (scene.piston.mass or 0.0) * speed**2
+    lines = [
+        f"The first discs touch {1e3 * (1.0 - factor) * bed.piston_height:.3g} mm below rest, if they follow "
+        f"the piston evenly; {load:.3g} N on the piston hold it there, {pencil.bed.weight:.3g} N at rest.",
+        f"A cycle of {1e3 * amplitude:.3g} mm takes {energy:.2g} J by drag, {energy * root.frequency:.2g} W.",
+    ]
+    grades = _grades_of(float(scene.grains.species_values("remanence")[0]))
+    named = GRADES.get(scene.grains.grade or "", grades[0] if grades else None)
+    if named is not None:
+        lines.append(
+            f"{named.name} loses moment for good above {named.highest_temperature:g} °C, and from less on as "
+            "discs flatter than 0.7 times their diameter."
+        )
+    return lines
+
+
+TEMPERATURES = (5.0, 15.0, 25.0, 35.0, 45.0)
+"""[deg C]"""
+SIZES = ((3, 1), (4, 2), (5, 2), (5, 3), (6, 2), (6, 3), (8, 3), (10, 3))
+"""Diameter and thickness of discs that many sellers stock [mm]."""
+_GRADE_COLUMNS = ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]")
+_BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+
+
+def workshop_sheet(
+    scene: Scene,
+    rest: float,
+    find_bed: Callable[[], Equilibrium],
+    *,
+    amplitude: float,
+    title: str,
+    lead: str,
+    scatter: Sequence[str],
+    notes: Sequence[str] = (),
+) -> Page:
+    """Page to build a damper from, for a screen or for paper; rest, amplitude of use [m].
+
+    A bed that has no equilibrium nearby is a note on the page.
+    """
+    costs: Tolerances | None = None
+    gaps: list[tuple[str, ...]] = []
+    limits = ["The bed has no oscillation about an equilibrium, so its limits are not known."]
+    try:
+        bed = find_bed()
+        root = piston_roots(bed)[0]
+        gaps, limits = gap_rows(bed, root, amplitude), limit_lines(bed, root, amplitude)
+        costs = usual_tolerances(bed, amplitude)
+    except InputError as error:
+        notes = [*notes, f"{error}"]
+    blocks = [
+        *cautions(notes),
+        *_parts(scene, rest),
+        *_liquid_and_gap(scene, amplitude, gaps),
+        Heading("Limits of use"),
+        Items(limits),
+        *_temperature(),
+        Heading("Discs to buy"),
+        Text(_disc_sizes_text(scene)),
+        Table(_GRADE_COLUMNS, _grade_rows(scene, costs)),
+        *(() if costs is None else tolerance_blocks(costs)),
+        Heading("Scatter"),
+        Items(scatter),
+        *_first_measurements(scene),
+    ]
+    return Page(title, lead, blocks)
+
+
+def _parts(scene: Scene, rest: float) -> Iterator[Block]:
+    yield Picture(
+        partial(_draw_cell, scene, rest),
+        "Front view, all lengths in proportion, in mm. The piston is drawn at rest on discs in a "
+        "lattice, the cell up to the height from which the piston is lowered.",
+    )
+    yield Heading("Parts")
+    yield Table(("part", "number", "dimensions", "mass"), part_rows(scene, rest))
+    yield Text(walls_text(scene))
+    walls = scene.effects.walls
+    laws = set() if walls is None else {wall.law for _, wall in walls.present_walls} - {"discs"}
+    if laws:
+        yield Caution(
+            f"Walls were simulated by the law {', '.join(sorted(laws))}, not by these rows of magnets, which "
+            "lower rest of the packaged damper by about 1 % and its frequency by 3 to 4 %. Design with "
+            "magnets='cylinders' to have them in the simulations."
+        )
+
+
+def _liquid_and_gap(scene: Scene, amplitude: float, gaps: Sequence[tuple[str, ...]]) -> Iterator[Block]:
+    yield Heading("Liquid and gap")
+    drag = scene.effects.drag
+    liquid = "The damper has no drag, so no liquid."
+    if drag is not None and drag.coefficient:
+        liquid = (
+            f"A disc needs a drag of {drag.coefficient:.3g} kg/s: 2 eta A/h of a liquid of the viscosity eta "
+            "in gaps h between its faces A and the plates, without flow back between discs."
+        )
+    yield Text(
+        f"{liquid} Take the narrowest gap into which every disc fits, sorted by thickness: in the play discs "
+        "tilt and bear on both plates, with a load that grows as the play (upper bound). Friction is a "
+        "damping ratio added to that of the drag at an amplitude of "
+        f"{1e3 * amplitude:.3g} mm, with static coefficients of metal on PTFE unless the scene names its "
+        "own; if the bed sticks, a run decides."
+        f"{'' if scene.effects.friction else ' The simulations had no friction on the plates.'}"
+    )
+    yield Table(GAP_COLUMNS, gaps)
+
+
+def _temperature() -> Iterator[Block]:
+    yield Heading("Temperature")
+    yield Text(
+        "Over their values at 25 °C: the viscosity of silicone oil, and so the drag (Shin-Etsu, Silicone "
+        "Fluid KF-96, Performance Test Results), and the remanence of NdFeB (-0.12 %/K, shanghaimagnet.com)."
+    )
+    yield Table(
+        ("temperature [°C]", "drag", "remanence"),
+        [
+            (
+                f"{value:g}",
+                format_number(silicone_oil_viscosity_ratio(value), 3),
+                format_number(1.0 + REMANENCE_SLOPE * (value - 25.0), 3),
+            )
+            for value in TEMPERATURES
+        ],
+    )
+
+
+def _first_measurements(scene: Scene) -> Iterator[Block]:
+    yield Heading("What to measure first")
+    yield Text(
+        "First weigh the piston with all that moves with it. Rest and frequency know the discs' moment m "
+        "and the mass M only as m²/M: with M weighed, the height at rest gives the moment. Measure it with "
+        "two or more weighed masses, so that a wrong zero of the scale shows. Then, the machine held still, "
+        "lift the piston by a fifth of a disc's diameter, release it and record its height for three "
+        "seconds, at 200 samples a second or more, as a table of time and height. Read back remanence and "
+        "drag, with the mass as weighed, and simulate again:"
+    )
+    host = " --set effects.host=none" if scene.effects.host else ""  # it is held still
+    yield Printout(
+        "granular-damper calibrate lab.csv scene.toml --set 'piston.mass=WEIGHED kg' \\\n"
+        "    --parameter effects.drag.coefficient --parameter grains.remanence -o out/read-back" + host
+    )
+
+
+def usual_tolerances(bed: Equilibrium, amplitude: float) -> Tolerances:
+    """Usual tolerances of a bed's parts, with dry friction at an amplitude [m] if there is any."""
+    parts = read_parts(bed.scene, usual_parts(bed.scene))
+    return tolerances_at([bed], parts, amplitude=amplitude if names_friction(bed.scene) else None, draws=0)
+
+
+def _disc_sizes_text(scene: Scene) -> str:
+    """Sizes that are sold, and a remark if those of the scene are not among them."""
+    grains = scene.grains
+    own = [
+        (round(1e3 * species.diameter, 3), round(1e3 * float(thickness), 3))
+        for species, thickness in zip(grains.species, grains.species_values("thickness"), strict=True)
+    ]
+    odd = [f"{d:g} x {h:g}" for d, h in own if (d, h) not in SIZES]
+    fits = f"; {' and '.join(odd)} is none of them, so have it made" if odd else ""
+    sizes = ", ".join(f"{d} x {h}" for d, h in SIZES)
+    return (
+        f"Usual sizes, diameter x thickness in mm, each within 0.1: {sizes}{fits}. Grades "
+        "(shanghaimagnet.com), and the change that the middle of each makes in this damper, by its slope:"
+    )
+
+
+def _grade_rows(scene: Scene, costs: Tolerances | None) -> list[tuple[str, ...]]:
+    """Each grade with its remanence [T], and the changes [%] that it makes in this damper."""
+    own = float(scene.grains.species_values("remanence")[0])
+    slopes = {} if costs is None else dict(zip((p.key for p in costs.parts), costs.slopes[0], strict=True))
+    rows = []
+    for name, grade in GRADES.items():
+        if not name[-1].isdigit():
+            continue  # the same remanence, for higher temperatures
+        ratio = grade.remanence / own
+        changes = [f"{100.0 * (ratio**s - 1.0):+.1f}" for s in slopes.get("grains.remanence", ())[1:]]
+        rows.append((name, f"{grade.lowest:.2f} to {grade.highest:.2f}", *(changes or ["", ""])))
+    return rows
+
+
+def _draw_cell(scene: Scene, rest: float) -> Figure:
+    """Front view of cell, bed and piston, with dimensions [mm]."""
+    from matplotlib.patches import Circle, Rectangle
+
+    assert scene.piston is not None
+    width, height, level = (1e3 * x for x in (scene.cell.width, scene.piston.height, rest))
+    diameters, plate = 1e3 * scene.grains.diameters(), 0.03 * width
+    with figure(width=7.2, height=7.2 * (height + 8 * plate) / (1.35 * width)) as (drawing, axes):
+        for corner, size in (
+            ((-plate, -plate), (plate, height + plate)),
+            ((width, -plate), (plate, height + plate)),
+            ((0.0, -plate), (width, plate)),
+        ):
+            axes.add_patch(Rectangle(corner, *size, color=GREY))
+        axes.add_patch(Rectangle((0.0, level), width, 2.0 * plate, fill=False, hatch="//"))
+        for x, y, size in zip(*_lattice(len(diameters), width, level), diameters, strict=True):
+            axes.add_patch(Circle((x, y), 0.5 * size, fill=False, color=COLOURS[0], linewidth=0.6))
+        for start, end, text in (
+            ((0.0, -2.2 * plate), (width, -2.2 * plate), f"{width:.4g}"),
+            ((width + 2.2 * plate, 0.0), (width + 2.2 * plate, level), f"{level:.4g}"),
+            ((-2.4 * plate, 0.0), (-2.4 * plate, height), f"{height:.4g}"),
+        ):
+            axes.annotate("", start, end, arrowprops={"arrowstyle": "<->", "linewidth": 0.8})
+            middle, turned = 0.5 * np.add(start, end), 90 if start[0] == end[0] else 0
+            axes.text(*middle, text, ha="center", va="center", rotation=turned, bbox=_BLANK)
+        of_piston = f"piston, {scene.piston.mass:.4g} kg"
+        of_discs = f"{len(diameters)} discs, the first of {1e3 * scene.grains.species[0].diameter:g} mm"
+        axes.text(0.5 * width, level + plate, of_piston, ha="center", va="center", bbox=_BLANK)
+        axes.text(0.5 * width, height, of_discs, ha="center", va="top")
+        axes.set(xlim=(-6 * plate, width + 6 * plate), ylim=(-4.5 * plate, height + 2 * plate))
+        axes.set_aspect("equal")
+        axes.axis("off")
+        return drawing
+
+
+def _lattice(count: int, width: float, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Sites of a hexagonal lattice that fills a cell up to the level."""
+    across = max(round(math.sqrt(width * count * math.sqrt(0.75) / level)), 1)
+    row, column = np.divmod(np.arange(count), across)
+    return (column + 0.25 + 0.5 * (row % 2)) * width / across, (row + 0.5) * level / math.ceil(count / across)

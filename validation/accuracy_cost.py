@@ -1,0 +1,563 @@
+"""Cost of accuracy in time: runs at many steps, and their section of the report."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import time
+import warnings
+from collections.abc import Iterable, Sequence
+from functools import partial
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.run.plan import can_run
+from granular.run.trajectory import Trajectory
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.schema.natural_units import Scales
+from granular.shared.blocks import Block, Table, Text
+from granular.shared.errors import GranularError, InputError
+from validation.exact_problems import exact_problem
+from validation.external_integrators import ORDERS, solve_adaptively
+from validation.measured_quantities import MeasuredQuantity, quantity_named
+from validation.report_tasks import PlainData, Section, Task, picture, scene_key
+from validation.work_precision_result import LEVELS, USUAL, SolverSettings, WorkPrecision, WorkPrecisionPoint
+
+# The least time of two counts: whatever disturbs a run makes it longer.
+REPEATS = 2
+LONG = 1.0
+"""A run of this length is timed well enough, and not repeated [s]."""
+
+Value = float | np.ndarray
+Reference = SolverSettings | float | np.ndarray | None
+"""A setting to take the true value from, the value, or None for the finest or the exact one."""
+
+
+class ReferenceValue(NamedTuple):
+    """Values that a quantity is measured against."""
+
+    words: str
+    values: tuple[Value, ...]  # one for each start
+    floor: float  # scatter of the quantity over the starts, as an error
+
+
+def work_precision(
+    scene: Scene,
+    quantity: str | MeasuredQuantity,
+    settings: Iterable[SolverSettings],
+    *,
+    reference: Reference = None,
+    until: float | None = None,
+    seeds: int = 0,
+    repeats: int = REPEATS,
+) -> WorkPrecision:
+    """Run a scene with many settings, and compare a quantity with its reference.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to run.
+    quantity : str or MeasuredQuantity
+        One of `validation.measured_quantities.QUANTITIES`, or one's own.
+    settings : iterable of SolverSettings
+        Settings to try. Outside integrators are tried for the positions alone, where ``until`` is given,
+        and left out otherwise.
+    reference : SolverSettings or float or ndarray, optional
+        A setting to take the true value from, or the value in the quantity's unit; without, the
+        quantity's exact value, or what `reference_setting` gives.
+    until : float, optional
+        Stop each run at this time [s]; the position error of a chaotic bed means something over a
+        short horizon only.
+    seeds : int
+        Further random starts, from each of which every setting and the reference are run too: the
+        error is then the mean of the deviations, with its standard error. None are made where the
+        start does not depend on the seed.
+    repeats : int
+        Runs of each setting from a start, from 1; the fastest is timed, and no more follow one of 1 s.
+
+    Returns
+    -------
+    WorkPrecision
+        Error (relative, or in the quantity's unit) and wall time [s] of each setting; NaN, with the error's
+        text, where the setting could not be run, as one of an unknown method.
+
+    Raises
+    ------
+    InputError
+        If the quantity is unknown, no setting is given, ``repeats`` is below 1, or the scene cannot be
+        run by the reference.
+    RunError
+        If the reference itself fails.
+    """
+    return work_precision_of_quantities(
+        scene, [quantity], settings, references=[reference], until=until, seeds=seeds, repeats=repeats
+    )[0]
+
+
+def work_precision_of_quantities(
+    scene: Scene,
+    quantities: Sequence[str | MeasuredQuantity],
+    settings: Iterable[SolverSettings],
+    *,
+    references: Sequence[Reference] | None = None,
+    until: float | None = None,
+    seeds: int = 0,
+    repeats: int = REPEATS,
+) -> tuple[WorkPrecision, ...]:
+    """Run a scene with many settings, and compare several quantities with their references; until [s]."""
+    chosen = [quantity_named(quantity) for quantity in quantities]
+    wanted = tuple(settings)
+    if not wanted:
+        raise InputError("no settings are given; give at least one method and step")
+    if repeats < 1:
+        raise InputError(f"repeats = {repeats}; give a number of runs from 1")
+    given = references or [None] * len(chosen)
+    comparison = compare_with_references(scenes_with_other_seeds(scene, seeds), chosen, given, until)
+    return comparison.studies([comparison.points(setting, repeats) for setting in wanted])
+
+
+STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
+CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan-6")
+
+
+def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
+    """Return the settings to try on a scene: methods, each with steps from ``auto*8`` to ``auto/8``."""
+    return tuple(SolverSettings(name, dt) for name in methods for dt in STEPS if can_run(scene, dt, name))
+
+
+def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
+    """Scene, and copies of it from further random starts."""
+    first = scene.arrangement.seed
+    count = seeds if seeds and depends_on_seed(scene) else 0
+    more = (scene.replace(**{"arrangement.seed": first + k}) for k in range(1, count + 1))
+    return (scene, *more)
+
+
+def depends_on_seed(scene: Scene) -> bool:
+    """Tell if another seed gives a scene another start."""
+    if scene.arrangement.positions is not None:  # which take no seed
+        return False
+    other = scene.replace(**{"arrangement.seed": scene.arrangement.seed + 1})
+    return any(
+        not np.array_equal(mine, yours)
+        for mine, yours in zip(
+            scene.initial_positions_and_velocities(), other.initial_positions_and_velocities(), strict=True
+        )
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Starts of a scene, and the true values that quantities of its runs are compared with."""
+
+    scenes: Sequence[Scene]
+    quantities: Sequence[MeasuredQuantity]
+    until: float | None  # [s]
+    truth: Sequence[ReferenceValue]  # of each quantity
+
+    def points(self, setting: SolverSettings, repeats: int = 1) -> list[WorkPrecisionPoint | None]:
+        """Measure error and time of a setting, for each quantity from the same runs."""
+        if setting.is_external:
+            return self._external_points(setting)
+        try:
+            _compile_setting(self.scenes[0], setting)
+            timed = [_run_and_time(scene, setting, self.until, repeats) for scene in self.scenes]
+        except GranularError as stop:
+            return [_failed_point(setting, stop) for _ in self.quantities]
+        runs = [run for run, _ in timed]
+        seconds = float(np.mean([spent for _, spent in timed]))
+        return [
+            _point_of_runs(setting, quantity, runs, item, seconds)
+            for quantity, item in zip(self.quantities, self.truth, strict=True)
+        ]
+
+    def _external_points(self, setting: SolverSettings) -> list[WorkPrecisionPoint | None]:
+        """Points of an outside reference, which gives positions only; compiled before it counts."""
+        return [
+            _external_point(self.scenes[0], quantity, setting, item.values[0], self.until)
+            if quantity.name == "positions" and self.until is not None
+            else None
+            for quantity, item in zip(self.quantities, self.truth, strict=True)
+        ]
+
+    def studies(self, rows: Sequence[Sequence[WorkPrecisionPoint | None]]) -> tuple[WorkPrecision, ...]:
+        """Make a study for each quantity, of the points of each setting."""
+        return tuple(
+            WorkPrecision(
+                self.scenes[0].name,
+                quantity.name,
+                "1" if quantity.relative else quantity.unit,
+                self.until,
+                tuple(point for row in rows if (point := row[k]) is not None),
+                self.truth[k].floor,
+                self.truth[k].words,
+            )
+            for k, quantity in enumerate(self.quantities)
+        )
+
+
+def compare_with_references(
+    scenes: Sequence[Scene],
+    quantities: Sequence[MeasuredQuantity],
+    given: Sequence[Reference],
+    until: float | None,
+) -> Comparison:
+    """Find the true values of quantities, from runs, given numbers or exact solutions; until [s]."""
+    runs: dict[str, list[Trajectory]] = {}
+    truth = []
+    for quantity, reference in zip(quantities, given, strict=True):
+        wanted = reference
+        if wanted is None:
+            wanted = reference_setting(scenes[0]) if quantity.exact is None else quantity.exact
+        if isinstance(wanted, SolverSettings):
+            words = f"{wanted.family}, dt = {wanted.dt}"
+            if words not in runs:
+                runs[words] = [run_setting(scene, wanted, until) for scene in scenes]
+            values = tuple(quantity.measure(run) for run in runs[words])
+            truth.append(ReferenceValue(words, values, _scatter_over_starts(quantity, values)))
+        else:
+            words = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
+            truth.append(ReferenceValue(words, (wanted,) * len(scenes), 0.0))
+    return Comparison(scenes, quantities, until, truth)
+
+
+def reference_setting(scene: Scene) -> SolverSettings:
+    """Return a setting far more accurate than any that is worth while."""
+    best = SolverSettings("blanes-moan-6", "auto/2")
+    if can_run(scene, best.dt, best.method):
+        return best
+    return SolverSettings("stormer-verlet", "auto/16")
+
+
+def run_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
+    """Run a scene with a setting, without its warnings: its error is measured anyway; until [s]."""
+    from granular.run.simulation import simulate
+
+    with warnings.catch_warnings(action="ignore"):
+        return simulate(
+            scene.replace(**setting.changes),
+            dt=setting.dt,
+            t_end=until,
+            method=setting.method,
+            progress=False,
+        )
+
+
+def _point_of_runs(
+    setting: SolverSettings,
+    quantity: MeasuredQuantity,
+    runs: Sequence[Trajectory],
+    truth: ReferenceValue,
+    seconds: float,
+) -> WorkPrecisionPoint:
+    settings = [run.settings() for run in runs]
+    steps = round(float(np.mean([entry["steps"] for entry in settings])))
+    frequency = max(entry.get("step_times_highest_frequency", 0.0) for entry in settings)
+    try:
+        error, doubt = deviation_over_starts(quantity, [quantity.measure(run) for run in runs], truth.values)
+    except GranularError as stop:
+        return _failed_point(setting, stop)
+    return WorkPrecisionPoint(setting, error, seconds, steps, None, doubt, len(runs), frequency)
+
+
+def deviation_over_starts(
+    quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
+) -> tuple[float, float]:
+    """Error of a quantity over the starts, and its standard error."""
+    # Single starts that are off to either side are scatter, which no setting corrects: the mean counts. A
+    # quantity with a value of its own in each start has the greatest error.
+    if quantity.differs_by_start or len(values) == 1:
+        errors = [quantity.error(*pair) for pair in zip(values, references, strict=True)]
+        return max(errors), float(np.std(errors, ddof=1)) if len(errors) > 1 else 0.0
+    off = np.array([np.ravel(a) - np.ravel(b) for a, b in zip(values, references, strict=True)])
+    if quantity.relative:
+        off /= np.abs(np.mean([np.asarray(reference) for reference in references], axis=0)).max()
+    mean = np.abs(off.mean(axis=0))
+    worst = int(mean.argmax())
+    return float(mean[worst]), float(off[:, worst].std(ddof=1) / math.sqrt(len(values)))
+
+
+def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
+    """Return the standard deviation of a quantity over starts, as an error."""
+    if len(values) < 2 or quantity.differs_by_start:
+        return 0.0
+    series = np.array([np.asarray(value) for value in values])
+    spread = float(series.std(axis=0, ddof=1).max())
+    if not quantity.relative:
+        return spread
+    return spread / float(np.abs(series.mean(axis=0)).max())
+
+
+def _run_and_time(
+    scene: Scene, setting: SolverSettings, until: float | None, repeats: int
+) -> tuple[Trajectory, float]:
+    """Run, and the least time [s] of its repeats."""
+    seconds = math.inf
+    for _ in range(repeats):
+        start = time.perf_counter()
+        done = run_setting(scene, setting, until)
+        seconds = min(seconds, time.perf_counter() - start)
+        if seconds > LONG:
+            break
+    return done, seconds
+
+
+def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecisionPoint:
+    return WorkPrecisionPoint(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
+
+
+def _compile_setting(scene: Scene, setting: SolverSettings) -> None:
+    """Compile, by a run so short that it costs nothing; a long step may not even fit into it."""
+    with contextlib.suppress(GranularError):
+        run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
+
+
+def _external_point(
+    scene: Scene, quantity: MeasuredQuantity, setting: SolverSettings, truth: Value, until: float
+) -> WorkPrecisionPoint:
+    solve_adaptively(setting.method, scene, 1e-3 * until, 1e-2)
+    started = time.perf_counter()
+    solved = solve_adaptively(setting.method, scene, until, float(setting.dt))
+    seconds = time.perf_counter() - started
+    error = quantity.error(solved.positions / Scales.from_grains(scene.grains).length, truth)
+    return WorkPrecisionPoint(setting, error, seconds, solved.steps or 0)
+
+
+# Scenes -----------------------------------------------------------------------------------------
+
+
+def compression_scene() -> Scene:
+    """Quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
+    return load_scene("bed").replace(
+        **{
+            "name": "compression",
+            "grains.count": 92,
+            "cell.width": "30 D",
+            "piston.height": "45 D",
+            "arrangement.height": "40 D",
+            "effects.drag": None,
+            "effects.friction": {},
+            "protocol": [
+                {"kind": "hold", "name": "relax", "duration": 1.0},
+                {"kind": "move", "name": "compress", "to": "10 D", "speed": "33 mm/s"},
+            ],
+            "output.scalars": 0.01,
+            "output.frames": 1.0,
+        }
+    )
+
+
+def frictionless_bed() -> Scene:
+    """Return the packaged bed without drag: it keeps its energy."""
+    return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
+
+
+def disturbed_lattice(count: int) -> Scene:
+    """Scene of a disturbed hexagonal lattice at the packing of the packaged bed."""
+    scale = math.sqrt(count / 368.0)
+    width, height = 60.0 * scale, 20.0 * scale
+    apart = math.sqrt(2.0 / math.sqrt(3.0) * width * height / count)
+    rows = round(height / (apart * math.sqrt(0.75)))
+    fractions = [count // rows + (row < count % rows) for row in range(rows)]
+    indices = np.array(
+        [
+            ((i + 0.5 + 0.25 * (-1) ** row) * width / many, (row + 0.5) * height / rows)
+            for row, many in enumerate(fractions)
+            for i in range(many)
+        ]
+    )
+    indices += 0.05 * apart * np.random.default_rng(1).standard_normal(indices.shape)
+    indices = np.clip(indices, 0.6, np.array([width, height]) - 0.6)
+    scene = load_scene("bed")
+    diameter = scene.grains.species[0].diameter
+    return scene.replace(
+        **{
+            "grains.count": count,
+            "cell.width": width * diameter,
+            "piston.height": height * diameter,
+            "arrangement": {"positions": (diameter * indices).tolist(), "speed": 0.0},
+            "output": {"scalars": 0.01, "frames": 1.0},
+        }
+    )
+
+
+# Tasks ------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Studies(PlainData):
+    """Studies of one task: a quantity each."""
+
+    studies: tuple[WorkPrecision, ...]
+
+
+class Plan(NamedTuple):
+    """A row of the table of studies: what is run, and how."""
+
+    scene: Scene
+    quantities: Sequence[str]
+    settings: Sequence[SolverSettings]
+    options: dict[str, Any]  # of `work_precision_of_quantities`
+
+
+OUTSIDE_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+"""Tolerances of the outside references; for the bed the first and the third, which take seconds."""
+
+DAMPER_STEPS = {
+    "stormer-verlet": ("auto*8", "auto*4", "auto*2", "auto", "auto/2"),
+    "blanes-moan-4": ("auto*8", "auto*4", "auto*2"),
+}
+"""Fewer than for the others: the damper's runs are long, and soon within the scatter of starts."""
+
+
+SUMS: tuple[dict[str, Any], ...] = (
+    {"pairs.method": "direct"},
+    *({"pairs.method": "mesh", "pairs.tolerance": value} for value in (3e-3, 3e-4, 3e-5)),
+    {"pairs.method": "mesh", "pairs.far_every": 1},
+    *({"pairs.method": "cut-off", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
+    *({"pairs.method": "verlet-list", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
+)
+"""Ways of summing pairs, and the radii of de Paula's list about its own 11.26 D [D, 5.2]."""
+
+
+def report_plans(full: bool) -> list[Plan]:
+    """Plans of the report: lone grain, frictionless bed and compression; damper and sums over pairs."""
+    grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
+    saved = ("energy", "positions")
+    outside = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
+    few = [setting for setting in outside if setting.dt in OUTSIDE_TOLERANCES[:3:2]]
+    exact = {"until": 1.0, "references": _exact_grain_references()}
+    plans = [
+        Plan(grain, saved, [*candidate_settings(grain), *outside], exact),
+        Plan(bed, saved, [*candidate_settings(bed), *few], {"until": 0.02}),
+        Plan(squeezed, ("piston force", "mean distance"), candidate_settings(squeezed), {"seeds": 4}),
+    ]
+    if not full:
+        return plans
+    damper = [SolverSettings(name, dt) for name, steps in DAMPER_STEPS.items() for dt in steps]
+    quantities = ("rest height", "period", "damping ratio")
+    finer = [SolverSettings("stormer-verlet", "auto/8")] * len(quantities)
+    lattice = disturbed_lattice(1472).replace(name="1472 grains, by sum over pairs")
+    sums = [SolverSettings("stormer-verlet", "auto", changes) for changes in SUMS]
+    direct = [SolverSettings("stormer-verlet", "auto/2", SUMS[0])]
+    return [
+        *plans,
+        Plan(load_scene("damper"), quantities, damper, {"seeds": 4, "repeats": 1, "references": finer}),
+        # The piston's force as the grains settle, by method of summing pairs.
+        Plan(lattice, ("piston force",), sums, {"until": 0.3, "references": direct, "repeats": 1}),
+    ]
+
+
+def _exact_grain_references() -> list[Any]:
+    """Lone grain's exact energy error and position [D] after 1 s."""
+    problem = exact_problem("bounce")
+    return [0.0, problem.exact(1.0).positions / Scales.from_grains(problem.scene.grains).length]
+
+
+def work_precision_task(plan: Plan, **more: Any) -> Task:
+    """Task that runs one scene with many settings."""
+    key = {
+        **scene_key(plan.scene),
+        "quantities": plan.quantities,
+        "settings": str(plan.settings),
+        "options": str(plan.options),
+        **more,
+    }
+    return Task(plan.scene.name, key, partial(_measure_studies, plan))
+
+
+def _measure_studies(plan: Plan) -> Studies:
+    return Studies(work_precision_of_quantities(plan.scene, plan.quantities, plan.settings, **plan.options))
+
+
+# In the report ----------------------------------------------------------------------------------
+
+
+def _all_studies(results: Sequence[Studies]) -> list[WorkPrecision]:
+    """Work-precision studies of all tasks in one list."""
+    return list(chain.from_iterable(result.studies for result in results))
+
+
+def work_precision_blocks(results: Sequence[Studies]) -> list[Block]:
+    """Make the table of settings to take, and a picture for each quantity."""
+    intro = Text(
+        "Error over wall time, warm, the least of the repeats. The broad line joins the settings "
+        "that none beats in both. Where several starts were run, the error is the mean deviation "
+        "over them and a thin bar ends at its bound. What to take for each level is ringed, and "
+        "named at the dotted lines: the fastest setting whose bound is within it, and behind which "
+        "no shorter step is clearly above it. The shaded band is the scatter over random starts; "
+        "below three times that any setting will do, and the mean of more starts is the price. The "
+        "toolkit's seconds hold its records, ledger and start-up; those of SciPy and diffrax "
+        "(thin, dotted) the bare integration. The last column is the time over that of the default "
+        "setting, stormer-verlet at dt = auto."
+    )
+    pictures = [
+        picture(study.plot, f"{study.quantity} of {study.run_words}, against {study.reference}.")
+        for study in _all_studies(results)
+    ]
+    return [intro, advised_setting_table(_all_studies(results)), *pictures]
+
+
+def advised_setting_table(studies: Sequence[WorkPrecision]) -> Table:
+    """Table of the setting to take for each tolerance, and its time over the default one's."""
+    rows = []
+    for study in studies:
+        usual = study.default_point()
+        seconds = math.nan if usual is None else usual.seconds
+        rows += [
+            (study.scene, study.quantity, words, *_advised_setting(study, level, seconds))
+            for words, level in LEVELS.items()
+        ]
+    header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds", "of the default's")
+    return Table(header, rows)
+
+
+def _advised_setting(work_precision: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
+    advice = work_precision.advise(level)
+    best = advice.point
+    if best is None:
+        return (str(advice), "", "", "", "", "")
+    take = best.setting.family
+    if advice.needs_more_starts:
+        take = f"any: starts scatter by {advice.floor:.2g}"
+    ratio = advice.seconds / usual
+    return (
+        take,
+        best.setting.fineness,
+        f"{best.error:.2g}",
+        f"{advice.starts:.3g}",
+        f"{advice.seconds:.3g}",
+        "" if math.isnan(ratio) else f"{ratio:.3g}",
+    )
+
+
+def _study_tables(results: Sequence[Studies]) -> list[Block]:
+    title = "Cost of the {0.quantity} of {0.scene}; a star marks the best of all."
+    pairs = [(Text(title.format(study)), study.table()) for study in _all_studies(results)]
+    return list(chain.from_iterable(pairs))
+
+
+def _studies_verdict(results: Sequence[Studies]) -> tuple[str, bool]:
+    studies = _all_studies(results)
+    usual = [study for study in studies if any(point.setting[:2] == USUAL for point in study.points)]
+    right = sum(study.default_point() is not None for study in usual)
+    words = (
+        f"cost of accuracy shown for {len(studies)} quantities; the default setting runs in "
+        f"{right} of {len(usual)}"
+    )
+    return words, right == len(usual)
+
+
+WORK_PRECISION = Section(
+    "work-precision",
+    "What accuracy costs",
+    lambda full: [work_precision_task(plan) for plan in report_plans(full)],
+    Studies,
+    _studies_verdict,
+    work_precision_blocks,
+    _study_tables,
+)

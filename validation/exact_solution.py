@@ -1,0 +1,420 @@
+"""One grain above the magnetic bottom wall under gravity: bounces, and small oscillations.
+
+De Paula tests its method with it [D, 2.3.4]: D = 5 mm, start at 40 D, 2 s, some five bounces. In
+natural units y'' = (1/2) y^-3.5 - G, so the energy per mass is v^2/2 + (1/5) y^-2.5 + G y. The
+motion is periodic; with the turning points a < b (b is the start) its period is
+
+    T = 2 integral_a^b dy / sqrt(2 (u(b) - u(y))),   u(y) = (1/5) y^-2.5 + G y,
+
+taken by quadrature (see `validation.exact_solution`). a is the other root of u(a) = u(b), where
+(1/5) a^-2.5 is close to G (b - a).
+
+The harmonic limit: the wall carries the weight at y_e = (1/(2 G))^(2/7); there u'' = (7/4) y_e^-4.5 =
+(7/2) G/y_e. With u = (u''/2) x^2 + (a/3) x^3 + (b/4) x^4, the frequency at the amplitude A is
+
+    omega = omega_0 [1 + (3 b/(8 w^2) - 5 a^2/(12 w^4)) A^2 + O(A^4)],   w^2 = u''
+
+(Landau and Lifshitz, Mechanics, section 28). Here a = -(9/4) w^2/y_e and b = (33/8) w^2/y_e^2, so
+the bracket is 1 - (9/16) (A/y_e)^2: the amplitude correction. A simulation is compared with the exact
+motion, by quadrature, at every amplitude.
+
+An exact problem: a scene, a time, and the state of its grains then.
+
+Natural units stand here once more, in high precision and from the grains' material, not by way of
+the engine: m = rho pi eps D^2/4, mu = Br V/mu0, F* = mu0 mu^2/(pi D^4), tau = sqrt(m D/F*)
+[D, 2.2], with the source's mu0 = 4 pi 1e-7 H/m. A slip in the engine's own conversion would show as
+an error that no step makes smaller.
+
+Motion in one dimension comes from its energy integral. For q'' = -u'(q) with the energy e per mass, the
+time is t = integral of dq / sqrt(2 (e - u(q))) (Landau and Lifshitz, Mechanics, section 11). The
+integrand is singular where the motion turns;
+
+    q = q_t + s^2                        for one turning point q_t,
+    q = a + (b - a) sin^2(phi/2)         between two, a and b,
+
+make it analytic, so Gauss-Legendre quadrature converges faster than any power. The place at a given time
+is the root of t(s), by Newton's method in the working precision; dt/ds is the integrand.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from granular.scene.scene import Scene
+from granular.schema.apparatus import Grains
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+
+DIGITS = 50
+"""Working precision; the results keep more than thirty digits of it."""
+
+Number = Any
+"""A number of mpmath, which has no types of its own."""
+
+Potential = Callable[[Number], Number]
+
+
+class NaturalUnits(NamedTuple):
+    """Sizes of the natural units in SI, for grains of the first species."""
+
+    length: Number  # D [m]
+    mass: Number  # m [kg]
+    force: Number  # F* [N]
+    time: Number  # tau [s]
+
+    @property
+    def velocity(self) -> Number:
+        """Unit of velocity, D/tau [m/s]."""
+        return self.length / self.time
+
+    @property
+    def acceleration(self) -> Number:
+        """Unit of acceleration, F*/m [m/s^2]."""
+        return self.force / self.mass
+
+
+def natural_units(grains: Grains) -> NaturalUnits:
+    """Compute the natural units in SI, in mpmath's working precision."""
+    from mpmath import mpf, pi, sqrt
+
+    diameter = mpf(grains.species[0].diameter)
+    permeability = 4 * pi / 10**7
+    volume = pi * mpf(grains.thickness) * diameter**2 / 4
+    moment = mpf(grains.remanence) * volume / permeability
+    force = permeability * moment**2 / (pi * diameter**4)
+    mass = mpf(grains.density) * volume
+    return NaturalUnits(diameter, mass, force, sqrt(mass * diameter / force))
+
+
+class GrainStates(NamedTuple):
+    """The grains at one time."""
+
+    positions: Float[np.ndarray, "n 2"]  # [m]
+    velocities: Float[np.ndarray, "n 2"]  # [m/s]
+    steps: int | None = None  # that a simulation took, if it chooses them itself
+
+
+@dataclasses.dataclass(frozen=True)
+class ExactProblem:
+    """A scene whose motion is known."""
+
+    name: str
+    scene: Scene
+    time: float  # [s]
+    exact: Callable[[float], GrainStates]  # [s]
+    fewest_steps: int  # steps of about half a radian of the stiffest mode
+    smooth: bool = True  # has as many derivatives as a high order asks for
+
+    def perturb_start(self, last_place_units: int) -> ExactProblem:
+        """Return the same problem with its start moved by a few units in the last place."""
+        # The exact motion is not moved along: the difference of both simulations is the rounding that they
+        # suffer.
+        plan = self.scene.arrangement
+        factor = 1.0 + last_place_units * np.finfo(float).eps
+        moved = {
+            f"arrangement.{name}": [[factor * x, factor * y] for x, y in rows]
+            for name, rows in (("positions", plan.positions), ("velocities", plan.velocities))
+            if rows is not None
+        }
+        return dataclasses.replace(self, scene=self.scene.replace(**moved))
+
+
+RECORDS = 16
+"""Records of a run: enough to see how much energy is turned over, which the ledger is judged by."""
+
+
+def few_grains_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:
+    """Scene of grains of 5 mm in a cell 60 D wide, held for a time [s]."""
+    count = len(parts["arrangement"]["positions"])
+    plain: dict[str, Any] = {
+        "name": name,
+        "grains": {"count": count, "species": [{"name": "grain", "diameter": "5 mm"}]},
+        "cell": {"width": "60 D"},
+        "effects": effects,
+        "protocol": [{"kind": "hold", "name": "hold", "duration": time}],
+        "output": {"scalars": time / RECORDS, "frames": time},
+        **parts,
+    }
+    return Scene.from_plain(plain)
+
+
+BOTTOM_ONLY = {"left": "none", "right": "none", "top": "none"}
+"""Walls of a scene where only the bottom repels."""
+
+
+def grain_start_state(scene: Scene, grain: int = 0) -> tuple[Sequence[float], Sequence[float]]:
+    """Position [m] and velocity [m/s] that a grain starts with."""
+    plan = scene.arrangement
+    assert plan.positions is not None
+    velocity = (0.0, 0.0) if plan.velocities is None else plan.velocities[grain]
+    return plan.positions[grain], velocity
+
+
+# Quadrature of the energy integral ---------------------------------------------------------------
+
+
+def integrate_from_zero(integrand: Potential, end: Number) -> Number:
+    """Integrate a function from zero by Gauss-Legendre quadrature on eight intervals."""
+    from mpmath import mp
+
+    # Intervals of equal length keep the degree low where the integrand bends most, at its start.
+    points = [end * k / 8 for k in range(9)]
+    return mp.quad(integrand, points, method="gauss-legendre")
+
+
+def _invert_integral(integrand: Potential, time: Number, guess: Number) -> Number:
+    """Upper end at which the integral from zero equals the time."""
+    # Five of the working digits are left to the rounding of quadrature and integrand.
+    from mpmath import mp, mpf
+
+    end = guess
+    for _ in range(80):
+        step = (integrate_from_zero(integrand, end) - time) / integrand(end)
+        end -= step
+        if abs(step) < mpf(10) ** (5 - mp.dps) * (1 + abs(end)):
+            return end
+    raise ArithmeticError(f"no place found for the time {time}; the guess {guess} is too far off")
+
+
+def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
+    """First guess of the upper end, by Simpson's rule over ever longer stretches."""
+    # The integrand is 0/0 at zero itself.
+    width, end, reached = scale / 64, 0 * scale, 0 * scale
+    before = integrand(width / 10**6)
+    while True:
+        middle, after = integrand(end + width / 2), integrand(end + width)
+        gain = width * (before + 4 * middle + after) / 6
+        if reached + gain >= time:
+            return end + width * (time - reached) / gain
+        reached, end, before = reached + gain, end + width, after
+
+
+def time_integrand_past_turning(potential: Potential, turning: Number) -> Potential:
+    """Integrand dt/ds [tau/D^(1/2)] for q = turning + s^2; potential [D^2/tau^2], turning [D]."""
+    from mpmath import sqrt
+
+    energy = potential(turning)
+    return lambda s: 2 * s / sqrt(2 * (energy - potential(turning + s * s)))
+
+
+def time_from_turning(potential: Potential, turning: Number, position: Number) -> Number:
+    """Compute the time [tau] between a turning point and a place beyond it [D]; potential [D^2/tau^2]."""
+    from mpmath import sqrt
+
+    return integrate_from_zero(time_integrand_past_turning(potential, turning), sqrt(position - turning))
+
+
+def position_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
+    """Compute the place [D] at a time [tau] after or before the turn [D]; potential [D^2/tau^2]."""
+    integrand = time_integrand_past_turning(potential, turning)
+    time = abs(time)
+    if time == 0:
+        return turning
+    guess = _rough_inverse(integrand, time, 1 + 0 * turning)
+    s = _invert_integral(integrand, time, guess)
+    return turning + s * s
+
+
+def time_integrand_between_turnings(potential: Potential, turning: Number, other: Number) -> Potential:
+    """Integrand dt/dphi [tau] for q = a + (b - a) sin^2(phi/2) [D] in a potential [D^2/tau^2]."""
+    from mpmath import sin, sqrt
+
+    energy = potential(turning)
+    interval = other - turning
+
+    def integrand(phi: Number) -> Number:
+        position = turning + interval * sin(phi / 2) ** 2
+        return abs(interval) * sin(phi) / 2 / sqrt(2 * (energy - potential(position)))
+
+    return integrand
+
+
+def oscillation_period(potential: Potential, low: Number, high: Number) -> Number:
+    """Compute the period [tau] between two turning points [D]; potential [D^2/tau^2]."""
+    from mpmath import pi
+
+    half = +pi / 2
+    lower = integrate_from_zero(time_integrand_between_turnings(potential, low, high), half)
+    return 2 * (lower + integrate_from_zero(time_integrand_between_turnings(potential, high, low), half))
+
+
+def position_after_upper_turning(potential: Potential, low: Number, high: Number, time: Number) -> Number:
+    """Compute the place [D] at a time [tau] after the upper turning point [D]; potential [D^2/tau^2]."""
+    from mpmath import floor, pi, sin
+
+    total = oscillation_period(potential, low, high)
+    late = abs(time - total * floor(time / total + 0.5))
+    early = total / 2 - late
+    # Counted from the nearer turn, where the energies cancel least.
+    turning, other, away = (high, low, late) if late < early else (low, high, early)
+    if away <= 0:
+        return turning
+    integrand = time_integrand_between_turnings(potential, turning, other)
+    phi = _invert_integral(integrand, away, _rough_inverse(integrand, away, +pi))
+    return turning + (other - turning) * sin(phi / 2) ** 2
+
+
+def speed_from_energy(potential: Potential, energy: Number, position: Number) -> Number:
+    """Compute the speed at a place, sqrt(2 (e - u)) [D/tau]; potential, energy [D^2/tau^2], position [D]."""
+    from mpmath import sqrt
+
+    return sqrt(2 * abs(energy - potential(position)))
+
+
+__all__ = ["harmonic_period", "oscillation_problem"]
+
+START = 40
+"""Height at the start [D]."""
+
+TIME = 2.0
+"""De Paula's [s]."""
+
+SHORT = 0.205
+"""Within the first turn at the wall [s], where no term of an error cancels by symmetry: over a
+whole bounce a Runge-Kutta method of order four seems to have order five."""
+
+
+class PotentialWell(NamedTuple):
+    """The well that the grain moves in, in natural units."""
+
+    potential: Potential
+    low: Number  # [D]
+    high: Number  # [D]
+    units: NaturalUnits
+
+
+def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
+    """Make the problem of a grain that bounces on the magnetic wall [D, 2.3.4]; start [D], time [s]."""
+    scene = bounce_scene(start, time)
+    return ExactProblem(
+        "bounce", scene, time, partial(exact_bounce, scene), fewest_steps=round(2000 * time / TIME)
+    )
+
+
+def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
+    """Scene of a lone grain at a height over the bottom wall, under gravity; start [D], time [s]."""
+    effects = {"gravity": {}, "walls": BOTTOM_ONLY}
+    arrangement = {"positions": [["30 D", f"{start!r} D"]]}
+    return few_grains_scene(name, time, effects, arrangement=arrangement)
+
+
+def potential_well(scene: Scene) -> PotentialWell:
+    """Potential well [D^2/tau^2] of a lone grain over the wall, with its turning points [D]."""
+    # Call within mpmath's working precision, as natural units and turning points are taken in it.
+    from mpmath import findroot, mpf
+
+    units = natural_units(scene.grains)
+    assert scene.effects.gravity is not None
+    weight = mpf(scene.effects.gravity.acceleration) / units.acceleration
+
+    def potential(y: Number) -> Number:
+        return y ** mpf(-2.5) / 5 + weight * y
+
+    start = mpf(grain_start_state(scene)[0][1]) / units.length
+    rest = (1 / (2 * weight)) ** (mpf(2) / 7)
+    # The other turning point lies as far beyond the place of rest, to first order.
+    guess = rest * (2 - start / rest) if start < 1.5 * rest else (5 * weight * start) ** mpf(-0.4)
+    other = findroot(lambda y: potential(y) - potential(start), guess)
+    low, high = min(start, other), max(start, other)
+    return PotentialWell(potential, low, high, units)
+
+
+def bounce_period(scene: Scene) -> Number:
+    """Compute the period of a bouncing grain, to thirty digits and more [s]."""
+    from mpmath import workdps
+
+    with workdps(DIGITS):
+        well_ = potential_well(scene)
+        return oscillation_period(well_.potential, well_.low, well_.high) * well_.units.time
+
+
+def exact_bounce(scene: Scene, time: float) -> GrainStates:
+    """Compute the place [m] and velocity [m/s] at a time [s], for a start at the upper turning point."""
+    from mpmath import floor, mpf, workdps
+
+    with workdps(DIGITS):
+        well_ = potential_well(scene)
+        late = mpf(time) / well_.units.time
+        position = position_after_upper_turning(well_.potential, well_.low, well_.high, late)
+        magnitude = speed_from_energy(well_.potential, well_.potential(well_.high), position)
+        half = oscillation_period(well_.potential, well_.low, well_.high) / 2
+        upwards = int(floor(late / half)) % 2 == 1
+        velocity = magnitude if upwards else -magnitude
+        return GrainStates(
+            np.array([[grain_start_state(scene)[0][0], float(position * well_.units.length)]]),
+            np.array([[0.0, float(velocity * well_.units.velocity)]]),
+        )
+
+
+# Small oscillations -----------------------------------------------------------------------------
+
+AMPLITUDE = 0.05
+"""Start above the place of rest, in units of its height."""
+
+# 0.71 periods [s]: neither a turn nor a passage through rest, at which errors of phase or of amplitude
+# vanish.
+OSCILLATION_TIME = 0.12
+
+
+def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_TIME) -> ExactProblem:
+    """Make the problem of a grain that oscillates above a wall that repels it.
+
+    Parameters
+    ----------
+    amplitude : float
+        Height of the start above that of rest, over that of rest, without unit.
+    time : float
+        Duration [s].
+
+    Returns
+    -------
+    ExactProblem
+        Scene with its exact solution.
+    """
+    height = float(wall_rest_height(bounce_scene(10.0, time))) * (1.0 + amplitude)
+    scene = bounce_scene(height, time, "oscillation")
+    return ExactProblem("oscillation", scene, time, partial(exact_bounce, scene), fewest_steps=12)
+
+
+def wall_rest_height(scene: Scene) -> Number:
+    """Compute the height at which the wall carries the grain, (1/(2 G))^(2/7) [D]."""
+    from mpmath import mpf, workdps
+
+    with workdps(DIGITS):
+        units = natural_units(scene.grains)
+        assert scene.effects.gravity is not None
+        weight = mpf(scene.effects.gravity.acceleration) / units.acceleration
+        return (1 / (2 * weight)) ** (mpf(2) / 7)
+
+
+def harmonic_period(scene: Scene, amplitude: float = 0.0) -> float:
+    """Compute the period of a small oscillation, corrected for its amplitude to second order.
+
+    By Landau and Lifshitz, Mechanics, section 28.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of one grain on a wall.
+    amplitude : float
+        Amplitude over the height of rest, without unit; 0 for the harmonic limit.
+
+    Returns
+    -------
+    float
+        Period [s].
+    """
+    from mpmath import mpf, pi, sqrt, workdps
+
+    with workdps(DIGITS):
+        units = natural_units(scene.grains)
+        height = wall_rest_height(scene)
+        omega = sqrt(mpf(7) / 4 * height ** mpf(-4.5))
+        return float(2 * pi * units.time / omega / (1 - mpf(9) / 16 * mpf(amplitude) ** 2))
