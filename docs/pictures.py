@@ -26,7 +26,7 @@ from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_sce
 from granular import simulate as simulated
 from granular.observables import per_distance, radial_distribution, track_defects
 from granular.observables.plots import plot_correlation_function, plot_defect_paths
-from granular.render import movie, save_picture
+from granular.render import movie, save_picture, still
 from granular.response import frequency_response
 from granular.run.work_precision import FLOORS, SceneWorkPrecision, starts_for_tolerance
 from granular.run.work_precision import load_work_precision_scenes as prices

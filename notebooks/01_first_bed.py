@@ -30,6 +30,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import evaluate, load_scene, load_trajectory, run_text, scene_text, simulate
+from granular.render import still
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 

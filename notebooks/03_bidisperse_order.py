@@ -37,6 +37,7 @@ from granular.observables import (
     voronoi_cells,
 )
 from granular.observables.plots import plot_cells
+from granular.render import still
 from validation.measured_quantities import published_value
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart

@@ -31,7 +31,7 @@ import matplotlib.pyplot as plt
 from IPython.display import Image
 
 from granular import Trajectory, damper, simulate
-from granular.render import movie
+from granular.render import movie, still
 from reduced_models import compare, discover, fit, roll_out
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart

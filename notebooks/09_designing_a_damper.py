@@ -24,6 +24,7 @@
 import warnings
 
 from granular import InputError, simulate
+from granular.render import still
 from reduced_models import DesignTarget, design, fit, propose_design
 
 QUICK = True  # False: 368 grains for the first design, the published number
