@@ -28,11 +28,13 @@ def run_tests(folder: Path, words: tuple[str, ...], **environment: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [(), pytest.param(("-m", "long", "-k", "not whole_bed"), marks=pytest.mark.long)]
+    "words", [("-m", "plain and not long"), pytest.param(("-m", "plain and long"), marks=pytest.mark.long)]
 )
 def test_small_runs_in_plain_python(words: tuple[str, ...], tmp_path: Path) -> None:
-    files = ("tests/plain_python", "tests/physics/test_forces.py::test_force_is_minus_gradient")
-    run_tests(tmp_path / "runs", (*words, *files), NUMBA_DISABLE_JIT="1")
+    rooms = (ROOT / "tests" / name for name in ("granular", "physics"))
+    files = (file for room in rooms for file in sorted(room.rglob("test_*.py")))
+    marked = [str(file) for file in files if "@quick_in_plain_python" in file.read_text(encoding="utf-8")]
+    run_tests(tmp_path / "runs", (*words, "tests/plain_python", *marked), NUMBA_DISABLE_JIT="1")
 
 
 @pytest.mark.long  # quick: the same in plain Python, where numpy looks at every index

@@ -11,6 +11,7 @@ from granular import Scene, evaluate
 from granular.effects.dipole import discs_unless_dipoles
 from granular.pairs.disc_law import Disc, contact_distance, disc_load, disc_torque_over_dipoles
 from granular.schema.natural_units import Scales
+from tests.modes import quick_in_plain_python
 from tests.physics.test_discs import lattice
 
 SPECIES = [
@@ -60,6 +61,7 @@ def loads_by_torques(
     ("method", "count", "tolerance"),
     [("direct", 92, 2e-4), pytest.param("mesh", 368, 6e-4, marks=pytest.mark.long)],
 )
+@quick_in_plain_python
 def test_loads_are_sums_of_torques(bed: Scene, method: str, count: int, tolerance: float) -> None:
     """A bed of two species at rest, 1.375 D from grain to grain, with moments that scatter."""
     scene = bed.replace(**DISCS, pairs={"method": method}).replace(
@@ -80,6 +82,7 @@ def test_equal_discs_have_the_loads_of_their_torques(bed: Scene) -> None:
     np.testing.assert_allclose(loads(scene, positions), loads_by_torques(scene, positions), rtol=2e-4)
 
 
+@quick_in_plain_python
 def test_two_discs_have_the_load_of_their_torque(bed: Scene) -> None:
     """From contact on; below it the torque at contact. K of the model page for the dipoles."""
     scene = bed.replace(**DISCS).replace(**{"effects.friction": {}, "grains.count": 2})

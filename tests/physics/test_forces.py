@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate, load_scene
+from tests.modes import quick_in_plain_python
 
 MIXTURE = [
     {"name": "big", "diameter": 0.006, "share": 0.6},
@@ -25,6 +26,7 @@ def slope(values: tuple[float, float, float, float], step: float) -> float:
 
 
 @pytest.mark.parametrize("species", [None, MIXTURE], ids=["mono", "mixture"])
+@quick_in_plain_python
 def test_force_is_minus_gradient(bed: Scene, species: list[dict[str, Any]] | None) -> None:
     scene = bed.replace(**{"grains.count": 30, "cell.width": "12 D", "arrangement.jitter": 0.15})
     if species:

@@ -14,6 +14,7 @@ from granular.linear.slopes import number_keys
 from granular.observables.forces import iterate_wall_forces
 from granular.schema.natural_units import Scales
 from granular.shared.errors import SceneError
+from tests.modes import quick_in_plain_python
 
 D = 6e-3
 HOLD = [{"kind": "hold", "name": "hold", "duration": 0.4}]
@@ -77,6 +78,7 @@ def scattered(sides: list[dict[str, Any]], count: int, seed: int = 1) -> np.ndar
     return places
 
 
+@quick_in_plain_python
 def test_grain_in_a_wedge_rests_and_oscillates_as_in_closed_form() -> None:
     """Two infinite walls of inclination b: w^3 = 2 cos(b) F*/(m g), k = 3 F*/w^4 along each normal."""
     incline, tall = math.radians(35.0), 40.0 * D
@@ -98,6 +100,7 @@ def test_grain_in_a_wedge_rests_and_oscillates_as_in_closed_form() -> None:
     assert abs(rest.pencil.full_stiffness[0, 1]) < 1e-6 * stiffness
 
 
+@quick_in_plain_python
 def test_forces_on_six_sides_and_on_grains_cancel() -> None:
     """Each wall's force acts along its normal, and of rows and slabs along itself, too."""
     sides = hexagon()
@@ -116,6 +119,7 @@ def test_forces_on_six_sides_and_on_grains_cancel() -> None:
 
 
 @pytest.mark.parametrize("walls", [LAWS, GAP], ids=["each another", "slabs with a gap"])
+@quick_in_plain_python
 def test_force_is_minus_the_gradient_at_every_law_on_an_inclined_side(walls: dict[str, Any]) -> None:
     sides = hexagon()
     places = scattered(sides, 25)
@@ -132,6 +136,7 @@ def test_force_is_minus_the_gradient_at_every_law_on_an_inclined_side(walls: dic
             assert -slope == pytest.approx(force[grain, axis], rel=1e-7, abs=1e-7 * np.abs(force).max())
 
 
+@quick_in_plain_python
 def test_turned_rectangle_gives_turned_forces_and_motions() -> None:
     corners = D * np.array([[0.0, 0.0], [14.0, 0.0], [14.0, 9.0], [0.0, 9.0]])
     walls, places = dict(zip("abcd", ROW, strict=True)), scattered(polygon(corners), 16)
@@ -154,6 +159,7 @@ def small_bed(count: int) -> Scene:
     return load_scene("bed").replace(**{"grains.count": count, **size})
 
 
+@quick_in_plain_python
 def test_polygon_of_a_rectangle_is_the_rectangle() -> None:
     """Also under a piston, whose side counts heights from its own."""
     bed = small_bed(40)
@@ -172,6 +178,7 @@ def test_polygon_of_a_rectangle_is_the_rectangle() -> None:
     assert one.piston_force == other.piston_force
 
 
+@quick_in_plain_python
 def test_force_on_a_wedge_shaped_piston_is_the_slope_of_the_energy() -> None:
     bed = small_bed(30)
     wide, tall = 20.0 * D, 30.0 * D
@@ -257,6 +264,7 @@ def test_lone_grain_leaves_when_it_has_fallen() -> None:
 
 
 @pytest.mark.parametrize("coefficient", [0.3, 0.6])
+@quick_in_plain_python
 def test_grain_on_an_incline_slides_or_stays(coefficient: float) -> None:
     """Where the wall carries m g cos(b), it slides by g (sin(b) - mu cos(b)), or stays to the last bit."""
     incline, g = math.radians(30.0), 9.8

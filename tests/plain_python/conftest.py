@@ -21,9 +21,11 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
     )
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Runs of a few steps may be rough."""
     for item in items:
         if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.plain)
             item.add_marker(pytest.mark.filterwarnings("ignore:two grains came as close"))
             item.add_marker(pytest.mark.filterwarnings("ignore:the energy ledger"))

@@ -11,6 +11,7 @@ from granular.effects.eddy_drag import Eddy
 from granular.effects.wall_laws import InfiniteWall
 from granular.schema.natural_units import Scales
 from granular.shared.errors import SceneError
+from tests.modes import quick_in_plain_python
 
 MU0 = 4e-7 * math.pi
 PLATE = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
@@ -61,6 +62,7 @@ def test_the_drag_is_that_of_the_receding_image_at_low_speed() -> None:
     assert both == 2.0 * Eddy.from_plain(PLATE).dipole_drag_coefficient(scales)
 
 
+@quick_in_plain_python
 def test_a_gradient_pulls_with_moment_times_gradient() -> None:
     found = run(**{"effects.gradient.y": "-0.05 T/m"})
     scales = Scales.from_grains(found.scene.grains)
@@ -69,6 +71,7 @@ def test_a_gradient_pulls_with_moment_times_gradient() -> None:
     np.testing.assert_allclose(v, -0.05 * moment / scales.mass * time, rtol=1e-10, atol=1e-15)
 
 
+@quick_in_plain_python
 def test_a_grain_between_rubbing_walls_slides_or_stays_to_the_last_bit() -> None:
     scales = Scales.from_grains(alone().grains)
     normal = 2.0 * InfiniteWall.force(None, 3.0) * scales.force

@@ -7,8 +7,10 @@ from granular.linear.bed_forces import BedForces
 from granular.linear.pencil import make_pencil
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, small_damper
+from tests.modes import quick_in_plain_python
 
 
+@quick_in_plain_python
 def test_contact_keeps_its_stiffness_at_a_small_overlap() -> None:
     overlap, modulus = 2e-4 * D, 1e9
     scene = small_damper(

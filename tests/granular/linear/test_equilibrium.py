@@ -15,10 +15,12 @@ from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, moved, small_damper
 from tests.granular.pairs.test_periodic import crystal
+from tests.modes import quick_in_plain_python
 
 MASS, GRAVITY = 0.05, 9.8
 
 
+@quick_in_plain_python
 def test_a_grain_between_walls_rests_and_moves_as_two_springs_do() -> None:
     infinite = {side: {"law": "infinite"} for side in ("left", "right", "bottom", "top")}
     scene = small_damper(
@@ -116,6 +118,7 @@ def test_sources_without_a_bed_at_rest_are_refused() -> None:
         equilibrium(small_damper(**{"protocol": [{"name": "r", "kind": "hold", "duration": 1.0}]}))
 
 
+@pytest.mark.long  # quick: other sources that have no bed at rest
 def test_a_bed_without_a_floor_is_refused() -> None:
     scene = small_damper(**{"effects.walls": {"bottom": "none"}})
     with pytest.raises(InputError, match="give a run that has come to rest"):

@@ -22,6 +22,7 @@ from granular.observables.forces import iterate_pair_forces, iterate_wall_forces
 from granular.observables.frame import Frame
 from granular.shared.errors import InputError
 from tests.granular.observables.conftest import MakeRun, hexagonal
+from tests.modes import quick_in_plain_python
 
 WIDTH, HEIGHT, COUNT = 0.08, 0.06, 30
 SLAB = {"law": "slab", "length": "0.6 m"}
@@ -81,6 +82,7 @@ def check_parts(changes: dict[str, Any], random: np.random.Generator) -> None:
     np.testing.assert_allclose(total, integer, rtol=0.0, atol=error * np.abs(integer).max())
 
 
+@quick_in_plain_python
 def test_the_parts_add_up_to_the_force_of_the_engine(random: np.random.Generator) -> None:
     """Of other laws in plain Python, tests/plain_python/test_sums_in_scenes.py."""
     check_parts(CHANGES[0], random)
@@ -105,6 +107,7 @@ def test_compression_is_the_sum_of_the_magnitudes(random: np.random.Generator) -
         assert found == pytest.approx(pairs.sum() + sum(walls), rel=1e-12)
 
 
+@quick_in_plain_python
 def test_virials_add_up_to_force_times_height(random: np.random.Generator) -> None:
     """The virial theorem: what the piston's force does not hold, the grains' own forces do."""
     scene, positions = bed(), places(random)
@@ -168,6 +171,7 @@ def test_unknown_laws_and_shapes_are_input_errors() -> None:
 
 
 @pytest.mark.parametrize("mount", ["cell", "piston"])
+@quick_in_plain_python
 def test_a_host_is_no_law_between_grains(mount: str) -> None:
     """One that carries the piston has the cell upside down: the weight points at the piston."""
     scene = load_scene("machine")

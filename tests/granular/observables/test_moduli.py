@@ -76,7 +76,7 @@ def test_crystal_follows_the_power_and_the_known_limits() -> None:
     assert melting_theory_modulus(found, density, temperature) / gamma == pytest.approx(1.258, abs=1e-3)
 
 
-@pytest.mark.parametrize("reach", [3.0, 6.0, 10.0])
+@pytest.mark.parametrize("reach", [3.0, 6.0, pytest.param(10.0, marks=pytest.mark.long)])
 def test_patch_of_a_crystal_has_the_moduli_of_the_lattice(bed: Scene, reach: float) -> None:
     points = hexagonal(int(2.0 * reach) + 10, int(2.4 * reach) + 10, SPACING)
     scene = scene_of(bed, len(points))
@@ -121,6 +121,7 @@ def test_grains_in_contact_have_the_moduli_of_a_deformed_cell(bed: Scene) -> Non
         np.testing.assert_allclose(moduli, wanted, rtol=3e-5)
 
 
+@pytest.mark.long  # quick: the stiffness of discs in plain Python
 def test_discs_have_the_moduli_of_their_lattice(bed: Scene) -> None:
     """Energy of a lattice of discs out to 30 spacings, and of dipoles beyond, over its spacing."""
     reach, step = 30, 1e-3

@@ -12,6 +12,7 @@ from granular.linear import motion_friction
 from granular.pairs.disc_law import Disc
 from granular.parts.liquids import find_liquid
 from granular.shared.errors import InputError
+from tests.modes import quick_in_plain_python
 
 LIQUID = "effects.drag.liquid"
 
@@ -136,6 +137,7 @@ def test_named_walls_stay() -> None:
     assert [wall.pitch for _, wall in wide.present_walls] == [0.007, 0.006, 0.006, 0.006]
 
 
+@quick_in_plain_python
 def test_coating_weakens_discs_and_keeps_their_places() -> None:
     """A coated disc pushes the row as its smaller core does, half of its whole diameter behind the face."""
     coat = 0.1  # of the diameter, to see it

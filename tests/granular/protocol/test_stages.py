@@ -7,6 +7,7 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene, simulate
 from granular.shared.errors import OutsideError, SceneError, StoreError
+from tests.modes import quick_in_plain_python
 
 D = 0.006
 
@@ -101,6 +102,7 @@ BARE = {"effects.dipole": None, "effects.drag": None, "effects.walls": None}
 """With a resistance of the piston the loop is compiled anew: of as few effects as can be."""
 
 
+@quick_in_plain_python
 def test_piston_drag() -> None:
     """A falling mass with viscous drag: v = -g (1 - exp(-t/T)) T, T = M/c."""
     run = empty({"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.drag": 40.0})
@@ -114,6 +116,7 @@ def test_piston_drag() -> None:
 
 
 @pytest.mark.parametrize(("friction", "moves"), [(19.0, True), (20.0, False)])
+@quick_in_plain_python
 def test_piston_friction(friction: float, moves: bool) -> None:
     """Its weight is 19.6 N: below the friction it hangs still, to the last bit."""
     run = empty({"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.friction": friction})
@@ -126,6 +129,7 @@ def test_piston_friction(friction: float, moves: bool) -> None:
 
 
 @pytest.mark.parametrize("friction", [5.0, 25.0])
+@quick_in_plain_python
 def test_piston_that_is_thrown_up(friction: float) -> None:
     """It turns where its weight is greater than the friction, and sticks where it is not."""
     push, weight, mass, until = 80.0, 19.6, 2.0, 0.05

@@ -95,6 +95,7 @@ def test_a_complex_amplitude_is_found_over_a_drift() -> None:
     assert np.angle(found) == pytest.approx(0.7, abs=1e-2)
 
 
+@pytest.mark.long  # quick: ledgers of drawn machines in plain Python
 def test_the_energy_in_a_period_is_what_force_and_drag_exchange() -> None:
     run = simulate(bench(), t_end=10.0, progress=False)
     figures = steady_figures(run)

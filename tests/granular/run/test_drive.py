@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, quantity, simulate, stage
+from tests.modes import quick_in_plain_python
 
 MASS, GRAVITY = 2.0, 9.8
 BASE = ("base_height", "base_velocity", "base_acceleration")
@@ -109,6 +110,7 @@ def test_a_force_formula_and_an_own_stage_lend_their_force() -> None:
     assert np.count_nonzero(force) > 390
 
 
+@quick_in_plain_python
 def test_a_shaken_base_lends_its_acceleration() -> None:
     """Seen from the base that carries the cell: z'' = -g - b''."""
     drive = {"displacement": "2 mm", "frequency": "25 Hz"}

@@ -39,7 +39,9 @@ def test_the_bits_are_those_that_were_written(name: str, folder: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*was made with other versions")
-@pytest.mark.parametrize("name", DIGESTS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=() if one == "plain" else pytest.mark.long) for one in DIGESTS]
+)
 def test_a_run_goes_on(name: str, folder: Path) -> None:
     scene = load_trajectory(folder / name).scene
     simulate(scene, dt=STEP, t_end=END, out=folder / name, resume=True, progress=False)

@@ -14,7 +14,10 @@ from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import at_rest, small_damper
 
 
-@pytest.mark.parametrize("changes", [{}, {"grains.magnets": "cylinders", "effects.walls": True}])
+@pytest.mark.parametrize(
+    "changes",
+    [{}, pytest.param({"grains.magnets": "cylinders", "effects.walls": True}, marks=pytest.mark.long)],
+)
 def test_one_bed_in_five_widths(changes: dict[str, Any]) -> None:
     """Rest over the width, the frequency by sqrt(W/g), and the damping ratio, without a run."""
     rest = at_rest(small_damper(**changes))
