@@ -30,29 +30,22 @@ def stage(kind: str, random: np.random.Generator, height: float) -> dict[str, An
     """A stage of 2 or 3 ms, in SI; ``height`` is about that at its start."""
     duration = float(random.choice([2e-3, 3e-3]))
     way, size = float(random.uniform(-6e-4, 6e-4)), float(random.uniform(-1.0, 1.0))
-    if kind in ("hold", "free"):
-        more: dict[str, Any] = {"duration": duration}
-    elif kind == "move":
-        more = {"to": height + way, "duration": duration}
-    elif kind == "descend":
-        more = {"to": height - abs(way), "duration": duration, "steepness": 1.0 + size / 2}
-    elif kind == "path":
-        more = {"height": "h0 - a*(1 - cos(w*t))", "a": way, "w": 900.0, "duration": duration}
-    elif kind == "dip":
-        more = {"depth": abs(way), "omega": 700.0, "duration": duration}
-    elif kind == "oscillate":
-        more = {"amplitude": abs(way), "frequency": 220.0, "duration": duration}
-    elif kind == "follow":
-        more = {"times": [0.0, 1e-3, duration], "heights": [height, height + way, height - way / 2]}
-    elif kind == "lift":
-        more = {"by": way / 3}
-    elif kind == "push":
-        more = {"mean": size, "amplitude": 1.0, "frequency": 150.0, "duration": duration}
-    elif kind == "force":
-        more = {"force": "f*exp(-t/s)", "f": size, "s": 2e-3, "duration": duration}
-    else:
-        more = {"size": 0.5, "span": 1e-3, "duration": duration}
-    return {"kind": kind} | more
+    lasting = {"duration": duration}
+    more: dict[str, dict[str, Any]] = {
+        "hold": lasting,
+        "free": lasting,
+        "move": {"to": height + way} | lasting,
+        "descend": {"to": height - abs(way), "steepness": 1.0 + size / 2} | lasting,
+        "path": {"height": "h0 - a*(1 - cos(w*t))", "a": way, "w": 900.0} | lasting,
+        "dip": {"depth": abs(way), "omega": 700.0} | lasting,
+        "oscillate": {"amplitude": abs(way), "frequency": 220.0} | lasting,
+        "follow": {"times": [0.0, 1e-3, duration], "heights": [height, height + way, height - way / 2]},
+        "lift": {"by": way / 3},
+        "push": {"mean": size, "amplitude": 1.0, "frequency": 150.0} | lasting,
+        "force": {"force": "f*exp(-t/s)", "f": size, "s": 2e-3} | lasting,
+        "fade": {"size": 0.5, "span": 1e-3} | lasting,
+    }
+    return {"kind": kind} | more[kind]
 
 
 def with_units(one: dict[str, Any]) -> dict[str, Any]:

@@ -20,7 +20,6 @@ ROOT = Path(__file__).parents[3]
 MASS, STIFFNESS, DAMPING = 2.0, 800.0, 3.0
 BODY = {"mass": MASS, "stiffness": STIFFNESS, "damping": DAMPING}
 RESONANCE = math.sqrt(STIFFNESS / MASS) / math.tau
-BARE = {"left": "none", "right": "none", "top": "none"}
 
 
 def scene(duration: float = 2.0, **changes: Any) -> Scene:
@@ -55,48 +54,6 @@ def solved(rate: Any, found: Trajectory, states: int) -> np.ndarray:
 
 def off(found: np.ndarray, exact: np.ndarray) -> float:
     return float(np.abs(found - exact).max() / np.abs(exact).max())
-
-
-def grain_on_spring(mass: float, frequency: float) -> dict[str, Any]:
-    """One grain over a bottom that is a spring, in drag: a tuned mass."""
-    spring = mass * (math.tau * frequency) ** 2
-    return {
-        "grains.count": 1,
-        "grains.density": mass / (math.pi / 4.0 * 0.006**2 * 0.003),
-        "effects.walls": BARE | {"bottom": {"energy": "k*(w-l)^2/2", "k": f"{spring!r} N/m", "l": "60 mm"}},
-        "effects.drag.coefficient": "1 kg/s",
-        "arrangement.positions": [["0.1 m", "60 mm"]],
-    }
-
-
-@pytest.mark.long  # quick: drawn machines against equations written down again, in plain Python
-@pytest.mark.parametrize(("base", "ratio"), [(False, 0.3), (False, 1.1), (True, 0.9), (True, 3.0)])
-def test_a_linear_damper_makes_two_degrees_of_freedom(ratio: float, base: bool) -> None:
-    mass, omega = 0.2, math.tau * ratio * RESONANCE
-    spring = mass * (math.tau * RESONANCE) ** 2
-    shake = {"kind": "sine", "acceleration": 0.8, "frequency": ratio * RESONANCE}
-    found = run(
-        scene(**grain_on_spring(mass, RESONANCE)).replace(
-            **{"effects.host.excitation": shake if base else force(ratio * RESONANCE)}
-        )
-    )
-
-    def rate(t: float, y: np.ndarray) -> list[float]:
-        x, w, r, v = y
-        pull, swing = spring * r + 1.0 * v, math.sin(omega * t)
-        drive, shaken = (0.0, 0.8 * swing) if base else (2.0 * swing, 0.0)
-        host = (drive - DAMPING * w - STIFFNESS * x + pull) / MASS
-        return [w, host - shaken, v, -pull / mass - host]
-
-    x, _, r, _ = solved(rate, found, 4)
-    data = found.dataset
-    assert off(data.host_displacement.values, x) < 1e-3
-    grain = data.position.values[:, 0, 1] - 0.06
-    at = np.searchsorted(data.time.values, data.frame_time.values - 1e-9)
-    assert off(grain, r[at]) < 2e-3
-    assert data.host_loss.values[-1] > 0.0
-    assert data.drag_loss.values[-1] > 0.0
-    assert found.settings()["ledger_residual"] < 1e-5
 
 
 @pytest.mark.long  # quick: the ledger of a host and friction, in plain Python

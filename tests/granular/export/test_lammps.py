@@ -416,20 +416,8 @@ def test_height_of_a_stage_under_way_is_that_of_its_start() -> None:
 
 def test_command_line(tmp_path: Path, command: Callable[..., subprocess.CompletedProcess]) -> None:
     deck = tmp_path / "deck"
-    done = command(
-        "granular",
-        "export",
-        "bed",
-        "--format",
-        "lammps",
-        "-o",
-        str(deck),
-        "--set",
-        "grains.count=92",
-        "--dt",
-        "1e-5",
-        "--json",
-    )
+    words = f"export bed --format lammps -o {deck} --set grains.count=92 --dt 1e-5 --json"
+    done = command("granular", *words.split())
     assert done.returncode == 0, done.stderr
     assert "92 atoms" in (deck / "bed.data").read_text()
     assert "timestep 1e-05" in (deck / "in.granular").read_text()

@@ -21,6 +21,7 @@ from granular.pairs.dipole_law import ENERGY
 from granular.pairs.disc_law import disc_energy_and_force
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
+from tests.modes import quick_in_plain_python
 
 from .conftest import hexagonal
 
@@ -97,6 +98,7 @@ def test_affine_moduli_of_dipoles_follow_from_the_pressure(bed: Scene, random: n
     assert affine.shear == pytest.approx(0.25 * affine.pressure, rel=1e-8)
 
 
+@quick_in_plain_python
 def test_grains_in_contact_have_the_moduli_of_a_deformed_cell(bed: Scene) -> None:
     """Energy of a periodic crystal of pressed grains, whose cell is deformed by 3e-4."""
     spacing, step = 0.97 * 0.006, 3e-4

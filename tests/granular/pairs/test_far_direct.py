@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from granular import Scene, simulate
 from granular.compiled import entry
 from granular.pairs import far_field
 from granular.pairs.dipole_law import far_part_of_inverse_cube, far_part_of_inverse_fifth
@@ -57,19 +56,3 @@ def test_it_is_the_sum_of_the_far_law_over_all_pairs() -> None:
     assert energy == pytest.approx(0.125 * (products * cubes).sum(), rel=1e-11)
     np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-13)  # action and reaction
     np.testing.assert_allclose(load, cubes @ WEIGHTS, rtol=1e-11)
-
-
-def spared(scene: Scene, every: int = 8) -> Scene:
-    return scene.replace(pairs={"method": "direct", "far_every": every})
-
-
-@pytest.mark.long
-def test_it_is_of_second_order(small_damper: Scene) -> None:
-    scene = spared(small_damper.replace(**{"effects.drag": None}), 4)
-    ends = [
-        simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
-        for dt in (4e-5, 2e-5, 1e-5, 1.25e-6)
-    ]
-    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
-    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
-    np.testing.assert_allclose(slopes, 2.0, atol=0.1)

@@ -218,9 +218,10 @@ def test_impulses_are_refused_where_they_cannot_be(small_damper: Scene) -> None:
 
 
 @pytest.mark.long
-def test_order_with_impulses(small_damper: Scene) -> None:
+@pytest.mark.parametrize("pairs", [{"method": "mesh", "cut_off": "3 D"}, {"method": "direct"}], ids=str)
+def test_order_with_impulses(pairs: dict[str, str], small_damper: Scene) -> None:
     """Second order in the step, for impulses at a fixed number of steps."""
-    scene = on_mesh(small_damper.replace(**{"effects.drag": None}), far_every=4)
+    scene = small_damper.replace(**{"effects.drag": None}, pairs={**pairs, "far_every": 4})
     ends = [
         simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
         for dt in (4e-5, 2e-5, 1e-5, 1.25e-6)

@@ -109,28 +109,10 @@ def test_the_energy_in_a_period_is_what_force_and_drag_exchange() -> None:
 def test_the_command_answers_and_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bench.toml"
     bench().save(file)
-    main(
-        [
-            "response",
-            str(file),
-            "--from",
-            "2Hz",
-            "--to",
-            "4Hz",
-            "--points",
-            "2",
-            "--duration",
-            "6",
-            "--force",
-            "2N",
-            "--workers",
-            "1",
-            "--json",
-            "--quiet",
-            "-o",
-            str(tmp_path / "out"),
-        ]
+    words = (
+        f"response {file} --from 2Hz --to 4Hz --points 2 --duration 6 --force 2N --workers 1 --json --quiet"
     )
+    main([*words.split(), "--workers", "1", "-o", str(tmp_path / "out")])
     answer = json.loads(capsys.readouterr().out)
     assert answer["peaks"][0]["amplitude"] == 2.0
     assert (tmp_path / "out" / "response.png").is_file()

@@ -86,23 +86,8 @@ def test_other_runs_are_refused() -> None:
 def test_the_commands_run_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bare.toml"
     machine({"force": 1.0, "frequency": 3.0, "start": 0.1}, 1.0).save(file)
-    swept = [
-        "response",
-        str(file),
-        "--from",
-        "1.5Hz",
-        "--to",
-        "6Hz",
-        "--sweep",
-        "60s",
-        "--json",
-        "--points",
-        "40",
-        "--quiet",
-        "-o",
-        str(tmp_path / "swept"),
-    ]
-    main(swept)
+    swept = f"response {file} --from 1.5Hz --to 6Hz --sweep 60s --json --points 40 --quiet"
+    main([*swept.split(), "-o", str(tmp_path / "swept")])
     (peak,) = json.loads(capsys.readouterr().out)["peaks"]
     exact = np.abs(amplitude(np.linspace(1.5, 6.0, 1000))).max()
     assert peak["peak"] == pytest.approx(exact, rel=0.1)

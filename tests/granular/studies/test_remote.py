@@ -98,36 +98,13 @@ def scheduler() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     address = f"tcp://127.0.0.1:{port}"
-    words = [sys.executable, "-m"]
-    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    first = subprocess.Popen(
-        [
-            *words,
-            "distributed.cli.dask_scheduler",
-            "--host",
-            "127.0.0.1",
-            "--port",
-            str(port),
-            "--no-dashboard",
-        ],
-        cwd=ROOT,
-        **quiet,
-    )
-    workers = subprocess.Popen(
-        [
-            *words,
-            "distributed.cli.dask_worker",
-            address,
-            "--nworkers",
-            "2",
-            "--nthreads",
-            "1",
-            "--no-dashboard",
-            "--death-timeout",
-            "60",
-        ],
-        cwd=ROOT,
-        **quiet,
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": ROOT}
+    first, workers = (
+        subprocess.Popen([sys.executable, "-m", *f"distributed.cli.{words} --no-dashboard".split()], **quiet)
+        for words in (
+            f"dask_scheduler --host 127.0.0.1 --port {port}",
+            f"dask_worker {address} --nworkers 2 --nthreads 1 --death-timeout 60",
+        )
     )
     for _ in range(300):
         with socket.socket() as probe:
@@ -143,23 +120,8 @@ def scheduler() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 def started(tmp_path: Path, address: str) -> subprocess.Popen[str]:
     """A sweep of forty cases on the cluster, some of which are done."""
     study = write_study(tmp_path, 1000)
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "granular",
-            "sweep",
-            str(study),
-            "-o",
-            str(tmp_path / "out"),
-            "--quiet",
-            "--dask",
-            address,
-        ],
-        cwd=ROOT,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    words = f"-m granular sweep {study} -o {tmp_path / 'out'} --quiet --dask {address}"
+    process = subprocess.Popen([sys.executable, *words.split()], cwd=ROOT, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 120.0
     while len(list(tmp_path.glob("out/cases/[!.]*.json"))) < 5 and time.monotonic() < until:
         time.sleep(0.1)
