@@ -246,14 +246,15 @@ class Program(NamedTuple):
 
     def main(self, arguments: Sequence[str], name: str | None = None) -> None:
         """Parse arguments, and carry out the command that they name."""
-        for word in arguments[:1]:
-            if not word.startswith("-"):
-                self.commands.find(word)  # an error names it, and the nearest
         parser = self.parser(name)
+        word = next(iter(arguments), "-")
+        if word not in self.commands and not word.startswith("-"):
+            message = unknown_word_message(word, tuple(self.commands), "command").rstrip("?")
+            raise InputError(f"{message}; see {parser.prog} --help")
         options, rest = parser.parse_known_args(arguments)
+        chosen = self.commands[options.command]
         if rest:
             raise InputError(_unknown_argument_message(rest, parser.parsers[options.command]))
-        chosen = self.commands[options.command]
         set_command(parser.prog, arguments)
         _PROGRAM.set(parser.parsers[options.command].prog)
         chosen.carry_out(**arguments_of(chosen.carry_out, options))

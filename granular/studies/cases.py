@@ -185,7 +185,7 @@ MEASURES = Registry[Measure](
 
 
 def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) -> Measure:
-    """Find a measure by its name: "last-values", one of the user's own, or an installed entry point."""
+    """Find a measure by its name: "last-values", one of the user's own, or one of a package."""
     # A name is looked up and never imported: no study's file decides which code runs.
     known = {**(user_measures or {}), "last-values": last_values}
     return known[name] if name in known else MEASURES.find(name)

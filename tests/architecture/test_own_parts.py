@@ -1,5 +1,7 @@
 """A package of a user's own brings a part of every kind; one that fails is named, and hinders no other."""
 
+import importlib
+import pkgutil
 import re
 import sys
 import tomllib
@@ -12,7 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import granular.effects
 from granular import load_scene, load_trajectory, simulate
+from granular.effects.effect import Effect
 from granular.effects.registry import EFFECTS, WALL_LAWS
 from granular.export import EXPORTERS
 from granular.methods import METHODS, method_named
@@ -83,6 +87,22 @@ def test_the_package_has_a_part_of_every_kind() -> None:
     named = re.compile(r"(?:Registry\[[^(]*\(\s*\"[^\"]+\",|command_registry\()\s*\"([\w.]+)\"")
     groups = {group for text in sources for group in named.findall(text)}
     assert groups == OFFERED.keys()
+
+
+@pytest.mark.parametrize("group", OFFERED)
+def test_tables_of_built_in_parts_hold_what_their_kind_takes(group: str) -> None:
+    registry = registries()[group]
+    assert tuple(registry._built_in) == registry.built_in
+    for name in registry.built_in:
+        assert registry._accepts(name, registry[name])
+
+
+def test_the_table_of_effects_is_complete() -> None:
+    modules = [f"granular.effects.{found.name}" for found in pkgutil.iter_modules(granular.effects.__path__)]
+    defined = [thing for name in modules for thing in vars(importlib.import_module(name)).values()]
+    effects = (thing for thing in defined if isinstance(thing, type) and issubclass(thing, Effect))
+    keys = {made.key for made in effects if made.key}
+    assert keys == set(EFFECTS.built_in)
 
 
 @pytest.mark.parametrize("group", OFFERED)
