@@ -15,8 +15,8 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import RecordError
 
-TIME = np.arange(400) / 200.0
-HEIGHT = 0.01 * np.exp(-0.5 * TIME) * np.cos(25.0 * TIME)
+from .test_calibration import HEIGHT, TIME
+
 SPEED = np.gradient(HEIGHT, TIME)
 ACCELERATION = np.gradient(SPEED, TIME)
 MM, ANGLE = 1e3 * HEIGHT, 50.0 * HEIGHT

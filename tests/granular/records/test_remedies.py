@@ -12,15 +12,9 @@ from granular.records.headings import name_and_unit, parse_header, tells_of_moti
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError
 
-TIME = 0.005 * np.arange(400)
-HEIGHT = 0.01 * np.exp(-0.5 * TIME) * np.cos(25.0 * TIME)
+from .test_calibration import HEIGHT, TIME, write
+
 MM = 1e3 * HEIGHT
-
-
-def write(path: Path, head: str, *columns: Any) -> Path:
-    rows = (",".join(f"{cell:.9g}" for cell in row) for row in zip(*columns, strict=True))
-    path.write_text("\n".join([*([head] if head else []), *rows, ""]), encoding="utf-8")
-    return path
 
 
 def read(path: Path, **said: Any) -> PistonRecord:
