@@ -106,7 +106,7 @@ RESUMED: dict[str, dict[str, Any]] = {
     },
 }
 """Grains so fast that lists of near pairs are made again before and behind the pause."""
-LATER = ("formula pair law", "discs by cut-off", "own pair law, periodic")
+LATER = ("formula pair law", "discs by mesh", "discs by cut-off", "own pair law, periodic")
 TIME = 24 * STEP
 
 

@@ -55,7 +55,7 @@ def box(names: str = "lbrt") -> list[dict[str, Any]]:
     return sides
 
 
-GRID = [[(1.2 + 2.5 * i + 0.4 * j) * D, (1.5 + 2.0 * j) * D] for j in range(3) for i in range(3)]
+GRID = [[(1.2 + 2.5 * i + 0.4 * j) * D, (1.5 + 2.0 * j) * D] for j in range(2) for i in range(3)]
 FLOOR = {
     "mount": "base",
     "pistons": [{"name": "floor", "mass": 0.3, "side": "b", "drag": 20.0}],
@@ -159,7 +159,7 @@ def test_exports_hold_the_grains_of_a_polygon(tmp_path: Path) -> None:
     data = run.dataset
     here = np.isfinite(data["position"].values[..., 0])
     counts = here.sum(axis=1).tolist()
-    assert counts[0] == 9 > counts[-1]
+    assert counts[0] == len(GRID) > counts[-1]
     last, places = len(counts) - 1, data["position"].values[-1][here[-1]]
     lines = to_extxyz(run, tmp_path / "out.xyz").read_text(encoding="utf-8").splitlines()
     rows = np.array([line.split()[1:3] for line in lines[-counts[-1] :]], dtype=float)
