@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from granular.observables import grain_pressures, hexagon_regularity, per_frame, voronoi_cells
-from granular.render import save_picture
+from granular.render import save_picture, still
 from granular.render.picture import COLOURINGS, SPECIES
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
