@@ -1,4 +1,8 @@
-"""Functions of this project that a fit or an identification calls: ``python -m benchmarks.calls fit``."""
+"""Functions of this project that a fit or an identification calls: ``python -m benchmarks.calls fit``.
+
+The tasks are ``fit`` and ``identify`` of a laboratory's record, and ``damper``, the main job. Files that a
+source passes are those with a called function that is handed a scene, a run or a record.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +20,15 @@ import numpy as np
 
 ROOT = Path(__file__).parents[1]
 ROOMS = tuple(f"{ROOT / name}/" for name in ("granular", "reduced_models", "validation"))
+SOURCES = {"Scene", "Trajectory", "PistonRecord"}
 
 
 class Calls(NamedTuple):
-    """Different functions that were called, the files that hold them, and modules that were imported."""
+    """Different functions that were called, their files, those that a source passes, and imported modules."""
 
     functions: int
     files: int
+    files_of_source: int
     modules: int
     has_numba: bool
 
@@ -30,12 +36,17 @@ class Calls(NamedTuple):
 def count_calls(task: Callable[[], Any]) -> Calls:
     """Count the functions of this project that a task calls, in all threads, without lambdas and classes."""
     seen: set[tuple[str, int]] = set()
+    passed: set[str] = set()
 
     def look(frame: FrameType, event: str, _: Any) -> None:
         code = frame.f_code
         is_function = code.co_flags & inspect.CO_OPTIMIZED and not code.co_name.startswith("<")
         if event == "call" and is_function and code.co_filename.startswith(ROOMS):
             seen.add((code.co_filename, code.co_firstlineno))
+            if code.co_filename not in passed:
+                given = list(frame.f_locals.values())[: code.co_argcount + code.co_kwonlyargcount]
+                if any(type(value).__name__ in SOURCES for value in given):
+                    passed.add(code.co_filename)
 
     threading.setprofile(look)
     sys.setprofile(look)
@@ -45,7 +56,8 @@ def count_calls(task: Callable[[], Any]) -> Calls:
         sys.setprofile(None)
         threading.setprofile(None)
     modules = [name for name in sys.modules if name.startswith(("granular", "reduced_models", "validation"))]
-    return Calls(len(seen), len({name for name, _ in seen}), len(modules), "numba" in sys.modules)
+    files = len({name for name, _ in seen})
+    return Calls(len(seen), files, len(passed), len(modules), "numba" in sys.modules)
 
 
 def laboratory_record() -> Path:
@@ -72,11 +84,13 @@ def main(what: str) -> None:
             return fit(path, "linear")
         from reduced_models import identify
 
-        return identify(path, path.parent / "out", progress=False)
+        source = "damper" if what == "damper" else path
+        return identify(source, path.parent / "out", progress=False)
 
     calls = count_calls(task)
     print(
-        f"{what}: {calls.functions} functions in {calls.files} files; {calls.modules} modules of ours"
+        f"{what}: {calls.functions} functions in {calls.files} files, of which a source passes "
+        f"{calls.files_of_source}; {calls.modules} modules of ours"
         f"{', numba among the others' if calls.has_numba else ''}"
     )
 

@@ -14,12 +14,15 @@ import resource
 import subprocess
 import sys
 import tempfile
+import textwrap
+import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from compared import beside_lammps, beside_pysindy
+from matplotlib.patches import Rectangle
 from measured import averaging, discs_over_dipoles, falls, head_on_steps, magnets_beside_dipoles
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
@@ -840,6 +843,34 @@ def draw_libraries() -> None:
         keep(drawing, "libraries")
 
 
+def draw_rooms() -> None:
+    """Rooms of the packages: a room imports from those below it, and from packages to its left."""
+    contracts = tomllib.loads((DOCS.parent / "pyproject.toml").read_text())["tool"]["importlinter"][
+        "contracts"
+    ]
+    with figure(width=9.0, height=5.6, size=10.0) as (drawing, axes):
+        axes.axis("off")
+        axes.set(xlim=(0.0, 3.0), ylim=(-0.2, 21.0))
+        for left, package in enumerate(("granular", "reduced_models", "validation")):
+            (layers,) = (
+                contract["layers"]
+                for contract in contracts
+                if contract["type"] == "layers" and contract.get("containers") == [package]
+            )
+            height = 0.0
+            for layer in reversed(layers[1:]):
+                text = textwrap.fill(layer.replace(" |", ","), 34)
+                tall = 1.0 + 0.7 * text.count("\n")
+                box = Rectangle(
+                    (left, height), 0.94, tall - 0.12, color=COLOURS[left], alpha=0.16, linewidth=0
+                )
+                axes.add_patch(box)
+                axes.text(left + 0.03, height + tall / 2.0 - 0.06, text, va="center")
+                height += tall
+            axes.text(left + 0.03, height + 0.3, package, weight="bold", size=12.0)
+        keep(drawing, "rooms")
+
+
 def draw_forms() -> None:
     """One swing in four forms of a file, each as it is read."""
     times = np.linspace(0.0, 2.0, 400)
@@ -988,6 +1019,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "installation": draw_installation,
     "libraries": draw_libraries,
     "forms": draw_forms,
+    "rooms": draw_rooms,
     "own": draw_own,
     "notebooks": draw_notebooks,
 }

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-PAGES = Path(__file__).parents[2] / "docs" / "reference"
+ROOT = Path(__file__).parents[2]
+PAGES = ROOT / "docs" / "reference"
 BLOCK = re.compile(r"^::: ([\w.]+)\n((?:[ ]+.*\n|\n(?=[ ]))*)", re.MULTILINE)
 
 
@@ -44,3 +45,18 @@ def test_members_of_pages_are_there(name: str, members: list[str]) -> None:
 
 def test_pages_list_members() -> None:
     assert sum(bool(members) for _, members in BLOCKS) > 50
+
+
+def test_the_way_of_a_fall_names_files_and_functions_that_are_there() -> None:
+    page = (PAGES / "where-things-are.md").read_text()
+    rows = re.findall(r"^\| .*? \| `([\w/]+\.py)`.*? \| `(\w+)`", page, re.MULTILINE)
+    assert len(rows) > 15
+    for path, name in rows:
+        texts = [file.read_text() for file in (ROOT / path).parent.glob("*.py")]
+        assert any(re.search(rf"^(def|class) {name}\b|^{name} =", text, re.MULTILINE) for text in texts), name
+
+
+def test_paths_of_pages_are_there() -> None:
+    path = re.compile(r"`((?:granular|reduced_models|validation|docs|tests|benchmarks)/[\w./-]*)`")
+    for page in (PAGES / "where-things-are.md", ROOT / "CONTRIBUTING.md"):
+        assert not [name for name in path.findall(page.read_text()) if not (ROOT / name).exists()]
