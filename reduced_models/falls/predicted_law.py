@@ -457,7 +457,7 @@ class ValidShakingRange(NamedTuple):
 AMPLITUDES, FREQUENCIES = (0.5, 1.5), (1.0, 8.0)
 """[D] of 368 grains, and [Hz], where a law may stand in for the bed."""
 RESPONSE_ERROR = 0.13
-"""Greatest of pushed pistons in this range (tests/reduced_models/falls/pushed.py)."""
+"""Greatest of pushed pistons in this range (tests/reduced_models/falls/test_both_worlds.py)."""
 LOSS_ERROR = 0.13
 """Greatest of prescribed sines of 0.5 to 3 D, of 368 and 736 grains."""
 

@@ -38,7 +38,7 @@ _WIDE = 6  # neighbours from which on a cubic is told
 _PRECISE = 0.03  # error of a damping ratio that is known well enough
 _FINEST = 1e-4, 3e-3  # relative errors of a frequency and a damping ratio that polynomials leave
 # Of a frequency by the restoring force: smoothing takes more of the acceleration than of the height, 0.1 to
-# 0.45 % in the made records of tests/reduced_models/records/made_decays.py.
+# 0.45 % in made records.
 _SMOOTHED = 4e-3
 _FEWEST_ROWS = 8  # from which on their scatter about a curve is told
 _CONFIDENCE = 0.975  # quantile of a half-width of 95 %

@@ -1,8 +1,7 @@
 """The benchmark's parts can be chosen, go on where they stopped, and are shown as measured."""
 
-from __future__ import annotations
-
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,81 +16,36 @@ from benchmarks.process import ProcessError
 from granular.pairs.pair_sum_settings import METHODS
 from granular.shared.errors import InputError
 
-ROWS: dict[str, dict[str, Any]] = {
-    "sums": {
-        "sum": "direct sum",
-        "grains": 368,
-        "seconds": 3e-5,
-        "ns per pair": 0.44,
-        "times plain": 8.0,
-        "over direct": 1.0,
-        "error": 1e-15,
-    },
-    "lists": {"sum": "cut-off", "grains": 368, "seconds": 2e-5, "ns per pair": 0.8, "times plain": 6.0},
-    "methods": {"method": "direct", "grains": 368, "seconds": 3e-5, "times direct": 1.0},
-    "own": {"spring": "class", "grains": 92, "seconds": 6e-6, "ratio": 1.01},
-    "errors": {"method": "cut-off", "grains": 368, "force error": 1e-3, "energy drift": 1e-7},
-    "rest": {
-        "method": "mesh",
-        "grains": 368,
-        "piston_force": 12.0,
-        "piston_force off": 1e-4,
-        "left_force off": 0.0,
-        "right_force off": 0.0,
-        "bottom_force off": 0.0,
-        "greatest_speed": 1e-9,
-    },
-    "threads": {
-        "method": "direct",
-        "grains": 1472,
-        "threads": 2,
-        "seconds": 3e-4,
-        "times one": 1.7,
-        "same bits": True,
-    },
-    "effects": {"effect": "drag", "grains": 368, "seconds": 4e-5, "added": 1e-6, "fraction": 0.03},
-    "absent": {"effects": "dipole", "grains": 92, "by hand": 1e-6, "engine": 1e-6, "ratio": 1.0},
-    "memory": {"method": "direct", "grains": 5888, "bytes": 3e8, "of 92 grains": 2e8},
-    "start": {"start": "cold run", "seconds": 20.0},
-    "package": {"what": "the wheel", "bytes": 700_000},
-    "study": {
-        "cases": 20,
-        "grains": 92,
-        "cores": 2,
-        "seconds": 20.0,
-        "run alone": 1.8,
-        "filled": 0.9,
-        "failed": 0,
-    },
-    "protocol": {
-        "seed": 1,
-        "speed": 8.33e-3,
-        "far every": 1,
-        "seconds": 40.0,
-        "simulated": 316.9,
-        "steps": 633800,
-        "ledger": 3e-3,
-        "force": 15.3,
-        "half distance": 10.9,
-    },
-    "fits": {
-        "law": "linear",
-        "samples": 1000,
-        "cold": 9.0,
-        "next process": 3.0,
-        "warm": 0.1,
-        "error": 1e-3,
-        "converged": 1.0,
-    },
-    "jobs": {
-        "job": "main job",
-        "seconds": 40.0,
-        "processor": 70.0,
-        "cores": 1.75,
-        "parts": {"simulation": 9.0},
-    },
-}
-"""A row of each part, as it is measured."""
+
+def read_row(text: str) -> tuple[str, dict[str, Any]]:
+    """Part and row of a line of the table below."""
+    part, _, entries = text.partition(": ")
+    row: dict[str, Any] = dict(entry.split("=") for entry in entries.split("; "))
+    for name, value in row.items():
+        row[name] = json.loads(value) if re.fullmatch(r"[-\d.e]+|true|{.*}", value) else value
+    return part, row
+
+
+TABLE = """\
+sums: sum=direct sum; grains=368; seconds=3e-5; ns per pair=0.44; times plain=8; over direct=1; error=1e-15
+lists: sum=cut-off; grains=368; seconds=2e-5; ns per pair=0.8; times plain=6.0
+methods: method=direct; grains=368; seconds=3e-5; times direct=1.0
+own: spring=class; grains=92; seconds=6e-6; ratio=1.01
+errors: method=cut-off; grains=368; force error=1e-3; energy drift=1e-7
+rest: method=mesh; grains=368; piston_force=12.0; greatest_speed=1e-9; piston_force off=1e-4; \
+left_force off=0; right_force off=0; bottom_force off=0
+threads: method=direct; grains=1472; threads=2; seconds=3e-4; times one=1.7; same bits=true
+effects: effect=drag; grains=368; seconds=4e-5; added=1e-6; fraction=0.03
+absent: effects=dipole; grains=92; by hand=1e-6; engine=1e-6; ratio=1.0
+memory: method=direct; grains=5888; bytes=3e8; of 92 grains=2e8
+start: start=cold run; seconds=20.0
+package: what=the wheel; bytes=700000
+study: cases=20; grains=92; cores=2; seconds=20.0; run alone=1.8; filled=0.9; failed=0
+protocol: seed=1; speed=8.33e-3; far every=1; seconds=40.0; simulated=316.9; steps=633800; ledger=3e-3; \
+force=15.3; half distance=10.9
+fits: law=linear; samples=1000; cold=9.0; next process=3.0; warm=0.1; error=1e-3; converged=1.0
+jobs: job=main job; seconds=40.0; processor=70.0; cores=1.75; parts={"simulation": 9.0}"""
+ROWS = dict(map(read_row, TABLE.splitlines()))
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """Motions of the built-in laws with known parameters, at 1 % noise."""
 
-from __future__ import annotations
-
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 from granular import PistonRecord
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
+from tests.reduced_models.made import noisy
 
 TIME = np.linspace(0.0, 40.0, 2000)
 TRUE = {
@@ -44,23 +44,20 @@ class Made:
 
     def __init__(self) -> None:
         self.true = {name: values for name, (values, _) in TRUE.items()}
-        self.clean: dict[tuple[str, float], np.ndarray] = {}
+
+    @functools.cache  # noqa: B019  # one for a session
+    def clean(self, name: str, start: float) -> np.ndarray:
+        law = LAWS[name]
+        found = solve_law(law, TIME, start, 0.0, [self.true[name][key] for key in law.parameters], 1.0)
+        assert found.ending == "complete"
+        return found.z
 
     def __call__(
         self, name: str, seed: int = 0, level: float = 0.01, start: float | None = None
     ) -> PistonRecord:
         """A record of 2000 samples over 40 time units."""
-        values, usual = TRUE[name]
-        first = usual if start is None else start
-        if (name, first) not in self.clean:
-            law = LAWS[name]
-            parameters = [values[key] for key in law.parameters]
-            found = solve_law(law, TIME, first, 0.0, parameters, 1.0)
-            assert found.ending == "complete"
-            self.clean[name, first] = found.z
-        clean = self.clean[name, first]
-        noise = np.random.default_rng(seed).normal(0.0, level * clean.std(), len(clean))
-        return PistonRecord(TIME, clean + noise)
+        clean = self.clean(name, TRUE[name][1] if start is None else start)
+        return noisy(TIME, clean, level * clean.std(), seed)
 
 
 @pytest.fixture(scope="session")

@@ -1,40 +1,37 @@
 """The command line of the identification: bad input in one line, and strict JSON."""
 
-from __future__ import annotations
-
 import json
 import math
-import warnings
+import shlex
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import sympy
 
 from granular import PistonRecord, load_scene
-from granular.commands.console import BAD_INPUT, launch
+from granular.commands.console import BAD_INPUT
 from granular.commands.signature import arguments_of
 from granular.shared.files import replace_non_finite_by_none
-from reduced_models.__main__ import main, parser
+from reduced_models.__main__ import parser
 from reduced_models.commands.identification import parse_parameters
 from reduced_models.commands.records import look
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.fitting.parameter import parameter_settings
 from reduced_models.laws import LAWS
 from reduced_models.laws.law import HeightLine
+from tests.reduced_models.made import damped_cosine, noisy
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A good record, and a few things that are none."""
     folder = tmp_path_factory.mktemp("files")
     time = np.linspace(0.0, 2.0, 2000)  # as in other tests: fits of one shape are compiled once
-    swing = np.exp(-0.8 * time) * np.cos(21.8 * time)
-    noise = np.random.default_rng(3).normal(0.0, 3e-6, len(time))
-    PistonRecord(time, 0.059 + 0.0012 * swing + noise).to_csv(folder / "lab.csv")
-    (folder / "header.csv").write_text('"t [s]","z [m]"\n0,1\n1,2\n')
+    noisy(time, 0.059 + damped_cosine(time, 0.0012), 3e-6, 3).to_csv(folder / "lab.csv")
     (folder / "unit.csv").write_text("time,height [mm^-200]\n0,1\n1,2\n")
-    (folder / "short.csv").write_text("time,height\n0,1\n1,2\n")
     run = folder / "run"
     run.mkdir()
     np.savez(run / "checkpoint.npz", outcome=np.array("{}"))
@@ -43,18 +40,21 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def files(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+
+
 BAD = [
     (("lab.csv", "-o", "lab.csv/out"), "cannot be made"),
-    (("lab.csv", "-o", "lab.csv"), "is a file; give a directory"),
     (("lab.csv", "-o", "x" * 300), "cannot be made"),
+    (("lab.csv", "-o", "lab.csv"), "is a file; give a directory"),
     (("damper", "-o", "lab.csv"), "is a file; give a directory"),
     (("x" * 300,), "x"),
     (("x" * 300 + ".csv",), "check the path"),
     (("nothing.csv",), "there is no file"),
     (("run",), "run"),
-    (("header.csv",), "the record has 2 samples to fit"),
     (("unit.csv",), "is beyond 9"),
-    (("short.csv",), "at least 20 are needed"),
     (("damper", "--method", "eulr"), "unknown method"),
     (("lab.csv", "--method", "symplectic-euler"), "applies to a scene only"),
     (("lab.csv", "--dt", "1e-5"), "applies to a scene only"),
@@ -64,50 +64,31 @@ BAD = [
     (("lab.csv", "--threads", "2"), "applies to a scene only"),
     (("lab.csv", "--set", "piston.mass=1"), "applies to a scene only"),
     (("lab.csv", "--law", "linaer"), "did you mean 'linear'"),
-    (("lab.csv", "--starts", "0"), "integer from 1"),
     (("lab.csv", "--starts", "1000000000"), "integer from 1 to 10000"),
     (("lab.csv", "--starts", "few"), "invalid int value"),
-    (("damper", "--method", "euler?"), "unknown method"),
-    (("damper", "--set", "piston.mass=1 mm^-200 kg"), "is beyond 9"),
     (("single-particle",), "has no piston"),
-    (("lab.csv", "--law", "z'' + k*z"), "one equals sign"),
-    (("lab.csv", "--law", "z'' + z = 0"), "no parameter"),
     (("lab.csv", "--law", "k*z = 0"), "equations of motion for no coordinate"),
 ]
 
 
 @pytest.mark.parametrize(("words", "message"), BAD, ids=[" ".join(row[0])[:40] for row in BAD])
+@pytest.mark.usefixtures("files")
 def test_bad_input_is_one_line_and_exit_code_2(
-    words: tuple[str, ...],
-    message: str,
-    files: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, ...], message: str, command: Callable[..., Any]
 ) -> None:
-    monkeypatch.chdir(files)
-    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)  # launch replaces it
-    assert launch(main, ["identify", *words, "--quiet"]) == BAD_INPUT
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("error: ")
-    assert said.err.count("\n") == 1
-    assert message in said.err
+    done = command("reduced_models", "identify", *words, "--quiet")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (BAD_INPUT, "", 1)
+    assert done.stderr.startswith("error: ")
+    assert message in done.stderr
 
 
-def test_json_is_strict(
-    files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.usefixtures("files")
+def test_json_is_strict(command: Callable[..., Any]) -> None:
     """Also where an interval has no end: JSON has no infinity."""
-    monkeypatch.chdir(files)
-    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-    words = ["identify", "lab.csv", "--law", "relaxing-column", "--json", "--quiet"]
-    assert launch(main, words) == 0
-    printed = capsys.readouterr().out
-
-    def refuse(word: str) -> float:
-        raise AssertionError(f"{word} is not JSON")
-
-    plain = json.loads(printed, parse_constant=refuse)
+    words = ("lab.csv", "--law", "relaxing-column", "--starts", "2", "--json", "--quiet")
+    done = command("reduced_models", "identify", *words)
+    assert done.returncode == 0, done.stderr
+    plain = json.loads(done.stdout, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
     assert plain["best"] == "relaxing-column"
     assert None in plain["models"][0]["intervals"]["weight"]
 
@@ -117,71 +98,56 @@ def test_numbers_that_json_does_not_know_become_null() -> None:
     assert replace_non_finite_by_none(plain) == {"a": [1.0, None, [None, "x"]], "b": {"c": None, "d": 2.0}}
 
 
-def test_fit_compare_and_simulate(
-    files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.usefixtures("files")
+def test_fit_compare_and_simulate(command: Callable[..., Any]) -> None:
     """A model is fitted by its equation, saved, and predicts what the record did."""
-    monkeypatch.chdir(files)
-    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-    words = ["fit", "lab.csv", "--law", "z'' + 2*d*z' + k*z = g", "--bound", "d=0:5", "--starts", "1"]
-    assert launch(main, [*words, "-o", "fitted.json", "--quiet"]) == 0
-    assert "model: fitted.json" in capsys.readouterr().out
-    kept = ["fit", "lab.csv", "--law", "z'' + 2*d*z' + k*z = g", "--fix", "d=0.75", "--start", "k=476"]
-    assert launch(main, [*kept, "--starts", "1", "--json", "--quiet"]) == 0
-    (model,) = json.loads(capsys.readouterr().out)["models"]
+
+    def run(*words: str) -> str:
+        done = command("reduced_models", *words)
+        assert done.returncode == 0, done.stderr
+        return str(done.stdout)
+
+    words = ("fit", "lab.csv", "--law", "z'' + 2*d*z' + k*z = g", "--starts", "1", "--quiet")
+    assert "model: fitted.json" in run(*words, "--bound", "d=0:5", "-o", "fitted.json")
+    (model,) = json.loads(run(*words, "--fix", "d=0.75", "--start", "k=476", "--json"))["models"]
     assert model["parameters"]["d"] == pytest.approx(0.75, rel=1e-12)
-    words = ["simulate", "fitted.json", "--until", "2 s", "--samples", "2000", "-o", "motion.csv"]
-    assert launch(main, words) == 0
-    record = PistonRecord.from_csv(files / "lab.csv")
-    predicted = PistonRecord.from_csv(files / "motion.csv")
+    run("simulate", "fitted.json", "--until", "2 s", "--samples", "2000", "-o", "motion.csv")
+    record, predicted = (PistonRecord.from_csv(Path(name)) for name in ("lab.csv", "motion.csv"))
     assert np.abs(predicted.height - record.height).max() < 2e-5
-    names = ["linear", "van-der-pol-like"]
-    words = ["compare", "lab.csv", "--law", names[0], "--law", names[1], "--test-records", "lab.csv"]
-    capsys.readouterr()
-    assert launch(main, [*words, "-o", "compared", "--json", "--quiet"]) == 0
-    plain = json.loads(capsys.readouterr().out)
-    assert {row["law"] for row in plain["rows"]} == set(names)
-    assert "Laws compared" in (files / "compared" / "report.html").read_text()
-    assert (files / "compared" / "equations.txt").is_file()
+    words = ("compare", "lab.csv", "--law", "linear", "--law", "coulomb", "--test-records", "lab.csv")
+    plain = json.loads(run(*words, "-o", "compared", "--json", "--quiet"))
+    assert {row["law"] for row in plain["rows"]} == {"linear", "coulomb"}
+    assert "Laws compared" in Path("compared/report.html").read_text()
+    assert Path("compared/equations.txt").is_file()
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("simulate", "nothing.json", "--until", "3"), "there is no file 'nothing.json'"),
-        (("simulate", "nothing.json"), "--until"),
-        (("fit", "lab.csv", "--bound", "lam"), "is not NAME=LOW:HIGH"),
-        (("fit", "lab.csv", "--law", "linear", "--bound", "lam=2:1"), "give them in order"),
-        (("fit", "lab.csv", "--law", "linear", "--own", "mass"), "unknown parameter 'mass'"),
-        (("fit", "lab.csv", "--law", "linear", "--bound", "lam=1 m:2"), "in 1/s is wanted"),
-        (("fit", "lab.csv", "--law", "linear", "--bound", "omega=3 Hz:"), "give 2 pi times it"),
-        (("fit", "lab.csv", "--law", "q'' + k*q = g0", "--bound", "k=one:2"), "give a number in SI"),
-        (("fit", "lab.csv", "--fix", "lam"), "--fix 'lam' is not NAME=VALUE"),
-        (("fit", "lab.csv", "--start", "lam=1 m"), "in 1/s is wanted"),
-        (("fit", "lab.csv", "--test-fraction", "1"), "from 0 to 0.9"),
-        (("fit", "lab.csv", "--test-fraction", "2 s"), "a pure number or a fraction in % is wanted"),
-        (("compare", "lab.csv", "--law", "linaer"), "did you mean 'linear'"),
-        (("compare", "lab.csv", "--test-records", "nothing.csv"), "there is no file"),
-        (("discover", "nothing.csv"), "there is no file"),
-        (("fit",), "required: SOURCE; see python -m reduced_models fit --help"),
-        (("compare", "lab.csv", "--response", "out"), "SOURCE does not go with --response"),
-        (("design", "--damping", "0.1"), "required: --frequency"),
-        (("design", "--frequency", "3.3", "--damping", "0.9"), "reach a damping ratio of 0.023 to 0.27"),
+        ("simulate nothing.json --until 3", "there is no file 'nothing.json'"),
+        ("simulate nothing.json", "--until"),
+        ("fit lab.csv --bound lam", "is not NAME=LOW:HIGH"),
+        ("fit lab.csv --law linear --bound lam=2:1", "give them in order"),
+        ("fit lab.csv --law linear --own mass", "unknown parameter 'mass'"),
+        ("fit lab.csv --law linear --bound 'lam=1 m:2'", "in 1/s is wanted"),
+        ("fit lab.csv --law linear --bound 'omega=3 Hz:'", "give 2 pi times it"),
+        ("fit lab.csv --law \"q'' + k*q = g0\" --bound k=one:2", "give a number in SI"),
+        ("fit lab.csv --fix lam", "--fix 'lam' is not NAME=VALUE"),
+        ("fit lab.csv --start 'lam=1 m'", "in 1/s is wanted"),
+        ("fit lab.csv --test-fraction 1", "from 0 to 0.9"),
+        ("fit lab.csv --test-fraction '2 s'", "a pure number or a fraction in % is wanted"),
+        ("compare lab.csv --test-records nothing.csv", "there is no file"),
+        ("fit", "required: SOURCE; see python -m reduced_models fit --help"),
+        ("compare lab.csv --response out", "SOURCE does not go with --response"),
+        ("design --damping 0.1", "required: --frequency"),
+        ("design --frequency 3.3 --damping 0.9", "reach a damping ratio of 0.023 to 0.27"),
     ],
 )
-def test_bad_words_of_the_other_commands(
-    words: tuple[str, ...],
-    message: str,
-    files: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(files)
-    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-    assert launch(main, list(words)) == BAD_INPUT
-    said = capsys.readouterr()
-    assert said.err.count("\n") == 1
-    assert message in said.err
+@pytest.mark.usefixtures("files")
+def test_bad_words_of_the_other_commands(words: str, message: str, command: Callable[..., Any]) -> None:
+    done = command("reduced_models", *shlex.split(words))
+    assert (done.returncode, done.stderr.count("\n")) == (BAD_INPUT, 1)
+    assert message in done.stderr
 
 
 def test_numbers_have_units_where_they_are_taken() -> None:
@@ -200,25 +166,24 @@ def test_numbers_have_units_where_they_are_taken() -> None:
     assert arguments_of(look.carry_out, options)["reading"].parse().between == (0.5, math.inf)
 
 
-def test_laws_list_themselves(capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(main, ["fit", "--laws"]) == 0
-    printed = capsys.readouterr().out.splitlines()
+def test_laws_list_themselves(command: Callable[..., Any]) -> None:
+    printed = command("reduced_models", "fit", "--laws").stdout.splitlines()
     assert "linear              z'' + 2*lam*z' + omega**2*z = g0" in printed
 
 
+@pytest.mark.usefixtures("files")
 def test_a_discovery_without_a_model_is_shown_before_it_is_refused(
-    files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
 ) -> None:
     """Its front took minutes; that none of it could be polished is no reason to lose it."""
     z = sympy.Symbol("z", real=True)
     candidate = CandidateEquation(-2 * z, 3, 1.0, 0.0, note="the fit failed")
     found = Discovery("sindy", (candidate,), 0, HeightLine())
     monkeypatch.setattr("reduced_models.discovery.discover.discover", lambda *_, **__: found)
-    monkeypatch.chdir(files)
-    assert launch(main, ["discover", "lab.csv", "--json", "-o", "found.json"]) == BAD_INPUT
-    said = capsys.readouterr()
-    shown = json.loads(said.out)
+    done = command("reduced_models", "discover", "lab.csv", "--json", "-o", "found.json")
+    shown = json.loads(done.stdout)
     assert shown["candidates"][0]["note"] == "the fit failed"
     assert (shown["method"], shown["method_asked_for"]) == ("sindy", "auto")
-    assert said.err == "error: no model was written to found.json: the fit failed\n"
+    assert done.returncode == BAD_INPUT
+    assert done.stderr == "error: no model was written to found.json: the fit failed\n"
     assert not Path("found.json").exists()

@@ -1,7 +1,5 @@
 """What a record is, is said in the same words to all commands that take one."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import re
@@ -16,6 +14,7 @@ from granular import PistonRecord
 from granular.records.options import ReadOptions
 from granular.shared.errors import InputError
 from reduced_models.__main__ import parser
+from reduced_models.records import record_overview
 from reduced_models.records.inputs import input_column
 
 ROOT = Path(__file__).parents[2]
@@ -43,8 +42,8 @@ SAID = ("--columns", "time=clock,height=depth", "--units", "clock=ms,depth=mm", 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     """Names that say nothing, units that stand nowhere, a coordinate that grows downwards."""
-    rows = (f"{1e3 * t:.3f},{-1e3 * z:.6f},5.{k}" for k, (t, z) in enumerate(zip(TIME, HEIGHT, strict=True)))
-    (tmp_path / "lab.csv").write_text("\n".join(["clock,depth,width", *rows, ""]))
+    table = np.column_stack([1e3 * TIME, -1e3 * HEIGHT, np.full_like(TIME, 5.0)])
+    np.savetxt(tmp_path / "lab.csv", table, "%.6f", ",", header="clock,depth,width", comments="")
     return tmp_path / "lab.csv"
 
 
@@ -61,15 +60,13 @@ def read(
             caught.append(record)
             raise InputError("caught")
 
-        if name == "look":
-            from reduced_models.records import record_overview
+        def draw(record: PistonRecord) -> str:
+            caught.append(record)
+            return drawn(record)
 
+        if name == "look":
             drawn = record_overview._motion_in_characters
-            monkeypatch.setattr(
-                record_overview,
-                "_motion_in_characters",
-                lambda record: (caught.append(record), drawn(record))[1],
-            )
+            monkeypatch.setattr(record_overview, "_motion_in_characters", draw)
         else:
             monkeypatch.setattr(f"reduced_models.{JOBS[name]}", job)
         scene = ("damper",) if name == "calibrate" else ()
@@ -91,37 +88,15 @@ def test_all_of_them_together(name: str, file: Path, read: Callable[..., Any]) -
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_role_and_its_calibration(name: str, tmp_path: Path, read: Callable[..., Any]) -> None:
     """Further columns by their roles, in their own units, volts by their scales; and inputs."""
-    path, shape = tmp_path / "lab.csv", np.sin(3.0 * TIME)
-    columns = {
-        "ticks": 1e3 * TIME,
-        "lvdt [V]": HEIGHT / 2.5e-3 - 21.0,
-        "acc [g]": shape,
-        "cell [mV]": shape,
-        "table [mil]": shape,
-        "shaker [V]": shape,
-        "ch3 [mA]": shape,
-    }
-    rows = (",".join(f"{value:.12g}" for value in row) for row in zip(*columns.values(), strict=True))
-    path.write_text("\n".join([",".join(columns), *rows, ""]))
-    found, done = read(
-        name,
-        str(path),
-        "--columns",
-        "time=ticks,height=lvdt,acceleration=acc,force=cell,base_height=table,"
-        "base_acceleration=shaker,valve=ch3",
-        "--units",
-        "time=ms",
-        "--scale",
-        "2.5 mm/V",
-        "--zero",
-        "-21 V",
-        "--scale",
-        "force=10 lb/V",
-        "--scale",
-        "base_acceleration=2 g/V",
-        "--between",
-        ":",
-    )
+    shape = np.sin(3.0 * TIME)
+    header = "ticks,lvdt [V],acc [g],cell [mV],table [mil],shaker [V],ch3 [mA]"
+    table = np.column_stack([1e3 * TIME, HEIGHT / 2.5e-3 - 21.0, *[shape] * 5])
+    np.savetxt(tmp_path / "lab.csv", table, "%.12g", ",", header=header, comments="")
+    roles = "time=ticks,height=lvdt,acceleration=acc,force=cell,base_height=table,base_acceleration=shaker"
+    words = ["--columns", f"{roles},valve=ch3", "--units", "time=ms", "--between", ":", "--zero", "-21 V"]
+    for scale in ("2.5 mm/V", "force=10 lb/V", "base_acceleration=2 g/V"):
+        words += ["--scale", scale]
+    found, done = read(name, str(tmp_path / "lab.csv"), *words)
     assert found is not None, done.stderr
     assert found.time == pytest.approx(TIME, abs=1e-9)
     assert found.height == pytest.approx(HEIGHT, abs=1e-9)
@@ -206,23 +181,12 @@ def options(name: str) -> set[str]:
     return {word for one in known[name]._actions for word in one.option_strings}
 
 
-def texts(path: Path) -> list[str]:
-    """Constant parts of the texts in a file of Python."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return [
-        one.value for one in ast.walk(tree) if isinstance(one, ast.Constant) and isinstance(one.value, str)
-    ]
-
-
-def named_by_records() -> set[str]:
-    """Options that their errors and notes advise, as "--columns height=NAME"."""
-    form = re.compile(r"--([a-z]+)\b")
-    files = (ROOT / "granular" / "records").glob("*.py")
-    return {word for file in files for text in texts(file) for word in form.findall(text)}
-
-
 def test_options_that_errors_advise_are_there() -> None:
-    named = named_by_records()
+    """In texts of errors and notes, as "--columns height=NAME"."""
+    files = (ROOT / "granular" / "records").glob("*.py")
+    nodes = (node for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+    texts = [one.value for one in nodes if isinstance(one, ast.Constant) and isinstance(one.value, str)]
+    named = {word for text in texts for word in re.findall(r"--([a-z]+)\b", text)}
     assert {"columns", "units", "flip", "rate", "scale", "sort", "sheet", "skip", "decimal"} <= named
     fields = {field.name for field in dataclasses.fields(ReadOptions)}
     assert named <= fields

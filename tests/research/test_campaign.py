@@ -2,8 +2,6 @@
 unless it is asked to.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 from collections.abc import Mapping
@@ -30,7 +28,6 @@ from research.campaign import (
 ROOT = Path(__file__).parents[2]
 NAMES = ("disorder", "discovery", "melting", "published", "recovery")
 INSTALLED = ("granular", "reduced_models", "validation")
-
 Plain = dict[str, Any]
 
 

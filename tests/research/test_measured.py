@@ -1,7 +1,5 @@
 """Measurements with a scene each, and the page of the committed results."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -25,7 +23,6 @@ def test_each_measurement_has_a_source_and_a_scene(name: str) -> None:
 
 def test_the_mixture_weighs_what_was_read() -> None:
     scene = scene_of("tsuchikusa")
-    assert scene.piston is not None
     assert scene.piston.mass is not None
     assert scene.piston.mass * 9.8 == pytest.approx(110.0)
     assert [specy.diameter for specy in scene.grains.species] == [5e-3, 3e-3]

@@ -1,20 +1,14 @@
 """What is measured of melting, on layers made so that the answer is known."""
 
-from __future__ import annotations
-
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from research.campaign import write_results
 from research.melting.__main__ import CAMPAIGN
 from research.melting.displacements import lindemann, mode_squares, modulus, on_sites, plateau, waves
-from research.melting.layer_runs import Plan, run_plan
 from research.melting.neighbours import bond_order, correlation, nearest, neighbours
-from research.melting.results import Results, from_plain, results_of, to_plain
+from research.melting.results import Results
 from research.melting.scenes import layer
 from research.melting.text import text
 from research.melting.transitions import Interval, crossing, exponent, layer_order
@@ -45,17 +39,14 @@ def test_neighbours_and_order_are_those_of_freud() -> None:
     _, periods, _ = crystal()
     places = np.random.default_rng(3).uniform(0.0, periods, (COLUMNS**2, 2))
     box = freud.box.Box(*periods, is2D=True)
-    judge = freud.locality.Voronoi()
-    judge.compute((box, np.column_stack([places - np.array(periods) / 2.0, 0.0 * places[:, 0]])))
-    wanted = {(int(i), int(j)) for i, j in np.asarray(judge.nlist)}
+    system = (box, np.column_stack([places - np.array(periods) / 2.0, 0.0 * places[:, 0]]))
+    judge, hexatic = freud.locality.Voronoi(), freud.order.Hexatic(k=6)
+    judge.compute(system)
+    hexatic.compute(system, neighbors=judge.nlist)
     found = neighbours(places, periods)
     ours = set(zip(found.first.tolist(), found.second.tolist(), strict=True))
     # Sides shorter than a rounding error aside.
-    assert len(ours ^ wanted) <= 2
-    hexatic = freud.order.Hexatic(k=6)
-    hexatic.compute(
-        (box, np.column_stack([places - np.array(periods) / 2.0, 0.0 * places[:, 0]])), neighbors=judge.nlist
-    )
+    assert len(ours ^ {(int(i), int(j)) for i, j in np.asarray(judge.nlist)}) <= 2
     off = np.abs(bond_order(found) - hexatic.particle_order)
     assert np.median(off) < 1e-5
     assert (off < 1e-4).mean() > 0.98
@@ -162,31 +153,9 @@ def test_ways_go_to_the_nearest_image() -> None:
 def test_crossings_lie_between_layers_and_may_be_missing() -> None:
     values = [Interval(v, v - 0.1, v + 0.1) for v in (2.0, 0.5, 0.1)]
     found = crossing([60.0, 62.0, 64.0], values, 0.25, rising=False)
-    assert found is not None
     assert found.value == pytest.approx(62.0 + 2.0 * 0.25 / 0.4)
     assert found.low < found.value < found.high
     assert crossing([60.0, 62.0], values[:2], 0.25, rising=False) is None
-
-
-@pytest.mark.long  # quick: what is measured of made layers
-def test_small_layers_are_run_once_and_found_again(tmp_path: Path) -> None:
-    plan = Plan((40.0, 120.0), 12, 2.0, 10.5)
-    layers = run_plan(plan, tmp_path, progress=False)
-    for run in (tmp_path / "runs").iterdir():
-        (run / "scene.toml").unlink()
-    assert run_plan(plan, tmp_path, progress=False) == layers
-    results = results_of(layers, "test")
-    write_results(to_plain(results), tmp_path / "results.json")
-    again = from_plain(json.loads((tmp_path / "results.json").read_text()))
-    assert "grains" in text(again)
-    liquid, solid = again.orders
-    assert liquid.defects > 0.2
-    assert solid.defects < 0.05
-    assert solid.modulus.value > 16.0 * math.pi
-    assert liquid.modulus.value == 0.0
-    assert solid.plateau < 0.033 < liquid.lindemann
-    assert solid.translation > 0.5 > liquid.translation
-    assert all(abs(one["kinetic"] - 1.0) < 0.1 for one in layers)
 
 
 def test_guide_says_what_the_results_say() -> None:

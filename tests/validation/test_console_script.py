@@ -1,7 +1,5 @@
 """The command granular-damper: three command lines under one name."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -9,16 +7,19 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import granular.__main__
+import reduced_models.__main__
+import validation.__main__
 from granular import __version__
 from granular.commands.console import launch
 from granular.shared.errors import InputError
 from validation.console_script import dispatch_command
 
 ROOT = Path(__file__).parents[2]
-
 OWN = """
 from granular import effect, quantity
 
@@ -57,15 +58,19 @@ def test_help_of_a_command_is_what_one_types(
     assert "python -m" not in text
 
 
+MODULES = (granular.__main__, reduced_models.__main__, validation.__main__)
+
+
 def test_help_calls_no_program_that_is_not_there() -> None:
     """There is no program ``granular``: its commands are those of ``granular-damper``."""
-    import granular.__main__
-    import reduced_models.__main__
-    import validation.__main__
-
-    for module in (granular.__main__, reduced_models.__main__, validation.__main__):
+    for module in MODULES:
         for parser in module.parser("granular-damper").parsers.values():
             assert not re.search(r"(?<![\w.-])(?<!from )granular [a-z]", parser.format_help())
+
+
+def test_no_two_packages_have_a_command_of_the_same_name() -> None:
+    names = [name for module in MODULES for name in module.parser().commands]
+    assert len(names) == len(set(names))
 
 
 def test_what_is_wrong_with_a_report_names_the_command_as_typed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -76,27 +81,11 @@ def test_what_is_wrong_with_a_report_names_the_command_as_typed(capsys: pytest.C
 
 
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
-    import granular.__main__
-    import reduced_models.__main__
-    import validation.__main__
-
     with pytest.raises(SystemExit):
         launch(dispatch_command, ["--help"])
-    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    shown = {words[0] for words in lines if words}
-    for module in (granular.__main__, reduced_models.__main__, validation.__main__):
-        assert set(module.parser().commands) - {"report"} <= shown
-    assert "validate" in shown
-
-
-def test_no_two_packages_have_a_command_of_the_same_name() -> None:
-    import granular.__main__
-    import reduced_models.__main__
-    import validation.__main__
-
-    modules = (granular.__main__, reduced_models.__main__, validation.__main__)
-    names = [name for module in modules for name in module.parser().commands]
-    assert len(names) == len(set(names))
+    shown = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line.split()}
+    commands = {name for module in MODULES for name in module.parser().commands}
+    assert (commands - {"report"}) | {"validate"} <= shown
 
 
 @pytest.mark.parametrize(
@@ -121,12 +110,10 @@ def test_bad_input_is_one_line(line: str, message: str, capsys: pytest.CaptureFi
     assert message in error
 
 
-@pytest.mark.parametrize("package", ["granular", "reduced_models", "validation"])
-def test_version_comes_from_one_source(package: str, capsys: pytest.CaptureFixture[str]) -> None:
-    import importlib
-
+@pytest.mark.parametrize("module", MODULES)
+def test_version_comes_from_one_source(module: Any, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        launch(importlib.import_module(f"{package}.__main__").main, ["--version"])
+        launch(module.main, ["--version"])
     assert capsys.readouterr().out == f"granular-damper {__version__}\n"
 
 
@@ -165,18 +152,12 @@ def test_the_validation_s_commands_are_called_by_both_names(capsys: pytest.Captu
 def test_the_validation_takes_scenes_with_effects_of_a_users_own(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    import validation.recommendation
-    import validation.report
-
-    measured: list[object] = []
-
-    def measure(*given: object, **_: object) -> None:
-        measured.append(given)
+    def measure(*_: object, **__: object) -> None:
         raise InputError("that is enough")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(validation.report, "report", measure)
-    monkeypatch.setattr(validation.recommendation, "recommend_settings", measure)
+    monkeypatch.setattr("validation.report.report", measure)
+    monkeypatch.setattr("validation.recommendation.recommend_settings", measure)
     Path("mine.py").write_text(OWN)
     Path("mine.toml").write_text(
         "effects.validated_push = true\ncell.width = 0.3\narrangement.height = 0.2\n"
@@ -184,15 +165,15 @@ def test_the_validation_takes_scenes_with_effects_of_a_users_own(
     )
     assert launch(dispatch_command, [*words, "--import", "mine.py"]) == 2
     assert capsys.readouterr().err == "error: that is enough\n"
-    assert len(measured) == 1
 
 
 def test_papers_are_cited_by_name_and_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from granular import load_scene, simulate
 
     simulate(load_scene("single-particle"), 1e-4, 1e-3, out=tmp_path / "run", progress=False)
-    scene = load_scene("bed").save(tmp_path / "mine.toml") or tmp_path / "mine.toml"
-    assert launch(dispatch_command, ["cite", "yoshida-6", "duffing", str(tmp_path / "run"), str(scene)]) == 0
+    load_scene("bed").save(tmp_path / "mine.toml")
+    places = [str(tmp_path / name) for name in ("run", "mine.toml")]
+    assert launch(dispatch_command, ["cite", "yoshida-6", "duffing", *places]) == 0
     out = capsys.readouterr().out
     assert "yoshida1990" in out
     assert out.count("@") >= 4

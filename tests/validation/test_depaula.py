@@ -1,7 +1,5 @@
 """The source's test of its method: compensated sums have its order, the position form rounds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -60,14 +58,10 @@ def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaStepTest) -
 
 
 def test_position_form_and_velocity_form_are_one_sequence() -> None:
-    """Heights of the source's position form and of the toolkit, after the first bounce.
-
-    At a step of 0.1 ms the truncation is seen and rounding is not: both have the same error.
-    """
+    """Heights of the source's position form and of the toolkit, after the first bounce."""
     scales, step, count = Scales.from_grains(exact_solution.bounce_problem().scene.grains), 1e-4, 3000
     problem = exact_solution.bounce_problem(time=count * step)
     gravity = problem.scene.effects.gravity
-    assert gravity is not None
     start = (float(exact_solution.START), gravity.acceleration / scales.acceleration)
     plain, _ = _integrate_position_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
     clean, _ = _integrate_compensated_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))

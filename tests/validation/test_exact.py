@@ -1,6 +1,4 @@
-"""Exact problems against other ways to the same motion."""
-
-from __future__ import annotations
+"""Exact problems against other ways to the same motion, outside solvers among them."""
 
 from collections.abc import Callable
 
@@ -9,11 +7,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from granular import Scene, evaluate
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from validation.exact_problems import NAMES, ExactProblem, exact_problem
 from validation.exact_solution import (
     bounce_period,
+    bounce_problem,
     bounce_scene,
     harmonic_period,
     natural_units,
@@ -23,13 +23,19 @@ from validation.exact_solution import (
     speed_from_energy,
     wall_rest_height,
 )
+from validation.external_integrators import (
+    ORDERS,
+    equations_of_motion,
+    external_solver,
+    initial_state,
+    solve_adaptively,
+)
 from validation.hard_case import head_on_collision
 
 Force = Callable[[float, np.ndarray, np.ndarray, ExactProblem, Scales], np.ndarray]
 
 
 def weight(problem: ExactProblem, scales: Scales) -> float:
-    assert problem.scene.effects.gravity is not None
     return problem.scene.effects.gravity.acceleration / scales.acceleration
 
 
@@ -48,12 +54,10 @@ def scattering(_: float, x: np.ndarray, __: np.ndarray, *___: object) -> np.ndar
 
 
 def drag(_: float, __: np.ndarray, v: np.ndarray, problem: ExactProblem, s: Scales) -> np.ndarray:
-    assert problem.scene.effects.drag is not None
     return -problem.scene.effects.drag.coefficient * s.time / s.mass * v
 
 
 def driven_piston(t: float, x: np.ndarray, __: np.ndarray, problem: ExactProblem, s: Scales) -> np.ndarray:
-    assert problem.scene.piston is not None
     move = problem.scene.protocol[0]
     start = problem.scene.piston.height
     height = start + (move.prescribed_final_height() - start) * t * s.time / move.total_duration(start)
@@ -73,12 +77,11 @@ FORCES: dict[str, Force] = {
 @pytest.mark.parametrize("name", FORCES)
 def test_motion_agrees_with_an_adaptive_integration(name: str) -> None:
     problem = exact_problem(name)
-    scales = Scales.from_grains(problem.scene.grains)
-    plan = problem.scene.arrangement
+    scales, plan = Scales.from_grains(problem.scene.grains), problem.scene.arrangement
     place = np.array(plan.positions) / scales.length
-    velocity = np.zeros_like(place)
-    if plan.velocities is not None:
-        velocity = np.array(plan.velocities) / scales.velocity
+    velocity = (
+        np.zeros_like(place) if plan.velocities is None else np.array(plan.velocities) / scales.velocity
+    )
     count = place.size
 
     def motion(t: float, state: np.ndarray) -> np.ndarray:
@@ -88,9 +91,8 @@ def test_motion_agrees_with_an_adaptive_integration(name: str) -> None:
     # The bounce is compared at an earlier time: errors grow with the number of bounces.
     time = 0.45 if name == "bounce" else problem.time
     start = np.concatenate([place.ravel(), velocity.ravel()])
-    found = solve_ivp(motion, (0.0, time / scales.time), start, "DOP853", rtol=1e-13, atol=1e-13)
+    end = solve_ivp(motion, (0.0, time / scales.time), start, "DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
     exact = problem.exact(time)
-    end = found.y[:, -1]
     assert end[:count].reshape(-1, 2) * scales.length == pytest.approx(exact.positions, rel=1e-10)
     fastest = np.abs(exact.velocities).max()
     assert end[count:].reshape(-1, 2) * scales.velocity == pytest.approx(exact.velocities, abs=1e-9 * fastest)
@@ -163,7 +165,6 @@ def test_small_oscillation_has_the_harmonic_period_and_its_correction() -> None:
 def test_sliding_stops_where_the_energy_is_spent() -> None:
     problem = exact_problem("sliding")
     law, scales = problem.scene.effects.friction, Scales.from_grains(problem.scene.grains)
-    assert law is not None
     assert problem.time > 0.5 * scales.mass / (law.dynamic * law.load)  # v0 m/(mu_d N)
     end = problem.exact(problem.time)
     way = np.linalg.norm(end.positions[0] - np.array(problem.scene.arrangement.positions)[0])
@@ -202,3 +203,50 @@ def test_unknown_problem_is_named() -> None:
         exact_problem("bouncy")
     with pytest.raises(InputError, match="below 6 D"):
         head_on_collision(6.0)
+
+
+def test_forces_are_those_of_the_toolkit(small_bed: Scene) -> None:
+    """Pairs, four walls and weight, written twice; drag is left to the exact problem."""
+    scene = small_bed.replace(**{"effects.drag": None})
+    begin, count = initial_state(scene), scene.grains.count
+    motion = equations_of_motion(scene)(0.0, begin.state)[2 * count :].reshape(-1, 2)
+    force = evaluate(scene, *scene.initial_positions_and_velocities()).force
+    assert motion * begin.scales.force == pytest.approx(force, rel=1e-11, abs=1e-18)
+
+
+@pytest.mark.parametrize(
+    ("problem", "name"),
+    [
+        pytest.param(problem, name, marks=pytest.mark.long if (place + number) % 2 else ())
+        for place, problem in enumerate(("oscillation", "scattering", "drag"))
+        for number, name in enumerate(ORDERS)
+    ],
+)
+def test_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
+    one = exact_problem(problem)
+    exact = one.exact(one.time)
+    errors = [
+        np.abs(external_solver(name)(one, count).positions - exact.positions).max()
+        for count in (one.fewest_steps, 2 * one.fewest_steps)
+    ]
+    assert errors[1] < 0.1 * errors[0] < 1e-8
+    found = external_solver(name)(one, one.fewest_steps)
+    assert found.steps == one.fewest_steps
+    assert found.velocities == pytest.approx(exact.velocities, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_tolerance_sets_the_error(name: str) -> None:
+    problem = bounce_problem()
+    exact = problem.exact(0.5).positions / Scales.from_grains(problem.scene.grains).length
+    errors = []
+    for tolerance in (1e-6, 1e-9, 1e-12):
+        found = solve_adaptively(name, problem.scene, 0.5, tolerance).positions
+        errors.append(np.abs(found / Scales.from_grains(problem.scene.grains).length - exact).max())
+    assert errors[2] < 1e-8
+    assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
+
+
+def test_what_is_left_out_is_refused(small_bed: Scene) -> None:
+    with pytest.raises(InputError, match="needs it without"):
+        initial_state(small_bed.replace(**{"effects.friction": {}}))

@@ -1,7 +1,5 @@
 """The catalogue of hard cases, each quickly, and the judgement of runs that end in every way."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable
@@ -21,7 +19,6 @@ from validation.hard_cases import hard_case_catalogue
 from validation.overview import COSTLY
 
 CASES = hard_case_catalogue()
-
 ALONE = ("drag with gamma", "remanence of 1e-4", "gravity of 1e4")
 """Cases whose code no other compiles, or that take a second and more; other extremes are quick."""
 

@@ -1,7 +1,5 @@
 """The trend test on series whose truth is known, and on integrations that gain, lose and keep."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -9,13 +7,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from granular import Trajectory, simulate
 from granular.shared.errors import InputError
-from validation.energy_drift import energy_trend
+from validation import exact_solution
+from validation.energy_drift import EnergyRun, energy_trend, run_energy_study, variable_step_bounce_run
+from validation.hard_case import energy_change, head_on_collision
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 LENGTH = 1600
 TIME = np.arange(float(LENGTH))
 SEEDS = 400
-
 Noise = Callable[[np.random.Generator], np.ndarray]
 
 
@@ -148,3 +150,43 @@ def test_a_constant_energy_has_no_trend() -> None:
     found = energy_trend(TIME, np.full(LENGTH, 3.0))
     assert found.verdict() == "none"
     assert found.rate == pytest.approx(0.0, abs=1e-15)
+
+
+LIMIT = 1e-6
+
+
+def collide(dt: float | str, method: str) -> Trajectory:
+    problem = head_on_collision(0.02)
+    return simulate(problem.scene, dt, problem.time, method, progress=False)
+
+
+def test_head_on_pair_needs_a_fifth_of_the_force_calls() -> None:
+    """Both methods evaluate the forces once a step; the pair comes as near as 0.02 D."""
+    time, count = head_on_collision(0.02).time, 1400
+    assert energy_change(collide(time / count, "stormer-verlet")) > 1e3 * LIMIT
+    while energy_change(collide(time / count, "stormer-verlet")) > LIMIT:
+        count = round(1.03 * count)
+    coarse, finer = (collide(dt, "adaptive-verlet") for dt in ("auto*8", "auto*6"))
+    assert energy_change(coarse) < LIMIT
+    assert int(coarse.settings()["steps"]) <= count / 5
+    assert energy_change(finer) < 0.2 * energy_change(coarse)
+
+
+def test_ten_thousand_bounces_have_no_trend() -> None:
+    """Some 160 steps a bounce; the step changes by a factor of fifteen within each."""
+    found = run_energy_study(variable_step_bounce_run())
+    assert found.stopped is None
+    assert found.steps > 1e6
+    assert found.trend.verdict() == "none"
+    assert abs(found.trend.total_drift) < 0.1 * found.trend.swing
+    assert np.abs(found.errors).max() < 0.01
+
+
+@pytest.mark.long
+def test_a_control_loses_energy_over_far_fewer_bounces() -> None:
+    """Negative control: the same test finds the trend of a method that has one."""
+    scene = exact_solution.bounce_problem().scene
+    time = 100.0 * float(exact_solution.bounce_period(scene))
+    records = {"output.scalars": time / 2048, "output.frames": time}
+    found = run_energy_study(EnergyRun("bounces", scene.replace(**records), "runge-kutta-4", 1e-3, time))
+    assert found.trend.verdict() == "loses"

@@ -1,18 +1,13 @@
-"""Numbers of a scene from records of simulated beds."""
+"""Numbers of a scene from records of simulated beds, and what cannot be calibrated."""
 
-from __future__ import annotations
-
-import contextlib
-import json
 import math
 import os
 import signal
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +15,14 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, damper, load_scene, simulate
-from granular.commands.console import INTERRUPTED, launch
+from granular.commands.console import BAD_INPUT, INTERRUPTED
+from granular.shared.errors import InputError, SceneError
 from granular.studies.cases import Case, CaseOutcome
 from reduced_models import calibrate
-from reduced_models.__main__ import main
+from reduced_models.calibration.result import Calibration
+from tests.reduced_models.made import damped_cosine
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
 
@@ -53,17 +52,9 @@ class Springs(Executor):
 
 def test_simulations_run_where_they_are_told_to(tmp_path: Path) -> None:
     """Those of an executor that is given; what does not fit is said, and all of it saved."""
-    record = swing(7.0, 0.11, 100, slower=1.05)
+    record, options = swing(7.0, 0.11, 100, slower=1.05), {"checks": False, "progress": False}
     with pytest.warns(UserWarning, match="no values give the record's period"):
-        found = calibrate(
-            record,
-            load_scene("damper"),
-            seeds=2,
-            executor=Springs(),
-            out=tmp_path,
-            checks=False,
-            progress=False,
-        )
+        found = calibrate(record, load_scene("damper"), seeds=2, executor=Springs(), out=tmp_path, **options)
     assert found.notes
     assert found.values[DRAG] == pytest.approx(0.11, rel=0.1)
     assert (tmp_path / "report.html").is_file()
@@ -71,76 +62,16 @@ def test_simulations_run_where_they_are_told_to(tmp_path: Path) -> None:
 
 def small(**changes: Any) -> Scene:
     """23 grains that come to rest soon."""
-    return load_scene("damper").replace(
-        **{
-            "grains.count": 23,
-            "cell.width": "15 D",
-            "piston.height": "6 D",
-            "piston.mass": 1.0,
-            "arrangement.height": "5.5 D",
-            "effects.drag.coefficient": 0.5,
-            "protocol.release.duration": 2.0,
-        }
-        | changes
-    )
+    made = {"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "piston.mass": 1.0}
+    made |= {"arrangement.height": "5.5 D", DRAG: 0.5, "protocol.release.duration": 2.0}
+    return load_scene("damper").replace(**made | changes)
 
 
 def lab_record(scene: Scene, seed: int = 1, *, force: bool = False) -> PistonRecord:
     """A record of a run with noise of 1 % of its swing."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        record = simulate(scene, progress=False).piston()
+    record = simulate(scene, progress=False).piston()
     noise = np.random.default_rng(seed).normal(0.0, 0.01 * record.height.std(), len(record))
     return PistonRecord(record.time, record.height + noise, force=record.force if force else None)
-
-
-@pytest.mark.long
-def test_mass_and_drag_of_few_grains(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """From another random start, on the command line; again, without a further simulation.
-
-    Simulations run here; `test_an_interrupted_calibration_goes_on` looks at processes of their own.
-    """
-    truth = {MASS: 1.15, DRAG: 0.42}
-    lab_record(small(**truth, **{"arrangement.seed": 11})).to_parquet(tmp_path / "lab.parquet")
-    small().save(tmp_path / "start.toml")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-    words = [
-        "calibrate",
-        "lab.parquet",
-        "start.toml",
-        "--parameter",
-        MASS,
-        "--parameter",
-        DRAG,
-        "--seeds",
-        "2",
-        "-o",
-        "out",
-        "--no-checks",
-        "--json",
-        "--quiet",
-    ]
-    here = ThreadPoolExecutor(1)
-    place = "reduced_models.calibration.calibrate.case_executor"
-    monkeypatch.setattr(place, lambda _: contextlib.nullcontext(here))
-    assert launch(main, words) == 0
-    printed = json.loads(capsys.readouterr().out)
-    for key, value in truth.items():
-        low, high = printed["parameters"][key]["interval"]
-        assert low < value < high
-        assert printed["parameters"][key]["value"] == pytest.approx(value, rel=0.05)
-    kept = sorted((tmp_path / "out" / "simulations" / "cases").iterdir())
-    assert len(kept) == printed["simulations"]
-    times = [path.stat().st_mtime_ns for path in kept]
-    assert launch(main, words) == 0
-    assert json.loads(capsys.readouterr().out) == printed
-    again = sorted((tmp_path / "out" / "simulations" / "cases").iterdir())
-    assert [path.stat().st_mtime_ns for path in again] == times
-    assert load_scene(tmp_path / "out" / "scene.toml").piston.mass == pytest.approx(1.15, rel=0.05)
-    assert "calibrated" in (tmp_path / "out" / "report.html").read_text()
 
 
 @pytest.mark.long
@@ -150,20 +81,8 @@ def test_an_interrupted_calibration_goes_on(tmp_path: Path) -> None:
     truth = {MASS: 1.15, DRAG: 0.42, "arrangement.seed": 11}
     lab_record(small(**truth)).to_csv(tmp_path / "lab.csv")
     small().save(tmp_path / "start.toml")
-    words = [
-        sys.executable,
-        "-m",
-        "reduced_models",
-        "calibrate",
-        "lab.csv",
-        "start.toml",
-        "--seeds",
-        "2",
-        "-o",
-        "out",
-        "--no-checks",
-        "--quiet",
-    ]
+    options = ("--seeds", "2", "-o", "out", "--no-checks", "--quiet")
+    words = (sys.executable, "-m", "reduced_models", "calibrate", "lab.csv", "start.toml", *options)
 
     def kept() -> dict[Path, int]:
         cases = (tmp_path / "out" / "simulations" / "cases").glob("[!.]*.json")
@@ -212,10 +131,83 @@ def test_remanence_needs_the_force(tmp_path: Path) -> None:
         assert one.interval[0] < truth[one.key] < one.interval[1]
     sharp = math.log(found.intervals[REMANENCE][1] / found.intervals[REMANENCE][0])
     silent = PistonRecord(record.time, record.height)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = calibrate(silent, start, keys, out=tmp_path, progress=False, checks=False)
+    found = calibrate(silent, start, keys, out=tmp_path, progress=False, checks=False)
     for one in found.parameters:
         assert one.interval[0] < truth[one.key] < one.interval[1]
     blunt = math.log(found.intervals[REMANENCE][1] / found.intervals[REMANENCE][0])
     assert blunt > 3.0 * sharp
+
+
+RECORD = PistonRecord(np.linspace(0.0, 3.0, 50), 0.06 + 1e-3 * np.sin(np.linspace(0, 60.0, 50)))
+
+
+def quiet(*parameters: str, scene: Scene | None = None, **options: Any) -> Calibration:
+    return calibrate(
+        RECORD,
+        scene or load_scene("damper"),
+        parameters or (MASS, DRAG),
+        progress=False,
+        checks=False,
+        **options,
+    )
+
+
+def accelerations() -> PistonRecord:
+    return PistonRecord.from_columns({"time": RECORD.time, "acceleration": RECORD.height})
+
+
+BAD: list[tuple[Callable[[], Any], str]] = [
+    (lambda: quiet("piston.mas"), "did you mean 'mass'"),
+    (lambda: quiet("piston.drag"), "starts from a value above 0"),
+    (lambda: quiet("grains.count"), "is no quantity"),
+    (lambda: quiet("effects"), "is no quantity"),
+    (lambda: quiet("effects.friction.static"), "holds no effects.friction.static"),
+    (lambda: quiet(MASS, MASS), "each once"),
+    (lambda: quiet(seeds=1), "from 2 on"),
+    (lambda: quiet(seeds=10**60), "at most 10000"),
+    (lambda: quiet(confidence=1.0), "between 0 and 1"),
+    (lambda: quiet(law="linaer"), "did you mean 'linear'"),
+    (lambda: quiet(dt=-1.0), "above 0 s"),
+    (lambda: quiet(method="euler?"), "unknown method"),
+    (lambda: quiet(scene=load_scene("bed")), "moves freely"),
+    (lambda: calibrate(accelerations(), load_scene("damper")), "calibrate needs heights"),
+    (lambda: calibrate(RECORD, "damper"), "give a Scene"),  # type: ignore[arg-type]  # what is refused
+]
+
+
+@pytest.mark.parametrize(("act", "words"), BAD, ids=[row[1] for row in BAD])
+def test_bad_arguments(act: Callable[[], Any], words: str) -> None:
+    with pytest.raises((InputError, SceneError)) as caught:
+        act()
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("nothing.csv damper", "there is no file"),
+        ("damper damper", "is a scene; give a record"),
+        ("still.csv damper", "a motion is needed"),
+        ("grows.csv damper", "unexplained, 50 % is the limit"),
+        ("lab.csv dampr", "did you mean 'damper'"),
+        ("lab.csv damper --parameter piston.weight", "unknown key 'weight'"),
+        ("lab.csv damper --seeds 1", "from 2 on"),
+        ("lab.csv damper --seeds few", "invalid int value"),
+        ("lab.csv damper -o lab.csv", "is a file; give a directory"),
+        ("lab.csv damper --set piston.mass=0", "must be above 0"),
+        ("lab.csv single-particle", "has no piston"),
+    ],
+)
+def test_bad_words(
+    words: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    times = np.linspace(0.0, 2.0, 2000)
+    decay = damped_cosine(times, 1e-3, 2.0)
+    for name, height in (("lab", decay), ("grows", decay[::-1]), ("still", 0.0 * decay)):
+        PistonRecord(times, 0.059 + height).to_csv(tmp_path / f"{name}.csv")
+    done = command("reduced_models", "calibrate", *words.split(), "--quiet")
+    assert (done.returncode, done.stderr.count("\n")) == (BAD_INPUT, 1)
+    assert done.stderr.startswith("error: ")
+    assert message in done.stderr

@@ -1,11 +1,11 @@
 """The adapter of PySR without Julia: the probe, the error, the settings, the way back to SymPy."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
+import types
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -20,43 +20,14 @@ from reduced_models.discovery.subset_selection import all_index_subsets, score_s
 from reduced_models.discovery.terms import physical_library_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
 from reduced_models.laws.law import HeightLine
+from tests.reduced_models.made import damped_cosine, moved, noisy
 
 TIME = np.linspace(0.0, 20.0, 400)
 RECORD = PistonRecord(TIME, np.cos(TIME))
 
-# The real package over a juliacall that answers everything with itself.
-STUB = """
-import sys, types
-class Anything(types.ModuleType):
-    def __init__(self): super().__init__("juliacall"); self.__path__ = []
-    def __getattr__(self, name):
-        if name.startswith("__"): raise AttributeError(name)
-        return 1 if name in ("major", "minor", "patch") else Anything()
-    def __call__(self, *a, **k): return Anything()
-stub = Anything()
-stub.AnyValue = type("AnyValue", (), {}); stub.VectorValue = type("VectorValue", (), {})
-sys.modules["juliacall"] = stub
-import warnings; warnings.simplefilter("ignore")
-from reduced_models.discovery.symbolic_search import import_pysr_regressor, pysr_regressor_settings
-PySRRegressor = import_pysr_regressor()
-for options in (dict(), dict(functions=("sin", "exp"), seed=3)):
-    wanted = pysr_regressor_settings(**options)
-    made = PySRRegressor(early_stop_condition=1e-3, **wanted)
-    assert all(made.get_params()[name] == value for name, value in wanted.items())
-try:
-    PySRRegressor(**pysr_regressor_settings(), tea=3)
-except TypeError as error:
-    print("TypeError", error)
-"""
 
-
-def needs_no_julia() -> None:
-    if symbolic_search.missing_pysr_requirements() is None:
-        pytest.skip("Julia is here")
-
-
+@pytest.mark.skipif(symbolic_search.missing_pysr_requirements() is None, reason="Julia is here")
 def test_absent_julia_is_one_line_with_two_commands() -> None:
-    needs_no_julia()
     with pytest.raises(InputError) as caught:
         discover(RECORD, "pysr")
     text = str(caught.value)
@@ -64,77 +35,67 @@ def test_absent_julia_is_one_line_with_two_commands() -> None:
     assert all(command in text for command in symbolic_search.COMMANDS)
 
 
+def python(code: str, **environment: str) -> str:
+    """What a fresh Python prints, in which a warning is an error."""
+    kept = {key: value for key, value in os.environ.items() if "JULIACALL" not in key}
+    words, surroundings = [sys.executable, "-W", "error", "-c", code], kept | environment
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=surroundings)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
 def test_the_probe_imports_no_pysr_and_downloads_nothing() -> None:
-    needs_no_julia()
     code = (
         "import socket, sys\n"
         "def refuse(*a, **k): raise SystemExit('the network was used')\n"
         "socket.socket.connect = refuse\n"
-        "from reduced_models.discovery import pysr_search\n"
-        "assert symbolic_search.missing_pysr_requirements()\n"
-        "assert not {'pysr', 'juliacall'} & set(sys.modules)\n"
+        "from reduced_models.discovery import symbolic_search\n"
+        "symbolic_search.missing_pysr_requirements(); print({'pysr', 'juliacall'} & set(sys.modules))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.fixture
-def project(tmp_path: Path) -> Path:
-    """A Julia project with all that PySR needs, by its manifest."""
-    manifest = 'manifest_format = "2.0"\n'
-    for name in ("SymbolicRegression", "PythonCall"):
-        manifest += f'[[deps.{name}]]\nuuid = "0"\nversion = "1.0.0"\n'
-    (tmp_path / "Manifest.toml").write_text(manifest)
-    return tmp_path
+    assert python(code) == "set()"
 
 
 PLACES = [
-    ("0.9.36", {"EXE": "python", "PROJECT": "full"}, None),
-    ("0.9.28", {"EXE": "python", "PROJECT": "full"}, None),
-    ("0.9.27", {"EXE": "python", "PROJECT": "full"}, "0.9.28 and newer only"),
-    ("0.9.36", {"EXE": "python"}, "must be set together"),
-    ("0.9.36", {"PROJECT": "full"}, "must be set together"),
-    ("0.9.36", {"EXE": "/nowhere/julia", "PROJECT": "full"}, "no Julia at '/nowhere/julia'"),
-    ("0.9.36", {"EXE": "python", "PROJECT": "/nowhere"}, "no Julia project at '/nowhere'"),
-    ("0.9.36", {"EXE": "python", "PROJECT": "empty"}, "lacks SymbolicRegression and PythonCall"),
-    ("0.9.36", {"EXE": "python", "PROJECT": "broken"}, "lacks SymbolicRegression and PythonCall"),
-    ("0.9.36", {}, "are not there"),
+    ("0.9.36", "python", "full", None),
+    ("0.9.28", "python", "full", None),
+    ("0.9.27", "python", "full", "0.9.28 and newer only"),
+    ("0.9.36", "python", "", "must be set together"),
+    ("0.9.36", "", "full", "must be set together"),
+    ("0.9.36", "/nowhere/julia", "full", "no Julia at '/nowhere/julia'"),
+    ("0.9.36", "python", "/nowhere", "no Julia project at '/nowhere'"),
+    ("0.9.36", "python", "empty", "lacks SymbolicRegression and PythonCall"),
+    ("0.9.36", "python", "broken", "lacks SymbolicRegression and PythonCall"),
+    ("0.9.36", "", "", "are not there"),
 ]
 
 
-@pytest.mark.parametrize(("juliacall", "given", "lack"), PLACES)
+@pytest.mark.parametrize(("juliacall", "julia", "project", "lack"), PLACES)
 def test_given_julia_is_looked_at_and_not_run(
-    juliacall: str, given: dict[str, str], lack: str | None, monkeypatch: pytest.MonkeyPatch, project: Path
+    juliacall: str,
+    julia: str,
+    project: str,
+    lack: str | None,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
-    (project / "empty").mkdir()
-    (project / "broken").mkdir()
-    (project / "broken" / "Manifest.toml").write_text("[[deps.Symb")
-    places = {
-        "full": str(project),
-        "empty": str(project / "empty"),
-        "broken": str(project / "broken"),
-        "python": sys.executable,
-    }
+    entry = '[[deps.{}]]\nuuid = "0"\nversion = "1.0.0"\n'
+    manifest = "".join(map(entry.format, ("SymbolicRegression", "PythonCall")))
+    for name, text in (("full", f'manifest_format = "2.0"\n{manifest}'), ("broken", "[[deps.Symb")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "Manifest.toml").write_text(text)
+    (tmp_path / "empty").mkdir()
     monkeypatch.setattr(symbolic_search, "_has_resolved_julia_packages", lambda: False)
     monkeypatch.setattr(symbolic_search, "version", lambda _: juliacall)
     monkeypatch.setattr(symbolic_search.importlib.util, "find_spec", lambda _: object())
-    for name in ("EXE", "PROJECT"):
-        monkeypatch.delenv(f"PYTHON_JULIACALL_{name}", raising=False)
+    given = {"EXE": sys.executable if julia == "python" else julia, "PROJECT": project}
+    if project and not project.startswith("/"):
+        given["PROJECT"] = str(tmp_path / project)
     for name, value in given.items():
-        monkeypatch.setenv(f"PYTHON_JULIACALL_{name}", places.get(value, value))
+        monkeypatch.delenv(f"PYTHON_JULIACALL_{name}", raising=False)
+        if value:
+            monkeypatch.setenv(f"PYTHON_JULIACALL_{name}", value)
     found = symbolic_search.missing_pysr_requirements()
     assert found is None if lack is None else lack in str(found)
-
-
-def test_what_only_juliapkg_reads_is_left_to_its_dry_run(
-    monkeypatch: pytest.MonkeyPatch, project: Path
-) -> None:
-    """Its own variable names a Julia, and no project: with juliacall's the two make no pair."""
-    pytest.importorskip("juliapkg")
-    monkeypatch.setenv("PYTHON_JULIAPKG_EXE", sys.executable)
-    monkeypatch.setenv("PYTHON_JULIACALL_PROJECT", str(project))
-    monkeypatch.delenv("PYTHON_JULIACALL_EXE", raising=False)
-    assert symbolic_search.missing_pysr_requirements() is not None
 
 
 def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -146,44 +107,58 @@ def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert "\n" not in str(caught.value)
 
 
-def searched(monkeypatch: pytest.MonkeyPatch, interrupted: bool) -> dict[str, object]:
-    """Settings that a search is made with, and what is in its folder while it runs."""
-    import types
+class SymbolicSearch:
+    """A search that knows the answer, and notes its settings."""
 
-    import pandas as pd
+    settings: ClassVar[dict[str, Any]] = {}
+    interrupted_ = False
 
-    seen: dict[str, object] = {}
+    def __init__(self, **settings: Any) -> None:
+        self.settings.update(settings)
 
-    class SymbolicSearch:
-        def __init__(self, **settings: object) -> None:
-            seen.update(settings)
-            self.interrupted_ = interrupted
+    def fit(self, matrix: np.ndarray, target: np.ndarray, variable_names: list[str]) -> None:
+        import pandas as pd
 
-        def fit(self, matrix: np.ndarray, target: np.ndarray, variable_names: list[str]) -> None:
-            folder = Path(str(seen["output_directory"]))
-            assert folder.is_dir()
-            (folder / "hall_of_fame.csv").write_text("1")
-            self.equations_ = pd.DataFrame({"equation": ["x0 * 2.0"]})
+        folder = Path(self.settings["output_directory"])
+        (folder / "hall_of_fame.csv").write_text("1")
+        numbers, *_ = np.linalg.lstsq(matrix[:, :2], target)
+        best = " + ".join(f"({c} * {s})" for c, s in zip(numbers, variable_names, strict=False))
+        self.equations_ = pd.DataFrame({"equation": ["x0 * -1.0", "x0 * NaN", best]})
 
+
+@pytest.fixture
+def search(monkeypatch: pytest.MonkeyPatch) -> type[SymbolicSearch]:
+    """Search that stands in for PySR's."""
     monkeypatch.setattr(symbolic_search, "missing_pysr_requirements", lambda: None)
     monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
+    return SymbolicSearch
+
+
+def test_a_search_ends_at_the_noise_and_leaves_nothing(search: type[SymbolicSearch]) -> None:
     x = np.linspace(-1.0, 1.0, 50)
-    seen["found"] = symbolic_search.search_expressions_with_pysr({"x": x}, 3.0 * x, noise=0.03)
-    seen["size"] = float(np.std(3.0 * x))
-    return seen
+    assert symbolic_search.search_expressions_with_pysr({"x": x}, 3.0 * x, noise=0.03)
+    assert search.settings["early_stop_condition"] == pytest.approx((0.03 / np.std(3.0 * x)) ** 2)
+    assert search.settings["temp_equation_file"] is False
+    assert search.settings["deterministic"] is True
+    assert not Path(search.settings["output_directory"]).exists()
 
 
-def test_a_search_ends_at_the_noise_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = searched(monkeypatch, interrupted=False)
-    assert seen["early_stop_condition"] == pytest.approx((0.03 / float(str(seen["size"]))) ** 2)
-    assert seen["temp_equation_file"] is False
-    assert not Path(str(seen["output_directory"])).exists()
-    assert seen["found"]
-
-
-def test_ctrl_c_that_julia_took_is_heeded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_that_julia_took_is_heeded(
+    search: type[SymbolicSearch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(search, "interrupted_", True)
     with pytest.raises(KeyboardInterrupt):
-        searched(monkeypatch, interrupted=True)
+        symbolic_search.search_expressions_with_pysr({"x": TIME}, TIME, noise=0.03)
+
+
+@pytest.mark.usefixtures("search")
+def test_a_search_is_brought_back_to_the_record_s_units() -> None:
+    """The same call and result for PySR as for the others."""
+    record = noisy(TIME, damped_cosine(TIME, 0.7, 0.05, 1.4), 0.003)
+    found = discover(record, "pysr", options=DiscoveryOptions(polish=0))
+    assert found.method == "pysr"
+    coefficients = {term.text: value for term, value in found.best.terms.items()}
+    assert coefficients == pytest.approx({"z": -(1.4**2 + 0.05**2), "z'": -0.1}, rel=0.1)
 
 
 @pytest.mark.long
@@ -197,15 +172,6 @@ def test_a_real_search() -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.01 * height.std(), len(time))
     found = discover(PistonRecord(time, height + noise), "pysr")
     assert {term.text for term in found.best.terms} == {"z", "z'"}
-
-
-@pytest.mark.long  # quick: searches that stand in for it take the settings
-def test_settings_suit_the_real_constructor() -> None:
-    pytest.importorskip("juliapkg")
-    done = subprocess.run([sys.executable, "-c", STUB], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "TypeError" in done.stdout
-    assert "tea" in done.stdout
 
 
 PROBE = """
@@ -225,68 +191,20 @@ def test_ctrl_c_stays_with_python(given: dict[str, str], seen: list[str], tmp_pa
         "from reduced_models.discovery.symbolic_search import import_pysr_regressor\n"
         "import_pysr_regressor(); import pysr; print(pysr.seen)"
     )
-    kept = {key: value for key, value in os.environ.items() if "JULIACALL" not in key}
-    environment = kept | {f"PYTHON_JULIACALL_{name}": value for name, value in given.items()}
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=environment,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == str(seen)
-
-
-def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same call and result for PySR as for the others, with a search that knows the answer."""
-    import types
-
-    import pandas as pd
-
-    class SymbolicSearch:
-        def __init__(self, **settings: object) -> None:
-            assert settings["deterministic"] is True
-
-        def fit(self, matrix: np.ndarray, target: np.ndarray, variable_names: list[str]) -> None:
-            numbers, *_ = np.linalg.lstsq(matrix[:, :2], target)
-            best = " + ".join(f"({c} * {s})" for c, s in zip(numbers, variable_names, strict=False))
-            self.equations_ = pd.DataFrame({"equation": ["x0 * -1.0", "x0 * NaN", best]})
-
-    monkeypatch.setattr(symbolic_search, "missing_pysr_requirements", lambda: None)
-    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
-    height = 0.7 * np.exp(-0.05 * TIME) * np.cos(1.4 * TIME)
-    noise = np.random.default_rng(0).normal(0.0, 0.003, len(TIME))
-    found = discover(PistonRecord(TIME, height + noise), "pysr", options=DiscoveryOptions(polish=0))
-    assert found.method == "pysr"
-    assert {term.text for term in found.best.terms} == {"z", "z'"}
-    assert found.best.terms[min(found.best.terms)] != 0.0
-    coefficients = {term.text: value for term, value in found.best.terms.items()}
-    assert coefficients["z"] == pytest.approx(-(1.4**2 + 0.05**2), rel=0.01)
-    assert coefficients["z'"] == pytest.approx(-0.1, rel=0.1)
+    assert python(code, **{f"PYTHON_JULIACALL_{name}": value for name, value in given.items()}) == str(seen)
 
 
 def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pytest.MonkeyPatch) -> None:
     """PySR was seen to choose eight terms, with |z'|, for the four of a Van der Pol-like law."""
-    from scipy.integrate import solve_ivp
-
     time = np.linspace(0.0, 30.0, 1500)
-    swing = solve_ivp(
-        lambda _, state: (state[1], -(state[0] ** 2 - 1.0) * state[1] * 0.8 - state[0] - 0.2 * state[0] ** 3),
-        (0.0, 30.0),
-        (2.0, 0.0),
-        t_eval=time,
-        rtol=1e-9,
-    ).y[0]
-    noisy = swing + 0.01 * swing.std() * np.random.default_rng(0).normal(size=len(time))
+    swing = moved(lambda t, z, v: -(z**2 - 1.0) * v * 0.8 - z - 0.2 * z**3, time, 2.0)
     z, v, speed = (sympy.Symbol(name, real=True) for name in ("z", "v", "speed"))
     crowded = 0.78 * v - 0.79 * z**2 * v - 0.98 * z - 0.21 * z**3
     crowded += 0.013 * speed - 0.011 * z * speed + 0.004 * z**2 - 0.006 * v * speed
     monkeypatch.setattr(symbolic_search, "missing_pysr_requirements", lambda: None)
-    monkeypatch.setattr(
-        "reduced_models.discovery.structure_proposals.search_expressions_with_pysr", lambda *_: [crowded]
-    )
-    found = discover(PistonRecord(time, noisy), "pysr", options=DiscoveryOptions(polish=0))
+    place = "reduced_models.discovery.structure_proposals.search_expressions_with_pysr"
+    monkeypatch.setattr(place, lambda *_: [crowded])
+    found = discover(noisy(time, swing, 0.01 * swing.std()), "pysr", options=DiscoveryOptions(polish=0))
     assert {term.text for term in found.best.terms} == {"z", "z**3", "z'", "z'*z**2"}
 
 

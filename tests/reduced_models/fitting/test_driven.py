@@ -1,35 +1,35 @@
-"""Driven records: what an input does between samples, and grids that end at them."""
+"""Driven records, and hidden states at the start of a record from the motion before it."""
 
-from __future__ import annotations
-
+import dataclasses
+import functools
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import FitOptions, Law, LawEstimator, ReducedModel, fit, load_model
 from reduced_models.fitting.residuals import grid_over_record
+from reduced_models.laws.catalogue import LAWS as PACKAGED
+from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.solution import solve_law
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, interpolate_inputs, piecewise_cubics
+from tests.reduced_models.made import assert_found, half_width, noisy
+from tests.reduced_models.models.test_printed_equation import assert_memory_as_printed
 
 LAW = Law("driven", "z'' + c*z' + k*z + b*z**3 = g*force", inputs=("force",))
 TRUE = {"c": 0.1, "k": 1.0, "b": 0.3, "g": 1.0}
 TIME = 0.2 * np.arange(2000)
 
 
-def force() -> np.ndarray:
+def force(time: np.ndarray = TIME) -> np.ndarray:
     """Ten sines up to a fifth of the sampling rate."""
     phases = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, 10)
-    return 0.2 * np.sin(np.outer(TIME, np.linspace(0.2, 6.0, 10)) + phases).sum(axis=1)
-
-
-def motion(how: Interpolation) -> np.ndarray:
-    values = [TRUE[name] for name in LAW.parameters]
-    found = solve_law(LAW, TIME, 0.0, 0.0, values, 1.0, [force()], (), how)
-    assert found.ending == "complete"
-    return found.z
+    return 0.2 * np.sin(np.outer(time, np.linspace(0.2, 6.0, 10)) + phases).sum(axis=1)
 
 
 @pytest.mark.parametrize("how", INTERPOLATIONS)
@@ -47,25 +47,10 @@ def test_pieces_and_values_are_the_same_input(how: Interpolation) -> None:
 
 def test_a_band_limited_input_is_that_between_samples() -> None:
     times = np.linspace(20.0, 300.0, 777)
-    phases = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, 10)
-    exact = 0.2 * np.sin(np.outer(times, np.linspace(0.2, 6.0, 10)) + phases).sum(axis=1)
     limits: dict[Interpolation, float] = {"band-limited": 1e-4, "spline": 0.02, "linear": 0.1}
     for how, limit in limits.items():
         found = interpolate_inputs(TIME, [force()], times, how)[:, 0]
-        assert np.abs(found - exact).max() < limit
-
-
-@pytest.mark.long  # quick: a band-limited input, which tells how far a spline is off
-def test_a_spline_beats_monotone_cubics() -> None:
-    from scipy.interpolate import PchipInterpolator
-
-    fine = np.linspace(TIME[0], TIME[-1], 8 * (len(TIME) - 1) + 1)
-    values = [TRUE[name] for name in LAW.parameters]
-    drive = PchipInterpolator(TIME, force())(fine)
-    monotone = solve_law(LAW, fine, 0.0, 0.0, values, 1.0, [drive], (), "linear").z[::8]
-    exact = motion("band-limited")
-    errors = [np.abs(one - exact)[1000:-20].max() for one in (motion("spline"), monotone)]
-    assert errors[1] > 1.5 * errors[0]
+        assert np.abs(found - force(times)).max() < limit
 
 
 def test_steps_end_at_samples() -> None:
@@ -81,8 +66,10 @@ def test_steps_end_at_samples() -> None:
 @pytest.fixture(scope="module")
 def held() -> PistonRecord:
     """A motion under a held input."""
-    noise = np.random.default_rng(1).normal(0.0, 1e-3, len(TIME))
-    return PistonRecord(TIME, motion("previous") + noise, force=force()).first(900)
+    values = [TRUE[name] for name in LAW.parameters]
+    found = solve_law(LAW, TIME, 0.0, 0.0, values, 1.0, [force()], (), "previous")
+    assert found.ending == "complete"
+    return noisy(TIME, found.z, 1e-3, 1, force=force()).first(900)
 
 
 @pytest.fixture(scope="module")
@@ -95,22 +82,20 @@ def test_the_interpolation_is_chosen_by_what_is_held_out(
     held: PistonRecord, model: ReducedModel, tmp_path: Path
 ) -> None:
     """A motion under a held input is that of a held input; the model remembers it."""
-    record = held
     assert model.input_interpolation == "previous"
     assert model.quality.residual == pytest.approx(1e-3, rel=0.06)
-    for name, value in TRUE.items():
-        low, high = model.intervals[name]
-        assert abs(model.parameters[name] - value) < high - low
-    given = fit(record, LAW.equation, starts=1, options=FitOptions(input_interpolation="linear"))
+    assert_found(model, TRUE, 1.0)
+    given = fit(held, LAW.equation, starts=1, options=FitOptions(input_interpolation="linear"))
     assert given.quality.residual > 5e-3
     model.save(tmp_path / "model.json")
     back = load_model(tmp_path / "model.json")
-    np.testing.assert_array_equal(back.simulate_record(record).height, model.simulate_record(record).height)
-    np.testing.assert_allclose(model.simulate_record(record).height + model.residuals(record), record.height)
+    simulated = model.simulate_record(held).height
+    np.testing.assert_array_equal(back.simulate_record(held).height, simulated)
+    np.testing.assert_allclose(simulated + model.residuals(held), held.height)
     with pytest.raises(InputError, match="has the input 'force'; give inputs"):
         back.simulate(TIME)
     with pytest.raises(RecordError, match="no column of that name; found: none"):
-        fit(PistonRecord(record.time, record.height), LAW)
+        fit(PistonRecord(held.time, held.height), LAW)
 
 
 def test_an_estimator_takes_the_input_behind_the_time(held: PistonRecord, model: ReducedModel) -> None:
@@ -131,5 +116,104 @@ def test_the_uncertainty_of_a_force_is_that_of_what_multiplies_it(
     record = PistonRecord.from_table(table, columns={"force": "cell"}, scale={"force": "1 +- 0.02 N/V"})
     wide = fit(record, LAW.equation, starts=1, options=FitOptions(input_interpolation="previous"))
     assert wide.parameters == pytest.approx(model.parameters, rel=1e-6)
-    plain, more = (0.5 * np.diff(one.intervals["g"])[0] for one in (model, wide))
-    assert more == pytest.approx(np.hypot(plain, 1.96 * 0.02 * model.parameters["g"]), rel=0.05)
+    expected = np.hypot(half_width(model, "g"), 1.96 * 0.02 * model.parameters["g"])
+    assert half_width(wide, "g") == pytest.approx(expected, rel=0.05)
+
+
+HYSTERESIS = {"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0}
+LONG_TIME = np.linspace(0.0, 55.0, 2750)
+CUT = 15.0
+NOISE = 0.003
+
+
+@functools.cache
+def motion() -> np.ndarray:
+    """Height, velocity and hidden state (3, n), by SciPy."""
+    law = PACKAGED["bouc-wen"]
+    field, values = compile_rates(law.equation, (), "numpy"), [HYSTERESIS[name] for name in law.parameters]
+
+    def rates(_: float, y: np.ndarray) -> list[float]:
+        return [y[1], *field(*y, *values)]
+
+    options = {"method": "DOP853", "t_eval": LONG_TIME, "rtol": 1e-10, "atol": 1e-12}
+    return np.asarray(solve_ivp(rates, (0.0, LONG_TIME[-1]), [3.0, 0.0, 0.0], **options).y)
+
+
+def integer() -> PistonRecord:
+    """A swing with hysteresis, that begins before the stretch that is fitted."""
+    return noisy(LONG_TIME, motion()[0], NOISE)
+
+
+@pytest.fixture(scope="module")
+def hysteretic() -> ReducedModel:
+    """Fit of the late part of a swing, after the motion before it."""
+    record = integer()
+    before, after = record.between(0.0, CUT), record.between(CUT, LONG_TIME[-1])
+    found = fit(after, "bouc-wen", starts=4, options=FitOptions(initial=before))
+    assert found.quality.residual == pytest.approx(NOISE, rel=0.05)
+    assert_found(found, HYSTERESIS)
+    return found
+
+
+def test_hidden_states_follow_from_what_was_before(hysteretic: ReducedModel) -> None:
+    assert abs(true := motion()[2][np.searchsorted(LONG_TIME, CUT)]) > 0.2
+    assert hysteretic.hidden["w"] == pytest.approx(true, abs=0.01)
+    late = integer().between(CUT, LONG_TIME[-1])
+    still = dataclasses.replace(hysteretic, hidden={}).simulate(late.time - late.time[0]).height
+    assert np.abs(still - late.height).max() > 10.0 * NOISE
+
+
+def test_python_of_a_model_starts_with_its_hidden_state(hysteretic: ReducedModel) -> None:
+    """Start the motion that runs alone, as the model does, where its hidden state is not zero."""
+    times = np.linspace(0.0, 10.0, 300)
+    assert abs(hysteretic.hidden["w"]) > 0.2
+    space: dict[str, Any] = {}
+    exec(hysteretic.numpy_source, space)
+    np.testing.assert_allclose(space["simulate"](times), hysteretic.simulate(times).height, atol=1e-5)
+
+
+def test_a_hysteresis_loop_has_the_work_of_its_force(hysteretic: ReducedModel) -> None:
+    """Energy of a Bouc-Wen cycle, by another solver, and the ends of its loop."""
+    friction, rho, sigma = (hysteretic.parameters[key] for key in ("friction", "rho", "sigma"))
+    size, omega = 6.0, 0.7
+
+    def rates(t: float, state: np.ndarray) -> list[float]:
+        w, v = state[0], -size * omega * np.sin(omega * t)
+        return [rho * (v - sigma * abs(v) * abs(w) * w + (sigma - 1.0) * v * w**2), friction * w * v]
+
+    period = 2.0 * np.pi / omega
+    times = [0.0, 3.0 * period, 4.0 * period]
+    work = solve_ivp(rates, (0, times[-1]), [0, 0], rtol=1e-9, atol=1e-10, t_eval=times).y[1]
+    loop = hysteretic.harmonic_cycle(size, omega)
+    assert loop.energy == pytest.approx(work[2] - work[1], rel=2e-3)
+    assert 0.5 < loop.energy / (4.0 * friction * size) < 1.0
+    assert hysteretic.harmonic_cycle(size, 2.0 * omega).energy == pytest.approx(loop.energy, rel=1e-9)
+
+
+def test_printed_parameters_of_bouc_wen_are_those_of_its_swing(hysteretic: ReducedModel) -> None:
+    assert_memory_as_printed(hysteretic)
+
+
+def test_a_free_hidden_state_is_found_from_the_motion_alone() -> None:
+    """As it was, without the motion before."""
+    late, options = integer().between(CUT, LONG_TIME[-1]), FitOptions(initial="free")
+    free = fit(late, "bouc-wen", starts=4, options=options)
+    assert free.hidden["w"] == pytest.approx(motion()[2][np.searchsorted(LONG_TIME, CUT)], abs=0.01)
+    assert free.quality.residual == pytest.approx(NOISE, rel=0.05)
+
+
+def test_what_is_no_history(made: Callable[..., PistonRecord]) -> None:
+    record = integer()
+    late = record.between(CUT, LONG_TIME[-1])
+    for initial, words in (
+        (record.between(0.0, 5.0), r"ends at 4\.\d+ s, and the record begins at 15\.\d+ s; cut both"),
+        (record, "cut both from one record"),
+        ([record.between(0.0, CUT)] * 2, "2 motions for 1 records; give one before each"),
+        (PistonRecord(LONG_TIME, LONG_TIME, force=LONG_TIME).between(0.0, CUT), "columns"),
+    ):
+        with pytest.raises(InputError, match=words):
+            fit(late, "bouc-wen", options=FitOptions(initial=initial))
+    with pytest.raises(InputError, match="has no hidden state"):
+        fit(made("linear"), "linear", options=FitOptions(initial=record))
+    with pytest.raises(InputError, match="or the motion before"):
+        fit(late, "bouc-wen", options=FitOptions(initial=3))  # type: ignore[call-overload]  # what types forbid

@@ -1,7 +1,5 @@
 """Damping where friction is dry: that of swings that were seen, not of none."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -13,11 +11,12 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from reduced_models import Parameter, ReducedModel, fit, load_model
+from reduced_models import Parameter, fit, load_model
 from reduced_models.fitting.assessment import residual_structure_text
 from reduced_models.laws.linearization import dry_friction_coefficient, harmonic_cycles, law_rates
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.printed_model import swing_quantities
+from tests.reduced_models.made import half_width, moved, noisy
 
 TIME = np.linspace(0.0, 40.0, 2000)
 OMEGA, AMPLITUDE = 1.05, 0.6
@@ -31,10 +30,7 @@ CASES = {
 
 
 def released(ratio: float, loss: float, noise: float) -> PistonRecord:
-    """A free swing with a dashpot's damping ratio and dry friction, solved swing by swing.
-
-    The friction takes the given fraction of the first amplitude in a period.
-    """
+    """A free swing with a dashpot's damping ratio and dry friction, solved swing by swing."""
     offset = 0.25 * loss * AMPLITUDE  # of the level that each half swing is about
     lam = ratio * OMEGA
     quick = math.sqrt(OMEGA**2 - lam**2)
@@ -51,7 +47,7 @@ def released(ratio: float, loss: float, noise: float) -> PistonRecord:
 
 
 @functools.cache
-def fitted(name: str) -> ReducedModel:
+def fitted(name: str) -> Any:
     """The fit of a case."""
     law, ratio, loss, noise = CASES[name]
     return fit(released(ratio, loss, noise), law, starts=1, test_fraction=0.0)
@@ -65,8 +61,6 @@ def test_damping_is_that_of_swings_that_were_seen(name: str, tmp_path: Path) -> 
     _, ratio, loss, _ = CASES[name]
     model = fitted(name)
     rest, friction = model.at_rest, 0.25 * loss * AMPLITUDE * OMEGA**2
-    assert rest is not None
-    assert rest.equivalent is not None
     half, tenth = rest.equivalent.amplitude, rest.equivalent.tenth_of_greatest_swing
     assert half == pytest.approx(0.5 * AMPLITUDE, rel=0.02)
     assert tenth == pytest.approx(0.1 * AMPLITUDE, rel=0.02)
@@ -87,17 +81,15 @@ def test_damping_is_that_of_swings_that_were_seen(name: str, tmp_path: Path) -> 
 
 
 def test_intervals_follow_from_those_of_the_parameters() -> None:
-    """Friction over omega^2 alone sets the damping of a Coulomb oscillator."""
+    """Friction over omega^2 alone sets the damping of a Coulomb oscillator, and omega is known far better."""
     model = fitted("a pure decay by friction")
-    assert model.at_rest is not None
-    assert model.at_rest.equivalent is not None
-    # omega is known far better than the friction
-    low, high = model.intervals["friction"]
-    fraction = (high - low) / model.parameters["friction"]
-    ends = np.array(model.at_rest.equivalent.intervals["friction"])
-    assert np.diff(ends)[0] / model.at_rest.equivalent.friction == pytest.approx(fraction, rel=0.1)
-    ends = np.array(model.at_rest.intervals["damping_ratio"])
-    assert np.diff(ends)[0] / model.at_rest.damping_ratio == pytest.approx(fraction, rel=0.1)
+    fraction = 2.0 * half_width(model, "friction") / model.parameters["friction"]
+    rest = model.at_rest
+    ends = np.diff(rest.equivalent.intervals["friction"])[0]
+    assert ends / rest.equivalent.friction == pytest.approx(fraction, rel=0.1)
+    assert np.diff(rest.intervals["damping_ratio"])[0] / rest.damping_ratio == pytest.approx(
+        fraction, rel=0.1
+    )
 
 
 def test_a_lag_that_cannot_matter_is_not_told(made: Any) -> None:
@@ -121,8 +113,6 @@ def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) 
             parameters={"lam": Parameter(0.1 * OMEGA, fixed=True)},
         )
     rest = model.at_rest
-    assert rest is not None
-    assert rest.peaks is not None
     assert rest.damping_ratio == pytest.approx(0.1, rel=0.02)
     assert rest.peaks.low <= rest.peaks.mean <= rest.peaks.high
     assert rest.peaks.mean == pytest.approx(0.02, rel=0.02)
@@ -137,7 +127,6 @@ def test_what_small_swings_show_stays() -> None:
     """Of a law whose damping at rest is that of swings, the small swing is told as it was."""
     model = fit(released(0.06, 0.0, 1e-4), "linear", starts=1, test_fraction=0.0)
     rest = model.at_rest
-    assert rest is not None
     assert rest.equivalent is None
     assert rest.peaks is None
     assert rest.damping_ratio == pytest.approx(0.06, rel=1e-2)
@@ -148,28 +137,20 @@ def test_what_small_swings_show_stays() -> None:
 
 def test_friction_is_the_coefficient_of_the_law_s_own_sign() -> None:
     """Next to a drag that grows with the speed squared, which no dashpot is equivalent to."""
-    from scipy.integrate import solve_ivp
-
     time = np.linspace(0.0, 12.0, 1200)
-
-    def rates(_: float, state: np.ndarray) -> tuple[float, float]:
-        z, v = state
-        return v, -6.0 * z - 0.06 * abs(v) * v - 0.22 * math.tanh(v / 1e-3)
-
-    motion = solve_ivp(rates, (0.0, 12.0), (1.0, 0.0), "LSODA", time, rtol=1e-8, atol=1e-10).y[0]
-    record = PistonRecord(time, motion + np.random.default_rng(0).normal(0.0, 1e-3, len(time)))
+    motion = moved(
+        lambda t, z, v: -6.0 * z - 0.06 * abs(v) * v - 0.22 * math.tanh(v / 1e-3),
+        time, method="LSODA", rtol=1e-8, atol=1e-10,
+    )  # fmt: skip
     law = "z'' + k*z + c*Abs(z')*z' + f*sign(z') = 0"
-    model = fit(record, law, starts=1, test_fraction=0.0)
-    assert model.at_rest is not None
+    model = fit(noisy(time, motion, 1e-3), law, starts=1, test_fraction=0.0)
     found = model.at_rest.equivalent
-    assert found is not None
     low, high = found.intervals["friction"]
     assert low <= 0.22 <= high
     assert found.friction == pytest.approx(model.parameters["f"], rel=1e-12)
     assert found.intervals["friction"] == pytest.approx(model.intervals["f"], rel=1e-6)
     assert re.search(r"\ndry friction +F +0\.2200", str(model.at_rest))
-    swing = [quantity.name for quantity in swing_quantities(model, None)]
-    assert "friction" in swing
+    assert "friction" in [quantity.name for quantity in swing_quantities(model, None)]
 
 
 @pytest.mark.parametrize(

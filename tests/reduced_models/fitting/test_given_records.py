@@ -1,7 +1,6 @@
-"""Records as users hand them over: files, tables, arrays; each means the same motion."""
+"""Records as users hand them over: files, tables, arrays, several at once."""
 
-from __future__ import annotations
-
+import dataclasses
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -13,8 +12,13 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import compare, fit
-from reduced_models.fitting.fit_data import list_of_records
+from reduced_models import Parameter, compare, fit
+from reduced_models.fitting.fit_data import data_of_record, list_of_records
+from reduced_models.fitting.problem import FitProblem
+from reduced_models.laws import LAWS
+from reduced_models.laws.solution import solve_law
+from reduced_models.records.derivatives import noise_level
+from tests.reduced_models.made import half_width, noisy
 
 TIME = np.linspace(0.0, 2.0, 2000)
 HEIGHT = 0.06 + 1e-3 * np.exp(-0.8 * TIME) * np.cos(21.8 * TIME)
@@ -27,6 +31,16 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
+def _series(_: Path) -> Any:
+    return pandas.Series(HEIGHT, index=pandas.to_timedelta(TIME, unit="s"))
+
+
+def _array(_: Path) -> Any:
+    import xarray
+
+    return xarray.DataArray(HEIGHT, dims="time", coords={"time": TIME}, name="height")
+
+
 GIVEN: dict[str, Callable[[Path], Any]] = {
     "name": str,
     "path": Path,
@@ -34,6 +48,8 @@ GIVEN: dict[str, Callable[[Path], Any]] = {
     "lists": lambda _: (TIME.tolist(), HEIGHT.tolist()),
     "mapping": lambda _: {"time": TIME, "height": HEIGHT},
     "frame": lambda _: pandas.DataFrame({"time": TIME, "height": HEIGHT}),
+    "series": _series,
+    "array": _array,
 }
 
 
@@ -74,9 +90,100 @@ def test_degrees_and_radians_give_one_law() -> None:
     models = [fit(record, "linear", starts=2, test_fraction=0.0) for record in records]
     for record, model in zip(records, models, strict=True):
         assert (record.coordinate_unit, model.coordinate_unit) == ("rad", "rad")
-        assert model.at_rest is not None
         assert model.at_rest.coordinate_unit == "rad"
         assert model.simulate(TIME).units["velocity"] == "rad/s"
         assert model.parameters == pytest.approx(models[0].parameters, rel=1e-9)
     with pytest.raises(InputError, match="give 'm' or 'rad'"):
         PistonRecord(TIME, angle, coordinate_unit="deg")  # type: ignore[arg-type]  # a user's mistake
+
+
+NATURAL_TIME = np.linspace(0.0, 40.0, 2000)
+
+
+def linear(g0: float, start: float, seed: int) -> PistonRecord:
+    found = solve_law(LAWS["linear"], NATURAL_TIME, start, 0.0, (0.05, 1.05, g0), 1.0)
+    noise = np.random.default_rng(seed).normal(0.0, 0.01, len(NATURAL_TIME))
+    return PistonRecord(NATURAL_TIME + 3.0 * seed, found.z + noise)
+
+
+def test_shared_and_own_parameters() -> None:
+    """Two masses on one spring: frequency and damping are shared, the load is not."""
+    records = [linear(-1.0, 1.0, 1), linear(0.5, 3.0, 2)]
+    models = fit(records, "linear", parameters={"g0": Parameter(per_record=True)})
+    assert [model.parameters["g0"] for model in models] == pytest.approx([-1.0, 0.5], rel=0.01)
+    for name, value in (("lam", 0.05), ("omega", 1.05)):
+        assert models[0].parameters[name] == models[1].parameters[name] == pytest.approx(value, rel=0.01)
+    assert all(model.quality.relative < 0.03 for model in models)
+    # Both models know the heights of both records.
+    heights = np.concatenate([record.height for record in records])
+    assert [model.domain["height"] for model in models] == [(heights.min(), heights.max())] * 2
+    # What two records tell together, each tells less sharply.
+    assert half_width(models[0], "omega") < 0.7 * half_width(fit(records[0], "linear"), "omega")
+    with pytest.warns(UserWarning, match="times the record's noise"):
+        wrong = fit(records, "linear")
+    assert wrong[0].quality.relative > 5.0 * models[0].quality.relative
+
+
+def test_one_record_is_fitted_as_one_of_several() -> None:
+    record = linear(-1.0, 1.0, 1)
+    alone, (listed,) = fit(record, "linear", starts=1), fit([record], "linear", starts=1)
+    assert listed.parameters == alone.parameters
+    assert listed.intervals == alone.intervals
+    assert listed.quality == alone.quality
+
+
+def test_a_record_s_entries_are_the_shared_ones_and_its_own() -> None:
+    data = data_of_record(LAWS["linear"], linear(-1.0, 1.0, 1), 0.3)
+    assert data.entries.tolist() == [0, 1, 2, 3, 4]
+    first, second = (dataclasses.replace(data, own=("omega",), number=number) for number in (0, 1))
+    assert first.entries.tolist() == [0, 2, 1, 3, 4]
+    assert second.entries.tolist() == [0, 5, 1, 6, 7]
+    vectors = [np.arange(5.0), 10.0 + np.arange(5.0)]
+    joint = FitProblem((first, second)).joint_vector(vectors)
+    np.testing.assert_array_equal(joint, [0.0, 2.0, 1.0, 3.0, 4.0, 11.0, 13.0, 14.0])
+
+
+def test_the_same_record_twice_halves_the_variance() -> None:
+    record = linear(-1.0, 1.0, 1)
+    one, two = fit(record, "linear"), fit([record, record], "linear")[0]
+    assert two.parameters == pytest.approx(one.parameters, rel=1e-5)
+    for name in one.parameters:
+        assert half_width(two, name) == pytest.approx(np.sqrt(0.5) * half_width(one, name), rel=0.01)
+
+
+def test_bounds_hold_and_are_noted(made: Any) -> None:
+    record = made("linear")
+    free = fit(record, "linear", parameters={"omega": Parameter(low=0.5, high=2.0)})
+    assert free.parameters == pytest.approx(fit(record, "linear").parameters, rel=1e-6)
+    assert not any("bound" in note for note in free.notes)
+    half_open = fit(record, "linear", parameters={"omega": Parameter(low=0.5)})
+    assert not any("bound" in note for note in half_open.notes)
+    with pytest.warns(UserWarning, match="omega = 1.06 lies at its bound"):
+        held = fit(record, "linear", parameters={"omega": Parameter(low=1.06, high=2.0)})
+    assert held.parameters["omega"] == pytest.approx(1.06, rel=1e-12)
+    for name, limits in (("omega", Parameter(low=-2.0, high=-1.0)), ("omege", Parameter(low=0.0))):
+        with pytest.raises(InputError, match=f"{name}"):
+            fit(record, "linear", parameters={name: limits})
+
+
+def test_irregular_samples_with_a_gap(made: Any) -> None:
+    """Two thirds of the samples at random, none of them over a whole period."""
+    record, random = made("duffing"), np.random.default_rng(4)
+    kept = (random.uniform(size=2000) < 0.67) & ((record.time < 12.0) | (record.time > 17.0))
+    thin = PistonRecord(record.time[kept], record.height[kept])
+    model = fit(thin, "duffing", starts=1)
+    for name, value in made.true["duffing"].items():
+        assert model.parameters[name] == pytest.approx(value, rel=0.01)
+    assert model.quality.noise == pytest.approx(0.01 * record.height.std(), rel=0.2)
+    assert model.quality.test_error < 0.015
+
+
+def test_noise_level_heeds_the_times() -> None:
+    time = np.sort(np.random.default_rng(1).uniform(0.0, 10.0, 5000))
+    assert noise_level(np.sin(time), time) < 1e-5
+    assert noise_level(noisy(time, np.sin(time), 0.02).height, time) == pytest.approx(0.02, rel=0.05)
+
+
+def test_no_record_is_refused() -> None:
+    with pytest.raises(InputError, match="no record"):
+        fit([], "linear")

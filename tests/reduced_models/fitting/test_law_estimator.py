@@ -1,14 +1,11 @@
 """The estimator keeps scikit-learn's manners, and works in its searches and pipelines."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pytest
 
 from granular.records.record import PistonRecord
-from granular.shared.errors import InputError
 from reduced_models import LawEstimator, Parameter
 
 SHORT = "fits fewer than the 20 samples that a law is identified from"
@@ -26,7 +23,7 @@ IMPOSSIBLE = {
 class FirstColumn(LawEstimator):
     """The estimator on the first column of the tables that the checks make."""
 
-    def fit(self, X: Any, y: Any) -> FirstColumn:
+    def fit(self, X: Any, y: Any) -> "FirstColumn":
         return super().fit(_first(X), y)
 
     def predict(self, X: Any) -> np.ndarray:
@@ -93,20 +90,6 @@ def test_checks_of_scikit_learn() -> None:
     assert not passed & set(IMPOSSIBLE)  # the list holds no check that can be met
 
 
-@pytest.mark.long  # quick: a step of a pipeline, and the checks of scikit-learn
-def test_a_search_over_the_law() -> None:
-    selection = pytest.importorskip("sklearn.model_selection")
-    record = _damped(240)
-    search = selection.GridSearchCV(
-        LawEstimator(starts=1, test_fraction=0.0),
-        {"law": ["linear", "q'' + k*q = g0"]},
-        cv=selection.TimeSeriesSplit(2),
-    ).fit(record.time[:, None], record.height)
-    assert search.best_params_ == {"law": "linear"}  # the other knows no damping
-    assert search.best_score_ > 0.999
-    assert search.best_estimator_.model_.parameters["lam"] == pytest.approx(0.2, rel=0.01)
-
-
 def test_a_step_of_a_pipeline() -> None:
     """Times in milliseconds are made seconds by the step before."""
     pipeline = pytest.importorskip("sklearn.pipeline")
@@ -133,24 +116,6 @@ def test_bounds_and_loss_are_those_of_a_fit() -> None:
         record.time[:, None], height
     )
     assert held.model_.parameters["lam"] == pytest.approx(0.3)
-
-
-@pytest.mark.long  # quick: an estimator in `test_driven`
-def test_inputs_stand_behind_the_time() -> None:
-    from scipy.signal import lsim
-
-    time = np.linspace(0.0, 12.0, 400)
-    force = 3.0 * np.sin(1.5 * time) + np.sin(5.0 * time)
-    height = lsim(([0.5], [1.0, 0.4, 16.0]), force, time)[1]
-    table = np.column_stack([time, force])
-    law = "z'' + c*z' + k*z = force/m"
-    estimator = LawEstimator(law, starts=1, test_fraction=0.0, inputs=("force",))
-    estimator.fit(table[:250], height[:250])
-    assert estimator.n_features_in_ == 2
-    assert estimator.model_.parameters["m"] == pytest.approx(2.0, rel=1e-3)
-    assert estimator.score(table[250:], height[250:]) > 0.9999
-    with pytest.raises(InputError, match="give 2: the time and force"):
-        estimator.fit(time[:, None], height)
 
 
 @pytest.mark.parametrize(

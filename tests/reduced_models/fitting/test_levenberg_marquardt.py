@@ -1,7 +1,5 @@
 """The batched search, on problems whose answers are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

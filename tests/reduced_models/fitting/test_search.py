@@ -1,7 +1,7 @@
-"""Searches that do not miss: records whose period changes, and what is said of what is left."""
+"""Searches that do not miss, what is said of the residuals, and programs that are compiled once."""
 
-from __future__ import annotations
-
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from reduced_models import Law, fit, jax_setup, predict
+from reduced_models import fit, jax_setup, predict
 from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
     fit_autoregression,
@@ -20,75 +20,33 @@ from reduced_models.fitting.residual_diagnostics import (
 from reduced_models.fitting.residuals import _compile_residuals
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.laws import law_named
-from reduced_models.laws.solution import _adaptive_solver, solve_law
+from reduced_models.laws.equation import PROGRAMS
+from reduced_models.laws.solution import _adaptive_solver
 from reduced_models.records.derivatives import spectral_peak_frequency
 from reduced_models.records.first_guesses import first_guesses
+from tests.reduced_models.made import damped_cosine, moved, noisy
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 TIME = np.linspace(0.0, 40.0, 2000)
 
 
-def hard_spring(stiffening: float, drag: float, duration: float, samples: int) -> PistonRecord:
-    """A swing whose frequency falls with its amplitude, by SciPy."""
-    from scipy.integrate import solve_ivp
-
+@pytest.mark.parametrize(
+    ("stiffening", "drag", "duration", "samples", "fall"),
+    [(20.0, 0.2, 40.0, 2000, 4.0), pytest.param(205.0, 0.05, 300.0, 6000, 16.0, marks=pytest.mark.long)],
+)
+def test_a_frequency_that_falls(
+    stiffening: float, drag: float, duration: float, samples: int, fall: float
+) -> None:
+    """To a fourth in a record as long as those of other tests; to a seventeenth in 180 swings."""
     time = np.linspace(0.0, duration, samples)
-    found = solve_ivp(
-        lambda _, y: [y[1], -drag * y[1] - y[0] - stiffening * y[0] ** 3],
-        (0.0, duration),
-        [1.4, 0.0],
-        "DOP853",
-        rtol=1e-10,
-        atol=1e-12,
-        t_eval=time,
-    )
-    return PistonRecord(time, found.y[0])
-
-
-def check_hard_spring(clean: PistonRecord, stiffening: float, fraction: float) -> None:
-    noise = fraction * clean.height.std()
-    height = clean.height + np.random.default_rng(0).normal(0.0, noise, len(clean))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that few of the starts led there
-        model = fit(PistonRecord(clean.time, height), "duffing")
-    assert model.quality.residual < 1.05 * noise
+    clean = moved(lambda t, z, v: -drag * v - z - stiffening * z**3, time, 1.4)
+    halves = np.diff(time[1:][np.diff(np.sign(clean)) != 0.0])
+    assert halves[-3:].mean() / halves[:3].mean() > fall
+    model = fit(noisy(time, clean, 0.01 * clean.std()), "duffing")
+    assert model.quality.residual < 1.05 * 0.01 * clean.std()
     assert model.parameters["beta"] == pytest.approx(stiffening, rel=0.01)
     assert model.parameters["k"] == pytest.approx(1.0, rel=0.01)
-
-
-def test_a_frequency_that_falls_to_a_fourth() -> None:
-    """In a record as long as those of other tests, whose compiled code it shares."""
-    clean = hard_spring(20.0, 0.2, 40.0, 2000)
-    assert fall_of_frequency(clean) > 4.0
-    check_hard_spring(clean, 20.0, 0.01)
-
-
-@pytest.mark.long  # quick: to a fourth
-def test_a_frequency_that_falls_to_a_fifth() -> None:
-    """A hard spring: whoever fits all swings at once ends twenty noise levels away."""
-    check_hard_spring(hard_spring(20.0, 0.02, 300.0, 6000), 20.0, 0.03)
-
-
-@pytest.mark.long  # quick: to a fourth
-def test_a_frequency_that_falls_to_a_sixteenth() -> None:
-    """In forty swings."""
-    clean = hard_spring(205.0, 0.2, 60.0, 1500)
-    assert fall_of_frequency(clean) == pytest.approx(16.0, rel=0.05)
-    check_hard_spring(clean, 205.0, 0.01)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("samples", [6000, 20_000])
-def test_a_frequency_that_falls_to_a_seventeenth(samples: int) -> None:
-    """In 180 swings."""
-    clean = hard_spring(205.0, 0.05, 300.0, samples)
-    assert fall_of_frequency(clean) == pytest.approx(17.0, rel=0.05)
-    check_hard_spring(clean, 205.0, 0.01)
-
-
-def fall_of_frequency(record: PistonRecord) -> float:
-    """Of the first three half swings over that of the last three."""
-    halves = np.diff(record.time[1:][np.diff(np.sign(record.height)) != 0.0])
-    return float(halves[-3:].mean() / halves[:3].mean())
 
 
 def test_first_guesses_have_rivals_where_the_period_changes() -> None:
@@ -103,9 +61,9 @@ def test_first_guesses_have_rivals_where_the_period_changes() -> None:
 
 def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord]) -> None:
     """Two per cent of the swing, at low noise: what is left swings with the motion."""
-    record = quadratic(0.002)
+    clean = moved(lambda t, z, v: -0.1 * v - 0.02 * abs(v) * v - 1.05**2 * z - 1.0, TIME)
     with pytest.warns(UserWarning, match="are not white noise"):
-        wrong = fit(record, "linear")
+        wrong = fit(noisy(TIME, clean, 0.002 * clean.std()), "linear")
     assert wrong.quality.has_structured_residuals
     assert wrong.quality.relative < 0.02
     assert "and swing with the motion, so the law is not right" in " ".join(str(wrong).split())
@@ -137,14 +95,6 @@ def test_noise_that_remembers_is_not_said_to_swing(made: Callable[..., PistonRec
         model = fit(record, "linear")
     assert model.quality.swinging < 0.5
     assert "swing with the motion" not in str(model)
-
-
-def quadratic(fraction: float) -> PistonRecord:
-    """A linear swing with a little drag that grows with the speed squared."""
-    law = Law("mixed", "z'' + 2*lam*z' + c*abs(z')*z' + omega**2*z = g0")
-    clean = solve_law(law, TIME, 1.0, 0.0, (0.05, 0.02, 1.05, -1.0), 1.0).z
-    noise = np.random.default_rng(0).normal(0.0, fraction * clean.std(), len(TIME))
-    return PistonRecord(TIME, clean + noise)
 
 
 def test_what_residuals_look_like() -> None:
@@ -197,20 +147,16 @@ def test_a_fall_is_fitted_alike_by_every_seed() -> None:
     """Where the swing form of the Van der Pol-like law lies in a valley not the law's own."""
     time = np.linspace(0.0, 2.88, 2000)
     fall = predict(load_scene("damper")).simulate(time)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the law cannot tell a fall
-        found = [fit(fall, "van-der-pol-like", seed=seed, test_fraction=0.0) for seed in range(2)]
+    found = [fit(fall, "van-der-pol-like", seed=seed, test_fraction=0.0) for seed in range(2)]
     left = np.array([model.quality.residual for model in found])
     np.testing.assert_allclose(left, left[0], rtol=1e-3)
     assert left[0] < 0.09 * np.ptp(fall.height)
 
 
-@pytest.mark.parametrize("name", ["linear", pytest.param("van-der-pol-like", marks=pytest.mark.long)])
 def test_programs_that_are_compiled_ahead_are_those_of_the_fit(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A fit then compiles only the residuals of all samples; a second time nothing is compiled ahead."""
-    monkeypatch.setattr(jax_setup, "_folder", tmp_path)
     compiled: list[str] = []
 
     def follow(label: str, *args: Any) -> Any:
@@ -218,20 +164,55 @@ def test_programs_that_are_compiled_ahead_are_those_of_the_fit(
             compiled.append(label.split("<locals>.")[1].split(maxsplit=1)[0])
         return load_or_compile(label, *args)
 
-    load_or_compile = jax_setup._load_or_compile
-    monkeypatch.setattr(jax_setup, "_load_or_compile", follow)
-    law = law_named(name)
-    for expected in (["normal_equations", "solve"], []):
-        forget_programs()
+    def compiled_by(act: Callable[[], Any]) -> list[str]:
+        _compile_residuals.cache_clear()
+        _adaptive_solver.cache_clear()
         compiled.clear()
-        compile_fit_ahead(law, 4)
-        assert compiled == expected
-    forget_programs()
-    fit(PistonRecord(TIME, np.exp(-0.05 * TIME) * np.cos(TIME)), law, starts=4)
-    assert compiled == ["linear"]
-    forget_programs()
+        act()
+        return list(compiled)
+
+    load_or_compile, law = jax_setup._load_or_compile, law_named("linear")
+    monkeypatch.setattr(jax_setup, "_folder", tmp_path)
+    monkeypatch.setattr(jax_setup, "_load_or_compile", follow)
+    assert compiled_by(lambda: compile_fit_ahead(law, 4)) == ["normal_equations", "solve"]
+    assert compiled_by(lambda: compile_fit_ahead(law, 4)) == []
+    record = PistonRecord(TIME, damped_cosine(TIME, 1.0, 0.05, 1.0))
+    assert compiled_by(lambda: fit(record, law, starts=4)) == ["linear"]
+    compiled_by(lambda: None)
 
 
-def forget_programs() -> None:
-    _compile_residuals.cache_clear()
-    _adaptive_solver.cache_clear()
+PROGRAM = """
+import resource, sys
+import numpy as np
+from granular import PistonRecord
+from reduced_models import fit
+
+time = np.linspace(0.0, 3.0, 400)
+noise = np.random.default_rng(0).normal(0.0, 1e-6, 400)
+record = PistonRecord(time, 0.06 + 2e-3 * np.exp(-0.3 * time) * np.cos(10.0 * time) + noise)
+UNIT = 2**20 if sys.platform == "darwin" else 2**10
+
+def memory(laws, times=1):
+    for k in laws:
+        for _ in range(times):
+            fit(record, f"z'' + {k}.5*c*z' + k*(z - r) = 0", starts=2, test_fraction=0.0)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / UNIT
+
+kept = int(sys.argv[1])
+print(memory(range(kept + 2)), memory(range(kept + 2, kept + 10)), memory([kept + 9], 40))
+"""
+
+
+@pytest.mark.long
+def test_fits_leave_little_in_memory() -> None:
+    """Of eight more laws than are kept, each of which takes 20 to 40 MB; of forty fits of one."""
+    said = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", PROGRAM, str(PROGRAMS)],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    print(said)
+    first, second, third = map(float, said.split())  # MB
+    assert second - first < 8 * 8.0
+    assert third - second < 10.0

@@ -1,9 +1,6 @@
 """Fits of what a sensor measured: velocities, accelerations, voltages, behind filters."""
 
-from __future__ import annotations
-
 import math
-from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +15,7 @@ from reduced_models.laws.law import law_from_text
 from reduced_models.laws.symmetry import find_similarity
 from reduced_models.records.inputs import StepGrid
 from reduced_models.records.sensor import parse_sensor
-from tests.reduced_models.fitting.made_signals import Made, made_signal, random_signal
+from tests.reduced_models.made import Made, assert_found, made_signal
 
 OMEGA = 2.0 * math.pi * 6.0
 LINEAR = {"lam": 1.1, "omega": OMEGA, "g0": 0.0}
@@ -28,23 +25,11 @@ def fitted(made: Made, **options: int) -> ReducedModel:
     return fit(made.record, made.law, options=FitOptions(measured=made.sensor), **options)
 
 
-def misses(made: Made, model: ReducedModel) -> dict[str, float]:
-    """Errors of the parameters that are told, in half-widths of their intervals."""
-    result = {}
-    for name, value in made.truth.items():
-        if name not in model.untold:
-            low, high = model.intervals[name]
-            result[name] = (model.parameters[name] - value) / (0.5 * (high - low))
-    return result
-
-
 def test_an_acceleration_behind_a_filter() -> None:
     sensor = Sensor("acceleration", low_pass=200.0, damping_ratio=0.7)
-    random = np.random.default_rng(1)
-    made = made_signal("linear", LINEAR, 3e-3, sensor, 1.0, 0.3, 0.01, random)
+    made = made_signal("linear", LINEAR, 3e-3, sensor, 1.0, 0.3, 0.01, np.random.default_rng(1))
     model = fitted(made, starts=1)
-    assert max(map(abs, misses(made, model).values())) < 3.0
-    assert model.sensor is not None
+    assert_found(model, {"lam": 1.1, "omega": OMEGA})
     assert model.sensor.offset == pytest.approx(0.3, abs=0.01)
     assert model.untold == ("level", "g0")
     assert "g0 " not in str(model).split("(z: height")[1].split("not told")[0]
@@ -60,15 +45,6 @@ def test_an_acceleration_behind_a_filter() -> None:
     again = ReducedModel.from_plain(model.to_plain())
     assert (again.sensor, again.untold) == (model.sensor, model.untold)
     assert again.conventions == model.conventions
-
-
-@pytest.mark.long  # quick: a slower one above
-def test_a_swing_so_fast_that_its_acceleration_is_a_large_number() -> None:
-    sensor = Sensor("acceleration", low_pass=200.0, damping_ratio=0.7)
-    random = np.random.default_rng(1)
-    fast = {"lam": 0.5, "omega": 2.0 * math.pi * 12.0, "g0": 0.0}
-    made = made_signal("linear", fast, 3e-3, sensor, 1.0, 0.3, 0.01, random)
-    assert max(map(abs, misses(made, fitted(made, starts=1)).values())) < 3.0
 
 
 def test_a_size_that_no_gain_tells_leaves_no_cubic_stiffness() -> None:
@@ -92,7 +68,7 @@ def test_a_geophone_of_unknown_gain() -> None:
     truth = {"friction": 0.05 * OMEGA**2 * 2e-3, "omega": OMEGA, "g0": 0.0}
     made = made_signal("coulomb", truth, 2e-3, sensor, 28.8, 0.1, 0.01, np.random.default_rng(2))
     model = fitted(made)
-    assert abs(misses(made, model)["omega"]) < 3.0
+    assert_found(model, {"omega": OMEGA})
     # Friction in m/s^2 needs the size of the motion.
     assert set(model.untold) == {"level", "g0", "size", "friction"}
     # A gain that is known to a tenth tells friction to a tenth.
@@ -104,14 +80,7 @@ def test_a_geophone_of_unknown_gain() -> None:
     assert (high - low) / truth["friction"] == pytest.approx(wanted, rel=0.2)
 
 
-@pytest.mark.parametrize(
-    ("derivative", "kind", "order"),
-    [
-        (0, "low_pass", 1),
-        (1, "high_pass", 2),
-        pytest.param(2, "low_pass", 2, marks=pytest.mark.long),  # quick: the acceleration above
-    ],
-)
+@pytest.mark.parametrize(("derivative", "kind", "order"), [(0, "low_pass", 1), (1, "high_pass", 2)])
 def test_a_filter_is_exact_between_grid_points(derivative: int, kind: str, order: int) -> None:
     quantity = ("height", "velocity", "acceleration")[derivative]
     given = {kind: 9.0, "damping_ratio": 0.4 if order == 2 else None}
@@ -138,9 +107,7 @@ def test_laws_know_what_shifts_and_scales() -> None:
     assert find_similarity(pendulum, "scale") is None
     spring = law_from_text("z'' + c*Abs(z')*z' + k*(z - r) + b*(z - r)**3 = 0")
     shift, scale = find_similarity(spring, "shift"), find_similarity(spring, "scale")
-    assert shift is not None
     assert (shift.moving, shift.level) == (("r",), "r")
-    assert scale is not None
     assert set(scale.moving) == {"c", "r", "b"}
 
 
@@ -172,33 +139,12 @@ def test_an_acceleration_in_a_file_is_fitted_where_it_is_said(tmp_path: Path) ->
 
 def test_a_sensor_in_words() -> None:
     geophone = Sensor("velocity", gain=(20.0, 30.0), high_pass=4.5, absolute=True, column="geo")
-    text = "velocity gain=20:30 high_pass=4.5 absolute column=geo"
-    assert parse_sensor(text) == geophone
-    for wrong in (
-        "speed",
-        "velocity gain",
-        "velocity gain=x",
-        "velocity low_pass=1:2",
-        "velocity absolute=1",
-        "velocity low_pass=free",
-    ):
-        with pytest.raises(InputError):
-            parse_sensor(wrong)
+    assert parse_sensor("velocity gain=20:30 high_pass=4.5 absolute column=geo") == geophone
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("kind", ["acceleration", "velocity", "geophone"])
-def test_fifteen_made_records(kind: str) -> None:
-    """The truth within three half-widths, and no interval narrower than half its scatter."""
-    sound, every = 0, defaultdict(list)
-    for seed in range(15):
-        made = random_signal(kind, seed)
-        model = fitted(made)
-        found = misses(made, model)
-        sound += max(map(abs, found.values())) <= 3.0
-        for name, miss in found.items():
-            every[made.law, name].append(miss)
-        print(kind, seed, made.law, {name: round(miss, 2) for name, miss in found.items()})
-    assert sound >= 13
-    for name, errors in every.items():
-        assert np.std(errors) < 2.0, name
+@pytest.mark.parametrize(
+    "further", ["", " gain", " gain=x", " low_pass=1:2", " absolute=1", " low_pass=free"]
+)
+def test_a_sensor_in_wrong_words(further: str) -> None:
+    with pytest.raises(InputError):
+        parse_sensor(f"velocity{further}" if further else "speed")

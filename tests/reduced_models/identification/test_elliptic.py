@@ -1,9 +1,8 @@
-"""A record of an elliptic motion is named as what it is, and as the Duffing law that it solves."""
-
-from __future__ import annotations
+"""Elliptic motions, the Duffing law that they solve, and two wells that a motion goes over."""
 
 import dataclasses
-import warnings
+import functools
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,16 @@ import pytest
 from scipy.special import ellipj, ellipk
 
 from granular import PistonRecord
-from reduced_models import identify, law_named, load_model
-from reduced_models.identification.elliptic_averaging import average_elliptically
+from reduced_models import ReducedModel, fit, identify, law_named, load_model
+from reduced_models.identification.elliptic_averaging import (
+    average_elliptically,
+    solve_elliptic_motion,
+    well_quantities,
+)
+from reduced_models.models.printout import figure_lines
+from tests.reduced_models.made import noisy
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
@@ -20,12 +27,9 @@ SAVED = Path(__file__).parents[2] / "data" / "model.json"
 def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
     time = np.linspace(0.0, 40.0, 2000)  # as in other tests: fits of one shape are compiled once
     z = 1.2 * ellipj(1.1 * time, 0.6)[1]
-    z += np.random.default_rng(0).normal(0.0, 0.01 * z.std(), len(z))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = identify(PistonRecord(time, z), laws=["linear", "duffing"], starts=2, progress=False)
+    record = noisy(time, z, 0.01 * z.std())
+    found = identify(record, laws=["linear", "duffing"], starts=2, progress=False)
     motion = found.elliptic_motion
-    assert motion is not None
     assert motion.function == "cn"
     assert motion[2:] == pytest.approx((1.2, 1.1, 0.6), rel=0.01)
     assert found.best.law.name == "duffing"
@@ -33,7 +37,6 @@ def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
     assert "one motion" in found.verdict
     assert found.to_plain()["elliptic"]["m"] == motion.m
     drift = found.elliptic_averaging
-    assert drift is not None
     assert drift.amplitudes == pytest.approx((1.2, 1.2), rel=0.02)
     assert drift.amplitudes == pytest.approx(drift.solved_amplitudes, rel=0.002)
     assert drift.frequencies == pytest.approx((1.1 / (4.0 * ellipk(0.6)),) * 2, rel=0.005)
@@ -44,10 +47,8 @@ def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
 
 def test_a_cosine_is_no_elliptic_motion() -> None:
     time = np.linspace(0.0, 40.0, 2000)
-    z = np.cos(1.1 * time) + np.random.default_rng(0).normal(0.0, 0.005, len(time))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = identify(PistonRecord(time, z), laws=["linear", "duffing"], starts=2, progress=False)
+    record = noisy(time, np.cos(1.1 * time), 0.005)
+    found = identify(record, laws=["linear", "duffing"], starts=2, progress=False)
     assert found.elliptic_motion is None
     assert found.elliptic_averaging is None
     assert "elliptic" not in found.verdict
@@ -64,10 +65,72 @@ def test_averaging_says_where_it_does_not_hold(alpha: float, held: bool) -> None
     )
     time = np.linspace(0.0, 40.0, 2000)
     found = average_elliptically(model, time)
-    assert found is not None
     assert (found.critical < 1.0) == held
     assert ("in the first cycle" in found.text) == held
     assert ("holds below 1" in found.text) != held
     if held:
         assert found.amplitudes == pytest.approx(found.solved_amplitudes, rel=0.01)
         assert found.amplitudes[1] > found.amplitudes[0] + 0.05
+
+
+TIME = np.linspace(0.0, 30.0, 1500)
+AMPLITUDE, RATE, M = 1.2, 1.1, 0.6
+BETA = 2.0 * M * RATE**2 / AMPLITUDE**2
+K = RATE**2 - BETA * AMPLITUDE**2  # below zero: a hump between two wells
+WELL = math.sqrt(-K / BETA)
+
+
+@functools.cache
+def fitted(law: str, amplitude: float = AMPLITUDE) -> ReducedModel:
+    """Fit to z = 1.2 cn(1.1 t | 0.6) m, or to a motion within one of the wells."""
+    if amplitude == AMPLITUDE:
+        height = AMPLITUDE * ellipj(RATE * TIME, M)[1]
+    else:
+        rate = amplitude * math.sqrt(0.5 * BETA)
+        height = amplitude * ellipj(rate * TIME, 2.0 + K / rate**2)[2]
+    noise = np.random.default_rng(0).normal(0.0, 0.002, len(TIME))
+    return fit(PistonRecord(TIME, height + noise), law, test_fraction=0.0)
+
+
+@pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])
+def test_the_wells_and_their_frequencies(law: str) -> None:
+    found = {item.name: item for item in well_quantities(fitted(law))}
+    truth = {
+        "lower well": -1e3 * WELL,
+        "upper well": 1e3 * WELL,
+        "frequency in the lower well": math.sqrt(-2.0 * K) / math.tau,
+        "frequency in the upper well": math.sqrt(-2.0 * K) / math.tau,
+        "frequency over both wells at 1.2e+03 mm": RATE / (4.0 * ellipk(M)),
+    }
+    assert set(found) == set(truth)
+    for name, value in truth.items():
+        error = found[name].total_error
+        assert abs(found[name].value - value) < 2.0 * error
+        assert error < 0.01 * abs(value)
+    lines = figure_lines(tuple(found.values()))
+    assert lines[0].split()[:2] == ["lower", "well"]
+    assert "-48" in lines[0]
+    assert len(lines) == len(truth) + 1
+
+
+def test_a_motion_in_one_well_or_with_one_equilibrium_has_no_two() -> None:
+    assert well_quantities(fitted("duffing", 0.6)) == ()
+    time = np.linspace(0.0, 2.0, 500)
+    swing = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+    assert well_quantities(fit(swing, "linear", starts=1, test_fraction=0.0)) == ()
+
+
+@pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])
+def test_a_cubic_law_names_its_closed_form(law: str) -> None:
+    model = fitted(law)
+    solved = solve_elliptic_motion(model, 30.0)
+    motion = solved.motion
+    assert motion.function == "cn"
+    assert motion.m == pytest.approx(M, abs=2e-3)
+    assert motion.rate == pytest.approx(RATE, rel=1e-3)
+    assert "z(t) = 1.2 cn(1.1 t + phase | " in solved.text
+
+
+def test_a_motion_within_a_well_is_a_dn() -> None:
+    solved = solve_elliptic_motion(fitted("duffing", 0.6), 30.0)
+    assert solved.motion.function == "dn"

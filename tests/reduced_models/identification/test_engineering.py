@@ -1,19 +1,17 @@
 """A law in an engineer's words: textbook numbers, and digits that follow the intervals."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from granular.records.headings import COORDINATES
-from reduced_models import fit, identify, load_model
+from reduced_models import ReducedModel, fit, identify, load_model
 from reduced_models.fitting.residual_diagnostics import count_release_transient_samples, diagnose_residuals
 from reduced_models.identification.measured_swing import measure_swing
 from reduced_models.identification.residual_tests import ResidualTests, residual_tests
@@ -28,32 +26,32 @@ from reduced_models.models.quantities import (
     format_interval,
 )
 from reduced_models.records.envelope import envelope
+from tests.reduced_models.made import damped_cosine, moved, noise, noisy
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
+INTERVALS = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153)}
 
 
 def test_a_textbook_oscillator() -> None:
     """7.5 kg, 3000 N/m, 30 N s/m: omega = 20 rad/s, ratio = 0.1."""
-    intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153), "damping_ratio": (0.09, 0.11)}
-    model = dataclasses.replace(
-        load_model(SAVED), at_rest=AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, intervals)
-    )
+    rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, INTERVALS | {"damping_ratio": (0.09, 0.11)})
+    model = dataclasses.replace(load_model(SAVED), at_rest=rest)
     known = {one.name: one for one in swing_quantities(model, 7.5)}
-    assert known["stiffness"].value == pytest.approx(3000.0)
+    period = 0.0036606  # relative error
+    for name, value, error in (
+        ("stiffness", 3000.0, 2 * period * 3000.0),
+        ("damping", 30.0, 30.0 * math.hypot(0.1, period)),
+        ("natural frequency", 20.0 / (2.0 * math.pi), period * 20.0 / (2.0 * math.pi)),
+        ("damped frequency", 20.0 * math.sqrt(0.99) / (2 * math.pi), None),
+        ("logarithmic decrement", 0.2 * math.pi / math.sqrt(0.99), None),
+        ("quality factor", 5.0, 0.5),
+    ):
+        assert known[name].value == pytest.approx(value)
+        assert error is None or known[name].total_error == pytest.approx(error, rel=1e-4)
     assert known["stiffness"].unit == "N/m"
-    assert known["damping"].value == pytest.approx(30.0)
-    assert known["natural frequency"].value == pytest.approx(20.0 / (2.0 * math.pi))
-    assert known["damped frequency"].value == pytest.approx(20.0 * math.sqrt(0.99) / (2 * math.pi))
-    assert known["logarithmic decrement"].value == pytest.approx(0.2 * math.pi / math.sqrt(0.99))
-    assert known["quality factor"].value == pytest.approx(5.0)
-    # Relative errors: 0.366 % of the period, 10 % of the damping ratio.
-    assert known["quality factor"].total_error == pytest.approx(0.5, rel=1e-4)
-    assert known["stiffness"].total_error == pytest.approx(2 * 0.0036606 * 3000.0, rel=1e-4)
-    assert known["damping"].total_error == pytest.approx(30.0 * math.hypot(0.1, 0.0036606), rel=1e-4)
     assert known["level of rest"].text_with_error == "59.10 ± 0.20 mm"
     assert known["damping ratio"].text_with_error == "10.0 ± 1.0 %"
-    assert model.at_rest is not None
-    turning = dataclasses.replace(model, at_rest=dataclasses.replace(model.at_rest, coordinate_unit="rad"))
+    turning = dataclasses.replace(model, at_rest=dataclasses.replace(rest, coordinate_unit="rad"))
     angle = {one.name: one for one in swing_quantities(turning, None)}
     assert angle["level of rest"].unit == "°"
     assert not any("m" in one.unit for one in angle.values())
@@ -62,24 +60,17 @@ def test_a_textbook_oscillator() -> None:
 
 
 def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
-    intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153), "damping_ratio": (0.025, 0.027)}
     others = {"tenth_ratio": (0.12, 0.14), "friction": (0.12, 0.13)}
     equivalent = EquivalentDamping(0.005, 0.13, 0.125, others, own=True)
+    intervals = INTERVALS | {"damping_ratio": (0.025, 0.027)}
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.026, intervals, equivalent)
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
     known = {one.name: one for one in swing_quantities(model, 8.0)}
-    assert list(known) == [
-        "level of rest",
-        "natural frequency",
-        "damping ratio at 5 mm",
-        "damping ratio at 1 mm",
-        "friction",
-        "stiffness",
-    ]
-    assert known["damping ratio at 5 mm"].value == pytest.approx(2.6)
-    assert known["damping ratio at 1 mm"].text_with_error == "13.0 ± 1.0 %"
-    assert known["friction"].text_without_error == "1.000 N"
-    assert known["friction"].unit == "N"
+    ratios = ["damping ratio at 5 mm", "damping ratio at 1 mm"]
+    assert list(known) == ["level of rest", "natural frequency", *ratios, "friction", "stiffness"]
+    assert known[ratios[0]].value == pytest.approx(2.6)
+    assert known[ratios[1]].text_with_error == "13.0 ± 1.0 %"
+    assert (known["friction"].text_without_error, known["friction"].unit) == ("1.000 N", "N")
     for unit in COORDINATES:
         model = dataclasses.replace(model, at_rest=dataclasses.replace(rest, coordinate_unit=unit))
         (friction,) = [one for one in swing_quantities(model, None) if one.symbol == "F"]
@@ -88,7 +79,7 @@ def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
 
 def test_parts_of_an_error_add_up_in_quadrature() -> None:
     """A calibration that is half of the interval, a step and three starts."""
-    intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153), "damping_ratio": (0.09, 0.11)}
+    intervals = INTERVALS | {"damping_ratio": (0.09, 0.11)}
     rest = AtRest(0.0591, 0.31415, 0.1, intervals, calibration={"height": 0.0001})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
     figures = swing_quantities(model, 7.5)
@@ -116,8 +107,7 @@ def test_the_record_s_own_peaks_overrule_a_damping_ratio() -> None:
     seen = envelope(PistonRecord(time, 0.0591 + 1.2e-3 * swing)).peak_damping
     assert seen.mean == pytest.approx(0.03, rel=0.02)
     for ratio, stands in ((0.1, False), (10.0, False), (-0.03, False), (0.028, True), (0.05, True)):
-        intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153)}
-        intervals["damping_ratio"] = (ratio - 1e-3, ratio + 1e-3)
+        intervals = INTERVALS | {"damping_ratio": (ratio - 1e-3, ratio + 1e-3)}
         peaks = seen if seen.contradicts(ratio) else None
         assert (peaks is None) == stands
         rest = AtRest(0.0591, 2.0 * math.pi / 20.0, ratio, intervals, peaks=peaks)
@@ -164,24 +154,18 @@ def test_a_law_that_contradicts_the_record_is_said_to_before_anything_else(
 def test_the_own_swing_of_a_driven_record() -> None:
     """By its restoring force, with the gain of the drive that the law has."""
     time = np.linspace(0.0, 10.0, 2001)
-    push = np.sin((14.0 + 0.3 * time) * time)
-    solved = solve_ivp(
-        lambda t, y: [y[1], 0.5 * math.sin((14.0 + 0.3 * t) * t) - 400.0 * y[0] - 1.6 * y[1]],
-        (0.0, time[-1]),
-        [0.0, 0.0],
-        t_eval=time,
-        rtol=1e-8,
-        atol=1e-12,
-    )
-    noise = np.random.default_rng(0).normal(0.0, 1e-7, len(time))
-    record = PistonRecord(time, solved.y[0] + noise, extra={"push": push})
+
+    def push(t: Any) -> Any:
+        return np.sin((14.0 + 0.3 * t) * t)
+
+    swing = moved(lambda t, z, v: 0.5 * push(t) - 400.0 * z - 1.6 * v, time, 0.0)
     model = dataclasses.replace(
         load_model(SAVED),
         law=law_from_text("z'' + c*z' + k*z = b*push", ["push"]),
         parameters={"c": 1.6, "k": 400.0, "b": 0.5},
         initial=(0.0, 0.0),
     )
-    found = measure_swing(record, model)
+    found = measure_swing(noisy(time, swing, 1e-7, extra={"push": push(time)}), model)
     assert found.record.method == "restoring force"
     assert found.law_agrees
     frequency, damping = found.quantities_at(0)
@@ -227,25 +211,34 @@ def test_a_printed_interval_holds_the_whole(low: float, high: float, digits: int
     ("error", "words"),
     [
         (lambda t: 0.0 * t, "rounding"),
-        (lambda t: np.random.default_rng(0).normal(0.0, 1e-5, len(t)), "noise"),
+        (lambda t: noise(len(t), 1e-5), "noise"),
         (lambda t: 1e-5 * np.cos(21.0 * t), "wrong: it swings with the motion"),
         (lambda t: 1e-5 * np.cos(42.0 * t), "wrong: it swings at twice the frequency"),
         (lambda t: 1e-5 * np.cos(2.0 * t), "not white"),
     ],
 )
 def test_structure_is_called_wrong_though_it_is_small(
-    error: Callable[[np.ndarray], np.ndarray], words: str
+    error: Callable[[np.ndarray], np.ndarray], words: str, textbook: ReducedModel
 ) -> None:
     """One per cent of the swing at the right places."""
-    time = np.linspace(0.0, 6.0, 1500)
-    swing = 1.2e-3 * np.exp(-0.05 * time) * np.cos(21.0 * time)
-    model = fit(PistonRecord(time, 0.059 + swing), "linear", starts=2)
-    moved = PistonRecord(time, 0.059 + swing + error(time))
-    followed = model.simulate_record(moved).height
-    seen = diagnose_residuals(time, moved.height - followed, np.gradient(swing, time), 2.0 * math.pi / 21.0)
-    quality = dataclasses.replace(model.quality, whiteness=seen["whiteness"], signs=seen["signs"])
-    found = residual_tests(dataclasses.replace(model, quality=quality), time, moved.height, followed)
-    assert found.verdict.startswith(words)
+    swing = damped_cosine(LONG_TIME, 1.2e-3, 0.05, 21.0)
+    moved_record = PistonRecord(LONG_TIME, 0.059 + swing + error(LONG_TIME))
+    followed = textbook.simulate_record(moved_record).height
+    residuals = moved_record.height - followed
+    seen = diagnose_residuals(LONG_TIME, residuals, np.gradient(swing, LONG_TIME), 2.0 * math.pi / 21.0)
+    quality = dataclasses.replace(textbook.quality, whiteness=seen["whiteness"], signs=seen["signs"])
+    model = dataclasses.replace(textbook, quality=quality)
+    assert residual_tests(model, LONG_TIME, moved_record.height, followed).verdict.startswith(words)
+
+
+LONG_TIME = np.linspace(0.0, 6.0, 2000)
+
+
+@pytest.fixture(scope="module")
+def textbook() -> ReducedModel:
+    """Fit of a swing without noise."""
+    swing = damped_cosine(LONG_TIME, 1.2e-3, 0.05, 21.0)
+    return fit(PistonRecord(LONG_TIME, 0.059 + swing), "linear", starts=2)
 
 
 def test_what_a_release_stirs_up_is_told_from_a_wrong_law() -> None:

@@ -1,15 +1,10 @@
 """The way from a scene, a run or a CSV file to a report."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json
 import math
-import os
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
@@ -19,7 +14,6 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, simulate
-from granular.run.plan import multiply_time_step, parse_time_step
 from granular.run.trajectory import Trajectory
 from granular.studies.cases import Case, CaseOutcome
 from reduced_models import DiscoveryOptions, IdentifyOptions, compare, discover, identify, load_model
@@ -27,26 +21,17 @@ from reduced_models.identification import scene_checks
 from reduced_models.identification.pictures import _break_at_gaps
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import RECORD, choose_step_check
+from tests.reduced_models.made import damped_cosine, noise, noisy
 
-ROOT = Path(__file__).parents[3]
 UNCHECKED = IdentifyOptions(checks=False)
 
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     time = np.linspace(0.0, 2.0, 2000)  # as in other tests: fits of one shape are compiled once
-    height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(21.8 * time)
-    height += np.random.default_rng(3).normal(0.0, 3e-6, len(time))
     path = tmp_path_factory.mktemp("lab") / "lab.csv"
-    PistonRecord(time, height).to_csv(path)
+    noisy(time, 0.059 + damped_cosine(time, 0.0012), 3e-6, 3).to_csv(path)
     return path
-
-
-@pytest.fixture(scope="module")
-def identified(lab: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Path]:
-    """Identification of the record by all laws, and the directory that holds it."""
-    out = tmp_path_factory.mktemp("identified")
-    return identify(lab, out, progress=False), out
 
 
 @pytest.fixture(scope="module")
@@ -79,9 +64,13 @@ def test_a_spring_by_the_laws_that_may_be_its(spring: tuple[Identification, Path
     assert "the data cannot tell polynomial-spring from it" in found.verdict
     for name in ("coulomb", "quadratic-drag"):
         assert any(f"{name} was not fitted" in words for words in found.left_out)
+    assert found.residuals["duffing"].verdict == "noise"
+    assert found.advice == ()
     fits_a_screen(found, " N/m per kg")
     page = (out / "report.html").read_text()
+    assert "width=device-width" in page
     assert page.count("<svg") == 5
+    assert page.count("<math") >= 3
     for words in (
         "95 % interval",
         "quality factor",
@@ -93,28 +82,6 @@ def test_a_spring_by_the_laws_that_may_be_its(spring: tuple[Identification, Path
     assert not re.search(r"(src|href)=\"http", page)
     assert "LaTeX:" in (out / "equations.txt").read_text()
     assert load_model(out / "model.json").law.name == "duffing"
-
-
-@pytest.mark.long  # quick: the report of a spring, above, by fewer laws
-def test_the_report_of_a_record(identified: tuple[Identification, Path], lab: Path) -> None:
-    out = identified[1]
-    page = (out / "report.html").read_text()
-    assert page.startswith("<!doctype html>")
-    assert "width=device-width" in page
-    assert page.count("<svg") == 5
-    assert "Frequency and damping of the record itself" in page
-    assert "95 % interval" in page
-    assert "quality factor" in page
-    assert "scipy " in page[page.index("<footer>") :]
-    assert "The laws compared" in page
-    assert "LaTeX:" in (out / "equations.txt").read_text()
-    assert page.count("<math") >= 4
-    assert not re.search(r"(src|href)=\"http", page)
-    model = load_model(out / "model.json")
-    assert model.law.name == "linear"
-    assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-3)
-    back = PistonRecord.from_csv(out / "record.csv")
-    assert np.array_equal(back.height, PistonRecord.from_csv(lab).height)
 
 
 def fits_a_screen(found: Identification, words: str) -> None:
@@ -147,7 +114,6 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch
             "effects.drag.coefficient": 0.5,
         }
     )
-    # Checks run in other processes; `test_checks_from_a_plain_script` looks at those.
     with ThreadPoolExecutor(1) as here:
         found = identify(scene, tmp_path / "out", options=IdentifyOptions(executor=here), progress=False)
     assert (tmp_path / "out" / "run" / "checkpoint.npz").is_file()
@@ -164,7 +130,6 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch
     assert all(len(row.records) == 1 for row in found.comparison.rows if not row.failure)
     assert "which no law has seen, is predicted best by" in found.verdict
     assert "A lift that no law has seen" in page
-    assert found.falls is not None
     assert found.falls.labels[-2:] == ("start 2", "start 3")
     assert len(found.falls.labels) >= 4  # grains may not fit under a lower piston
     assert found.falls.verdict in page
@@ -194,24 +159,6 @@ def test_from_run(run: Trajectory) -> None:
 
 
 @pytest.mark.parametrize(
-    ("dt", "half"),
-    [
-        ("auto", "auto/2"),
-        ("auto*2", "auto"),
-        ("auto*8", "auto*4"),
-        ("auto/2", "auto/4"),
-        ("auto*0.5", "auto/4"),
-        ("auto*1.5", "auto/1.3333333333333333"),
-        (1e-5, 5e-6),
-    ],
-)
-def test_half_a_step(dt: float | str, half: float | str) -> None:
-    assert multiply_time_step(dt, 0.5) == half
-    step, finer = parse_time_step(dt), parse_time_step(multiply_time_step(dt, 0.5))
-    assert finer.factor == pytest.approx(step.factor if step.seconds else 0.5 * step.factor)
-
-
-@pytest.mark.parametrize(
     ("dt", "phase", "other", "factor"),
     [
         ("auto", 0.2, "auto*2", 1.0),
@@ -222,23 +169,13 @@ def test_half_a_step(dt: float | str, half: float | str) -> None:
     ],
 )
 def test_the_step_is_doubled_where_that_resolves_the_motion(
-    run: Trajectory,
-    monkeypatch: pytest.MonkeyPatch,
-    dt: float | str,
-    phase: float,
-    other: float | str,
-    factor: float,
+    run: Trajectory, monkeypatch: pytest.MonkeyPatch, dt: Any, phase: float, other: Any, factor: float
 ) -> None:
     settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
     monkeypatch.setattr(Trajectory, "settings", lambda _: settings)
     check = choose_step_check(run)
     assert check.changes == {"dt": other}
     assert check.factor == pytest.approx(factor)
-
-
-def faster(record: PistonRecord, by: float) -> PistonRecord:
-    """The same swing in a shorter time."""
-    return PistonRecord(record.time / by, record.height)
 
 
 class Told(Future[Any]):
@@ -272,23 +209,20 @@ class MadeUp(Executor):
         return future
 
 
-@pytest.mark.parametrize("law", ["linear", pytest.param("van-der-pol-like", marks=pytest.mark.long)])
 def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
-    run: Trajectory, monkeypatch: pytest.MonkeyPatch, law: str
+    run: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     time = np.linspace(0.0, 1.0, 2000)
-    height = 0.02 + 1e-3 * np.exp(-2.0 * time) * np.cos(40.0 * time)
-    swing = PistonRecord(time, height)
+    swing = PistonRecord(time, 0.02 + damped_cosine(time, 1e-3, 2.0, 40.0))
     monkeypatch.setattr(Trajectory, "piston", lambda _: swing)
-    made_up = MadeUp(*(faster(swing, by) for by in (1.01, 0.99, 1.03)))
-    found = identify(
-        run.path, laws=[law], starts=2, options=IdentifyOptions(executor=made_up), progress=False
-    )
+    made_up = MadeUp(*(PistonRecord(time / faster, swing.height) for faster in (1.01, 0.99, 1.03)))
+    options = IdentifyOptions(executor=made_up)
+    found = identify(run.path, laws=["linear"], starts=2, options=options, progress=False)
     assert [case.settings["dt"] for case in made_up.asked] == ["auto*2", "auto*2", "auto*4"]
     assert {case.settings["method"] for case in made_up.asked} == {"stormer-verlet"}
     seeds = [case.scene.arrangement.seed for case in made_up.asked]
     assert seeds == [run.scene.arrangement.seed + more for more in (1, 2, 0)]
-    assert found.figures_law == law
+    assert found.figures_law == "linear"
     for figure in (found.figure("natural frequency"), found.own.figures[0]):
         # All of what twice the step changes.
         assert figure.parts["step"] == pytest.approx(0.03 * figure.value, rel=1e-3)
@@ -301,16 +235,11 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
         assert (tmp_path / "model.json").is_file()
         assert (tmp_path / "report.html").is_file()
 
-    made_up = MadeUp(run.piston(), run.piston(), "EnergyError: step 3", before=saved)
+    options = IdentifyOptions(
+        executor=MadeUp(run.piston(), run.piston(), "EnergyError: step 3", before=saved)
+    )
     with pytest.warns(UserWarning, match="check with twice the time step failed: EnergyError"):
-        found = identify(
-            run.path,
-            tmp_path,
-            laws=["linear"],
-            starts=2,
-            options=IdentifyOptions(executor=made_up),
-            progress=False,
-        )
+        found = identify(run.path, tmp_path, laws=["linear"], starts=2, options=options, progress=False)
     frequency = found.figure("natural frequency")
     assert "step" not in frequency.parts
     assert frequency.parts["start"] < 1e-6 * frequency.value
@@ -318,40 +247,6 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
     assert words in str(found)
     assert words in load_model(tmp_path / "model.json").notes
     assert words.replace("the check", "The check") in (tmp_path / "report.html").read_text()
-
-
-SCRIPT = """
-import sys
-from granular import load_trajectory
-from granular.studies.background_cases import BackgroundCaseRunner
-from reduced_models.records.sources import piston_record_columns
-print("started")
-cases = [{"dt": dt} for dt in (1e-3, "auto")]
-settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
-with BackgroundCaseRunner(piston_record_columns, None) as background:
-    started = background.submit_cases(load_trajectory(sys.argv[1]).scene, cases, settings)
-    for outcome in background.wait_for_outcomes(started, "checks", False):
-        print(sorted(outcome.figures), outcome.error)
-"""
-
-
-@pytest.mark.long  # quick: the same checks by a made-up executor, above; processes in `test_workers`
-def test_checks_from_a_plain_script(run: Trajectory, tmp_path: Path) -> None:
-    """No guard is needed, and a run that fails in its process comes back as words."""
-    (tmp_path / "script.py").write_text(SCRIPT)
-    done = subprocess.run(
-        [sys.executable, tmp_path / "script.py", str(run.path)],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=tmp_path,
-        timeout=300,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )
-    started, failed, kept = done.stdout.splitlines()
-    assert started == "started"
-    assert re.match(r"\[\] (NotFiniteError|StepError|OutsideError|EnergyError): step \d+", failed)
-    assert kept == "['fall', 'record'] None"
 
 
 def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
@@ -362,62 +257,14 @@ def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
     assert "step" not in found.figure("natural frequency").parts
 
 
-@pytest.mark.long  # quick: the spring whose law two describe
-def test_verdict_calls_equals_equal(identified: tuple[Identification, Path]) -> None:
-    found = identified[0]
-    assert found.best.law.name == "linear"
-    assert "the data cannot tell duffing from it" in found.verdict
-    names = {row.name for row in found.comparison.rows}
-    assert {"linear", "van-der-pol-like", "polynomial-spring", "duffing"} <= names
-    assert not {"coulomb", "quadratic-drag"} & names
-    assert any("quadratic-drag was not fitted" in words for words in found.left_out)
-    assert found.residuals["linear"].verdict == "noise"
-    assert found.advice == ()
-    fits_a_screen(found, " N/m per kg")
-
-
-CODE = """
-import collections, sys
-import jax
-seen = collections.Counter()
-jax.monitoring.register_event_listener(lambda name, **_: seen.update([name.split("/")[-1]]))
-from reduced_models import identify
-identify(sys.argv[1], laws=['linear'], progress=False)
-print(seen["compile_requests_use_cache"], seen["cache_hits"])
-"""
-
-
-@pytest.mark.long
-def test_second_start_compiles_nothing(lab: Path, tmp_path: Path) -> None:
-    """Every request for compiled code is then served from the disk."""
-    counts = []
-    for _ in range(2):
-        done = subprocess.run(
-            [sys.executable, "-c", CODE, str(lab)],
-            capture_output=True,
-            text=True,
-            check=True,
-            cwd=ROOT,
-            env=os.environ | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "jax")},
-        )
-        counts.append(tuple(map(int, done.stdout.split())))
-    (requests, hits), again = counts
-    assert requests > 5
-    assert hits == 0
-    assert again == (requests, requests)
-
-
 @pytest.fixture(scope="module")
 def accelerated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Acceleration of a linear decay, 3.4697 Hz and 3.667 % of critical, in units of gravity."""
-    time = np.linspace(0.0, 4.0, 2000)
-    lam, omega = 0.8, 21.8
-    swing = 1.2e-3 * np.exp((-lam + 1j * omega) * time)
-    acceleration = np.real((-lam + 1j * omega) ** 2 * swing) / 9.80665
-    acceleration += np.random.default_rng(1).normal(0.0, 2e-4, len(time))
+    time, root = np.linspace(0.0, 4.0, 2000), -0.8 + 21.8j
+    acceleration = np.real(root**2 * 1.2e-3 * np.exp(root * time)) / 9.80665 + noise(2000, 2e-4, 1)
     path = tmp_path_factory.mktemp("accelerated") / "acc.csv"
-    rows = "\n".join(f"{t:.6f},{a:.7f}" for t, a in zip(time, acceleration, strict=True))
-    path.write_text(f"time [s],acceleration [g]\n{rows}\n")
+    table, header = np.column_stack([time, acceleration]), "time [s],acceleration [g]"
+    np.savetxt(path, table, "%.7f", ",", header=header, comments="")
     return path
 
 
@@ -477,8 +324,7 @@ def test_a_law_is_discovered_in_what_was_measured(accelerated: Path, measured: s
 
 def test_a_force_that_discovery_does_not_use_is_named() -> None:
     time = np.linspace(0.0, 2.0, 2000)
-    swing = 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time)
-    record = PistonRecord(time, swing, force=np.sin(5.0 * time))
+    record = PistonRecord(time, damped_cosine(time), force=np.sin(5.0 * time))
     found = discover(record, "sindy", library="physical", degree=1, options=DiscoveryOptions(polish=0))
     assert "columns that were not used as an input: force; input=NAME (--input NAME) takes one" in str(found)
 

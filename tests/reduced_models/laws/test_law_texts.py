@@ -1,7 +1,6 @@
 """Laws as people write them, and as nobody should: a text is read, never run."""
 
-from __future__ import annotations
-
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -51,26 +50,10 @@ def test_laws_in_many_words(text: str) -> None:
 
 
 def _value(text: str, given: dict[str, float]) -> float:
-    """Of a formula with numbers for all names, by the grammar's own arithmetic."""
-    tree = formulas.parse(text)
-
-    def of(node: formulas.Node) -> float:
-        if isinstance(node, formulas.Name):
-            return given[node.name]
-        if isinstance(node, formulas.Number):
-            return formulas.CONSTANTS.get(node.text) or float(node.text)
-        operands = list(map(of, node.operands))
-        if node.head in formulas.FUNCTIONS:
-            return formulas.FUNCTIONS[node.head].value(*operands)
-        return {
-            "+": lambda *a: sum(a),
-            "*": lambda *a: float(np.prod(a)),
-            "-": lambda a: -a,
-            "/": lambda a, b: a / b,
-            "**": lambda a, b: a**b,
-        }[node.head](*operands)
-
-    return of(tree)
+    """Of a formula with numbers for all names, by Python."""
+    functions = {name: function.value for name, function in formulas.FUNCTIONS.items()}
+    python = re.sub(r"[^\W\d]\w*", lambda name: f"names[{name[0]!r}]", text)
+    return float(eval(python, {"names": functions | formulas.CONSTANTS | given}))
 
 
 def test_every_function_in_jax() -> None:
@@ -94,37 +77,19 @@ SHELL = (  # once ran a shell command, by way of SymPy's parser
     "x5f5f696d706f72745f5f28276f7327292e73797374656d2827746f75636820{}27290a"
     ".name.removeprefix(x.name)).decode()) = 0"
 )
+# What the grammar of formulas refuses is tested with it.
 REFUSED = {
     "nothing": ("", "one equals sign"),
     "no equation": ("z'' + k*z", "one equals sign"),
     "two equations": ("z'' = z = 1", "one equals sign"),
     "comparison": ("z'' == k*z", "one equals sign"),
-    "walrus": ("z'' := k*z", "':' is none of the characters"),
     "attribute": ("z'' + k*z.real = 0", "'.' is none of the characters"),
-    "import": ("z'' + __import__('os') = 0", "is none of the characters"),
     "dunder": ("z'' + __builtins__*k = 0", "two underscores, characters that no name"),
-    "lambda": ("z'' + (lambda: k)() = 0", "':' is none of the characters"),
-    "comprehension": ("z'' + [k for k in z] = 0", "'[' is none of the characters"),
     "string": ("z'' + k*\"z\" = 0", "write ''"),
-    "f-string": ("z'' + f'{z}' = 0", "is none of the characters"),
-    "condition": ("z'' + (k if z else 0) = 0", "a sign is missing at 'if z else"),
-    "bit operation": ("z'' + z = 0 & z", "'&' is none of the characters"),
-    "call": ("z'' + system(k) = 0", "'system' is no function"),
     "evaluation": ("z'' + eval(k) = 0", "'eval' is no function"),
-    "product": ("z'' + 2k*z = 0", "a sign is missing at 'k*z'; write *"),
-    "no product": ("z'' + k(z - r) = 0", "'k' is no function at 'k(z - r)'; write k*(...)"),
     "open bracket": ("z'' + (z = 0", "cannot be read: a bracket is not closed"),
-    "tuple": ("z'' + (z, 1) = 0", "cannot be read"),
-    "huge power": ("z'' + k*9**9**9 = 0", "a power of 3.87e+08"),
-    "power of a sum": ("z'' + (a + b + c + z)**200 = 0", "a power of 200"),
     "power of a lesser sum": ("z'' + (a + b + c + z)**50 = 0", "multiplied out"),
-    "product of sums": ("z'' + " + "*".join(f"(a{k} + z)" for k in range(24)) + " = 0", "multiplied out"),
     "signs": ("z'' + k*" + "-" * 5000 + "z = 0", "5013 characters"),
-    "fewer signs": ("z'' + k*" + "-" * 500 + "z = 0", "more than 50 brackets, operators"),
-    "characters": ("z'' + k*z = " + "1" * 10**6, "1000012 characters"),
-    "brackets": ("z'' + " + "(" * 200 + "z" + ")" * 200 + " = 0", "more than 50 brackets"),
-    "look-alike": ("z'' + \u043a*z + \u0435xp(z) = 0", "CYRILLIC SMALL LETTER KA"),
-    "bold letter": ("z'' + \U0001d424*z = 0", "MATHEMATICAL BOLD SMALL K"),
     "not linear": ("z''**2 + k*z = 0", "linear in z''"),
     "hidden in a sine": ("z'' + sin(z''*c) = 0", "linear in z''"),
     "no z''": ("z' + k*z = 0", "equations of motion for no coordinate"),
@@ -145,6 +110,7 @@ REFUSED = {
     "many hidden": ("z'' + k*z = 0" + "; w' = z" * 12, "13 equations; at most 12"),
     "no parameter": ("z'' + z = 0", "no parameter"),
     "infinite": ("z'' + k/(z - z) = 0", "divides by zero"),
+    "large": ("z'' + 1e90*(1e90*(1e90*(1e90*z))) + k*z = 0", "computers hold numbers from 1e-308 to 1e308"),
 }
 
 
@@ -293,11 +259,6 @@ def test_a_drive_is_in_the_first_equation_of_motion_alone() -> None:
     assert driven.equation == "acceleration = gain*z''; (z'' - push) + k*z = 0"
     with pytest.raises(InputError, match="prescribes the stroke"):
         law_with_force_input(FORCE_LAWS["linear"])
-
-
-def test_numbers_that_only_multiplying_out_makes_too_large() -> None:
-    with pytest.raises(InputError, match="computers hold numbers from 1e-308 to 1e308"):
-        parse_equation("z'' + 1e90*(1e90*(1e90*(1e90*z))) + k*z = 0")
 
 
 def test_powers_about_rest_do_not_cancel() -> None:

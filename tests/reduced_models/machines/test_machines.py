@@ -1,20 +1,24 @@
-"""The law at work on a host: its equation, its limits, and designs from it."""
+"""The law at work on a host: its equation, its limits, designs from it, and next to a response."""
 
-from __future__ import annotations
-
+import json
 import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-import sympy
 
-from granular import load_scene
+from granular import Scene, load_scene
 from granular.effects.excitation import Excitation
 from granular.effects.host_structure import Host
+from granular.response import save_response
+from granular.response.response import FrequencyResponse, response_dataset
 from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.laws.annealing_bed import ANNEALING_BED
-from reduced_models.machines import design_for, predicted_response
+from reduced_models.laws.equation import compile_rates
+from reduced_models.machines import compare_response, design_for, predicted_response
 from reduced_models.machines.design import DamperDesign, _frequencies_near_peak, _outside_range_text
 from reduced_models.machines.response import CoupledSystem, PredictedResponse, fill_rates, solve_host_response
 
@@ -24,30 +28,13 @@ FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
 def test_the_equation_is_that_of_the_law_where_the_bed_weighs_nothing() -> None:
     law = CoupledSystem.from_host_scene(load_scene("machine"))
     law = law._replace(bed=0.0, moving=law.piston, host=1e30)
-    state = np.array([0.0, 0.0, 0.055, -0.2, 0.02, 0.6])
-    rates = np.zeros(6)
+    state, rates = np.array([0.0, 0.0, 0.055, -0.2, 0.02, 0.6]), np.zeros(6)
     fill_rates(law, 0.0, state, rates)
-    numbers = {
-        "lam": law.drag / (2.0 * law.piston),
-        "weight": law.gravity,
-        "rest": law.rest,
-        "power": 2.5,
-        "modulus": law.modulus,
-        "strength": law.strength,
-        "z": 0.055,
-        "z_first": -0.2,
-        "w": 0.02,
-        "q": 0.6,
-    }
-    parsed = ANNEALING_BED.parsed_equation
-    values = [parsed.acceleration, parsed.hidden["w"], parsed.hidden["q"]]
-    exact = [float(one.subs({s: numbers[_name(s)] for s in one.free_symbols})) for one in values]
+    values = {"lam": law.drag / (2.0 * law.piston), "weight": law.gravity, "rest": law.rest, "power": 2.5}
+    values |= {"modulus": law.modulus, "strength": law.strength}
+    field = compile_rates(ANNEALING_BED.equation, (), "numpy")
+    exact = field(*state[2:], *(values[name] for name in ANNEALING_BED.parameters))
     np.testing.assert_allclose(rates[3:], exact, rtol=1e-9)
-
-
-def _name(symbol: sympy.Symbol) -> str:
-    parsed = ANNEALING_BED.parsed_equation
-    return {parsed.symbol_z: "z", parsed.symbol_v: "z_first"}.get(symbol, symbol.name)
 
 
 def test_small_swings_are_linear() -> None:
@@ -69,7 +56,6 @@ def test_outside_of_what_was_measured_a_user_is_warned() -> None:
 def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
     scene = load_scene("machine")
     host = scene.effects.host
-    assert host is not None
     assert host.excitation is not None
     found = design_for(host, host.excitation, limit=7.75)
     assert found.is_worthwhile
@@ -94,7 +80,6 @@ def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
 
 def test_discs_are_stiffer_and_a_design_is_made_of_them() -> None:
     host = load_scene("machine").effects.host
-    assert host is not None
     assert host.excitation is not None
     found = design_for(host, host.excitation, limit=4.0, magnets="cylinders", simulate=False)
     assert found.scene.grains.magnets == "cylinders"
@@ -104,7 +89,6 @@ def test_discs_are_stiffer_and_a_design_is_made_of_them() -> None:
     assert discs.rest > dipoles.rest
     # Stiffer by more than the higher bed is softer, but between rows of discs.
     walls = of_dipoles.effects.walls
-    assert walls is not None
     named = CoupledSystem.from_host_scene(found.scene.replace(**{"effects.walls": walls.to_plain()}))
     assert named.power > dipoles.power == 2.5
     assert named.small_swing.omega > dipoles.small_swing.omega > discs.small_swing.omega
@@ -137,3 +121,44 @@ def test_the_peak_is_simulated_where_the_law_has_it() -> None:
     peak = FREQUENCIES[int(law.displacement.argmax())]
     assert near[0] < peak < near[-1]
     assert np.diff(near).max() < 0.05 * peak
+
+
+RESPONSE_FREQUENCIES = [2.7, 2.85, 3.0]
+
+
+def made(scene: Scene, key: str = "force") -> FrequencyResponse:
+    """A response whose peak is 4 mm."""
+    swing = np.array([[1e-3, 4e-3, 2e-3]])
+    data = response_dataset(key, [10.0], RESPONSE_FREQUENCIES, {"displacement": ("m", "amplitude", swing)})
+    return FrequencyResponse(scene, data)
+
+
+def test_errors_are_those_of_the_peaks() -> None:
+    found = compare_response(made(load_scene("machine")))
+    (peak,) = found.peaks
+    said = predicted_response(load_scene("machine"), found.frequencies.tolist(), 10.0)
+    assert peak.law == said.peak
+    assert peak.law_peak_error == pytest.approx(said.peak / 4e-3 - 1.0)
+    assert peak.linear == said.linear.max()
+    assert found.frequencies[[0, -1]].tolist() == [2.7, 3.0]
+    with pytest.raises(InputError, match="base of the machine is shaken"):
+        compare_response(made(load_scene("machine"), "acceleration"))
+
+
+def test_the_command_shows_the_law_or_says_why_not(tmp_path: Path, command: Callable[..., Any]) -> None:
+    save_response(made(load_scene("machine")), tmp_path)
+    done = command("reduced_models", "compare", "--response", str(tmp_path))
+    assert done.returncode == 0
+    assert done.stdout.startswith("force [N]  simulated [mm]  law [mm]  error")
+    page = (tmp_path / "report.html").read_text()
+    assert "The law in place of the bed" in page
+    assert "linear law" in page
+    save_response(made(load_scene("machine").replace(**{"grains.count": 92})), tmp_path)
+    done = command("reduced_models", "compare", "--response", str(tmp_path), "--json")
+    answer = json.loads(done.stdout)
+    assert answer["peaks"] == []
+    assert "92 grains" in answer["missing"]
+    assert "92 grains" in (tmp_path / "report.html").read_text()
+    done = command("reduced_models", "compare", "--response", str(tmp_path / "nothing"))
+    assert done.returncode == 2
+    assert "holds no response.json" in done.stderr

@@ -1,7 +1,5 @@
 """Models as code in other languages: the same motion, and no text of a user's in the code."""
 
-from __future__ import annotations
-
 import ctypes
 import dataclasses
 import importlib.util
@@ -25,20 +23,15 @@ from reduced_models.models.modelica_code import modelica_source
 from reduced_models.models.source_code import ascii_names, escape_comment
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
+VDP, BED = ("alpha", "omega", "g0", "shift", "scale"), ("lam", "omega", "rest", "bend", "travel")
 TIMES = np.linspace(0.0, 2.0, 101)
 LAWS = {
     "linear": ({"lam": 0.8, "omega": 21.0, "g0": 26.0}, (0.062, 0.0)),
     "power-law-spring": ({"lam": 0.8, "weight": 11.0, "rest": 0.059, "power": 2.54}, (0.061, 0.01)),
-    "van-der-pol-like": (
-        {"alpha": 4.0, "omega": 21.0, "g0": -20.0, "shift": 0.06, "scale": 0.02},
-        (0.061, 0.0),
-    ),
+    "van-der-pol-like": (dict(zip(VDP, (4.0, 21.0, -20.0, 0.06, 0.02), strict=True)), (0.061, 0.0)),
     "quadratic-drag": ({"c": 90.0, "omega": 21.0, "g0": 26.0}, (0.062, -0.02)),
     "bouc-wen": ({"omega": 21.0, "friction": 0.1, "rho": 2000.0, "sigma": 0.8, "g0": 26.0}, (0.061, 0.0)),
-    "rubbing-bed": (
-        {"lam": 0.8, "omega": 21.8, "rest": 0.0591, "bend": -30.0, "travel": 2.6e-3},
-        (0.0651, 0.0),
-    ),
+    "rubbing-bed": (dict(zip(BED, (0.8, 21.8, 0.0591, -30.0, 2.6e-3), strict=True)), (0.0651, 0.0)),
 }
 HELD = [
     HeldState(0.059 + x, 70.0 * np.sinh(50.0 * x), 3500.0 * np.cosh(50.0 * x), 7.56 - 0.6 * x, 12.0 + x, 8j)
@@ -54,15 +47,8 @@ def model_of(name: str) -> ReducedModel:
         initial = (0.0615, 0.0)
     else:
         law, (parameters, initial) = law_named(name), LAWS[name]
-    return dataclasses.replace(
-        load_model(SAVED),
-        law=law,
-        parameters=parameters,
-        initial=initial,
-        at_rest=None,
-        hidden={},
-        provenance={},
-    )
+    changes = {"law": law, "parameters": parameters, "initial": initial, "at_rest": None}
+    return dataclasses.replace(load_model(SAVED), **changes, hidden={}, provenance={})
 
 
 def with_step(model: ReducedModel) -> ReducedModel:
@@ -85,25 +71,9 @@ def close(found: np.ndarray, model: ReducedModel) -> bool:
 def test_the_c_function_gives_the_same_motion(name: str, tmp_path: Path) -> None:
     model = with_step(model_of(name))
     model.export(tmp_path / "model.c")
-    done = subprocess.run(
-        [
-            "gcc",
-            "-std=c99",
-            "-Wall",
-            "-Wextra",
-            "-Werror",
-            "-O1",
-            "-shared",
-            "-fPIC",
-            str(tmp_path / "model.c"),
-            "-o",
-            str(tmp_path / "model.so"),
-            "-lm",
-        ],
-        check=False,
-        capture_output=True,
-        text=True,
-    )
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC"]
+    words = ["gcc", *flags, "model.c", "-o", "model.so", "-lm"]
+    done = subprocess.run(words, check=False, capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     heights, numbers = np.empty_like(TIMES), ctypes.POINTER(ctypes.c_double)
     ctypes.CDLL(str(tmp_path / "model.so")).model_simulate(
@@ -149,26 +119,8 @@ def test_modelica_text_declares_all_that_it_names(name: str) -> None:
     """No Modelica program was at hand to run it: its names and brackets are looked at."""
     text = modelica_source(model_of(name))
     code = re.sub(r'//.*|"[^"\n]*"', "", text)
-    known = {
-        "model",
-        "parameter",
-        "Real",
-        "unit",
-        "start",
-        "fixed",
-        "true",
-        "protected",
-        "equation",
-        "der",
-        "end",
-        "DamperModel",
-        "abs",
-        "sign",
-        "tanh",
-        "min",
-        "max",
-        "e",
-    }
+    words = "model parameter Real unit start fixed true protected equation der end DamperModel"
+    known = {*words.split(), "abs", "sign", "tanh", "min", "max", "e"}
     declared = set(re.findall(r"Real (\w+)", code))
     assert set(re.findall(r"[A-Za-z_]\w*", code)) <= known | declared
     assert code.count("(") == code.count(")")

@@ -1,19 +1,21 @@
-"""Models as objects: decays, cycles, drives, text, and the manners of an estimator."""
-
-from __future__ import annotations
+"""Models as objects: decays, cycles, drives, bands, draws, a plot, and the manners of an estimator."""
 
 import dataclasses
 import math
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import LawEstimator, ReducedModel, fit, law_with_force_input, load_model
-from reduced_models.laws import LAWS, law_named
+from reduced_models import LawEstimator, ReducedModel, fit, law_with_force_input, load_model, sample_posterior
+from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
+from tests.reduced_models.made import half_width
 
 
 @pytest.fixture(scope="module")
@@ -76,38 +78,26 @@ def test_a_decay_loses_the_energy_of_its_cycles(linear: ReducedModel) -> None:
 
 
 def test_cycles_that_cannot_be(linear: ReducedModel, made: Any) -> None:
-    with pytest.raises(InputError, match="give one above 0"):
-        linear.harmonic_cycle(0.0)
-    with pytest.raises(InputError, match=r"frequency = 0\.0 rad/s"):
-        linear.harmonic_cycle(1.0, 0.0)
-    with pytest.raises(InputError, match="periods = nan"):
-        linear.free_decay(1.0, math.nan)
-    with pytest.raises(InputError, match="frequencies must be"):
-        linear.frequency_response(0.1, np.array([0.0]))
-    with pytest.raises(InputError, match=r"largest = 0\.0 m"):
-        linear.frequency_response(0.1, np.array([1.0]), 0.0)
-    with pytest.raises(InputError, match="does not name"):
-        law_with_force_input(linear.law, "pi")
-    law, values = LAWS["power-law-spring"], made.true["power-law-spring"]
-    spring = dataclasses.replace(linear, law=law, parameters=values)
-    with pytest.raises(InputError, match="leaves where the law"):
-        spring.harmonic_cycle(50.0, 1.0)
+    one, law = np.array([1.0]), LAWS["power-law-spring"]
+    spring = dataclasses.replace(linear, law=law, parameters=made.true["power-law-spring"])
+    for act, words in (
+        (lambda: linear.harmonic_cycle(0.0), "give one above 0"),
+        (lambda: linear.harmonic_cycle(1.0, 0.0), r"frequency = 0\.0 rad/s"),
+        (lambda: linear.free_decay(1.0, math.nan), "periods = nan"),
+        (lambda: linear.frequency_response(0.1, 0.0 * one), "frequencies must be"),
+        (lambda: linear.frequency_response(0.1, one, 0.0), r"largest = 0\.0 m"),
+        (lambda: law_with_force_input(linear.law, "pi"), "does not name"),
+        (lambda: spring.harmonic_cycle(50.0, 1.0), "leaves where the law"),
+    ):
+        with pytest.raises(InputError, match=words):
+            act()
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["duffing", pytest.param("bouc-wen", marks=pytest.mark.long)],  # quick: Bouc-Wen's of `test_exports`
-)
-def test_text_that_runs_alone(name: str, duffing: ReducedModel, made: Any) -> None:
+def test_text_that_runs_alone(duffing: ReducedModel) -> None:
     times = np.linspace(0.0, 10.0, 300)
-    model = duffing
-    if name != "duffing":
-        model = dataclasses.replace(
-            duffing, law=law_named(name), parameters=made.true[name], initial=(3.0, 0.0)
-        )
     space: dict[str, Any] = {}
-    exec(model.numpy_source, space)
-    np.testing.assert_allclose(space["simulate"](times), model.simulate(times).height, atol=1e-5)
+    exec(duffing.numpy_source, space)
+    np.testing.assert_allclose(space["simulate"](times), duffing.simulate(times).height, atol=1e-5)
     assert "LaTeX:" in duffing.text
     assert "sha256" in duffing.text
 
@@ -132,3 +122,63 @@ def test_the_manners_of_an_estimator(made: Any) -> None:
     with pytest.raises(InputError, match="give times from there on"):
         estimator.predict(np.array([[-1.0]]))
     assert isinstance(estimator.model_.simulate_record(record), PistonRecord)
+
+
+TRUE = {"lam": 0.05, "omega": 1.05, "g0": -1.0}
+
+
+def test_covariance_and_bands(made: Callable[..., PistonRecord], tmp_path: Path) -> None:
+    record = made("linear")
+    model = fit(record, "linear")
+    assert model.covariance_names == ("lam", "omega", "g0", "height", "velocity")
+    spread = np.sqrt(np.diag(model.covariance))
+    for k, name in enumerate(TRUE):
+        assert half_width(model, name) == pytest.approx(1.96 * spread[k], rel=0.01)
+    np.testing.assert_allclose(np.diag(model.correlation), 1.0)
+    band = model.predict_with_band(record.time)
+    clean = made("linear", level=0.0).height
+    assert ((band.low <= clean) & (clean <= band.high)).mean() > 0.8
+    assert 1e-4 < float((band.high - band.low).mean()) < 0.02
+    np.testing.assert_allclose(model.residuals(record), record.height - band.height, atol=1e-12)
+    model.save(tmp_path / "model.json")
+    back = load_model(tmp_path / "model.json")
+    np.testing.assert_array_equal(back.covariance, model.covariance)
+    wider = back.predict_with_band(record.time, confidence=0.99)
+    assert float((wider.high - wider.low).mean()) > float((band.high - band.low).mean())
+    with pytest.raises(InputError, match="a fraction between 0 and 1"):
+        model.predict_with_band(record.time, confidence=2.0)
+    bare = model.to_plain() | {"covariance_names": [], "covariance": []}
+    with pytest.raises(InputError, match="has no covariance; fit it to a record"):
+        ReducedModel.from_plain(bare).predict_with_band(record.time)
+
+
+def test_a_model_shows_itself(made: Callable[..., PistonRecord]) -> None:
+    record = made("linear", level=0.02)
+    model = fit(record, "linear")
+    assert [len(one.lines) for one in model.plot(record).figure.axes] == [2, 1]
+    ax = Figure().subplots()
+    assert model.plot(record, ax) is ax
+    assert len(ax.figure.axes) == 1
+    swing, rest = model.plot().lines[0].get_ydata(), model.at_rest.height
+    seen = np.array(model.domain["height"])
+    assert abs(swing[0] - 1e3 * rest) == pytest.approx(1e3 * np.abs(seen - rest).max())
+    assert repr(model).startswith("ReducedModel 'linear': z'' + 2*lam*z' + omega**2*z = g0\n  lam =")
+    assert "<math" in model._repr_html_()
+    assert model._repr_latex_() == f"$${model.fitted_latex}$$"
+
+
+@pytest.mark.long
+def test_the_posterior_is_that_of_the_linearisation(made: Callable[..., PistonRecord]) -> None:
+    """Where the noise is small, draws are normal about the fit with its covariance."""
+    pytest.importorskip("numpyro")
+    record = made("linear", level=0.02)
+    record = PistonRecord(record.time[::5], record.height[::5])
+    model = fit(record, "linear")
+    draws = sample_posterior(model, record, draws=200, warmup=150).posterior
+    for name in TRUE:
+        values, width = draws[name].values.ravel(), half_width(model, name)
+        assert abs(values.mean() - model.parameters[name]) < 0.3 * width
+        assert 1.96 * values.std() == pytest.approx(width, rel=0.25)
+    assert float(draws["noise"].mean()) == pytest.approx(model.quality.residual, rel=0.1)
+    with pytest.raises(InputError, match="1 models for 2 records"):
+        sample_posterior(model, [record, record])

@@ -1,26 +1,25 @@
-"""Frequency and damping against amplitude, told by a record alone, against what a made one has."""
-
-from __future__ import annotations
+"""Derivatives, envelopes, and frequency and damping against amplitude, of motions whose truth is known."""
 
 import math
-import warnings
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from granular.shared.errors import RecordError
-from reduced_models import fit
-from reduced_models.models.printed_model import swing_quantities
+from reduced_models.laws.elliptic_motion import DuffingVanDerPolOscillator, averaged_frequency
 from reduced_models.records.backbone import driven_backbone, free_backbone
+from reduced_models.records.derivatives import Derivatives, derivatives
+from reduced_models.records.envelope import envelope
+from tests.reduced_models.made import damped_cosine, moved, noisy
 
 SEEDS = range(10)
 KINDS = ("dry", "dry and viscous", "quadratic")
 
 
-def decay(kind: str, seed: int, samples: int = 3000) -> tuple[PistonRecord, Callable[[float], float], float]:
+def decay(kind: str, seed: int) -> tuple[PistonRecord, Callable[[float], float], float]:
     """A made free decay with noise, its damping ratio at an amplitude, and its angular frequency."""
     random = np.random.default_rng(seed)
     omega, size = math.tau * random.uniform(1.5, 5.0), random.uniform(1e-3, 8e-3)
@@ -28,22 +27,20 @@ def decay(kind: str, seed: int, samples: int = 3000) -> tuple[PistonRecord, Call
     friction = 0.0 if kind == "quadratic" else omega**2 * size / (4.0 * halves)
     lam = omega * random.uniform(0.005, 0.03) if "viscous" in kind else 0.0
     drag = random.uniform(0.02, 0.15) / size if kind == "quadratic" else 0.0
-    time = np.linspace(0.0, (24.0 if drag else 12.0) * math.tau / omega, samples)
+    time = np.linspace(0.0, (24.0 if drag else 12.0) * math.tau / omega, 3000)
 
-    def rates(_: float, y: np.ndarray) -> list[float]:
-        z, v = y
+    def acceleration(_: float, z: float, v: float) -> float:
         slip = math.tanh(v / (1e-3 * omega * size))
-        return [v, -(omega**2) * z - 2.0 * lam * v - friction * slip - drag * abs(v) * v]
+        return -(omega**2) * z - 2.0 * lam * v - friction * slip - drag * abs(v) * v
 
-    solved = solve_ivp(rates, (0.0, time[-1]), [size, 0.0], "LSODA", time, rtol=1e-9, atol=1e-12)
+    height = 0.06 + moved(acceleration, time, size, method="LSODA", rtol=1e-9)
     noise = random.choice([1e-4, 1e-3, 5e-3]) * size
-    record = PistonRecord(time, 0.06 + solved.y[0] + random.normal(0.0, noise, len(time)))
 
     def ratio(amplitude: float) -> float:
         dry = 2.0 * friction / (math.pi * omega**2 * amplitude)
         return lam / omega + dry + 4.0 * drag * amplitude / (3.0 * math.pi)
 
-    return record, ratio, omega
+    return PistonRecord(time, height + random.normal(0.0, noise, len(time))), ratio, omega
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -64,8 +61,7 @@ def test_damping_at_an_amplitude(kind: str, seed: int) -> None:
 def test_errors_of_a_noisy_linear_decay_hold_the_truth() -> None:
     time, inside = np.linspace(0.0, 5.0, 2500), []
     for seed in range(10):
-        noise = np.random.default_rng(seed).normal(0.0, 2e-5, len(time))
-        record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.4 * time) * np.cos(20.0 * time) + noise)
+        record = noisy(time, 0.06 + damped_cosine(time, 1e-3, 0.4, 20.0), 2e-5, seed)
         swing = free_backbone(record).interpolate_at(5e-4)
         inside.append(abs(swing.damping_ratio - 0.02) < swing.damping_error)
         inside.append(abs(swing.frequency - 20.0) < swing.frequency_error)
@@ -78,20 +74,14 @@ def test_a_driven_swing_by_its_restoring_force(beta: float) -> None:
     time = np.linspace(0.0, 40.0, 20001)
     omega, lam = 20.0, 0.6
 
-    def push(t: np.ndarray | float) -> np.ndarray | float:
+    def push(t: Any) -> Any:
         return 0.08 * np.sin((14.0 + 0.15 * t) * t)
 
-    solved = solve_ivp(
-        lambda t, y: [y[1], push(t) - omega**2 * y[0] - beta * y[0] ** 3 - 2.0 * lam * y[1]],
-        (0.0, time[-1]),
-        [0.0, 0.0],
-        "LSODA",
-        time,
-        rtol=1e-9,
-        atol=1e-12,
-    )
-    noise = np.random.default_rng(0).normal(0.0, 1e-7, len(time))
-    found = driven_backbone(PistonRecord(time, 0.06 + solved.y[0] + noise), lambda z, v: push(time))
+    def acceleration(t: float, z: float, v: float) -> float:
+        return push(t) - omega**2 * z - beta * z**3 - 2.0 * lam * v
+
+    height = 0.06 + moved(acceleration, time, 0.0, method="LSODA", rtol=1e-9)
+    found = driven_backbone(noisy(time, height, 1e-7), lambda z, v: push(time))
     for amplitude in found.amplitudes_to_show(1e3)[:2]:
         swing = found.interpolate_at(amplitude)
         expected = math.sqrt(omega**2 + 0.75 * beta * amplitude**2)
@@ -105,17 +95,135 @@ def test_noise_alone_has_no_backbone() -> None:
         free_backbone(PistonRecord(np.linspace(0.0, 60.0, 4000), noise))
 
 
-@pytest.mark.long  # quick: damping ratios in `test_dry_friction`
-@pytest.mark.parametrize("law", ["coulomb", "linear", "viscous-coulomb", "viscous-quadratic"])
-@pytest.mark.parametrize("kind", KINDS)
-def test_no_law_has_more_than_critical_damping_for_what_swings(kind: str, law: str) -> None:
-    """Whatever law is fitted, also one that is wrong; the seed has the most friction of all."""
-    record, *_ = decay(kind, 0, 2000)  # as many as elsewhere: their code is compiled already
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        model = fit(record, law, starts=2, test_fraction=0.0)
-    ratios = [
-        figure.value for figure in swing_quantities(model, None) if figure.name.startswith("damping ratio")
+TIME = np.linspace(0.0, 60.0, 4000)
+
+
+def blurred(height: np.ndarray, level: float) -> PistonRecord:
+    return noisy(TIME, height, level, 5)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+def test_a_damped_cosine_has_constant_frequency_and_damping(noise: float) -> None:
+    found = envelope(blurred(0.06 + 0.002 * np.exp(-0.03 * TIME) * np.cos(2.0 * TIME + 0.4), noise))
+    tolerance = 1e-4 + 100.0 * noise
+    np.testing.assert_allclose(found.level, 0.06, atol=2e-6 + 3.0 * noise)
+    np.testing.assert_allclose(found.amplitude, 0.002 * np.exp(-0.03 * found.time), rtol=2e-3 + 5e3 * noise)
+    np.testing.assert_allclose(np.mean(found.frequency), 2.0, rtol=tolerance)
+    assert np.mean(found.damping) == pytest.approx(0.03, rel=0.03)
+    assert np.mean(found.damping_ratio) == pytest.approx(0.015, rel=0.03)
+    # one extreme between two passages, and of each three in a row a cycle
+    assert len(found.time) == int(60.0 * 2.0 / np.pi) - 3
+
+
+def test_the_backbone_of_a_duffing_motion() -> None:
+    found = envelope(blurred(moved(lambda t, z, v: -0.02 * v - z - 0.5 * z**3, TIME, 1.5), 0.002))
+    expected = 2.0 * np.pi * averaged_frequency(found.amplitude, DuffingVanDerPolOscillator(1.0, 0.5, 0.01))
+    assert np.ptp(expected) > 0.05  # there is a backbone to see
+    away = (found.frequency - expected) / found.frequency_noise
+    assert np.sqrt((away**2).mean()) < 2.0
+    np.testing.assert_allclose(found.frequency, expected, rtol=5e-3)
+
+
+def test_a_growing_swing_has_negative_damping() -> None:
+    found = envelope(blurred(np.exp(0.02 * TIME) * np.sin(1.5 * TIME), 1e-3))
+    assert np.mean(found.damping) == pytest.approx(-0.02, rel=0.05)
+
+
+def test_noise_alone_and_too_few_swings_are_refused() -> None:
+    for height in (blurred(np.zeros(len(TIME)), 1.0).height, np.cos(0.1 * TIME)):
+        with pytest.raises(RecordError, match="extremes"):
+            envelope(PistonRecord(TIME, height))
+
+
+def test_few_cycles_tell_little_of_the_damping() -> None:
+    """A ratio four times too large is contradicted by forty rows, and not by three (Student's quantile)."""
+    for cycles, sure in ((3.1, False), (20.0, True)):
+        time = np.linspace(0.0, cycles, int(60 * cycles))
+        swing = np.exp(-0.01 * np.pi * time) * np.cos(2.0 * np.pi * time)
+        random = np.random.default_rng(0)
+        seen = envelope(PistonRecord(time, 1e-3 * (swing + random.normal(0.0, 0.03, len(time)))))
+        assert seen.peak_damping.contradicts(0.02) == sure
+
+
+EVEN_TIME = np.linspace(0.0, 30.0, 1000)
+INNER = slice(100, -100)
+
+
+def swing(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    z = 0.06 + 0.01 * np.cos(1.3 * time)
+    return z, -0.013 * np.sin(1.3 * time), -0.0169 * np.cos(1.3 * time)
+
+
+def noisy_swing(time: np.ndarray, level: float) -> PistonRecord:
+    return noisy(time, swing(time)[0], level)
+
+
+def errors(found: Derivatives) -> list[float]:
+    estimates = (found.height, found.velocity, found.acceleration)
+    return [
+        float(np.std((one - true)[INNER])) for one, true in zip(estimates, swing(found.time), strict=True)
     ]
-    assert all(ratio < 100.0 for ratio in ratios)
-    assert law == "linear" or ratios
+
+
+def test_parabolas_are_differentiated_exactly() -> None:
+    found = derivatives(PistonRecord(EVEN_TIME, 0.3 + 0.2 * EVEN_TIME - 0.05 * EVEN_TIME**2))
+    np.testing.assert_allclose(found.velocity[INNER], (0.2 - 0.1 * EVEN_TIME)[INNER], atol=1e-7)
+    np.testing.assert_allclose(found.acceleration[INNER], -0.1, atol=1e-5)
+
+
+def noises(found: Derivatives) -> list[float]:
+    """Standard deviations of height, velocity and acceleration, by the root of the sum of squared weights."""
+    from scipy.signal import savgol_coeffs
+
+    step = EVEN_TIME[1]
+    window = round(found.width / step)
+    weights = [savgol_coeffs(window, 5, deriv=order, delta=step) for order in range(3)]
+    return [found.record_noise * float(np.linalg.norm(row)) for row in weights]
+
+
+def test_noise_of_the_acceleration_is_that_of_the_weights() -> None:
+    found = derivatives(noisy_swing(EVEN_TIME, 1e-4))
+    assert found.acceleration_noise == pytest.approx(noises(found)[2], rel=0.1)
+    assert found.record_noise == pytest.approx(1e-4, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "level", [1e-3, *(pytest.param(level, marks=pytest.mark.long) for level in (1e-4, 1e-6))]
+)
+def test_smoothing_beats_differences_at_every_noise(level: float) -> None:
+    record = noisy_swing(EVEN_TIME, level)
+    found = derivatives(record)
+    speed = np.gradient(record.height, EVEN_TIME)
+    plain = found._replace(height=record.height, velocity=speed, acceleration=np.gradient(speed, EVEN_TIME))
+    assert all(one < 0.5 * other for one, other in zip(errors(found), errors(plain), strict=True))
+
+
+def test_what_smoothing_takes_from_the_motion_is_no_more_than_twice_the_noise() -> None:
+    for level in (1e-3, 1e-4, 1e-5, 1e-7):
+        found = derivatives(noisy_swing(EVEN_TIME, level))
+        assert all(error < 3.0 * noise for error, noise in zip(errors(found), noises(found), strict=True))
+
+
+def test_uneven_samples_do_as_well_as_even_ones() -> None:
+    kept = np.sort(np.random.default_rng(1).choice(2000, 1000, replace=False))
+    time = np.linspace(0.0, 30.0, 2000)[kept]
+    uneven, even = (derivatives(noisy_swing(time, 1e-4)), derivatives(noisy_swing(EVEN_TIME, 1e-4)))
+    assert uneven.record_noise == pytest.approx(1e-4, rel=0.1)
+    for one, other in zip(errors(uneven), errors(even), strict=True):
+        assert one < 3.0 * other
+
+
+def test_even_and_uneven_fits_are_the_same() -> None:
+    from reduced_models.records.derivatives import _polynomials_at_uneven_times, _SavitzkyGolayFilter
+
+    record = noisy_swing(EVEN_TIME, 1e-4)
+    even = _SavitzkyGolayFilter(float(EVEN_TIME[-1] - EVEN_TIME[0]) / (len(EVEN_TIME) - 1), 41)(
+        record.height[None]
+    )[0]
+    uneven = _polynomials_at_uneven_times(record.height[None], EVEN_TIME, 41)[0]
+    np.testing.assert_allclose(uneven[:, 25:-25], even[:, 25:-25], rtol=1e-6, atol=1e-8)
+
+
+def test_short_records_are_refused() -> None:
+    with pytest.raises(RecordError, match="at least 20"):
+        derivatives(PistonRecord(EVEN_TIME[:19], EVEN_TIME[:19] ** 2))

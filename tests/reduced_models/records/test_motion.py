@@ -1,7 +1,5 @@
 """The motion in a record: clipped samples and further releases are left out, and that is said."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
@@ -22,6 +20,9 @@ from reduced_models.laws import LAWS
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
 from reduced_models.records.release import active_inputs
 from reduced_models.records.sources import describe_record
+from tests.reduced_models.made import damped_cosine, noisy
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 RATE, FREQUENCY, DAMPING = 500.0, 4.1, 0.05
 OMEGA = 2.0 * np.pi * FREQUENCY
@@ -45,7 +46,6 @@ def record_of(height: np.ndarray, noise: float = 0.01) -> PistonRecord:
 def check_fit(motion: PistonRecord) -> None:
     """Period and damping of the motion are those that it was made with."""
     rest = fit(motion.first(600), "linear", test_fraction=0.0, starts=2).at_rest
-    assert rest is not None
     assert rest.period == pytest.approx(1.0 / FREQUENCY, rel=2e-3)
     assert rest.damping_ratio == pytest.approx(DAMPING, rel=0.03)
 
@@ -110,10 +110,8 @@ def test_beats_are_one_motion() -> None:
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_each_release_is_cut_from_its_lift_to_the_next(number: int) -> None:
     record = record_of(np.concatenate([lifted(2.5)] * 3))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        motion = find_free_motion(record, number)
-        assert len(find_free_motions(record)) == 3
+    motion = find_free_motion(record, number)
+    assert len(find_free_motions(record)) == 3
     released = (number - 1) * (2.5 + 0.75) + 0.748
     assert motion.time[0] == pytest.approx(released, abs=0.015)
     assert motion.time[-1] < released + 2.5 + 0.25  # it rests before the next lift
@@ -145,23 +143,13 @@ def test_a_release_that_is_not_there_is_refused() -> None:
 
 
 def test_all_releases_of_a_file_are_fitted_together(tmp_path: Path, command: Callable[..., Any]) -> None:
-    record = record_of(np.concatenate([decay(2.5)] * 3))
-    record.to_csv(tmp_path / "lab.csv")
-    done = command(
-        "reduced_models",
-        "fit",
-        str(tmp_path / "lab.csv"),
-        "--release",
-        "all",
-        "--law",
-        "linear",
-        "--starts",
-        "2",
-    )
+    record_of(np.concatenate([decay(2.5)] * 3)).to_csv(file := tmp_path / "lab.csv")
+    words = ("--release", "all", "--law", "linear", "--starts", "2")
+    done = command("reduced_models", "fit", str(file), *words)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("model: linear (3 parameters)") == 3
-    assert len(read_releases(tmp_path / "lab.csv")) == 3
-    done = command("reduced_models", "look", str(tmp_path / "lab.csv"), "--release", "2", "--json")
+    assert len(read_releases(file)) == 3
+    done = command("reduced_models", "look", str(file), "--release", "2", "--json")
     assert json.loads(done.stdout)["from"] == pytest.approx(2.5, abs=0.01)
 
 
@@ -196,13 +184,10 @@ def test_what_follows_a_knock_is_left_out(strength: float) -> None:
 )
 def test_beats_are_no_knock(frequency: float, dampings: tuple[float, float], part: float) -> None:
     """Two modes that decay side by side are one motion, however quickly their sum grows."""
-    time = np.arange(0.0, 12.0, 0.005)
-    motion = np.random.default_rng(0).normal(0.0, 1e-6, len(time))
-    for f, damping, size, phase in zip(
-        (5.0, frequency), dampings, (1e-3, part * 1e-3), (0.0, 1.0), strict=True
-    ):
-        motion += size * np.exp(-damping * math.tau * f * time) * np.cos(math.tau * f * time + phase)
-    _, said = found(PistonRecord(time, motion))
+    time, omegas = np.arange(0.0, 12.0, 0.005), math.tau * np.array([5.0, frequency])
+    roots = omegas * (1j - np.array(dampings))
+    motion = (np.exp(np.outer(time, roots)) @ [1e-3, part * 1e-3 * np.exp(1j)]).real
+    _, said = found(noisy(time, motion, 1e-6))
     assert not any("knocked" in words for words in said)
 
 
@@ -280,10 +265,8 @@ def test_a_driven_record_stays_whole(name: str, damping: float) -> None:
     assert not any("left out" in words or "is cut" in words for words in said)
     if name == "half sines" and damping == 0.1:
         assert any("'force' acts in all of the record, which stays whole" in words for words in said)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            assert find_free_motion(record, 1).time[-1] < 3.4  # where the user says so
-            assert len(find_free_motions(record)) == 3
+        assert find_free_motion(record, 1).time[-1] < 3.4  # where the user says so
+        assert len(find_free_motions(record)) == 3
 
 
 @pytest.mark.parametrize("hum", [0.0, 2.0])
@@ -302,16 +285,17 @@ def test_an_idle_force_column_is_no_drive(count: int, hum: float) -> None:
 
 @pytest.mark.parametrize("kind", ["white", "averaged", "resonant", "low-pass", "first order"])
 def test_noise_has_no_releases_and_no_knocks(kind: str) -> None:
+    filters = {
+        "resonant": ([1.0], [1.0, -1.97, 0.98]),
+        "low-pass": signal.butter(4, 5.0, fs=200.0),
+        "first order": ([1.0], [1.0, -0.95]),
+    }
     for seed in range(12):
         noise = np.random.default_rng(seed).normal(size=4000)
         if kind == "averaged":
             noise = np.convolve(noise, np.hanning(10 if seed % 2 else 40), "same")
-        elif kind == "resonant":
-            noise = signal.lfilter([1.0], [1.0, -1.97, 0.98], noise)
-        elif kind == "low-pass":
-            noise = signal.sosfilt(signal.butter(4, 5.0, fs=200.0, output="sos"), noise)
-        elif kind == "first order":
-            noise = signal.lfilter([1.0], [1.0, -0.95], noise)
+        elif kind in filters:
+            noise = signal.lfilter(*filters[kind], noise)
         motion, said = found(PistonRecord(0.005 * np.arange(4000), 1e-3 * noise))
         assert not any("releases" in words or "knocked" in words for words in said), seed
         assert len(motion) > 3900
@@ -322,18 +306,14 @@ def test_noise_has_no_releases_and_no_knocks(kind: str) -> None:
 def test_several_knocks_are_cut(moments: tuple[float, ...], noise: float) -> None:
     """Each doubles the amplitude; taken as one decay, the damping ratio would be a third of its own."""
     time, omega, damping = np.arange(0.0, 20.0, 0.005), 4.0 * np.pi, 0.02
-    height = np.exp(-damping * omega * time) * np.cos(omega * time)
+    height = damped_cosine(time, 1.0, damping * omega, omega)
     for moment in moments:
-        since = np.maximum(time - moment, 0.0)
-        before = int(moment / 0.005)
+        before, since = int(moment / 0.005), time - moment
         speed = np.gradient(height, time)[before] / omega
         blow = math.copysign(2.0 * math.hypot(height[before], speed), speed)
-        height = (
-            height
-            + np.where(time >= moment, np.exp(-damping * omega * since) * np.sin(omega * since), 0.0) * blow
-        )
-    height += np.random.default_rng(2).normal(0.0, noise, len(time))
-    motion, said = found(PistonRecord(time, 3e-3 * height))
+        ringing = np.exp(-damping * omega * np.maximum(since, 0.0)) * np.sin(omega * since)
+        height = height + blow * np.where(since >= 0.0, ringing, 0.0)
+    motion, said = found(noisy(time, 3e-3 * height, 3e-3 * noise, 2))
     assert any("knocked" in words for words in said)
     assert not any(motion.time[0] + 0.1 < moment < motion.time[-1] - 0.1 for moment in moments)
     size = np.abs(motion.height - np.median(motion.height))
@@ -348,14 +328,10 @@ def test_clipped_samples_are_kept_where_the_user_says_so(tmp_path: Path) -> None
     clipped = PistonRecord(record.time, np.clip(record.height, -2e-3, 2e-3))
     clipped.to_csv(file := tmp_path / "clipped.csv")
     every = (-math.inf, math.inf)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        left = data_of_record(LAWS["linear"], clipped, 0.1).record
-        kept = [dataclasses.replace(clipped, complete=True), read_record(file, between=every)]
-        assert [len(data_of_record(LAWS["linear"], entry, 0.1).record) for entry in kept] == [
-            len(clipped)
-        ] * 2
-        cut = data_of_record(LAWS["linear"], PistonRecord.from_file(file), 0.1).record
+    left = data_of_record(LAWS["linear"], clipped, 0.1).record
+    kept = [dataclasses.replace(clipped, complete=True), read_record(file, between=every)]
+    assert [len(data_of_record(LAWS["linear"], entry, 0.1).record) for entry in kept] == [len(clipped)] * 2
+    cut = data_of_record(LAWS["linear"], PistonRecord.from_file(file), 0.1).record
     for entry, remedy in ((left, "complete=True of the PistonRecord"), (cut, "--between :")):
         assert len(entry) < len(clipped)
         assert f"(clipped) and are left out; to keep them: {remedy}" in describe_record(entry)[-1]

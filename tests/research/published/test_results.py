@@ -1,24 +1,18 @@
 """Results made up in the test: which protocol counts, what is found from them, and the report."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from granular.shared.errors import InputError
 from research.campaign import ROOT
 from research.published.__main__ import CAMPAIGN
 from research.published.both_causes import summary_of_both, with_both_causes, words_on_both, words_on_creep
 from research.published.causes import comparisons, verdict_on_hysteresis
-from research.published.judging import Judged, counts, judge, judged, series_behind, strength
-from research.published.page import page
+from research.published.judging import Judged, counts, judge, judged, strength
 from research.published.plan import LARGE, LISTED, RADII, RATIOS, full_plan, mixture_name, quick_plan
-from research.published.results import EMPTY, Results, committed, counted, read
-from research.published.runner import summary
+from research.published.results import EMPTY, Results, committed, counted
 from research.published.velocity_variants import LATE_SEEDS
 from validation.measured_quantities import published_value
 
@@ -67,7 +61,6 @@ def test_nothing_is_not_run() -> None:
 
 def test_mean_and_error_of_the_starts() -> None:
     found = row(results(series("direct 368", force=[15.0, 15.3, 15.6])), KEY)
-    assert found.found is not None
     assert found.found.value == pytest.approx(15.3)
     assert found.found.error == pytest.approx(0.3 / 3**0.5)
     assert found.found.half_width() == pytest.approx(4.3027 * 0.3 / 3**0.5, rel=1e-4)
@@ -84,7 +77,6 @@ def test_nothing_stands_in_for_the_planned_protocol() -> None:
     for some in (none, part, stale):
         assert row(results(quick, some), KEY).verdict.words == "not run"
     finding = row(results(quick, integer), KEY).found
-    assert finding is not None
     assert finding.value == pytest.approx(15.1)
     numbers = counted(results(quick, series("a"), part, {"b": stale["direct 368 | published"]}))
     assert numbers["whole"] == numbers["begun"] == numbers["stale"] == numbers["not run"] == 1
@@ -130,7 +122,6 @@ def test_figures_of_several_beds_are_of_one_protocol() -> None:
     key = "piston_force_verlet.percent_difference[0]"
     assert row(results(direct, *both, series("list 368")), key).found is None
     finding = row(results(direct, *both), key).found
-    assert finding is not None
     assert finding.value == pytest.approx(100.0 * (15.0 - 15.3) / 15.0)
     assert finding.protocol == "quick"
     assert finding.error == pytest.approx(102.0 * 0.1 / 15.15 * (2.0 / 3.0) ** 0.5, rel=1e-2)
@@ -138,61 +129,44 @@ def test_figures_of_several_beds_are_of_one_protocol() -> None:
 
 def test_lines_of_the_published_forces_are_the_published_lines() -> None:
     names = {"direct": "piston_force_direct_sum", "list": "piston_force_verlet"}
-    some = [
-        series(f"{way} {n}", force=[published_value(f"{section}.mean[{k}]") + d for d in (0, 0.1, -0.1)])
-        for way, section in names.items()
-        for k, n in enumerate((*LISTED, *LARGE))
-    ]
-    wanted = (
-        "linear_fit_direct.slope",
-        "linear_fit_direct.intercept",
-        "linear_fit_verlet.slope",
-        "linear_fit_verlet.intercept",
+    found = results(
+        *(
+            series(f"{kind} {n}", force=[published_value(f"{section}.mean[{k}]") + d for d in (0, 0.1, -0.1)])
+            for kind, section in names.items()
+            for k, n in enumerate((*LISTED, *LARGE))
+        )
     )
-    found = results(*some)
-    for name in wanted:
-        one = row(found, f"piston_force_verlet.{name}")
-        assert one.found is not None
-        assert one.found.value == pytest.approx(one.published, rel=5e-3), name
-        assert one.verdict.agrees
+    for fit in ("direct", "verlet"):
+        for name in ("slope", "intercept"):
+            one = row(found, f"piston_force_verlet.linear_fit_{fit}.{name}")
+            assert one.found.value == pytest.approx(one.published, rel=5e-3), name
+            assert one.verdict.agrees
     assert row(found, "mono_further.asymptote_percent").verdict.agrees
     for k in range(len(LISTED) + len(LARGE)):
         one = row(found, f"piston_force_verlet.percent_difference[{k}]")
-        assert one.found is not None
         assert one.found.value == pytest.approx(one.published, abs=0.06)
 
 
 def scan(aspect: float, place: int) -> list[dict[str, dict[str, Any]]]:
     """Forces on the published curve, and orders that go together."""
-    a, slow, b, fast = (
-        published_value(f"biexponential_fmax.{name}[{place}]") for name in ("A", "lambda1", "B", "lambda2")
-    )
+    names = ("A", "lambda1", "B", "lambda2")
+    a, slow, b, fast = (published_value(f"biexponential_fmax.{name}[{place}]") for name in names)
     made = []
     for r in RATIOS:
-        force = 100.0 * (a * np.exp(slow * r) + b * np.exp(fast * r))
-        order = 1.0 - r * (1.0 - r)
-        made.append(
-            series(
-                mixture_name(aspect, r),
-                planned=2,
-                force=[force - 0.01, force + 0.01],
-                hexagons_full=[order, order + 0.01],
-                psi6_full=[order, order - 0.01],
-            )
-        )
+        force, order = 100.0 * (a * np.exp(slow * r) + b * np.exp(fast * r)), 1.0 - r * (1.0 - r)
+        figures = {"hexagons_full": [order, order + 0.01], "psi6_full": [order, order - 0.01]}
+        made.append(series(mixture_name(aspect, r), planned=2, force=[force - 0.01, force + 0.01], **figures))
     return made
 
 
 def test_the_published_curve_is_found_again() -> None:
     found = results(*scan(0.6, 1))
     one = row(found, "biexponential_fmax.A[1]")
-    assert one.found is not None
     # The printed curve is not quite 1 at R = 1.
     assert one.found.value == pytest.approx(1.0, rel=0.01)
     assert one.published == 1.0
     correlation = row(found, "bidisperse_all_r.psi6_n6_correlation[1]")
     assert correlation.verdict.agrees
-    assert correlation.found is not None
     assert correlation.found.starts == 2 * len(RATIOS)
 
 
@@ -200,7 +174,6 @@ def test_deviations_anywhere_in_the_cycle() -> None:
     down = [[0.0, 2.5, 5.0, 7.5, 10.0], [0.0, 2.5, 6.0, 7.5, 10.0]]
     found = results(series("starts", planned=2, force=[10.0, 10.0], down=down, up=[[0.0]] * 2))
     one = row(found, "independence_of_start.std_over_mean_anywhere")
-    assert one.found is not None
     assert one.found.value == pytest.approx(np.sqrt(0.5) / 10.0)
 
 
@@ -215,63 +188,37 @@ def test_a_change_matters_beyond_the_error_of_the_means() -> None:
         assert one.explains is None
 
 
+def beds(change: str, missing: float, hits: dict[int, bool]) -> Results:
+    """Hystereses that are 1.4 times the published ones, and with a change as published or off by a factor."""
+    some = []
+    for n, hit in hits.items():
+        printed = published_value(f"hysteresis_of_distance.hysteresis[{n // 92 - 1}]")
+        value = printed if hit else missing * printed
+        for bed, middle in ((f"direct {n}", 1.4 * printed), (f"direct {n}, {change}", value)):
+            some.append(series(bed, "quick", hysteresis_D=[middle + d for d in (0.0, 0.01, -0.01)]))
+    return results(*some)
+
+
 def test_a_cause_gives_the_published_figure_at_two_sizes() -> None:
     """One size is not enough, and what met it without the change explains nothing."""
-
-    def beds(*hits: bool) -> Results:
-        some = []
-        for n, printed, hit in zip((92, 184, 368), (0.48, 0.70, 0.99), hits, strict=True):
-            value = printed if hit else 1.3 * printed
-            some += [
-                series(f"direct {n}", "quick", hysteresis_D=[1.4 * printed + d for d in (0.0, 0.01, -0.01)]),
-                series(
-                    f"direct {n}, wider cell", "quick", hysteresis_D=[value + d for d in (0.0, 0.01, -0.01)]
-                ),
-            ]
-        return results(*some)
-
-    found = verdict_on_hysteresis(comparisons(beds(True, True, False)))
+    met = beds("wider cell", 1.3, {92: True, 184: True, 368: False})
+    found = verdict_on_hysteresis(comparisons(met))
     assert "A cell wider by 9 %, run at 3 sizes, gives it within scatter at 2" in found
     assert "It does not at 1: 1.29 D (0.99) at N = 368." in found
     assert "no explanation" not in found
-    for hits in ((True, False, False), (False, False, False)):
-        assert "Not explained" in verdict_on_hysteresis(comparisons(beds(*hits)))
-    assert "0.67 D here and 0.48 D published at N = 92" in found
+    for first in (True, False):
+        missed = beds("wider cell", 1.3, {92: first, 184: False, 368: False})
+        assert "Not explained" in verdict_on_hysteresis(comparisons(missed))
 
 
-def test_results_survive_their_file(tmp_path: Path) -> None:
-    path = tmp_path / "results.json"
-    integer = results(*scan(0.6, 1))
-    path.write_text(json.dumps(integer.to_plain()), encoding="utf-8")
-    assert summary(read(path)) == summary(integer)
-    assert read(tmp_path / "none.json") == EMPTY
-    path.write_text("[]", encoding="utf-8")
-    with pytest.raises(InputError, match="holds no results"):
-        read(path)
-
-
-@pytest.mark.long  # quick: the report of the committed results, by command, and verdicts of none
-def test_the_report_says_what_was_not_run() -> None:
-    some = results(*scan(0.6, 1), series("direct 368", force=[17.0, 17.01, 17.02]))
-    html = page(some, some).to_html()
-    assert "not run" in html
-    assert "differs" in html
-    assert html.index("ten figures that matter most") < html.index(">Differences<")
-    assert page(EMPTY).to_html()
-
-
-def test_series_behind_an_entry_are_known() -> None:
-    both = results(series("direct 368", force=[15.0] * 3), series("list 368", force=[15.0] * 3))
-    entry = row(both, "piston_force_verlet.percent_difference[0]").entry
-    assert series_behind(entry, both) == ["direct 368 | published", "list 368 | published"]
-
-
-def test_committed_results_hold_their_own_verdicts() -> None:
-    """The rows of the file are those that the package finds from the file's series."""
-    plain = json.loads(CAMPAIGN.file.read_text(encoding="utf-8"))
-    assert {"command", "date", "sittings", "numpy", "numba"} <= set(plain["made"])
-    rows = {one["key"]: one["verdict"] for one in plain["entries"]}
-    assert rows == {one.entry.key: one.verdict.words for one in judged(committed())}
+def test_a_cause_that_mostly_misses_is_no_explanation() -> None:
+    """It is told of with every size at which it was run."""
+    missed = beds("loose start", 1.2, {n: n < 200 for n in (92, 184, 276, 368, 460)})
+    found = verdict_on_hysteresis(comparisons(missed))
+    assert "gives it within scatter at 2" in found
+    for n in (276, 368, 460):
+        assert f"at N = {n}" in found.partition("It does not at 3:")[2]
+    assert "So it is no explanation" in found
 
 
 def test_committed_series_are_those_of_the_plan() -> None:
@@ -286,21 +233,6 @@ def test_committed_series_are_those_of_the_plan() -> None:
         assert one["reference"] or not one["done"], key
         assert one["versions"] or not one["done"], key
         assert all(len(values) == len(one["done"]) for values in one["figures"].values()), key
-
-
-def test_a_cause_that_mostly_misses_is_no_explanation() -> None:
-    """It is told of with every size at which it was run."""
-    some = []
-    for place, n in enumerate((92, 184, 276, 368, 460)):
-        printed = published_value(f"hysteresis_of_distance.hysteresis[{place}]")
-        value = printed if place < 2 else 1.2 * printed
-        for name, middle in ((f"direct {n}", 1.4 * printed), (f"direct {n}, loose start", value)):
-            some.append(series(name, "quick", hysteresis_D=[middle, middle + 0.01, middle - 0.01]))
-    found = verdict_on_hysteresis(comparisons(results(*some)))
-    assert "gives it within scatter at 2" in found
-    for n in (276, 368, 460):
-        assert f"at N = {n}" in found.partition("It does not at 3:")[2]
-    assert "So it is no explanation" in found
 
 
 def test_distances_with_both_causes_are_counted() -> None:
@@ -347,21 +279,18 @@ def test_chance_differences_among_many_are_not_counted() -> None:
     assert all((together[k].p or 0.0) > 0.01 for k in taken)
 
 
-def test_every_difference_has_a_cause_or_says_what_was_tried() -> None:
-    assert [
-        one.entry.key for one in judged(committed()) if one.verdict.agrees is False and not one.note
-    ] == []
-
-
-def test_committed_file_holds_what_was_run() -> None:
-    """No series is lost, and no entry that rests on the source's protocol."""
-    found = committed()
-    assert counted(found)["whole"] >= 61
-    assert strength(judged(found))["rest on de Paula's own protocol"] >= 74
-
-
-def test_committed_series_keep_the_energy() -> None:
-    assert counted(committed())["residual above 1e-3"] == 0
+def test_committed_results_hold_their_own_verdicts() -> None:
+    """The file's rows are found from its series; every difference has a cause, or says what was tried."""
+    plain = json.loads(CAMPAIGN.file.read_text(encoding="utf-8"))
+    assert {"command", "date", "sittings", "numpy", "numba"} <= set(plain["made"])
+    rows, numbers = judged(committed()), counted(committed())
+    assert {one["key"]: one["verdict"] for one in plain["entries"]} == {
+        one.entry.key: one.verdict.words for one in rows
+    }
+    assert not [one.entry.key for one in rows if one.verdict.agrees is False and not one.note]
+    assert numbers["residual above 1e-3"] == 0
+    assert numbers["whole"] >= 61
+    assert strength(rows)["rest on de Paula's own protocol"] >= 74
 
 
 def test_plans_have_no_series_twice() -> None:

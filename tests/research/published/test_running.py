@@ -1,14 +1,6 @@
-"""Cases that are kept, found again, do not lose each other, and go stale with the laws alone."""
-
-from __future__ import annotations
+"""Cases that are kept, found again, and go stale with the laws alone; and the command line."""
 
 import json
-import shutil
-import signal
-import subprocess
-import sys
-import textwrap
-import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -16,16 +8,16 @@ from typing import Any
 
 import pytest
 
+from granular.commands.console import launch
 from research.published import reference, rerun, runner
 from research.published.__main__ import CAMPAIGN
 from research.published.calculations import TIMED_SIZES
-from research.published.catalogue import entries
 from research.published.collecting import checked, collected, missing
 from research.published.page import page
 from research.published.plan import Group
 from research.published.protocols import QUICK
 from research.published.results import EMPTY, Results, counted, is_whole, read
-from research.published.series import Series, fall, mixture, mono
+from research.published.series import Series, fall, mono
 from research.published.series_runs import forget, outcomes_of, run_groups
 
 SMALL = QUICK._replace(speed=0.3, settling=0.5)
@@ -110,49 +102,10 @@ def test_figures_of_a_bed_fit_its_geometry(groups: list[Group], found: Results) 
         assert figures["hysteresis_D"][start] == pytest.approx(hysteresis, abs=2e-5)
 
 
-def test_series_of_a_mixture_name_their_protocol() -> None:
-    one = mixture("mixture", 0.6, 0.5, QUICK)
-    assert one.words == "quick: 16 mm/s after 5 T"
-    assert one.key == "mixture | quick"
-    scene = one.scene(1)
-    assert [stage.name for stage in scene.protocol] == ["relax", "compress"]
-    assert scene.grains.species_fractions() == (0.5, 0.5)
-    assert Results({}, {}, {}).sample("mixture", "force") is None
-
-
-def test_the_full_run_goes_on_from_the_file_that_comes_with_the_package(
-    groups: list[Group], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In a new directory, with nothing but the file, only what it lacks is run."""
-    asked: list[list[tuple[str, list[int]]]] = []
-
-    def run(some: Sequence[Group], directory: Path, **settings: Any) -> None:
-        asked.append([(one.key, list(one.seeds)) for group in some for one in group.series])
-        here(some, directory, **settings)
-
-    good = groups[0].series[0]
-    first = good._replace(seeds=(1,))
-    monkeypatch.setattr(runner, "run_groups", run)
-    monkeypatch.setattr(runner, "calculated", lambda *_, **__: None)
-    monkeypatch.setattr(runner, "_write_report", lambda *_: {})  # `test_command` looks at reports
-    monkeypatch.setattr(runner, "committed", lambda: EMPTY)
-    for place, series in (("one", first), ("two", good), ("three", good)):
-        plan = [Group("small", [series])]
-        monkeypatch.setattr(runner, "full_plan", lambda plan=plan: plan)
-        runner.published(tmp_path / place, "full", workers=1, progress=False)
-        made = read(tmp_path / place / "results.json")
-        monkeypatch.setattr(runner, "committed", lambda made=made: made)
-    assert asked == [[(good.key, [1])], [(good.key, [2])], []]
-    assert made.series[good.key]["done"] == [1, 2]
-    assert made.made["sittings"] == 3
-
-
 LAWS = [
     {"effects__friction": {"dynamic": 0.4515}},
     {"effects__gravity": {"acceleration": 9.81}},
     {"grains__remanence": 1.302},
-    pytest.param({"effects__walls__right": "infinite"}, marks=pytest.mark.long),
-    pytest.param({"effects__drag": {"coefficient": 1e-4}}, marks=pytest.mark.long),
 ]
 
 
@@ -172,15 +125,7 @@ def test_another_step_does_not() -> None:
     assert not reference.agrees(before, {})
 
 
-@pytest.mark.long
-def test_another_kernel_does_not() -> None:
-    before = reference.reference(small("direct 368"))
-    other = reference.reference(small("direct 368", pairs__method="cut-off", pairs__cut_off="1 m"))
-    # With a radius, however large, the energy of a pair ends there at 0.
-    both = [{k: v for k, v in one.items() if k != "pair_energy"} for one in (before, other)]
-    assert reference.agrees(*both)
-
-
+@pytest.mark.long  # quick: that of a bed, above
 def test_a_damper_has_a_reference() -> None:
     found = reference.reference(fall("damper", 7.5))
     assert {"piston_energy", "drag_loss", "pair_energy"} <= set(found)
@@ -269,134 +214,104 @@ def small_plan(groups: list[Group], monkeypatch: pytest.MonkeyPatch) -> list[lis
     return asked
 
 
-def changed_law(monkeypatch: pytest.MonkeyPatch, factor: float = 1.01) -> None:
-    """Another reference from now on, as if a law had been changed."""
-
-    def other(series: Series) -> reference.Reference:
-        now = reference.reference(series)
-        return {name: [factor * value, error] for name, (value, error) in now.items()}
-
-    monkeypatch.setattr("research.published.collecting.reference", other)
+def test_the_full_run_goes_on_from_the_file_that_comes_with_the_package(
+    groups: list[Group], small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a new directory, with nothing but the file, only what it lacks is run."""
+    good = groups[0].series[0]
+    for place, series in (("one", good._replace(seeds=(1,))), ("two", good), ("three", good)):
+        monkeypatch.setattr(runner, "full_plan", lambda series=series: [Group("small", [series])])
+        runner.published(tmp_path / place, "full", workers=1, progress=False)
+        made = read(tmp_path / place / "results.json")
+        monkeypatch.setattr(runner, "committed", lambda made=made: made)
+    assert small_plan == [[1], [2], []]
+    assert made.series[good.key]["done"] == [1, 2]
+    assert made.made["sittings"] == 3
 
 
 def test_a_changed_law_is_run_anew_once(
     small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The reference of the former code goes with its outcomes: nothing is stale for ever."""
-    for _ in range(2):
-        runner.published(tmp_path, "full", workers=1, progress=False)
+
+    def publish_twice() -> None:
+        for _ in range(2):
+            runner.published(tmp_path, "full", workers=1, progress=False)
+
+    def other(series: Series) -> reference.Reference:
+        now = reference.reference(series)
+        return {name: [1.01 * value, error] for name, (value, error) in now.items()}
+
+    publish_twice()
     assert small_plan == [[1, 2], []]
-    changed_law(monkeypatch)
-    for _ in range(2):
-        runner.published(tmp_path, "full", workers=1, progress=False)
+    monkeypatch.setattr("research.published.collecting.reference", other)
+    publish_twice()
     assert small_plan[2:] == [[1, 2], []]
     assert counted(read(tmp_path / "results.json"))["stale"] == 0
 
 
-@pytest.mark.long  # quick: a changed law is run anew, above
-def test_a_mark_stays_until_the_series_is_run_anew(
-    small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A call that only shows takes no mark away, with the cases next to the file and without."""
-
-    def stale() -> int:
-        return counted(read(tmp_path / "results.json"))["stale"]
-
-    runner.published(tmp_path, "full", workers=1, progress=False)
-    package = read(tmp_path / "results.json")
-    monkeypatch.setattr(runner, "committed", lambda: package)
-    changed_law(monkeypatch)
-    for length in ("check", None, None):
-        runner.published(tmp_path, length, progress=False)
-        assert stale() == 1
-    for name in ("cases", "references", "figures"):
-        shutil.rmtree(tmp_path / name)
-    runner.published(tmp_path, progress=False)
-    assert stale() == 1
-
-    def stop(*_: Any, **__: Any) -> None:
-        raise KeyboardInterrupt
-
-    run = runner.run_groups
-    monkeypatch.setattr(runner, "run_groups", stop)
-    with pytest.raises(KeyboardInterrupt):
-        runner.published(tmp_path, "full", progress=False)
-    runner.published(tmp_path, progress=False)
-    (one,) = read(tmp_path / "results.json").series.values()
-    assert one["done"] == []  # what the package holds of it is the former code's
-    monkeypatch.setattr(runner, "run_groups", run)
-    runner.published(tmp_path, "full", workers=1, progress=False)
-    assert small_plan == [[1, 2], [1, 2]]
-    assert stale() == 0
+QUICK_FORCES = {
+    "piston_force_direct_sum.mean[0]": 0.03,
+    "piston_force_direct_sum.mean[4]": 0.03,
+    "half_mean_distance.minimum[0]": 0.005,
+    "half_mean_distance.minimum[3]": 0.005,
+    "half_mean_distance.minimum[7]": 0.005,
+}
 
 
-SCRIPT = """
-    import sys
-    from pathlib import Path
-    from tests.research.published.test_running import small
-    from research.published.plan import Group
-    from research.published.protocols import QUICK
-    from research.published.series_runs import run_groups
-    from research.published.series import mono
+def test_committed_results_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(CAMPAIGN.main, ["-o", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    numbers = found["summary"]
+    assert sum(numbers.values()) == len(found["entries"])
+    assert sum(found["statement_counts"].values()) == len(found["statements"])
+    assert found["series"]["stale"] == 0
+    assert all(one["verdict"] for one in found["entries"])
+    written = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert written == found
+    assert (tmp_path / "report.html").stat().st_size > 10_000
+    assert not (tmp_path / "cases").exists()
 
-    if __name__ == "__main__":
-        long = mono("long", 40, QUICK, seeds=(1,))
-        groups = [Group("all", [small("direct 368"), long])]
-        run_groups(groups, Path(sys.argv[1]), workers=1, progress=False)
-        print("done")
-"""
+
+def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(CAMPAIGN.main, ["--workers", "0", "-o", str(tmp_path)]) == 2
+    assert "--workers 0; give 1 or more" in capsys.readouterr().err
+    file = tmp_path / "file"
+    file.write_text("", encoding="utf-8")
+    assert launch(CAMPAIGN.main, ["-o", str(file / "below")]) == 2
+    assert "give another place" in capsys.readouterr().err
+
+
+def test_an_unknown_entry_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(CAMPAIGN.main, ["--only", "damper.rest_heigth"]) == 2
+    assert "did you mean 'damper.rest_height'" in capsys.readouterr().err
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("interruptible")
-def test_ctrl_c_loses_nothing(tmp_path: Path) -> None:
-    """Stopped again and again, the same command comes to the same figures."""
-    script = tmp_path / "script.py"
-    script.write_text(textwrap.dedent(SCRIPT), encoding="utf-8")
+def test_references_of_the_committed_file_are_todays() -> None:
+    """Three series drawn by a seed: what the code gives now is what it gave when they were run."""
+    import random
 
-    def run(out: str, patience: float | None) -> bool:
-        command = [sys.executable, str(script), str(tmp_path / out)]
-        process = subprocess.Popen(
-            command, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        )
-        try:
-            output, _ = process.communicate(timeout=patience)
-            return b"done" in output
-        except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGINT)
-            process.communicate(timeout=120)
-            return False
+    from research.published.plan import full_plan
+    from research.published.reference import agrees, reference
+    from research.published.results import committed
 
-    started = time.monotonic()
-    assert run("whole", None)
-    stops, patience = 0, 0.4 * (time.monotonic() - started)
-    while not run("stopped", patience):
-        stops, patience = stops + 1, 1.5 * patience
-        assert stops < 20
-        time.sleep(0.2)
-    assert stops > 0
-    outcomes = [
-        {path.name: _figures(path) for path in (tmp_path / name / "cases").glob("*.json")}
-        for name in ("whole", "stopped")
-    ]
-    assert len(outcomes[0]) == 3
-    assert outcomes[0] == outcomes[1]
+    found = committed().series
+    done = [one for group in full_plan() for one in group.series if found[one.key]["done"]]
+    for series in random.Random(5).sample(done, 3):
+        assert agrees(found[series.key]["reference"], reference(series)), series.key
 
 
-def environment() -> dict[str, str]:
-    import os
+@pytest.mark.long
+def test_quick_run_reproduces_what_is_published(tmp_path: Path) -> None:
+    from research.published.runner import published
 
-    return os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
-
-
-def _figures(path: Path) -> dict[str, Any]:
-    figures: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))["figures"]
-    return {name: value for name, value in figures.items() if name != "seconds"}
-
-
-def test_blocks_of_the_guide_stand_between_marks() -> None:
-    begin, end = CAMPAIGN.marks("counts")
-    page_before = f"before\n{begin}\nold\n{end}\nafter"
-    written = CAMPAIGN.with_blocks(page_before, {"counts": "new"})
-    assert written == f"before\n{begin}\nnew\n{end}\nafter"
-    assert len({one.key for one in entries()}) == len(entries())
+    found = published(tmp_path, "quick", progress=False)
+    rows = {one["key"]: one for one in found["quick"]["entries"]}
+    for key, tolerance in QUICK_FORCES.items():
+        assert rows[key]["ours"] == pytest.approx(rows[key]["published"], rel=tolerance), key
+        assert rows[key]["starts"] == 3
+    fractions = [one for key, one in rows.items() if key.startswith("voronoi") and one["ours"]]
+    assert len(fractions) >= 15
+    for one in fractions:
+        assert one["ours"] == pytest.approx(one["published"], abs=0.04), one["key"]

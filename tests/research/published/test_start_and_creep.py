@@ -1,7 +1,5 @@
 """Beds with de Paula's friction and a higher first grid, and the independent loop."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
