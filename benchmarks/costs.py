@@ -18,8 +18,7 @@ import numpy as np
 
 from granular.run.plan import parse_time_step
 from granular.run.work_precision import damping_kind
-from granular.scene.loading import load_scene
-from granular.scene.published_beds import damper
+from granular.scene.named_scenes import damper, load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import write_text

@@ -12,8 +12,7 @@ from benchmarks.engine import bed_of
 from benchmarks.process import finished
 from benchmarks.timing import least_seconds
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.registry import EFFECTS
+from granular.effects.effect import EFFECTS, Effect, EffectContext, energy_variable
 from granular.kernel_data.state import Bed
 from granular.schema.sections import quantity
 from granular.user_code import import_user_code

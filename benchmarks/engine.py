@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from granular.pairs.pair_sum_settings import METHODS
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 
 PAIR_METHODS = tuple(name for name in METHODS if name != "auto")

@@ -8,7 +8,7 @@ from typing import Any
 
 from granular import simulate
 from granular.run.trajectory import Trajectory
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.studies.sweep import sweep
 

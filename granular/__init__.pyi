@@ -8,8 +8,7 @@ from .run.plan import Plan, plan
 from .run.simulation import simulate
 from .run.summary import run_text, scene_text
 from .run.trajectory import Trajectory, load_trajectory
-from .scene.loading import load_scene, scene_names
-from .scene.published_beds import bidisperse, damper, mono_bed
+from .scene.named_scenes import bidisperse, damper, load_scene, mono_bed, scene_names
 from .scene.scene import Scene
 from .schema.sections import quantity
 from .shared.citations import cite

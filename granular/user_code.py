@@ -7,8 +7,7 @@ from pathlib import Path
 
 from granular.effects.custom import load_user_sections
 from granular.methods.method import Method
-from granular.methods.registry import register_methods
-from granular.methods.tables import METHODS
+from granular.methods.tables import METHODS, register_methods
 from granular.observables.catalogue import OBSERVABLES
 from granular.observables.frame import observable_metadata
 from granular.shared.user_file import run_user_file, user_definitions

@@ -105,7 +105,7 @@ def report(
     output: Output,
 ) -> None:
     """All parts: report.html, and report.json next to it."""
-    from granular.scene.loading import load_scene
+    from granular.scene.named_scenes import load_scene
     from validation.overview import OVERVIEW, overview_section_for
     from validation.report import SECTIONS
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from granular.run.plan import can_run
 from granular.run.trajectory import Trajectory
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.blocks import Block, Table, Text

@@ -141,7 +141,7 @@ def _resolve_cited_name(name: str) -> Any:
     """Return what a name or a path stands for: a scene, a run, a method, a law or a model."""
     from granular import load_scene, load_trajectory
     from granular.methods import METHODS, method_named
-    from granular.scene.loading import scene_names
+    from granular.scene.named_scenes import scene_names
     from reduced_models import load_model
     from reduced_models.laws.catalogue import LAWS, law_named
 

@@ -27,7 +27,7 @@ from granular.linear import Root, piston_roots, root_of_steps
 from granular.linear.equilibrium import Equilibrium, equilibrium_from, settled_state
 from granular.methods import METHODS, method_named
 from granular.methods.method import COMPENSATED
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.shared.blocks import Text
 from granular.shared.errors import InputError, RunError
 from validation import exact_solution, external_integrators

@@ -11,8 +11,7 @@ import numpy as np
 
 from granular.run.evaluation import evaluate
 from granular.run.trajectory import Trajectory
-from granular.scene.loading import load_scene
-from granular.scene.published_beds import mono_bed
+from granular.scene.named_scenes import load_scene, mono_bed
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError

@@ -21,7 +21,7 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.run.trajectory import Trajectory
-from granular.scene.published_beds import END, LOWEST_START, REFERENCE_COUNT, START
+from granular.scene.named_scenes import END, LOWEST_START, REFERENCE_COUNT, START
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RecordError, unknown_word_message
 

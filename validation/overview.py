@@ -30,7 +30,7 @@ from granular.run.plan import can_run, plan
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.summary import active_effect_names
 from granular.run.work_precision import FLOORS
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.shared.blocks import Block, Heading, Table, Text
 from granular.shared.errors import GranularError

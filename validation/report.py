@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.methods import METHODS, Method, method_named, resolve_method
-from granular.methods.registry import method_as_run_setting, register_methods
+from granular.methods.tables import method_as_run_setting, register_methods
 from granular.scene.scene import Scene
 from granular.shared.blocks import Block, Caution, Heading, Table, Text, cautions
 from granular.shared.errors import InputError

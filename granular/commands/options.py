@@ -107,7 +107,7 @@ class Changes(OwnCode):
 
     def load(self, name: str) -> Scene:
         """Load a scene with the changes, after the user's own code."""
-        from granular.scene.loading import load_scene
+        from granular.scene.named_scenes import load_scene
 
         self.run()
         return self.apply(load_scene(name))

@@ -49,12 +49,12 @@ def scenes(
 
 def _list_scenes(output: Output) -> None:
     """List the packaged scenes, and what scenes can name."""
-    from granular.effects.registry import EFFECTS, WALL_LAWS
+    from granular.effects.effect import EFFECTS, WALL_LAWS
     from granular.effects.walls import LAWS
     from granular.methods.tables import METHODS
     from granular.observables.catalogue import OBSERVABLES
     from granular.run.engines import ENGINES
-    from granular.scene.loading import SCENES, scene_names
+    from granular.scene.named_scenes import SCENES, scene_names
 
     first = {}
     for name in scene_names():
@@ -86,7 +86,7 @@ def _warm_up(names: tuple[str, ...], changes: Changes, output: Output) -> None:
     """Compile what scenes need."""
     from granular.compiled.kernel_cache import kernel_cache_folder
     from granular.run.simulation import compile_and_cache_kernels
-    from granular.scene.loading import load_scene, scene_names
+    from granular.scene.named_scenes import load_scene, scene_names
 
     scenes = [changes.apply(load_scene(name)) for name in names or scene_names()]
     seconds = compile_and_cache_kernels(scenes)

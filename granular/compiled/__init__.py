@@ -15,8 +15,7 @@ import numpy as np
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
-from granular.compiled.kernel_cache import insides_are_usable
-from granular.compiled.source_digest import PACKAGE
+from granular.compiled.kernel_cache import PACKAGE, insides_are_usable
 
 _INNER: dict[str, Any] = {}
 _ENTRY: dict[str, Any] = {}

@@ -20,8 +20,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.effect import DissipativeEffect, EffectContext, ForceEffect, energy_variable
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import LOSSES, Bed, State
+from granular.kernel_data.state import LOSSES, Bed, Constants, State
 from granular.pairs.dipole_law import ENERGY, pair_energy
 from granular.pairs.disc_law import disc_energy_and_force
 from granular.pairs.grain_arrays import value_or_one

@@ -77,9 +77,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.effects.custom_law import Definition, Grain, OwnEffectLaw, OwnLaw, OwnWallLaw
-from granular.effects.effect import DissipativeEffect, Effect, EffectContext, ForceEffect, energy_variable
+from granular.effects.effect import (
+    EFFECTS,
+    WALL_LAWS,
+    DissipativeEffect,
+    Effect,
+    EffectContext,
+    ForceEffect,
+    energy_variable,
+)
 from granular.effects.pair_law import PairFunctions, PairLawEffect, Species, species_of_scene
-from granular.effects.registry import EFFECTS, WALL_LAWS
 from granular.schema.field_kinds import IntegerKind, QuantityKind
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section

@@ -21,8 +21,7 @@ from numba.core.registry import CPUDispatcher
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import OPTIONS
-from granular.kernel_data.constants import Constants, relative_moments
-from granular.kernel_data.state import LOSSES, WORK, Bed, State
+from granular.kernel_data.state import LOSSES, WORK, Bed, Constants, State, relative_moments
 from granular.pairs.grain_arrays import value_or_one
 from granular.shared.errors import InputError, one_line
 

@@ -29,8 +29,7 @@ from granular.effects.mutual_eddy_drag import (
     lone_disc_drag_factor,
     make_mutual_eddy_law,
 )
-from granular.kernel_data.constants import relative_moments
-from granular.kernel_data.state import LOSSES, Bed
+from granular.kernel_data.state import LOSSES, Bed, relative_moments
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Grains, Piston

@@ -8,9 +8,9 @@ What is not there costs nothing; ``law, workspace, index`` come before the other
 
 An effect is of one of three kinds, or of two, and subclasses what it is:
 
-- a force, `granular.effects.effect`: it has an energy, and is minus its gradient;
-- a flow, `granular.effects.effect`: it takes energy, and is solved exactly;
-- a frame, `granular.effects.effect`: it acts on everything, the piston too.
+- a force, `ForceEffect`: it has an energy, and is minus its gradient;
+- a flow, `DissipativeEffect`: it takes energy, and is solved exactly;
+- a frame, `MovingFrameEffect`: it acts on everything, the piston too.
 
 ``workspace(size, count)``, where the law has it, makes the scratch arrays that the loop hands
 over as ``workspace``; its field ``persistent``, if it has one, is part of the run's state.
@@ -19,7 +19,7 @@ Where a grain, a pair or a wall's distance is all that counts, the loops over gr
 written: a class with the functions of one of them, decorated with
 `granular.effects.custom.effect` as a user's own, becomes an effect of this form, and so does a
 formula. `granular.effects.magnetic_gradient` is written so. The file's own test aside, nothing else has to
-be touched but the table in `granular.effects.registry`.
+be touched but the table `EFFECTS`.
 
 A flow: it takes energy, and is solved exactly. `granular.effects.eddy_drag` is a short one.
 
@@ -72,6 +72,7 @@ from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section
+from granular.shared.registry import Registry
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -338,3 +339,39 @@ class MovingFrameEffect(Effect):
             [D/tau]; 0 where it lends none.
         """
         return 0.0
+
+
+EFFECTS = Registry[type[Effect]](
+    "effect",
+    "granular.effects",
+    {
+        "bath": "granular.effects.langevin_bath:Bath",
+        "contact": "granular.effects.contact:Contact",
+        "dipole": "granular.effects.dipole:Dipole",
+        "drag": "granular.effects.drag:Drag",
+        "eddy": "granular.effects.eddy_drag:Eddy",
+        "field": "granular.effects.formula:ForceFields",
+        "friction": "granular.effects.friction:Friction",
+        "gradient": "granular.effects.magnetic_gradient:Gradient",
+        "gravity": "granular.effects.gravity:Gravity",
+        "host": "granular.effects.host_structure:Host",
+        "pair_law": "granular.effects.formula:PairLaws",
+        "shaking": "granular.effects.shaking:Shaking",
+        "wall_friction": "granular.effects.wall_friction:WallFriction",
+        "walls": "granular.effects.walls:Walls",
+    },
+    lambda key, made: isinstance(made, type) and issubclass(made, Effect) and made.key == key,
+    "an effect of that key",
+    from_files=True,
+)
+"""Effects by their keys."""
+
+WALL_LAWS = Registry[type[Section]](
+    "law of a wall",
+    "granular.wall_laws",
+    {"formula": "granular.effects.formula:WallFormula"},
+    lambda _, made: isinstance(made, type) and issubclass(made, Section),
+    "a law made by granular.wall_law",
+    from_files=True,
+)
+"""Laws of walls, but for those that `granular.effects.walls` has itself."""

@@ -35,7 +35,14 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects import drag
-from granular.effects.drag import drag_taken_along
+from granular.effects.drag import (
+    Flow,
+    drag_flow_coefficients,
+    drag_taken_along,
+    move_with_drag,
+    slide,
+    vector_length,
+)
 from granular.effects.effect import (
     DissipativeEffect,
     Effect,
@@ -43,7 +50,6 @@ from granular.effects.effect import (
     RecordedVariable,
     energy_variable,
 )
-from granular.effects.slide import Flow, drag_flow_coefficients, move_with_drag, slide, vector_length
 from granular.kernel_data.state import LOSSES, Bed, State
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import value_or_one

@@ -39,8 +39,7 @@ from numpy.polynomial import Chebyshev
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext
-from granular.kernel_data.constants import relative_moments
-from granular.kernel_data.state import LOSSES, Bed
+from granular.kernel_data.state import LOSSES, Bed, relative_moments
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import Disc
 from granular.pairs.grain_arrays import value_or_one

@@ -21,8 +21,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, ForceEffect
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import Bed
+from granular.kernel_data.state import Bed, Constants
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.near_law import (

@@ -18,12 +18,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import sum_of_hooks
 from granular.effects import drag
+from granular.effects.drag import drag_flow_coefficients, move_with_drag, slide
 from granular.effects.effect import DissipativeEffect, Effect, EffectContext, energy_variable
-from granular.effects.slide import drag_flow_coefficients, move_with_drag, slide
 from granular.effects.wall_side import PARALLEL, Side
 from granular.effects.walls import natural_sides
-from granular.kernel_data.constants import relative_moments
-from granular.kernel_data.state import CELL, LOSSES, Bed
+from granular.kernel_data.state import CELL, LOSSES, Bed, relative_moments
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell, SideLine

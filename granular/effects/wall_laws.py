@@ -39,8 +39,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import greatest_of_hooks, sum_of_hooks
 from granular.effects.wall_side import Side, WallView, distance_from_wall, position_along_wall, push_grain
-from granular.kernel_data.constants import Constants, multiply_by_moment_over_mass
-from granular.kernel_data.state import Bed
+from granular.kernel_data.state import Bed, Constants, multiply_by_moment_over_mass
 from granular.pairs.grain_arrays import value_or_one
 
 if TYPE_CHECKING:

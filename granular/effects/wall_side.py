@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import call_hook
-from granular.kernel_data.constants import relative_moments
-from granular.kernel_data.state import CELL, HEIGHT, SPEED, Bed
+from granular.kernel_data.state import CELL, HEIGHT, SPEED, Bed, relative_moments
 from granular.pairs.direct_sum import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 

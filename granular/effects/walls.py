@@ -14,8 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from granular.effects.dipole import species_discs
-from granular.effects.effect import Effect, EffectContext, ForceEffect, energy_variable
-from granular.effects.registry import WALL_LAWS
+from granular.effects.effect import WALL_LAWS, Effect, EffectContext, ForceEffect, energy_variable
 from granular.effects.wall_discs import DiscWall, disc_wall_tables
 from granular.effects.wall_laws import ExperimentalWall, InfiniteWall, SlabWall, WallLaws
 from granular.effects.wall_side import Side

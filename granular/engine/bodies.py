@@ -33,11 +33,10 @@ from typing import TYPE_CHECKING
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_last_hook, sum_of_hooks
+from granular.effects.drag import drag_flow_coefficients, slide
 from granular.effects.excitation import evaluate_excitation, excitation_during_kick
 from granular.effects.host_structure import BodyLaw, BodyScratch, bed_momentum, link_force
-from granular.effects.slide import drag_flow_coefficients, slide
 from granular.effects.wall_laws import force_on_body
-from granular.kernel_data.constants import BodyResistance
 from granular.kernel_data.state import (
     CELL,
     HEIGHT,
@@ -48,6 +47,7 @@ from granular.kernel_data.state import (
     SPEED_ROUNDING,
     WORK,
     Bed,
+    BodyResistance,
     State,
     add_to_velocity,
     compensated_sum,

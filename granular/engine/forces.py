@@ -12,8 +12,16 @@ from typing import TYPE_CHECKING
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import by_reference, sum_of_hooks
-from granular.kernel_data.constants import Constants, multiply_by_moment_over_mass, pair_stiffness_bound
-from granular.kernel_data.state import Bed, Measurement, State, add_to_velocity, grain_arrays_of_bed
+from granular.kernel_data.state import (
+    Bed,
+    Constants,
+    Measurement,
+    State,
+    add_to_velocity,
+    grain_arrays_of_bed,
+    multiply_by_moment_over_mass,
+    pair_stiffness_bound,
+)
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.direct_sum import direct_sum, reproducible_sum

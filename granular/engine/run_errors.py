@@ -10,8 +10,7 @@ import numba
 import numpy as np
 
 from granular.effects.wall_discs import DiscWall
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import HEIGHT, PISTON, State
+from granular.kernel_data.state import HEIGHT, PISTON, Constants, State
 from granular.pairs.disc_law import CLOSEST
 from granular.pairs.near_law import closest_over_least
 from granular.schema.cell import SideLine, piston_wall_key

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.engine import columns
-from granular.kernel_data.constants import EffectLaws
-from granular.kernel_data.state import HEIGHT, LOSSES, PISTON, Measurement, StageSlopes, State
+from granular.kernel_data.state import HEIGHT, LOSSES, PISTON, EffectLaws, Measurement, StageSlopes, State
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_coordinates, partial_sum_buffers
 from granular.pairs.far_field import far_field_state

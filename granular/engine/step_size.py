@@ -27,8 +27,18 @@ from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import by_reference, greatest_of_hooks, sum_of_hooks
 from granular.effects.host_structure import BodyLaw
 from granular.effects.wall_laws import add_body_stiffness
-from granular.kernel_data.constants import Constants, relative_moments
-from granular.kernel_data.state import CELL, DENSITY, LEAST, PISTON, SQUARE, Bed, Measurement, State
+from granular.kernel_data.state import (
+    CELL,
+    DENSITY,
+    LEAST,
+    PISTON,
+    SQUARE,
+    Bed,
+    Constants,
+    Measurement,
+    State,
+    relative_moments,
+)
 from granular.pairs.dipole_law import head_on_frequency_squared
 from granular.pairs.near_law import NearLaw, squared_collision_frequency
 from granular.protocol.piston_motion import Motion

@@ -34,7 +34,6 @@ from granular.engine.step_size import (
     tick_start_time,
 )
 from granular.engine.time_step import StepPlan, advance_one_step
-from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import (
     HEIGHT,
     LONGEST,
@@ -47,6 +46,7 @@ from granular.kernel_data.state import (
     TIME,
     WORK,
     Bed,
+    Constants,
     Measurement,
     State,
 )

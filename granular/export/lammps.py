@@ -36,7 +36,7 @@ from granular.pairs import dipole_law
 from granular.pairs.disc_law import Disc, disc_over_dipole_stiffness, make_disc_laws
 from granular.run.run_directory import is_run_directory
 from granular.run.trajectory import Trajectory, load_trajectory
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.files import write_line_files

@@ -17,7 +17,7 @@ from granular.protocol.stage import TimedStage
 from granular.run.run_directory import is_run_directory
 from granular.run.simulation import simulate
 from granular.run.trajectory import Trajectory, frame_heights, load_trajectory
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.schema.cell import Heights
 from granular.shared.errors import InputError

@@ -44,11 +44,14 @@ from granular.pairs.pair_contributions import (
     CutOffVectors,
     FarPartCoefficients,
     GrainArrayPointers,
+    RowSums,
+    add_eight_partners,
     add_vectors,
+    begin_row_sums,
     make_cut_off_vectors,
+    store_row_sums,
 )
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
-from granular.pairs.row_sums import RowSums, add_eight_partners, begin_row_sums, store_row_sums
 from granular.pairs.simd import INDEX, WIDTH, VectorBuilder
 from granular.pairs.stripes import (
     BUILDS,

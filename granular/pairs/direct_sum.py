@@ -39,14 +39,16 @@ from granular.pairs.pair_contributions import (
     GrainArrayPointers,
     GrainVectors,
     PeriodicCellVectors,
+    add_eight_partners,
     add_vectors,
+    begin_row_sums,
     computed_sums,
     load_eight_grains,
     make_cut_off_vectors,
     pair_contributions,
+    store_row_sums,
 )
 from granular.pairs.pure_python_sums import pure_python_direct_sum
-from granular.pairs.row_sums import add_eight_partners, begin_row_sums, store_row_sums
 from granular.pairs.simd import INDEX, WIDTH, VectorBuilder, broadcast_constant, has_avx512, pad_to_vectors
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled, threaded_if_wanted
-from granular.pairs.mesh_convolution import convolve_eight_columns
+from granular.pairs.mesh_vectors import add_spline_weights, convolve_eight_columns, interpolate_with_splines
 from granular.pairs.multilevel_mesh import ACROSS, LEFT, LOW, PARTS, UP, MultilevelMesh
 from granular.pairs.periodic_mesh import (
     copy_periodic_margin,
@@ -18,7 +18,6 @@ from granular.pairs.periodic_mesh import (
     spread_on_periodic_mesh,
 )
 from granular.pairs.simd import WIDTH
-from granular.pairs.spline_stencil import add_spline_weights, interpolate_with_splines
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from granular.compiled import Array, compiled
 from granular.pairs.dipole_law import far_part_of_inverse_cube
 from granular.pairs.direct_sum import PARTED_FROM
-from granular.pairs.mesh_convolution import BESIDE, TERMS
+from granular.pairs.mesh_vectors import BESIDE, TERMS
 from granular.pairs.simd import WIDTH, pad_to_vectors
 
 if TYPE_CHECKING:

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
 from granular.pairs.dipole_law import far_part_of_inverse_cube
+from granular.pairs.mesh_vectors import add_spline_weights, interpolate_with_splines
 from granular.pairs.multilevel_mesh import (
     ACROSS,
     REACH,
@@ -42,7 +43,6 @@ from granular.pairs.multilevel_mesh import (
     repeat_for_levels,
     separable_table,
 )
-from granular.pairs.spline_stencil import add_spline_weights, interpolate_with_splines
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int

@@ -12,8 +12,7 @@ import numpy as np
 from granular.effects.effect import Effect, RecordedVariable
 from granular.engine.columns import column_names, energy_column, law_record_column, loss_column, side_column
 from granular.engine.forces import force_with_far_field
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import HEIGHT, State
+from granular.kernel_data.state import HEIGHT, Constants, State
 from granular.scene.scene import Scene
 from granular.schema.cell import CELL
 from granular.schema.field_kinds import FieldError

@@ -23,7 +23,7 @@ import numba
 
 from granular.engine.step_size import MOST_STEPS, StepRequest, auto_step_text
 from granular.methods.method import COMPENSATED, Method
-from granular.methods.registry import resolve_method
+from granular.methods.tables import resolve_method
 from granular.pairs.direct_sum import PARTED_FROM, PARTS
 from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import Hold, Lift, Stage

@@ -24,21 +24,19 @@ from granular.engine.tick_loop import constants_per_grain
 from granular.kernel_data.state import PERSISTENT, State
 from granular.pairs.stripes import LISTED
 from granular.protocol.stage import TimedStage
-from granular.run.checkpoint import (
-    Manifest,
-    digest_files,
-    read_checkpoint,
-    read_verified_files,
-    write_checkpoint,
-)
 from granular.run.dataset import RecordBuffer
 from granular.run.run_directory import (
     SCENE,
     SETTINGS,
+    Manifest,
     create_partial_directory,
+    digest_files,
     lock_directory,
     move_to_final_path,
+    read_checkpoint,
+    read_verified_files,
     unlock_directory,
+    write_checkpoint,
 )
 from granular.run.run_state import ARRANGE, RunProgress, RunState
 from granular.run.zarr_arrays import GROUP, AppendableZarrArray, ZarrArray, ZarrMetadata

@@ -24,8 +24,17 @@ from granular.engine.step_size import (
 )
 from granular.engine.tick_loop import OUTSIDE, STIFFEST, TURNED, StopCriteria, TickRange
 from granular.engine.time_step import make_step_plan
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, STEPS, TIME, Measurement, State
+from granular.kernel_data.state import (
+    HEIGHT,
+    LONGEST,
+    SHORTEST,
+    SPEED,
+    STEPS,
+    TIME,
+    Constants,
+    Measurement,
+    State,
+)
 from granular.protocol import Stage
 from granular.protocol.piston_motion import Motion, drive_angular_frequency, greatest_piston_speed
 from granular.protocol.stage import TimedStage

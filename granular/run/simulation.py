@@ -16,14 +16,13 @@ import numpy as np
 from granular.compiled.kernel_cache import CompileTimer, measure_compile_time
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.methods.method import Method
-from granular.methods.registry import method_as_run_setting
+from granular.methods.tables import method_as_run_setting
 from granular.protocol.stages import try_stages
-from granular.run.checkpoint import read_checkpoint, read_verified_files
 from granular.run.dataset import check_variable_names
 from granular.run.engines import NUMBA
 from granular.run.plan import METHOD, Plan, plan, set_thread_count
 from granular.run.protocol_runner import ProtocolRunner
-from granular.run.run_directory import SETTINGS, is_run_directory
+from granular.run.run_directory import SETTINGS, is_run_directory, read_checkpoint, read_verified_files
 from granular.run.run_directory_writer import RunDirectoryWriter, restore_snapshot, take_snapshot
 from granular.run.run_progress_bar import RunProgressBar
 from granular.run.summary import custom_code_digests

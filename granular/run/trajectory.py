@@ -21,9 +21,9 @@ from granular.protocol import Stage
 from granular.protocol.stages import Lift
 from granular.records.options import RecordSource
 from granular.records.record import PistonRecord
-from granular.run.checkpoint import Manifest
+from granular.run.run_directory import Manifest
 from granular.run.zarr_arrays import ZarrArray, ZarrMetadata
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.shared.blocks import Printout
 from granular.shared.errors import RecordError, unknown_word_message
@@ -270,8 +270,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
     SceneError
         If the run's scene names an effect, stage or law of the user's own that was not imported.
     """
-    from granular.run.checkpoint import read_checkpoint, read_verified_files
-    from granular.run.run_directory import SCENE, SETTINGS
+    from granular.run.run_directory import SCENE, SETTINGS, read_checkpoint, read_verified_files
     from granular.run.zarr_arrays import GROUP, ZarrMetadata
 
     path = Path(path)

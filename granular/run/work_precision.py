@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.methods.registry import method_named
+from granular.methods.tables import method_named
 from granular.run.summary import active_effect_names, custom_code_digests
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, StoreError

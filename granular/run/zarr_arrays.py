@@ -2,7 +2,7 @@
 
 Every chunk is compressed with a checksum, so that any program that reads Zarr notices a damaged one.
 That a chunk is the one that was written under its name is checked by its digest in the manifest
-(`granular.run.checkpoint`), which is of the values and not of the file: the last chunk of a run that
+(`granular.run.run_directory`), which is of the values and not of the file: the last chunk of a run that
 was killed may hold more of them than are complete.
 """
 
@@ -16,9 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.checkpoint import METADATA, REMEDY, Manifest, read_checkpoint, read_run_file
 from granular.run.dataset import STAGE, DatasetVariable, all_run_variables
-from granular.run.run_directory import TRAJECTORY, replace_run_file
+from granular.run.run_directory import (
+    METADATA,
+    REMEDY,
+    TRAJECTORY,
+    Manifest,
+    read_checkpoint,
+    read_run_file,
+    replace_run_file,
+)
 from granular.scene.scene import Scene
 from granular.shared.errors import StoreError
 

@@ -10,11 +10,11 @@ import dataclasses
 import re
 from typing import Any
 
+from granular.effects.effect import EFFECTS
 from granular.effects.formula import FormulaList
-from granular.effects.registry import EFFECTS
 from granular.effects.walls import Wall, Walls
 from granular.methods.tables import METHODS
-from granular.scene.loading import scene_names
+from granular.scene.named_scenes import scene_names
 from granular.scene.scene import Effects, Scene
 from granular.schema import field_kinds as kinds
 from granular.schema.cell import SidesKind

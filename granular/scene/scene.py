@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from granular.effects.effect import Effect
-from granular.effects.registry import EFFECTS
+from granular.effects.effect import EFFECTS, Effect
 from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_positions_and_velocities

@@ -20,7 +20,7 @@ from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.effect import Effect, EffectContext, ForceEffect
 from granular.effects.pair_law import PairLawEffect, grain_charges
 from granular.effects.walls import natural_sides
-from granular.kernel_data.constants import BodyResistance, Constants, EffectLaws
+from granular.kernel_data.state import BodyResistance, Constants, EffectLaws
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import DiscSeries, make_disc_laws

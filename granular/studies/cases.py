@@ -9,7 +9,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar
 
-from granular.methods.registry import method_as_run_setting, resolve_method
+from granular.methods.tables import method_as_run_setting, resolve_method
 from granular.observables.catalogue import per_frame
 from granular.observables.frame import observable_metadata
 from granular.run.dataset import scalar_variables

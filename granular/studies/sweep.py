@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.methods import Method
 from granular.run.dataset import scalar_variables
-from granular.scene.loading import load_scene, scene_names
+from granular.scene.named_scenes import load_scene, scene_names
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import IntegerKind, QuantityKind
 from granular.schema.sections import find_field

@@ -85,7 +85,7 @@ def export_model(
     output: Output,
 ) -> None:
     """Write a saved model as code: Python, C, MATLAB, Modelica, FMU."""
-    from granular.scene.loading import load_scene, scene_names
+    from granular.scene.named_scenes import load_scene, scene_names
     from reduced_models.models.model import load_model
 
     if model in scene_names() or Path(model).suffix == ".toml":

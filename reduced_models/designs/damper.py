@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.scene.published_beds import REFERENCE_COUNT, damper
+from granular.scene.named_scenes import REFERENCE_COUNT, damper
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, quote
 

@@ -23,7 +23,7 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.run.plan import SCATTER, plan
 from granular.run.trajectory import Trajectory
-from granular.scene.published_beds import REFERENCE_COUNT, damper
+from granular.scene.named_scenes import REFERENCE_COUNT, damper
 from granular.shared.errors import GranularError, InputError, StoreError, quote
 from granular.studies.cases import keep_measure_name
 from granular.studies.executors import case_executor

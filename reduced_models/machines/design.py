@@ -23,8 +23,7 @@ from granular.effects.host_structure import Host
 from granular.linear.equilibrium import equilibrium_from, settled_state
 from granular.response.linear_system import damper_mass, without_damper
 from granular.response.response import DURATION, FrequencyResponse, frequency_response
-from granular.scene.loading import load_scene
-from granular.scene.published_beds import damper
+from granular.scene.named_scenes import damper, load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import FEWEST, OutsideRangeWarning, PredictedLaw

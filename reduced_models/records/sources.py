@@ -230,7 +230,7 @@ def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene
             )
         from granular.run.run_directory import is_run_directory
         from granular.run.trajectory import load_trajectory
-        from granular.scene.loading import load_scene
+        from granular.scene.named_scenes import load_scene
 
         if is_run_directory(path):
             return load_trajectory(path)

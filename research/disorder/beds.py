@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 
 COUNT = 184

@@ -16,7 +16,7 @@ from granular.observables.plasticity import (
     plastic_distortion,
 )
 from granular.run.trajectory import Trajectory
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import digest
 from reduced_models.laws.annealing_bed import MODULUS, STIFFENING

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import digest
 from research.disorder.force_heterogeneity import (

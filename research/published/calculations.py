@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import ResultCache
 from granular.studies.cases import measure_identity
@@ -44,7 +44,7 @@ def default_grain(_: bool) -> Numbers:
 def packing(_: bool) -> Numbers:
     """Packing fraction of the mixtures at full compression, the same for every R, and heights."""
     from granular.observables import packing_fraction
-    from granular.scene.published_beds import bidisperse
+    from granular.scene.named_scenes import bidisperse
 
     def height(scene: Scene) -> float:
         result = scene.protocol[1].prescribed_final_height()
@@ -67,7 +67,7 @@ HEIGHTS: Mapping[str, tuple[float, float, tuple[float, ...]]] = {
 
 def final_heights(_: bool) -> Numbers:
     """Piston heights at full compression [D], of all rows of Table A.1."""
-    from granular.scene.published_beds import bidisperse
+    from granular.scene.named_scenes import bidisperse
 
     made = {}
     for name, (aspect, big, ratios) in HEIGHTS.items():

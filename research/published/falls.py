@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.scene.published_beds import damper
+from granular.scene.named_scenes import damper
 from granular.scene.scene import Scene
 
 DIAMETER = 0.006

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from granular.scene.published_beds import bidisperse, damper, mono_bed
+from granular.scene.named_scenes import bidisperse, damper, mono_bed
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.studies.cases import Measure

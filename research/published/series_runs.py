@@ -12,7 +12,7 @@ from typing import Any
 
 from granular import sweep
 from granular.run.plan import parse_time_step
-from granular.scene.loading import load_scene
+from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import ResultCache
 from granular.studies.cases import CaseOutcome, OutcomeCache, make_cases

@@ -16,8 +16,7 @@ import pytest
 
 import granular.effects
 from granular import load_scene, load_trajectory, simulate
-from granular.effects.effect import Effect
-from granular.effects.registry import EFFECTS, WALL_LAWS
+from granular.effects.effect import EFFECTS, WALL_LAWS, Effect
 from granular.export import EXPORTERS
 from granular.methods import METHODS, method_named
 from granular.observables import OBSERVABLES

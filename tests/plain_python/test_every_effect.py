@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, simulate, stage, wall_law
-from granular.effects.registry import EFFECTS
+from granular.effects.effect import EFFECTS
 from granular.engine.state import new_state
 from granular.engine.tick_loop import constants_per_grain, remove_outflowed_grains
 from granular.methods import METHODS

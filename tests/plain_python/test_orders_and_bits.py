@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, simulate
-from granular.effects.registry import EFFECTS
+from granular.effects.effect import EFFECTS
 from tests.plain_python.test_drawn_scenes import FORMULA
 from tests.plain_python.test_every_effect import EXAMPLES, NAMES, STEP, small
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, simulate
-from granular.effects.registry import EFFECTS
+from granular.effects.effect import EFFECTS
 from granular.shared.errors import InputError
 from tests.granular.run.test_record_names import pull
 from tests.plain_python.test_drawn_scenes import FORMULA

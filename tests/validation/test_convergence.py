@@ -10,7 +10,7 @@ from granular import Method
 from granular.commands.console import launch
 from granular.linear import root_of_steps
 from granular.methods import METHODS
-from granular.methods.registry import register_methods
+from granular.methods.tables import register_methods
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from validation import exact_solution

@@ -5,7 +5,7 @@ import functools
 
 import pytest
 
-from granular.compiled.source_digest import (
+from granular.compiled.kernel_cache import (
     FOLDERS,
     PACKAGE,
     digest_of_bytes,
@@ -20,7 +20,7 @@ FEW = {
     name: content
     for name, content in FILES.items()
     if name.startswith("kernel_data/")
-    or name in ("compiled/__init__.py", "effects/drag.py", "effects/slide.py", "pairs/dipole_law.py")
+    or name in ("compiled/__init__.py", "effects/drag.py", "pairs/dipole_law.py")
     or name in ("pairs/direct_sum.py", "pairs/grain_arrays.py", "pairs/simd.py")
 }
 """Files that import from each other: parsing all takes half a second."""
@@ -39,8 +39,8 @@ def edited(name: str, old: str, new: str, files: dict[str, bytes]) -> dict[str, 
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
-        ("effects/drag.py", '"""Viscous drag:', '"""Other words:'),
-        ("effects/slide.py", "    z = rate * dt", "    # A comment.\n\n    z = (rate  * dt)"),
+        ("effects/drag.py", '"""Viscous drag,', '"""Other words:'),
+        ("effects/drag.py", "    z = rate * dt", "    # A comment.\n\n    z = (rate  * dt)"),
         ("pairs/dipole_law.py", '    """Repulsion', '    """More.\n\n    Lines.\n    """\n    """Repulsion'),
         ("pairs/dipole_law.py", "Coefficients", "The coefficients"),
         ("engine/state.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
@@ -56,7 +56,7 @@ def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
-        ("effects/slide.py", "z = rate * dt", "z = rate + dt"),
+        ("effects/drag.py", "z = rate * dt", "z = rate + dt"),
         ("pairs/dipole_law.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
         ("pairs/dipole_law.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
         ("kernel_data/state.py", "    vx: Float", "    vz: Float"),

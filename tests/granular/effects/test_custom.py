@@ -15,8 +15,8 @@ import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
 from granular.effects.custom_law import Laws
+from granular.effects.effect import EFFECTS
 from granular.effects.pair_law import Species
-from granular.effects.registry import EFFECTS
 from granular.run.summary import custom_code_digests
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.errors import GranularError, InputError

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from granular.methods import METHODS, Method, method_named, resolve_method
 from granular.methods.method import method_from_plain
-from granular.methods.registry import method_as_run_setting, register_methods
+from granular.methods.tables import method_as_run_setting, register_methods
 from granular.shared.errors import InputError
 from granular.user_code import import_user_code
 

@@ -16,7 +16,7 @@ from granular.pairs.far_field import FarFieldSettings, FarFieldState, far_field_
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS as RADIUS
 from granular.pairs.pair_sum_settings import TOLERANCE
-from granular.scene.published_beds import mono_bed
+from granular.scene.named_scenes import mono_bed
 from granular.shared.errors import InputError, SceneError
 
 compute_mesh_far_field = entry(far_field.compute_mesh_far_field)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from granular import Scene, effect, quantity, simulate
-from granular.effects import registry
+from granular.effects.effect import EFFECTS
 from granular.run.dataset import all_run_variables, check_variable_names
 from granular.shared.errors import InputError
 
@@ -50,7 +50,7 @@ def bed_with(name: str) -> Scene:
 def test_an_own_effect_cannot_take_the_name_of_a_record(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(registry, "_OWN", dict(registry._OWN))
+    monkeypatch.setattr(EFFECTS, "_own", dict(EFFECTS._own))
     scene, out = bed_with(name), tmp_path / "run"
     message = rf"effects\.{name.lower()}: its record '{name.lower()}_energy' has the name of another"
     with pytest.raises(InputError, match=message):
@@ -59,7 +59,7 @@ def test_an_own_effect_cannot_take_the_name_of_a_record(
 
 
 def test_another_name_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "_OWN", dict(registry._OWN))
+    monkeypatch.setattr(EFFECTS, "_own", dict(EFFECTS._own))
     scene = bed_with("Tether")
     check_variable_names(scene)
     names = [variable.name for variable in all_run_variables(scene)]

@@ -17,7 +17,7 @@ import xarray
 
 import granular.run.zarr_arrays
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
-from granular.run.checkpoint import read_checkpoint, write_checkpoint
+from granular.run.run_directory import read_checkpoint, write_checkpoint
 from granular.shared.errors import StoreError
 
 EARLY, CUT, END = 0.00634, 0.01234, 0.02

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from granular import bidisperse, damper, load_scene, mono_bed
 from granular.run.summary import packing_fraction
-from granular.scene.published_beds import piston_height_of_mixture
+from granular.scene.named_scenes import piston_height_of_mixture
 from granular.schema.apparatus import Species
 from granular.shared.errors import InputError
 

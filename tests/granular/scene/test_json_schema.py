@@ -9,7 +9,7 @@ import pytest
 
 from granular import Scene, load_scene
 from granular.scene.json_schema import scene_schema, study_schema
-from granular.scene.loading import SCENES, scene_names
+from granular.scene.named_scenes import SCENES, scene_names
 from granular.shared.errors import SceneError
 
 jsonschema = pytest.importorskip("jsonschema")

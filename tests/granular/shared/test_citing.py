@@ -5,7 +5,7 @@ import re
 import pytest
 
 from granular import Trajectory, cite, load_scene
-from granular.effects.registry import EFFECTS
+from granular.effects.effect import EFFECTS
 from granular.methods import METHODS
 from granular.shared.citations import bibtex_entries, citation_keys_by_doi, find_dois, module_docstring_of
 from granular.shared.errors import InputError
