@@ -10,7 +10,7 @@ import pytest
 from granular import load_scene, plan
 from granular.methods import METHODS
 from granular.shared.errors import InputError, SceneError
-from validation.energy_drift import EnergyStudy, report_energy_runs, run_energy_study
+from validation.energy_drift import EnergyStudy, EnergyTrend, report_energy_runs, run_energy_study
 from validation.report import SECTIONS, report_page, summarise_verdicts
 from validation.report_tasks import Outcome, Plain, Task, run_tasks
 

@@ -12,7 +12,7 @@ from granular.shared.errors import InputError
 from reduced_models import predict, score_drops
 from reduced_models.__main__ import main
 from reduced_models.falls.predicted_law import OutsideRangeWarning
-from reduced_models.falls.unseen_fall_scores import DropScore, DropScores
+from reduced_models.falls.unseen_fall_scores import DropScore, DropScores, whole_fall
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.solution import solve_law
 
