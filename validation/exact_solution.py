@@ -41,16 +41,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.scene.scene import Scene
 from granular.schema.apparatus import Grains
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
+from granular.shared.array_types import Float
 
 DIGITS = 50
 """Working precision; the results keep more than thirty digits of it."""

@@ -10,18 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.protocol import Hold
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 from validation.exact_solution import ExactProblem, GrainStates
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 SCIPY, DIFFRAX = "SciPy DOP853", "diffrax Tsit5"
 ORDERS = {SCIPY: 8, DIFFRAX: 5}

@@ -13,7 +13,7 @@ half of a step takes them in the opposite order, so that the step stays symmetri
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -26,9 +26,7 @@ from granular.pairs.disc_law import disc_energy_and_force
 from granular.pairs.grain_arrays import value_or_one
 from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement, refresh_near_list
 from granular.schema.sections import quantity
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 
 class Contact(ForceEffect, DissipativeEffect):

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -38,11 +38,8 @@ from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError, at_key
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity, text_field
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 Flow = tuple[float, float, float, float, float]
 """The values of `granular.effects.drag.drag_flow_coefficients`."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -37,9 +37,7 @@ from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import choice_field, flag_field, integer_field, quantity
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 SPACING = 1.375
 """Spacing of the lattice by which `Eddy.mutual` is decided [D]: the packaged damper's at rest."""

@@ -64,7 +64,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -72,10 +72,8 @@ from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section
+from granular.shared.array_types import Float, Int
 from granular.shared.registry import Registry
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 
 class RecordedVariable(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,10 +21,8 @@ from granular.schema.sections import (
     quantity_list_field,
     text_field,
 )
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, quote
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 SINE, SWEEP, IMPULSE, TABLE = range(4)
 

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,10 +57,7 @@ from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError
 from granular.schema.sections import choice_field, quantity
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
+from granular.shared.array_types import Float
 
 SCHEMES = ("velocity", "regularised")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, ForceEffect, energy_variable
@@ -10,9 +10,7 @@ from granular.kernel_data.state import Bed
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 
 class Gravity(ForceEffect):

@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -47,10 +47,8 @@ from granular.schema.sections import (
     section_list_field,
     text_field,
 )
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import unknown_word_message
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 
 class BodyRows(NamedTuple):

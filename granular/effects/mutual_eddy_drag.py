@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 from functools import cache, partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import Chebyshev
@@ -46,10 +46,7 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.pairs.near_law import partner_at, partner_range, refresh_if_listed, shifts_of
 from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement
 from granular.pairs.piecewise import PiecewiseTable, Samples, find_piece, piece_value, tabulate_values
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
-
+from granular.shared.array_types import Float, Int
 
 # 1e-13 holds if the face of a thick plate is 0.17 D or farther from the grains' middle; 4e-8 at 0.1 D.
 ORDER = 64

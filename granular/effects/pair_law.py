@@ -15,7 +15,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Hashable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,10 +41,8 @@ from granular.pairs.near_law import (
 )
 from granular.pairs.near_list import NearList
 from granular.pairs.piecewise import Sampled, Samples, tabulate_energies
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 NEAREST, FARTHEST = 2.0**-6, 2.0**20
 """Distances [D] between which a law is tabulated: below, it goes on as the last polynomial."""

@@ -9,7 +9,7 @@ the cell.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, MovingFrameEffect, energy_variable
@@ -17,9 +17,7 @@ from granular.kernel_data.state import HEIGHT, WORK, Bed
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 
 class Shaking(MovingFrameEffect):

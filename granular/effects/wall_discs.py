@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,9 +32,7 @@ from granular.pairs.disc_law import (
     pair_squared_distance_shift,
 )
 from granular.pairs.grain_arrays import value_or_one
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
+from granular.shared.array_types import Float, Int
 
 PIECES, PHASES, SUMMED = 300, 64, 60.0
 """Pieces of a table in 1/W; places along the pitch at which the row is summed, and the distance along

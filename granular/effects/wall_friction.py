@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import sum_of_hooks
@@ -28,9 +28,7 @@ from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell, SideLine
 from granular.schema.field_kinds import FieldError
 from granular.schema.sections import quantity
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 
 class WallFriction(DissipativeEffect):

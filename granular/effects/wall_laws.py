@@ -34,17 +34,14 @@ is written out, so that nothing is lost to rounding.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import greatest_of_hooks, sum_of_hooks
 from granular.effects.wall_side import Side, WallView, distance_from_wall, position_along_wall, push_grain
 from granular.kernel_data.state import Bed, Constants, multiply_by_moment_over_mass
 from granular.pairs.grain_arrays import value_or_one
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
+from granular.shared.array_types import Float
 
 _add_forces = sum_of_hooks("add_forces", "bed")
 _measure_energy = sum_of_hooks("measure_energy", "bed stiffness", 0.0)

@@ -14,16 +14,14 @@ has ``add_forces`` and ``measure_energy_and_stiffness`` instead.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import call_hook
 from granular.kernel_data.state import CELL, HEIGHT, SPEED, Bed, relative_moments
 from granular.pairs.direct_sum import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 PARALLEL = 1e-9
 """Largest sine of the angle between two sides that count as parallel."""

@@ -29,7 +29,6 @@ for its duration, and thereafter the values at its end.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_last_hook, sum_of_hooks
@@ -54,9 +53,7 @@ from granular.kernel_data.state import (
 )
 from granular.pairs.grain_arrays import value_or_one
 from granular.protocol.piston_motion import TABLE, Motion, driven_height_and_velocity, outer_force_on_piston
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 
 @compiled(inline=True)

@@ -8,8 +8,6 @@ as it is, to the last bit; while grains slide it goes on for some steps as it ch
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import by_reference, sum_of_hooks
 from granular.kernel_data.state import (
@@ -39,9 +37,7 @@ from granular.pairs.multilevel_mesh import MultilevelMesh
 from granular.pairs.near_law import add_near_forces, add_near_loads, measure_near_part
 from granular.pairs.near_list import VerletSettings, any_grain_moved, store_positions, verlet_list_sum
 from granular.pairs.stripes import CutOffSettings
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 
 @compiled(inline=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +14,7 @@ from granular.pairs.far_field import far_field_state
 from granular.pairs.near_law import near_law_workspace
 from granular.pairs.near_list import verlet_list_workspace
 from granular.pairs.stripes import stripes_workspace
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 
 def new_state(

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,10 +42,7 @@ from granular.kernel_data.state import (
 from granular.pairs.dipole_law import head_on_frequency_squared
 from granular.pairs.near_law import NearLaw, squared_collision_frequency
 from granular.protocol.piston_motion import Motion
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
+from granular.shared.array_types import Float
 
 FRACTION, LEAST_FRACTION = 0.1, 0.03
 """Automatic step times the highest angular frequency. Verlet is stable below 2; at 0.1 its error

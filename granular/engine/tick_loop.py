@@ -9,7 +9,7 @@ so many ticks.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,10 +52,7 @@ from granular.kernel_data.state import (
 )
 from granular.pairs.direct_sum import PADDING
 from granular.protocol.piston_motion import Motion
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
+from granular.shared.array_types import Float
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, REMOVED = range(6)
 """Why the loop returns: its ticks are made; a grain is where it cannot be; all is at rest; the step

@@ -6,7 +6,7 @@ Runge-Kutta methods are not symplectic: the control of those that are. They take
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,9 +42,7 @@ from granular.methods import Method
 from granular.pairs.far_field import FarFieldSettings
 from granular.pairs.grain_arrays import value_or_one
 from granular.protocol.piston_motion import Motion, driven_height_and_velocity, outer_force_on_piston
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 
 @compiled

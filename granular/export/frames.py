@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.observables.frame import Frame, frames, is_present
 from granular.run.trajectory import Trajectory, load_trajectory
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 BLOCK = 64
 """Frames that are read together: few enough to fit into memory with any bed."""

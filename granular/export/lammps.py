@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,10 +38,8 @@ from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
+from granular.shared.array_types import Float
 from granular.shared.files import write_line_files
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 def to_lammps(

@@ -8,7 +8,7 @@ Integration (2006), VIII.5.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,9 +18,7 @@ from granular.pairs.grain_arrays import STIFFNESS, GrainArrays, value_or_one
 from granular.pairs.near_law import NearLaw
 from granular.pairs.near_list import NearList, VerletSettings
 from granular.pairs.stripes import CutOffSettings, Stripes
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
+from granular.shared.array_types import Float, Int
 
 
 class EffectLaws(NamedTuple):

@@ -27,10 +27,10 @@ from granular.run.run_state import RunState
 from granular.scene.scene import Scene
 from granular.schema.cell import PISTON, Heights, piston_wall_key
 from granular.schema.sections import find_value
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RunError, quote
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
     from scipy.sparse import csc_matrix
 
 DISPLACEMENT = 5e-4

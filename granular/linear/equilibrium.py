@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import functools
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +20,8 @@ from granular.run.trajectory import Trajectory, frame_heights, load_trajectory
 from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.schema.cell import Heights
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 REST = 1e-13
 """Largest force at equilibrium, over the piston's weight or the force of a pair at one diameter."""

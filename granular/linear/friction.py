@@ -26,11 +26,10 @@ from granular.linear.roots import piston_roots, require_free_piston, static_shap
 from granular.run.evaluation import evaluate
 from granular.scene.scene import Scene
 from granular.schema.sections import find_value
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
-
     from granular.linear.roots import Root
 
 DYNAMIC = 0.75

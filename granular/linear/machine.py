@@ -17,9 +17,9 @@ from granular.effects.effect import ForceEffect
 from granular.effects.host_structure import BodyTable, FurtherPiston, Host
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
+from granular.shared.array_types import Float
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
     from scipy.sparse import csc_matrix
 
 

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
+from granular.shared.array_types import Float
 
 LOWEST = 40
 """Modes of a bed whose matrices are not full."""

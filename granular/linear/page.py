@@ -13,6 +13,7 @@ from granular.linear.modes import NormalModes
 from granular.linear.response import dynamic_stiffness, transmissibility
 from granular.linear.small_motions import DRY_FRICTION, SmallMotions, slope_rows
 from granular.scene.bed_drawing import draw_bed, style_as_map
+from granular.shared.array_types import Complex, Float, Int, Shaped
 from granular.shared.blocks import Block, Caution, Heading, Picture, Printout, Table, Text, format_number
 from granular.shared.html_pages import Page
 from granular.shared.plotting import (
@@ -26,7 +27,6 @@ from granular.shared.plotting import (
 )
 
 if TYPE_CHECKING:
-    from jaxtyping import Complex, Float, Int, Shaped
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.linear.bed_forces import BedForces
+from granular.shared.array_types import Float, Shaped
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
-    from jaxtyping import Float, Shaped
     from scipy.sparse import csc_matrix
 
 DENSE = 4000

@@ -6,14 +6,10 @@ stiffness for a mass, so that all have one period; the time step is over it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from granular.linear.bed_forces import BedForces
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 _STEP, _LONGEST_STEP, _MIXING, _LATENCY, _MOST_STEPS = 0.1, 1.0, 0.1, 5, 20_000
 _LONGEST_MOVE = 0.05

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium
 from granular.linear.roots import require_free_piston
-
-if TYPE_CHECKING:
-    from jaxtyping import Complex, Float
+from granular.shared.array_types import Complex, Float
 
 
 def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> Complex[np.ndarray, "f"]:

@@ -18,7 +18,6 @@ import cmath
 import dataclasses
 import functools
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,11 +30,8 @@ from granular.methods.method import Method
 from granular.run.engines import NO_TICKS, UNDIVIDED, UNWATCHED
 from granular.run.plan import plan
 from granular.run.run_state import ARRANGE, RunState
+from granular.shared.array_types import Complex, Float, Shaped
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Complex, Float, Shaped
-
 
 MASS_FRACTION = 0.05
 """Residue over the largest one from which a root counts as one of the piston's."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,10 +21,8 @@ from granular.linear.pencil import of_parts
 from granular.linear.roots import Root, piston_roots, require_free_piston, slope_times
 from granular.scene.scene import Scene
 from granular.schema.sections import find_value
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 CHANGE, SHIFT = 3e-4, 5e-4
 """Relative change of a parameter: the square of it times the cube of a power, 20 of r^-5, is 1e-5; and the

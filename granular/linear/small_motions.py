@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,11 +20,9 @@ from granular.linear.slopes import Slopes, slopes
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.scene.scene_in_natural_units import dimensionless_groups, groups_line
+from granular.shared.array_types import Float
 from granular.shared.blocks import Block, Printout, Table, Text
 from granular.shared.html_pages import Shown
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 DRY_FRICTION = (
     "dry friction is not in the equilibrium: it holds the bed anywhere within its force over the stiffness"

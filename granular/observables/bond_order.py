@@ -22,11 +22,11 @@ from granular.observables.frame import (
 )
 from granular.observables.motion import check_lags, check_periods
 from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
-    from jaxtyping import Float, Int
 
     from granular.run.trajectory import Trajectory
 

@@ -31,13 +31,13 @@ from granular.observables.frame import (
 from granular.observables.motion import fluctuation_energies, kinetic_temperature
 from granular.observables.packing import least_piston_distance, mean_pair_distance, packing_fraction
 from granular.observables.voronoi import hexagon_regularity, polygon_fractions, voronoi_cells
+from granular.shared.array_types import Float
 from granular.shared.errors import GranularError, InputError, quote
 from granular.shared.registry import Registry
 
 if TYPE_CHECKING:
     import pandas
     import xarray
-    from jaxtyping import Float
 
     from granular.run.trajectory import Trajectory
 

@@ -20,11 +20,11 @@ from granular.observables.defects import (
 )
 from granular.observables.frame import check_frames, labelled_columns, select_frames
 from granular.observables.voronoi import voronoi_cells
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
-    from jaxtyping import Float, Int
 
     from granular.run.trajectory import Trajectory
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.observables.bond_order import global_psi6, local_psi6
 from granular.observables.voronoi import VoronoiCells, check_cells, circumcentres
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
-
 
 SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 """Nearest neighbours in the lattice, counter-clockwise from a1."""

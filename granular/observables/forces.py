@@ -33,11 +33,11 @@ from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
 from granular.scene.bed_drawing import body_of_side
 from granular.schema.cell import Heights, piston_wall_key
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
-    from jaxtyping import Float, Int
 
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from granular.schema.units import unit_size
+from granular.shared.array_types import Bool, Float, Int
 from granular.shared.errors import InputError, quote
 
 if TYPE_CHECKING:
     import xarray
-    from jaxtyping import Bool, Float, Int
 
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene

@@ -9,11 +9,11 @@ import numpy as np
 from granular.observables.forces import piston_force
 from granular.observables.frame import check_series, labelled_columns
 from granular.schema.cell import piston_wall_key
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError, unknown_word_message
 
 if TYPE_CHECKING:
     import xarray
-    from jaxtyping import Float, Int
 
     from granular.protocol import Oscillate, Push
     from granular.run.trajectory import Trajectory

@@ -23,11 +23,11 @@ from granular.observables.frame import (
 )
 from granular.observables.moduli import dipole_pair_strength, first_species_moment
 from granular.observables.voronoi import voronoi_cells
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
-    from jaxtyping import Float, Int
 
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene

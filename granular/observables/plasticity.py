@@ -20,7 +20,7 @@ Marmottant, Eur. Phys. J. E 25, 349, 2008).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,10 +35,8 @@ from granular.observables.defect_tracks import (
 from granular.observables.defects import CORE, FrameDefects, lattice_to_plane
 from granular.observables.frame import check_frames, check_series
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
+from granular.shared.array_types import Bool, Float, Int
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 
 class PlasticEvents(NamedTuple):

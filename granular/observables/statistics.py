@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.observables.frame import check_series, check_vectors
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 
 class PearsonCorrelation(NamedTuple):

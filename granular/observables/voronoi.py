@@ -6,15 +6,13 @@ Only cells wholly inside the box spanned by the outermost grain centres are coun
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.observables.frame import bounding_box, check_vectors, is_present, present_positions
+from granular.shared.array_types import Bool, Float, Int
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 SHORTEST_SIDE = 1e-9
 """A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""

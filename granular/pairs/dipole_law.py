@@ -15,15 +15,11 @@ doi:10.1002/jcc.10072).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from granular.compiled import entry
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 # 3 mu0 m^2/(4 pi r^4) (Jackson, Classical Electrodynamics, 5.6) over F* = mu0 m^2/(pi D^4).
 STRENGTH = 0.75

@@ -12,7 +12,7 @@ inner loops are emitted here; see `granular.pairs.pair_contributions` for what t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -50,10 +50,7 @@ from granular.pairs.pair_contributions import (
 )
 from granular.pairs.pure_python_sums import pure_python_direct_sum
 from granular.pairs.simd import INDEX, WIDTH, VectorBuilder, broadcast_constant, has_avx512, pad_to_vectors
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
+from granular.shared.array_types import Float
 
 __all__ = ["WIDTH", "pad_to_vectors", "reproducible_sum", "sum_pairs_within_block", "sum_rows_with_partners"]
 

@@ -61,7 +61,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,11 +82,8 @@ from granular.pairs.near_law import (
 )
 from granular.pairs.piecewise import Sampled, tabulate_energies, tabulate_values
 from granular.pairs.simd import DISC_SCALE
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
-
 
 __all__ = ["Disc", "disc_energy_and_force"]
 

@@ -13,7 +13,7 @@ alone, so momentum is not kept to the last bit, as it is by sums over pairs; ene
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -39,9 +39,7 @@ from granular.pairs.multilevel_mesh import (
 from granular.pairs.near_list import positions_are_finite, store_positions
 from granular.pairs.periodic_mesh import periodic_mesh_workspace
 from granular.pairs.stripes import Stripes
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
+from granular.shared.array_types import Float, Int
 
 
 class DirectFarFieldWorkspace(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import config, types
@@ -11,10 +11,7 @@ from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
 from granular.pairs.simd import DISC_SCALE, SCALE
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
+from granular.shared.array_types import Float
 
 COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS, LOAD_TERM, LOAD_FAR = range(8)
 """Coefficients of the sum over all pairs of discs (`granular.pairs.disc_law`): b of alike discs; c;

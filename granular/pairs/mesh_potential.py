@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -18,10 +17,7 @@ from granular.pairs.periodic_mesh import (
     spread_on_periodic_mesh,
 )
 from granular.pairs.simd import WIDTH
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
-
+from granular.shared.array_types import Float, Int
 
 _FRACTIONS = (0.75, 0.5, 0.125)
 """Fraction of a cubic B-spline in the one twice as wide, by the points of the fine mesh between."""

@@ -22,7 +22,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,7 @@ from granular.pairs.dipole_law import far_part_of_inverse_cube
 from granular.pairs.direct_sum import PARTED_FROM
 from granular.pairs.mesh_vectors import BESIDE, TERMS
 from granular.pairs.simd import WIDTH, pad_to_vectors
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
+from granular.shared.array_types import Float, Int
 
 Samples = NDArray[np.float64]
 

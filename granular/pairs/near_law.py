@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,7 @@ from granular.pairs.piecewise import (
     tabulated_ratio,
     tabulated_slope,
 )
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
+from granular.shared.array_types import Float, Int
 
 TAIL, SHIFT, LEAST, END = range(4)
 """Entries of a pair of species: its part in the sum over all pairs, over that of two dipoles of the

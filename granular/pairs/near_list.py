@@ -20,7 +20,7 @@ de Paula's approximation, with its bias. `granular.pairs.cut_off_sum` misses non
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,11 +33,8 @@ from granular.pairs.grain_arrays import (
     set_forces_to_nan,
     value_or_one,
 )
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
-
 
 SKIN = 0.15
 """Usual skin [D]: a fifth of the pairs of a reach of 2 D lie in it."""

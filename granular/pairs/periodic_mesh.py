@@ -23,7 +23,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +42,7 @@ from granular.pairs.multilevel_mesh import (
     repeat_for_levels,
     separable_table,
 )
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
+from granular.shared.array_types import Float, Int
 
 Samples = NDArray[np.float64]
 

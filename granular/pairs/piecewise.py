@@ -13,15 +13,13 @@ rounding, and both come from the energy alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular.compiled import compiled
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
+from granular.shared.array_types import Float, Int
 
 Samples = NDArray[np.float64]
 Sampled = Callable[[Samples], tuple[Samples, Samples]]

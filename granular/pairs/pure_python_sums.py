@@ -6,7 +6,7 @@ Takes the same arguments; runs without compilation when ``NUMBA_DISABLE_JIT=1``.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,7 @@ from granular.pairs.dipole_law import (
     pair_force,
 )
 from granular.pairs.grain_arrays import COMMON, FAR, LOAD_FAR, LOAD_TERM, TERM, GrainArrays
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 PADDING = 1e60
 """Places of padding grains, behind the others, are beyond [D]."""

@@ -7,17 +7,14 @@ a vector may run over its end. See `granular.pairs.cut_off_sum`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.pairs.direct_sum import PARTED_FROM, PARTS
 from granular.pairs.simd import WIDTH, pad_to_vectors
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
-
+from granular.shared.array_types import Float, Int
 
 ROWS = 2
 """Rows swept together, neighbours in a stripe."""

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
 from granular.kernel_data.state import evaluate_cubic_spline
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 STRAIGHT, DESCENT, SINE, TABLE, SPLINE = range(5)
 _NONE = np.zeros(2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,9 +12,7 @@ from granular.protocol.piston_motion import SPLINE, Motion
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section, SectionWithFormula, choice_field, quantity, text_field
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 REST_LIMIT = 60.0
 """Longest wait for rest where the stage gives no duration [s]."""

@@ -29,7 +29,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -40,10 +40,8 @@ from granular.protocol.stage import FormulaStage, SampledStage, Stage, TimedStag
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity, quantity_list_field, text_field
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 class Free(TimedStage):

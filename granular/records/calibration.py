@@ -11,17 +11,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
 from granular.records.headings import ANGLE_UNITS, HEIGHT, SI, normalize_unit, role_unit_size
 from granular.schema.units import unit_size
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, SceneError, quote, unknown_word_message
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _VALUE = rf"\s*({_NUMBER})\s*(?:(?:\+-|±|\+/-)\s*({_NUMBER})\s*(%(?=\s))?)?\s*"

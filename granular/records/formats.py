@@ -8,7 +8,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,12 +33,10 @@ from granular.records.roles import find_time_column, is_index
 from granular.records.sheet import Column, Sheet
 from granular.records.text import read_delimited
 from granular.schema.units import unit_size
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, RecordWarning, SceneError, quote, sanitize
 from granular.shared.files import report_read_errors as reading_file
 from granular.shared.registry import Registry
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 __all__ = ["FileFormat"]
 

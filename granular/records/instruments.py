@@ -9,7 +9,7 @@ import itertools
 import math
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,10 +26,8 @@ from granular.records.headings import (
 from granular.records.options import ANGLE, STROKE, ReadOptions, note_on_other_tables
 from granular.records.sheet import Column, Sheet, report_parsing_errors
 from granular.records.text import read_delimited
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, quote
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 _END = "***End_of_Header***"
 _X_VALUE = "x_value"

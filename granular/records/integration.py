@@ -7,12 +7,9 @@ knows no level: good for pictures, frequencies and first guesses, not for fits o
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 _SLOW = 0.2  # of the strongest frequency: what is slower is taken out
 _PADDING = 0.5  # periods of the slowest that stays, laid on each end

@@ -6,7 +6,6 @@ import collections
 import dataclasses
 import shlex
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,10 +31,8 @@ from granular.records.options import ANGLE, STROKE, ReadOptions
 from granular.records.roles import assign_roles, is_alone, is_index, motion_role
 from granular.records.sheet import IN_MEMORY, Column, Sheet
 from granular.schema.units import unit_size
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, SceneError, quote, sanitize, unknown_word_message
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 _TICK = 0.2
 """Fraction of equal neighbours from which on times are taken for rounded to a clock's tick."""

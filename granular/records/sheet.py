@@ -8,16 +8,13 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from granular.records.headings import name_and_unit, size_of_quantity
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import RecordError, quote, sanitize
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
-
 
 __all__ = ["sheet_from_table"]
 

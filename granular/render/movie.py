@@ -8,7 +8,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,12 +25,10 @@ from granular.render.picture import (
     highest_point_of_bed,
 )
 from granular.run.trajectory import Trajectory
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, import_extra, quote
 from granular.shared.files import check_output_file, write_atomically
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 WIDTH = 960
 """Pixels of a movie; it may be narrower, not wider."""

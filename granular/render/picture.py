@@ -26,12 +26,12 @@ from granular.scene.bed_drawing import SidePiece, body_of_side, side_pieces
 from granular.scene.scene import Scene
 from granular.schema.cell import CELL, ROUNDING, Point
 from granular.schema.cell import PISTON as PISTON_BODY
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote, unknown_word_message
 from granular.shared.files import write_atomically
 from granular.shared.plotting import COLOURS, GREY, SIDES, figure_label
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

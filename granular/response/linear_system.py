@@ -17,16 +17,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from granular.effects.host_structure import Host
 from granular.linear.machine import matrices_of_chain
 from granular.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from jaxtyping import Complex, Float
+from granular.shared.array_types import Complex, Float
 
 
 def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float]:

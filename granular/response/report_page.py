@@ -11,13 +11,13 @@ import numpy as np
 
 from granular.response.response import FrequencyResponse
 from granular.response.transients import sweep_rate_at_peak
+from granular.shared.array_types import Float
 from granular.shared.blocks import Block, Caution, Heading, Picture, Printout, Table, Text, format_number
 from granular.shared.html_pages import Page, made_with
 from granular.shared.plotting import COLOURS, READABLE, figure, label_log_axis_plainly
 
 if TYPE_CHECKING:
     import xarray
-    from jaxtyping import Float
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

@@ -15,6 +15,7 @@ from granular.effects.host_structure import Host
 from granular.response.linear_system import linear_host_comparison, without_damper
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
+from granular.shared.array_types import Float
 from granular.shared.blocks import Table, format_number
 from granular.shared.errors import GranularError, InputError, quote, sanitize
 from granular.shared.files import make_directory, read_text, write_text
@@ -23,7 +24,6 @@ from granular.studies.sweep import sweep
 
 if TYPE_CHECKING:
     import xarray
-    from jaxtyping import Float
     from matplotlib.axes import Axes
 
 

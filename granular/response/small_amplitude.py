@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,10 +10,8 @@ from granular.linear.equilibrium import Equilibrium, equilibrium
 from granular.linear.response import harmonic_answers
 from granular.linear.roots import require_free_piston
 from granular.response.response import FrequencyResponse
+from granular.shared.array_types import Complex, Float
 from granular.shared.errors import GranularError, one_line
-
-if TYPE_CHECKING:
-    from jaxtyping import Complex, Float
 
 
 def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:

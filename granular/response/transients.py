@@ -21,11 +21,11 @@ from granular.response.response import (
 )
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
 
 if TYPE_CHECKING:
     import pandas
-    from jaxtyping import Float
     from matplotlib.axes import Axes
 
     from granular.effects.excitation import Excitation

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +17,8 @@ from granular.scene.scene import Scene
 from granular.schema.cell import CELL
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
+from granular.shared.array_types import Float
 from granular.shared.errors import quote
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 @dataclasses.dataclass(frozen=True)

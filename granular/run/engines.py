@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,10 +20,8 @@ from granular.engine.time_step import StepPlan
 from granular.kernel_data.state import Measurement, State
 from granular.protocol.piston_motion import Motion
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits
+from granular.shared.array_types import Float
 from granular.shared.registry import Registry
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 NUMBA = "numba"
 """Name of the engine that is built in."""

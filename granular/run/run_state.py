@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -41,10 +41,8 @@ from granular.protocol.stage import TimedStage
 from granular.run.dataset import RecordBuffer
 from granular.run.engines import ENGINES, NO_TICKS, UNDIVIDED, UNWATCHED, Rows, Ticks, record_length
 from granular.run.plan import Plan
+from granular.shared.array_types import Float
 from granular.shared.errors import NotFiniteError, RunError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 ARRANGE = "place the grains apart from each other, inside the walls and below the piston"
 """The remedy for grains that stand where none can be."""

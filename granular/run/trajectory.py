@@ -25,11 +25,11 @@ from granular.run.run_directory import Manifest
 from granular.run.zarr_arrays import ZarrArray, ZarrMetadata
 from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
+from granular.shared.array_types import Float, Int
 from granular.shared.blocks import Printout
 from granular.shared.errors import RecordError, unknown_word_message
 
 if TYPE_CHECKING:
-    from jaxtyping import Float, Int
     from matplotlib.axes import Axes
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,10 +10,8 @@ from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import CELL, PISTON, Cell, SideLine
 from granular.schema.field_kinds import FieldError, PointListKind
 from granular.schema.sections import Section, integer_field, quantity, section_field
+from granular.shared.array_types import Float
 from granular.shared.errors import SceneError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 Points = tuple[tuple[float, float], ...]
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}

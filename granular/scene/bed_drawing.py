@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.schema.cell import CELL, PISTON, Point, SideLine
+from granular.shared.array_types import Float
 from granular.shared.plotting import COLOURS
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
     from matplotlib.axes import Axes
 
     from granular.scene.scene import Scene

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,11 +35,8 @@ from granular.schema.field_kinds import PointListKind, QuantityKind, QuantityLis
 from granular.schema.natural_units import Scales
 from granular.schema.sections import find_field
 from granular.schema.units import unit_size
+from granular.shared.array_types import Int
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Int
-
 
 FAR_EVERY = 8
 """Steps from one evaluation of the far field to the next: 0.8 of the inverse of the highest angular

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import math
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -34,10 +34,8 @@ from granular.schema.sections import (
     temperature_field,
     text_field,
 )
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 
 class Blade(Section):

@@ -5,15 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from granular.schema.field_kinds import ChoiceKind, FieldError, FieldKind, PointListKind, SectionListKind
 from granular.schema.sections import Section, choice_field, quantity, section_field, text_field
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from granular.shared.array_types import Float
 
 BODIES = ("cell", "piston")
 CELL, PISTON = range(len(BODIES))

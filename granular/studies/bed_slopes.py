@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,13 +14,11 @@ from granular.linear.bed_forces import check_free_piston
 from granular.linear.equilibrium import COARSE_REST, equilibrium, equilibrium_from, settling_changes
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 from granular.shared.files import toolkit_cache_folder
 from granular.studies.cases import keep_measure_name
 from granular.studies.sweep import sweep
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 __all__ = ["SlopesOverBeds", "slopes_over_beds"]
 

@@ -21,12 +21,12 @@ import numpy as np
 from granular.linear.equilibrium import settled_state
 from granular.run.simulation import simulate
 from granular.scene.scene import Scene
+from granular.shared.array_types import Float
 from granular.shared.blocks import Block, Table, Text
 from granular.shared.errors import InputError
 from granular.shared.terminal import blocks_text
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
     from matplotlib.axes import Axes
 
     from granular.run.trajectory import Trajectory

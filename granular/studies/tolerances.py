@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,16 +25,13 @@ from granular.linear.slopes import number_keys
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import FieldError, QuantityKind, TemperatureKind
 from granular.schema.sections import find_field
+from granular.shared.array_types import Float
 from granular.shared.blocks import Block, Table, Text
 from granular.shared.errors import InputError, quote
 from granular.shared.files import parse_toml
 from granular.shared.html_pages import Shown
 from granular.shared.progress_bars import progress_bar
 from granular.studies.bed_slopes import settled_beds
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 _SECTIONS = ("grains.", "cell.", "piston.", "effects.")
 _LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}

@@ -19,7 +19,7 @@ import warnings
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from granular.methods import resolve_method
 from granular.records.record import PistonRecord
 from granular.run.plan import multiply_time_step, parse_time_step
 from granular.scene.scene import Scene
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError, quote
 from granular.studies.executors import case_executor
 from reduced_models.calibration.result import CalibratedValue, Calibration, FeatureMatch
@@ -44,10 +45,6 @@ from reduced_models.fitting.problem import check_fit_options
 from reduced_models.fitting.uncertainty import OPEN, undetermined_directions
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, make_directory
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 STRIDE = 0.1
 """Step of the differences, in logarithms."""

@@ -11,7 +11,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,15 +19,13 @@ from granular.records.record import PistonRecord
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import QuantityKind
 from granular.schema.sections import find_field
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError
 from granular.studies.cases import CaseOutcome, piston_columns
 from granular.studies.sweep import sweep
 from reduced_models.fitting.fit import fit
 from reduced_models.laws.law import Law
 from reduced_models.records.derivatives import noise_level
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 LAW = "polynomial-spring"
 STARTS = 8

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,15 +20,12 @@ from granular.linear.equilibrium import find_equilibrium, held_shifts
 from granular.linear.pencil import Pencil
 from granular.linear.relaxation import RELAXED, relax
 from granular.linear.roots import refine_root, static_shape
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 from reduced_models.laws.law import Law
 from reduced_models.models.ports import DERIVED
 from reduced_models.models.printout import format_percent
 from reduced_models.records.backbone import Backbone
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 RESOLUTION = 1e-4
 """Shortest step of the piston [D], and so the error of an instability's height."""

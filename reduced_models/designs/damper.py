@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from numbers import Real
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.scene.named_scenes import REFERENCE_COUNT, damper
 from granular.scene.scene import Scene
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 DIAMETER = 0.006
 """Diameter of a large grain [m], as in the packaged damper."""

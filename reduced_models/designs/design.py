@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from granular.records.record import PistonRecord
 from granular.run.plan import SCATTER, plan
 from granular.run.trajectory import Trajectory
 from granular.scene.named_scenes import REFERENCE_COUNT, damper
+from granular.shared.array_types import Float
 from granular.shared.errors import GranularError, InputError, StoreError, quote
 from granular.studies.cases import keep_measure_name
 from granular.studies.executors import case_executor
@@ -38,10 +39,6 @@ from reduced_models.designs.damper import (
     scaled_logarithms,
 )
 from reduced_models.designs.result import Design, DesignCheck, DesignRound, DesignTarget
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 LAW = "polynomial-spring"
 """The law that predicts the damper's swings best among those whose z is the height; its

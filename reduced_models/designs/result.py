@@ -11,6 +11,7 @@ import numpy as np
 
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.scene.scene import Scene
+from granular.shared.array_types import Float
 from granular.shared.blocks import Heading, Picture, Printout, Table, cautions, format_number
 from granular.shared.errors import InputError, quote
 from granular.shared.files import write_json
@@ -34,7 +35,6 @@ from reduced_models.records.sources import make_directory
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from jaxtyping import Float
     from matplotlib.figure import Figure
 
     from granular.studies.tolerances import Tolerances

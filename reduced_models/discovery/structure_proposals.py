@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from granular.shared.errors import import_extra
 from reduced_models.discovery.hidden_states import ScaledHiddenState
 from reduced_models.discovery.parametric_terms import ParametricTerms
@@ -44,7 +45,6 @@ from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
     import sympy
-    from jaxtyping import Float
 
 
 _THRESHOLDS = np.geomspace(1e-3, 0.5, 24)  # of a term's share, over the size of z''

@@ -6,15 +6,12 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from reduced_models.discovery.terms import AnyTerm
 from reduced_models.discovery.weak_form import WeakForm
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 MOST_TERMS = 8
 _RETAINED = 3  # subsets of a size

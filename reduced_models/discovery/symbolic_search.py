@@ -33,11 +33,11 @@ import numpy as np
 
 from granular.formulas import FormulaError, parse, variable_names
 from granular.formulas.algebra import sympy_expression
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, import_extra, quote
 
 if TYPE_CHECKING:
     import sympy
-    from jaxtyping import Float
 
 
 _OPERON_ITERATIONS = 10  # of the least squares on the numbers of each new expression

@@ -12,12 +12,12 @@ import numpy as np
 
 from granular import formulas
 from granular.formulas import algebra
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
 from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
     import sympy
-    from jaxtyping import Float
 
 INPUT = "u"
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
 from reduced_models.discovery.terms import AnyTerm, MotionState, evaluate_expression
 from reduced_models.laws.law import HeightLine
@@ -26,7 +27,6 @@ from reduced_models.records.inputs import input_column
 
 if TYPE_CHECKING:
     import sympy
-    from jaxtyping import Float
 
 # Of a bump, in periods. Wider, it averages the motion itself away; narrower, its second derivative magnifies
 # the noise.

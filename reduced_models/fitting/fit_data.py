@@ -7,11 +7,12 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from granular.records.record import PandasOrXarray, PistonRecord
+from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError, RecordError
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal
 from reduced_models.fitting.parameter import Pairs, Unknowns, theta_bounds
@@ -35,10 +36,6 @@ from reduced_models.records.inputs import Interpolation, StepGrid, has_inputs_be
 from reduced_models.records.sensor import Sensor, column_sensor
 from reduced_models.records.sensor_artefacts import count_samples_in_motion, without_clipped_samples
 from reduced_models.records.sources import read_record
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
-
 
 _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
 """Scales of the losses, in standard deviations of the noise: nine tenths as sharp as least squares,

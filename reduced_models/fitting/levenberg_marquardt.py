@@ -12,14 +12,12 @@ import contextvars
 import math
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from granular.shared.array_types import Bool, Float
 from granular.shared.errors import TimeBudgetError
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
 
 Normal = Callable[[np.ndarray], Any]
 """Map from search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p)."""

@@ -5,19 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.schema.units import si_value
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote, unknown_word_message
 from reduced_models.laws.law import Law
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.sensor import Sensor
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 Quantity = float | str
 

@@ -9,11 +9,12 @@ import dataclasses
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote, unknown_word_message
 from reduced_models.fitting.fit_data import FitData, Selection
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
@@ -22,10 +23,6 @@ from reduced_models.fitting.residuals import LOSSES
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation
 from reduced_models.records.sensor import Sensor, SensorQuantity
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 Intervals = Literal["linear", "profile"]
 

@@ -11,16 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.uncertainty import Interval, intervals_between, sandwich_covariance
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 # An entry that may go a factor of a million either way is not bounded by the data.
 FAR = math.log(1e6)

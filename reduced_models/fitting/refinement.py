@@ -10,10 +10,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
@@ -29,9 +29,6 @@ from reduced_models.laws.linearization import NoSwing
 from reduced_models.laws.solution import observed_signal, solve_law
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.inputs import STROKE, TIME, input_column
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 FIRST_SWINGS = 2.0
 """Swings that a search sees first."""

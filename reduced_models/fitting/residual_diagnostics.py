@@ -10,15 +10,13 @@ parameter's interval depends on: hum at another frequency does not widen it.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from reduced_models.fitting.residuals import remove_random_walk
 from reduced_models.laws.law import Law
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 _MOST_LAGS = 40
 # In autocorrelation times: Sokal's rule (1997, doi:10.1007/978-1-4899-0319-8_6). A shorter sum is biased, a

@@ -9,11 +9,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from reduced_models.fitting.levenberg_marquardt import Normal
 from reduced_models.fitting.parameter import Unknowns, physical_values, sensor_values
 from reduced_models.fitting.sensor_signal import SensorSignalTables, sensor_signal_tables, solution_signal
@@ -39,10 +40,6 @@ from reduced_models.records.inputs import (
     inputs_on_grid,
 )
 from reduced_models.records.sensor import Sensor, filter_by_sensor
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 LEAST_SAMPLES = 1024
 """Least length of arrays of samples; see `reduced_models.laws.solution.padded_length`."""

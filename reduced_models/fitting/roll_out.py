@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
 from reduced_models.fitting.parameter import Unknowns
@@ -18,9 +19,6 @@ from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.free_motion import error_on_swings, find_whole_swings
 from reduced_models.records.sensor import column_sensor
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 _STEPS = 128  # of a period
 START_PERIODS = 1.0

@@ -16,11 +16,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 from reduced_models.fitting.fit_data import COARSE_STEPS, FitData
 from reduced_models.fitting.levenberg_marquardt import Normal, Prior, levenberg_marquardt, promising_starts
@@ -38,10 +38,6 @@ from reduced_models.fitting.start_values import parameters_linear_in, scale_unkn
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 _DRAWS = 1024
 _LOW, _HIGH = -4.0, 2.0  # logarithm of what is drawn, over its natural size

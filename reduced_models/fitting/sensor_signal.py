@@ -9,16 +9,14 @@ the filter is): all of these are numbers that the times alone tell.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from reduced_models.jax_setup import jax
 from reduced_models.records.inputs import StepGrid
 from reduced_models.records.sensor import Sensor, filter_matrices
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 jnp = jax.numpy
 

@@ -14,11 +14,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.fitting.parameter import Pairs, Unknowns
@@ -28,9 +29,6 @@ from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.derivatives import fit_local_cubics
 from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses, spectral_peaks
 from reduced_models.records.inputs import TIME, input_column, interpolate_inputs
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 _NODES, _MOST_NODES = 160, 320
 _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall into

@@ -16,10 +16,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from granular.shared.array_types import Bool, Float, Int
 from reduced_models.fitting.parameter import Unknowns
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.residual_diagnostics import (
@@ -39,10 +40,6 @@ from reduced_models.laws.linearization import (
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.quantities import ParameterDirection
 from reduced_models.records.derivatives import rounding_step
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
-
 
 # Student's quantile of 95 % is 4.3 for two degrees of freedom; one, of residuals that all follow each other,
 # would make it 12.7.

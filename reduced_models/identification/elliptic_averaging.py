@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.elliptic_motion import (
     OSCILLATORS,
@@ -24,10 +25,6 @@ from reduced_models.models.model import ReducedModel
 from reduced_models.models.prediction import errors_of_figures
 from reduced_models.models.quantities import QuantityWithError
 from reduced_models.records.envelope import envelope
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 # Least m: below it the third harmonic of the motion, m/16 of the first, is less than 6e-4.
 _BENT = 0.01

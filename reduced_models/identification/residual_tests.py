@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from reduced_models.fitting.residual_diagnostics import (
     SLIGHT,
     count_release_transient_samples,
@@ -16,9 +17,6 @@ from reduced_models.fitting.residual_diagnostics import (
 )
 from reduced_models.fitting.residuals import remove_random_walk
 from reduced_models.models.model import ReducedModel
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 SURE = 1e-3
 """Probability below which residuals are no white noise."""

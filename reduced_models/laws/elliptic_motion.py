@@ -18,15 +18,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 # Of a quarter period, for the means: the midpoint rule of a periodic function converges faster than any
 # power.

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from reduced_models.laws.equation import (
     COMPILED,
     compile_jacobian,
@@ -25,7 +26,6 @@ from reduced_models.laws.law import Law
 
 if TYPE_CHECKING:
     import sympy
-    from jaxtyping import Float
 
 _MOST_NEWTON_STEPS = 50
 _CREEP = 1e-9  # a speed on either side of a jump: more than rounding, less than any swing

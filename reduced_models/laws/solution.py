@@ -12,12 +12,13 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import diffrax
 import numpy as np
 from numpy.typing import NDArray
 
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import Compiled, jax
 from reduced_models.laws.equation import (
@@ -29,9 +30,6 @@ from reduced_models.laws.equation import (
 )
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import Interpolation, piecewise_cubics
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 jnp = jax.numpy
 

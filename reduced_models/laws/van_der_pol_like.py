@@ -11,15 +11,13 @@ can be known, and alpha, shift and scale are tied to each other: the fit names t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 _UNEXPLAINED = 0.3
 """Fraction of the record that its quadratic damping may leave over before it says nothing."""

@@ -25,6 +25,7 @@ from granular.response.linear_system import damper_mass, without_damper
 from granular.response.response import DURATION, FrequencyResponse, frequency_response
 from granular.scene.named_scenes import damper, load_scene
 from granular.scene.scene import Scene
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import FEWEST, OutsideRangeWarning, PredictedLaw
 from reduced_models.falls.workshop import workshop_sheet
@@ -42,8 +43,6 @@ from reduced_models.models.ports import ForcePort
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from jaxtyping import Float
 
     from granular.shared.html_pages import Page
 

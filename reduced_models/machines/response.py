@@ -20,7 +20,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from granular.compiled import Array, compiled, entry
 from granular.response.report_page import PageComparison, response_page
 from granular.response.response import FrequencyResponse
 from granular.scene.scene import Scene
+from granular.shared.array_types import Complex, Float
 from granular.shared.blocks import Table, format_number
 from granular.shared.errors import InputError, quote
 from granular.shared.html_pages import Page
@@ -43,10 +44,6 @@ from reduced_models.falls.predicted_law import (
     predict_bed_parameters,
 )
 from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
-
-if TYPE_CHECKING:
-    from jaxtyping import Complex, Float
-
 
 RANGE = (0.5, 2.0)
 """Amplitudes of the piston over the cell [D] in which the peak of the packaged machine is within

@@ -13,6 +13,7 @@ import numpy as np
 
 from granular.records.headings import COORDINATES, CoordinateUnit
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
 from reduced_models.laws.law import HeightLine, Law
 from reduced_models.laws.linearization import (
@@ -31,7 +32,6 @@ from reduced_models.records.sensor import Sensor
 
 if TYPE_CHECKING:
     import sympy
-    from jaxtyping import Float
 
     from reduced_models.laws.solution import Solution
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.blocks import align_columns
 from granular.shared.errors import InputError, quote
 from reduced_models.laws.solution import observed_signal, solve_law
@@ -20,7 +21,6 @@ from reduced_models.records.derivatives import derivatives
 from reduced_models.records.inputs import STROKE, input_column, with_stroke_columns
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
     from matplotlib.axes import Axes
 
 

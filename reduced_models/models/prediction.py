@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from granular.records.record import DRAWN_UNITS
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 from reduced_models.laws.linearization import NoSwing, small_swing
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.response import free_decay
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
     from matplotlib.axes import Axes
 
 M = TypeVar("M", bound=FittedLaw)

@@ -9,11 +9,12 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
@@ -25,9 +26,6 @@ from reduced_models.laws.linearization import (
 )
 from reduced_models.models.at_rest import HarmonicCycle
 from reduced_models.models.fitted_law import FittedLaw
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 # Over five decades: neighbours are 5 % apart, and roots between them are interpolated in logarithms.
 _AMPLITUDES = 240

@@ -10,11 +10,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
 from reduced_models.records.derivatives import derivatives
 from reduced_models.records.envelope import (
@@ -25,9 +26,6 @@ from reduced_models.records.envelope import (
     find_extremes,
     residual_square,
 )
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 FRACTIONS = (1.0, 0.7, 0.5, 0.25, 0.1)
 """Amplitudes that are looked at, over the greatest one of the record."""

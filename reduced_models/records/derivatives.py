@@ -11,15 +11,13 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 NORMAL_MEDIAN = 0.6745
 """Median of the modulus of a standard normal number."""

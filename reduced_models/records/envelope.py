@@ -14,16 +14,14 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
 from reduced_models.records.derivatives import noise_faster_than_motion, noise_level, rounding_step
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 __all__ = ["Envelope", "envelope"]
 

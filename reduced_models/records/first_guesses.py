@@ -5,15 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
 from reduced_models.records.derivatives import noise_faster_than_motion, noise_level, spectral_peak_frequency
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 LEAST_SAMPLES = 20
 LARGEST, SMALLEST = 1e12, 1e-18

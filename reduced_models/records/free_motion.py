@@ -18,12 +18,13 @@ import itertools
 import math
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.records.options import ALL
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, RecordWarning, quote
 from reduced_models.records.derivatives import noise_level
 from reduced_models.records.first_guesses import LEAST_SAMPLES, zero_crossing_times
@@ -34,10 +35,6 @@ from reduced_models.records.sensor_artefacts import (
     drop_lost_samples,
     mask_runs,
 )
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 # Thresholds. Durations are in half periods of the record's motion, displacements over its largest one.
 # The values come from the records of tests/reduced_models/records/test_motion.py: decays of damping ratio

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, quote
 from reduced_models.records.derivatives import derivatives, is_evenly_sampled
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)
 """Nodes of the stages of a step of the grid's Runge-Kutta method, in steps."""

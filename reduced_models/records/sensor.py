@@ -5,19 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from granular.records.headings import BASE_ACCELERATION, BASE_HEIGHT
 from granular.records.integration import integrate_without_drift
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError, quote
 from reduced_models.records.derivatives import derivatives
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 SensorQuantity = Literal["height", "velocity", "acceleration", "force", "base_force"]
 Columns = Mapping[str, np.ndarray]

@@ -5,19 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granular.records.options import RecordSource
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Bool, Float
 from granular.shared.errors import RecordWarning
 from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, zero_crossing_times
 from reduced_models.records.release import active_inputs
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
 
 KEEP = "to keep them: --between :"
 # Samples at a sensor's limit from which on a record is clipped: half a crest, cut off by 5 % as a release

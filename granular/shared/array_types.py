@@ -1,0 +1,10 @@
+"""Types of arrays with their shapes: jaxtyping's for checkers of types alone, as its import takes time."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Complex, Float, Int, Shaped
+else:
+    Bool = Complex = Float = Int = Shaped = Any
+
+__all__ = ["Bool", "Complex", "Float", "Int", "Shaped"]
