@@ -12,7 +12,7 @@ from granular import PistonRecord, Scene, Trajectory, damper, load_scene, simula
 from granular.pairs.disc_law import Disc, disc_energy_and_force
 from reduced_models import fit, predict, score_drops
 from reduced_models.falls.predicted_law import lattice_pressure
-from reduced_models.laws.elliptic_motion import (
+from reduced_models.identification.elliptic_averaging import (
     OSCILLATORS,
     averaged_amplitude,
     averaged_frequency,

@@ -3,8 +3,7 @@ from .derived.derive import derive
 from .designs.damper import DamperCandidate
 from .designs.design import design, propose_design
 from .designs.result import DesignTarget
-from .discovery.discover import discover
-from .discovery.options import DiscoveryOptions
+from .discovery.discover import DiscoveryOptions, discover
 from .falls.predicted_law import predict, valid_shaking_range
 from .falls.unseen_fall_scores import score_drops, whole_fall
 from .fitting.fit import fit
@@ -19,7 +18,7 @@ from .identification.identify import IdentifyOptions, identify
 from .laws.catalogue import law_named
 from .laws.law import Law
 from .models.model import ReducedModel, load_model
-from .models.response import law_with_force_input
+from .models.prediction import law_with_force_input
 from .records import PistonRecord
 from .records.first_guesses import FirstGuesses
 from .records.release import cut_at_release

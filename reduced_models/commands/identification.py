@@ -300,8 +300,8 @@ def discover(
     output: Output,
 ) -> None:
     """Find the structure of the law in a record, or in several."""
+    from reduced_models.discovery.discover import DiscoveryOptions
     from reduced_models.discovery.discover import discover as discover_law
-    from reduced_models.discovery.options import DiscoveryOptions
     from reduced_models.discovery.term_libraries import AUTO
 
     require_options(SOURCE=sources)

@@ -36,8 +36,7 @@ from reduced_models.derived.polynomial_law import (
 )
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.printout import format_percent
-from reduced_models.models.quantities import Quality
+from reduced_models.models.quantities import Quality, format_percent
 from reduced_models.records.backbone import Backbone
 from reduced_models.records.envelope import find_extremes
 from reduced_models.records.sources import open_source

@@ -24,7 +24,7 @@ from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 from reduced_models.laws.law import Law
 from reduced_models.models.ports import DERIVED
-from reduced_models.models.printout import format_percent
+from reduced_models.models.quantities import format_percent
 from reduced_models.records.backbone import Backbone
 
 RESOLUTION = 1e-4

@@ -28,8 +28,15 @@ from reduced_models.designs.damper import (
     check_fraction,
 )
 from reduced_models.falls.workshop import workshop_sheet
-from reduced_models.models.printout import caution_lines, figure_lines, wrap_words
-from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError, student_half_width
+from reduced_models.models.quantities import (
+    DAMPING_RATIO,
+    LEVEL,
+    QuantityWithError,
+    caution_lines,
+    figure_lines,
+    student_half_width,
+    wrap_words,
+)
 from reduced_models.records.sources import make_directory
 
 if TYPE_CHECKING:

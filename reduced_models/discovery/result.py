@@ -14,7 +14,7 @@ from reduced_models.discovery.hidden_states import ScaledHiddenState
 from reduced_models.discovery.terms import AnyTerm, expression_text, round_fractions_for_print, split_terms
 from reduced_models.laws.law import HeightLine
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.printout import caution_lines, wrap_words
+from reduced_models.models.quantities import caution_lines, wrap_words
 
 if TYPE_CHECKING:
     import sympy

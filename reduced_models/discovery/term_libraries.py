@@ -36,7 +36,7 @@ PHYSICAL = "physical"
 """The library without another name: see `reduced_models.discovery.terms.physical_library_terms`."""
 
 MEMORY = "memory"
-"""The library with hidden states, judged by itself: see `reduced_models.discovery.hidden_state_search`."""
+"""The library with hidden states, judged by itself: see `reduced_models.discovery.structure_proposals`."""
 
 _PLAIN = ("1", "z", "z'", "abs(z')*z'", "sign(z')")
 

@@ -41,8 +41,7 @@ from reduced_models.identification.comparison_table import (
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.printout import format_percent
-from reduced_models.models.quantities import Quality
+from reduced_models.models.quantities import Quality, format_percent
 
 STRONG = 6.0
 """Difference of information criteria from which evidence is strong (Kass & Raftery 1995,

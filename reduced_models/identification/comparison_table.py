@@ -12,14 +12,16 @@ from granular.shared.errors import format_factor
 from reduced_models.fitting.roll_out import RollOut
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
-from reduced_models.models.printout import (
+from reduced_models.models.quantities import (
+    DAMPING_RATIO,
+    LEVEL,
+    QuantityWithError,
     caution_lines,
     figure_lines,
     format_percent,
     record_lines,
     wrap_words,
 )
-from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError
 
 if TYPE_CHECKING:
     import pandas

@@ -13,6 +13,7 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordWarning, TimeBudgetError, sanitize
 from reduced_models.fitting.levenberg_marquardt import spent_budget_text, time_budget
+from reduced_models.fitting.residual_diagnostics import residual_tests
 from reduced_models.identification.candidate_laws import (
     candidate_force_laws,
     choose_candidate_laws,
@@ -24,7 +25,6 @@ from reduced_models.identification.comparison import compare, law_name, merge_co
 from reduced_models.identification.comparison_table import FREQUENCY, Comparison
 from reduced_models.identification.elliptic_averaging import well_quantities
 from reduced_models.identification.measured_swing import MeasuredSwing, measure_swing
-from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import friction_of
 from reduced_models.laws.catalogue import LAWS

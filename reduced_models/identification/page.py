@@ -11,22 +11,24 @@ from granular.shared.blocks import Block, Caution, Equation, Heading, Table, Tex
 from granular.shared.command_line import current_command
 from granular.shared.errors import format_factor
 from granular.shared.html_pages import Page, made_with
+from reduced_models.fitting.residual_diagnostics import ResidualTests
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.elliptic_averaging import LOWER_WELL
 from reduced_models.identification.pictures import comparison_section, residual_axis
-from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
 from reduced_models.models.model import OPEN, ReducedModel
 from reduced_models.models.observed import CYCLE_COLUMNS, cycle_rows
-from reduced_models.models.printout import error_sources_text, figure_rows, parameter_text
 from reduced_models.models.quantities import (
     DAMPING_RATIO,
     LEVEL,
     PARTS,
     QuantityWithError,
     decimal_places_of_interval,
+    error_sources_text,
+    figure_rows,
     format_fixed,
     format_interval,
+    parameter_text,
 )
 
 __all__ = ["comparison_page"]

@@ -16,23 +16,30 @@ from granular.shared.files import make_directory, write_text
 from granular.shared.html_pages import Page, made_with
 from granular.shared.terminal import blocks_text
 from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
+from reduced_models.fitting.residual_diagnostics import ResidualTests
 from reduced_models.identification import page, pictures
 from reduced_models.identification.comparison_table import FREQUENCY, Comparison, DerivedFigures
 from reduced_models.identification.elliptic_averaging import (
     EllipticAveraging,
+    EllipticMotion,
     SolvedMotion,
     average_elliptically,
     solve_elliptic_motion,
 )
 from reduced_models.identification.measured_swing import MeasuredSwing
-from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
-from reduced_models.laws.elliptic_motion import EllipticMotion
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.observed import cycle_lines
-from reduced_models.models.printout import caution_lines, figure_lines, record_lines, wrap_words
-from reduced_models.models.quantities import DAMPING_RATIO, LEVEL, QuantityWithError
+from reduced_models.models.quantities import (
+    DAMPING_RATIO,
+    LEVEL,
+    QuantityWithError,
+    caution_lines,
+    figure_lines,
+    record_lines,
+    wrap_words,
+)
 from reduced_models.records.sources import describe_record, time_step_text
 
 if TYPE_CHECKING:

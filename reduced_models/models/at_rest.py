@@ -15,8 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from granular.records.headings import CoordinateUnit
 from reduced_models.models.plain_data import Interval, Size, SizeOrInfinity, SizeOrUnknown
-from reduced_models.models.printout import figure_lines
-from reduced_models.models.quantities import DAMPING_RATIO, EQUIVALENT_FRICTION, LEVEL, QuantityWithError
+from reduced_models.models.quantities import (
+    DAMPING_RATIO,
+    EQUIVALENT_FRICTION,
+    LEVEL,
+    QuantityWithError,
+    figure_lines,
+)
 from reduced_models.records.envelope import PeakDamping
 
 if TYPE_CHECKING:

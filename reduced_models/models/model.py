@@ -14,7 +14,7 @@ from granular.records.record import PistonRecord
 from granular.shared.blocks import Equation, Printout
 from granular.shared.errors import InputError, quote, sanitize
 from granular.shared.files import write_json
-from reduced_models.models import export, observed, prediction, response, schema
+from reduced_models.models import export, observed, prediction, schema
 from reduced_models.models.at_rest import HarmonicCycle
 from reduced_models.models.plain_data import annotations_of, plain_value
 from reduced_models.models.ports import GRAVITY, force_port
@@ -270,7 +270,7 @@ class ReducedModel(PrintedModel):
             If the law has no level of rest, the duration is not above zero and finite, or the motion
             cannot be followed, as with an amplitude that is not finite.
         """
-        return response.free_decay(self, amplitude, periods)
+        return prediction.free_decay(self, amplitude, periods)
 
     def harmonic_cycle(self, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
         """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`.
@@ -299,11 +299,11 @@ class ReducedModel(PrintedModel):
         """
         if self.law.prescribed:
             return observed.force_cycle(self, amplitude, frequency)
-        return response.harmonic_cycle(self, amplitude, frequency)
+        return prediction.harmonic_cycle(self, amplitude, frequency)
 
     def frequency_response(
         self, force: float, frequencies: np.ndarray, largest: float | None = None
-    ) -> response.SteadyAmplitudes:
+    ) -> prediction.SteadyAmplitudes:
         """Steady amplitudes under a harmonic force, by describing functions as in `harmonic_cycle`.
 
         Parameters
@@ -317,7 +317,7 @@ class ReducedModel(PrintedModel):
 
         Returns
         -------
-        response.SteadyAmplitudes
+        prediction.SteadyAmplitudes
             Least and greatest amplitude (k,) [m] at each frequency; NaN where there is none up to
             the greatest one looked for.
 
@@ -327,7 +327,7 @@ class ReducedModel(PrintedModel):
             If the force, a frequency or the greatest amplitude is not above zero and finite, the
             frequencies are no array (k,), or the law has no level of rest.
         """
-        return response.frequency_response(self, force, frequencies, largest)
+        return prediction.frequency_response(self, force, frequencies, largest)
 
     @property
     def faster_modes(self) -> tuple[prediction.FasterMode, ...]:

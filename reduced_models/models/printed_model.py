@@ -10,7 +10,11 @@ from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.observed import cycle_lines
 from reduced_models.models.plain_data import Probability
 from reduced_models.models.prediction import faster_modes
-from reduced_models.models.printout import (
+from reduced_models.models.quantities import (
+    LEVEL,
+    ParameterDirection,
+    Quality,
+    QuantityWithError,
     caution_lines,
     equation_lines,
     figure_lines,
@@ -18,7 +22,6 @@ from reduced_models.models.printout import (
     record_lines,
     wrap_words,
 )
-from reduced_models.models.quantities import LEVEL, ParameterDirection, Quality, QuantityWithError
 from reduced_models.records.sensor import sensor_report_lines
 
 _COLLOCATION = {

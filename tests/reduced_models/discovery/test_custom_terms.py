@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import DiscoveryOptions, discover, fit
-from reduced_models.discovery.candidate_choice import polish_and_choose_candidate
-from reduced_models.discovery.polishing import name_candidate_law
+from reduced_models.discovery.candidate_choice import name_candidate_law, polish_and_choose_candidate
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.structure_proposals import ProposedStructures, Study
 from reduced_models.discovery.subset_selection import score_subsets

@@ -13,7 +13,7 @@ from granular import PistonRecord
 from granular.shared import progress_bars
 from granular.shared.errors import InputError, RecordError
 from reduced_models import DiscoveryOptions, discover
-from reduced_models.discovery.options import Method
+from reduced_models.discovery.discover import Method
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
 from reduced_models.discovery.terms import (

@@ -12,9 +12,9 @@ from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery.candidate_choice import (
     StructureEvidence,
     polish_and_choose_candidate,
+    polish_candidate,
     weigh_structure_evidence,
 )
-from reduced_models.discovery.polishing import polish_candidate
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structure_proposals import ProposedStructures, Study, candidate_from_terms
 from reduced_models.discovery.subset_selection import EquationScorer, score_subsets, score_terms

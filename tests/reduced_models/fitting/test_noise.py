@@ -11,7 +11,7 @@ import pytest
 from granular import PistonRecord
 from reduced_models import FitOptions, ReducedModel, fit
 from reduced_models.fitting.fit_data import clip_outliers
-from reduced_models.identification.residual_tests import residual_tests
+from reduced_models.fitting.residual_diagnostics import residual_tests
 from tests.reduced_models.made import damped_cosine
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")

@@ -10,7 +10,7 @@ from scipy.signal import lsim
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError, RecordWarning
 from reduced_models import FitOptions, ReducedModel, Sensor, compare, fit
-from reduced_models.fitting.sensor_signal import sensor_signal_tables, solution_signal
+from reduced_models.fitting.residuals import sensor_signal_tables, solution_signal
 from reduced_models.laws.law import law_from_text
 from reduced_models.laws.symmetry import find_similarity
 from reduced_models.records.inputs import StepGrid

@@ -16,7 +16,7 @@ from reduced_models.identification.elliptic_averaging import (
     solve_elliptic_motion,
     well_quantities,
 )
-from reduced_models.models.printout import figure_lines
+from reduced_models.models.quantities import figure_lines
 from tests.reduced_models.made import noisy
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")

@@ -12,9 +12,13 @@ import pytest
 from granular import PistonRecord
 from granular.records.headings import COORDINATES
 from reduced_models import ReducedModel, fit, identify, load_model
-from reduced_models.fitting.residual_diagnostics import count_release_transient_samples, diagnose_residuals
+from reduced_models.fitting.residual_diagnostics import (
+    ResidualTests,
+    count_release_transient_samples,
+    diagnose_residuals,
+    residual_tests,
+)
 from reduced_models.identification.measured_swing import measure_swing
-from reduced_models.identification.residual_tests import ResidualTests, residual_tests
 from reduced_models.laws.law import law_from_text
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.printed_model import swing_quantities

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import ellipe, ellipj, ellipk
 
 from granular import PistonRecord
-from reduced_models.laws.elliptic_motion import (
+from reduced_models.identification.elliptic_averaging import (
     OSCILLATORS,
     DuffingVanDerPolOscillator,
     averaged_amplitude,

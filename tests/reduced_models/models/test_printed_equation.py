@@ -27,8 +27,13 @@ from reduced_models.laws.linearization import (
 from reduced_models.laws.printing import mathml, mathml_of_rate, round_significant
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.printed_model import swing_quantities
-from reduced_models.models.printout import caution_lines, equation_lines, figure_lines, format_percent
-from reduced_models.models.quantities import QuantityWithError
+from reduced_models.models.quantities import (
+    QuantityWithError,
+    caution_lines,
+    equation_lines,
+    figure_lines,
+    format_percent,
+)
 from tests.reduced_models.made import damped_cosine, half_width, noisy
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")

@@ -9,7 +9,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import RecordError
-from reduced_models.laws.elliptic_motion import DuffingVanDerPolOscillator, averaged_frequency
+from reduced_models.identification.elliptic_averaging import DuffingVanDerPolOscillator, averaged_frequency
 from reduced_models.records.backbone import driven_backbone, free_backbone
 from reduced_models.records.derivatives import Derivatives, derivatives
 from reduced_models.records.envelope import envelope
