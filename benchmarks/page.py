@@ -11,10 +11,9 @@ import numpy as np
 
 from benchmarks.compression import PUBLISHED
 from benchmarks.sums import exponent
-from granular.shared.blocks import Block, Heading, Picture, Table, cautions
+from granular.shared.blocks import Block, Heading, Picture, Table, block_text, cautions
 from granular.shared.html_pages import Page
 from granular.shared.plotting import figure
-from granular.shared.terminal import block_text
 from validation.report_tasks import FAILED, Plain
 
 if TYPE_CHECKING:

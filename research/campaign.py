@@ -15,8 +15,7 @@ from granular.commands.options import Output
 from granular.commands.signature import add_group
 from granular.shared.blocks import Table
 from granular.shared.errors import InputError
-from granular.shared.files import replace_non_finite_by_none, write_text
-from granular.shared.result_cache import ResultCache
+from granular.shared.files import ResultCache, replace_non_finite_by_none, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -22,8 +22,8 @@ import xarray
 from granular import Scene, load_scene
 from granular.commands.console import launch
 from granular.run.trajectory import Trajectory, make_trajectory
+from granular.shared.files import ResultCache
 from granular.shared.garbage import RARE
-from granular.shared.result_cache import ResultCache
 
 ROOT = Path(__file__).parent.parent
 

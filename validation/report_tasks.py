@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, get_args, get_type_hint
 from granular.run.summary import custom_code_digests
 from granular.shared.blocks import Picture
 from granular.shared.errors import GranularError
+from granular.shared.files import ResultCache, digest
 from granular.shared.plotting import figure
-from granular.shared.result_cache import ResultCache, digest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -34,8 +34,7 @@ from contextvars import ContextVar
 from typing import Any, NamedTuple, NoReturn, TextIO
 
 from granular.commands.signature import add_options, arguments_of
-from granular.shared.blocks import Block
-from granular.shared.command_line import set_command
+from granular.shared.blocks import Block, print_blocks, wrap
 from granular.shared.errors import (
     GranularError,
     InputError,
@@ -51,8 +50,7 @@ from granular.shared.files import replace_non_finite_by_none
 from granular.shared.garbage import rare_garbage_collection
 from granular.shared.registry import Registry
 from granular.shared.stop_signals import handle_sigterm
-from granular.shared.terminal import print_blocks, wrap
-from granular.shared.version import __version__
+from granular.shared.version import __version__, set_command
 
 __all__ = ["Command", "command", "print_result"]
 

@@ -35,7 +35,7 @@ from granular.effects.custom_law import Definition, Functions, OwnEffectLaw, Own
 from granular.effects.effect import Effect, EffectContext, ForceEffect, energy_variable
 from granular.effects.pair_law import PairFunctions, PairLawEffect, Species
 from granular.formulas import parse, variable_names
-from granular.formulas.dimensions import LENGTH, MASS, MOMENT, NONE, TIME, Dimension
+from granular.formulas.algebra import LENGTH, MASS, MOMENT, NONE, TIME, Dimension
 from granular.pairs.direct_sum import pad_values
 from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell

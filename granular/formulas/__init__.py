@@ -3,7 +3,7 @@
 A text is cut into tokens: numbers, names with their primes, and operators. Python's
 parser, which runs nothing, orders stand-ins for them, and what it gives is taken over node by node
 (`parser`), only what a formula may hold. Of the tree, `granular.formulas.algebra` makes
-SymPy's objects, and `granular.formulas.dimensions` its unit.
+SymPy's objects, and `granular.formulas.algebra` its unit.
 """
 
 from granular.formulas.parser import (

@@ -4,11 +4,16 @@
 """
 
 from granular.linear.friction import MotionFriction, motion_friction
-from granular.linear.modes import NormalModes, normal_modes
-from granular.linear.response import dynamic_stiffness, transmissibility
-from granular.linear.roots import Root, piston_roots, root_of_steps
-from granular.linear.slopes import Slopes, slopes
-from granular.linear.small_motions import SmallMotions, small_motions
+from granular.linear.roots import (
+    NormalModes,
+    Root,
+    dynamic_stiffness,
+    normal_modes,
+    piston_roots,
+    root_of_steps,
+    transmissibility,
+)
+from granular.linear.small_motions import Slopes, SmallMotions, slopes, small_motions
 
 __all__ = [
     "MotionFriction",

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium
-from granular.linear.modes import NormalModes
-from granular.linear.response import dynamic_stiffness, transmissibility
+from granular.linear.roots import NormalModes, dynamic_stiffness, transmissibility
 from granular.linear.small_motions import DRY_FRICTION, SmallMotions, slope_rows
 from granular.scene.bed_drawing import draw_bed, style_as_map
 from granular.shared.array_types import Complex, Float, Int, Shaped

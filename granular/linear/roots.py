@@ -1,4 +1,4 @@
-"""Complex roots of a bed's small motions, and the motion that they make.
+"""Roots, normal modes and harmonic response of a bed's small motions.
 
 A motion u exp(s t) is free if (K + s C + s^2 M) u = 0. With symmetric matrices, the piston's receptance is
 
@@ -24,7 +24,6 @@ import numpy as np
 from granular.kernel_data.state import HEIGHT, SPEED
 from granular.linear.bed_forces import BedForces, check_free_piston, difference
 from granular.linear.equilibrium import Equilibrium, held_shifts
-from granular.linear.modes import normal_modes
 from granular.linear.pencil import Pencil, of_parts
 from granular.methods.method import Method
 from granular.run.engines import NO_TICKS, UNDIVIDED, UNWATCHED
@@ -32,6 +31,72 @@ from granular.run.plan import plan
 from granular.run.run_state import ARRANGE, RunState
 from granular.shared.array_types import Complex, Float, Shaped
 from granular.shared.errors import InputError
+
+LOWEST = 40
+"""Modes of a bed whose matrices are not full."""
+
+BELOW = 1e-3
+"""Shift of the search for them, below zero, over the largest stiffness of a coordinate and its mass."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class NormalModes:
+    """Normal modes of small motions without damping.
+
+    Attributes
+    ----------
+    squared_angular_frequencies : float64 (k,)
+        Rising; negative where the state is unstable [1/s^2].
+    shapes : float64 (q, k)
+        Displacements of all coordinates in each mode, of modal mass 1 kg [m].
+    frequencies : float64 (k,)
+        [Hz]; NaN where unstable.
+    """
+
+    squared_angular_frequencies: Float[np.ndarray, "k"]
+    shapes: Float[np.ndarray, "q k"]
+
+    @property
+    def frequencies(self) -> Float[np.ndarray, "k"]:
+        """Frequencies [Hz]; NaN where unstable."""
+        squares = self.squared_angular_frequencies
+        return np.where(squares >= 0.0, np.sqrt(np.abs(squares)) / (2.0 * math.pi), np.nan)
+
+
+def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
+    """Find the lowest normal modes of a bed, without its damping.
+
+    Parameters
+    ----------
+    rest : Equilibrium
+        Equilibrium of a bed.
+    count : int, optional
+        Number of modes; without, all of a bed of at most `granular.linear.pencil.DENSE` coordinates, and 40
+        of a larger one.
+
+    Returns
+    -------
+    NormalModes
+        Solutions of K u = omega^2 M u.
+    """
+    pencil = rest.pencil
+    if pencil.has_all_modes:
+        from scipy.linalg import eigh
+
+        last = pencil.bed.size if count is None else min(count, pencil.bed.size)
+        return NormalModes(*eigh(pencil.full_stiffness, pencil.mass.toarray(), subset_by_index=[0, last - 1]))
+    from scipy.sparse import csc_matrix
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    shape = (pencil.bed.size, pencil.bed.size)
+    undamped = dataclasses.replace(pencil, damping=csc_matrix(shape), damping_is_diagonal=True)
+    scale = float(np.abs(pencil.stiffness.diagonal()).max() / pencil.mass.diagonal().max())
+    # Below zero, since the shifts of a periodic cell have no stiffness.
+    sigma = -BELOW * scale
+    inverse = LinearOperator(shape, lambda u: undamped.solve(math.sqrt(-sigma), u.reshape(-1, 1))[:, 0])
+    product = LinearOperator(shape, lambda u: pencil.times(0.0, u.ravel()))
+    return NormalModes(*eigsh(product, count or LOWEST, M=pencil.mass, sigma=sigma, OPinv=inverse, tol=1e-8))
+
 
 MASS_FRACTION = 0.05
 """Residue over the largest one from which a root counts as one of the piston's."""
@@ -283,3 +348,64 @@ def _advance(
     piston = () if bed.piston is None else state.piston
     height, speed = piston[HEIGHT : HEIGHT + 1], piston[SPEED : SPEED + 1]
     return length * np.concatenate([state.x[:n], state.y[:n], height, state.vx[:n], state.vy[:n], speed])
+
+
+def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> Complex[np.ndarray, "f"]:
+    """Force on the piston over its displacement, at each frequency.
+
+    Parameters
+    ----------
+    rest : Equilibrium
+        Equilibrium of a bed with a free piston.
+    frequencies : float (f,)
+        Frequencies [Hz].
+
+    Returns
+    -------
+    complex128 (f,)
+        Storage stiffness as the real part, loss stiffness as the imaginary one, both of bed and piston with
+        their inertia [N/m].
+
+    Raises
+    ------
+    InputError
+        If the bed has no free piston.
+    """
+    piston = require_free_piston(rest)
+    force = np.zeros(rest.pencil.bed.size)
+    force[piston] = 1.0
+    return 1.0 / harmonic_answers(rest, frequencies, force)[:, piston]
+
+
+def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> Complex[np.ndarray, "f"]:
+    """Displacement of the piston in the laboratory over that of the base, which moves up and down.
+
+    Parameters
+    ----------
+    rest : Equilibrium
+        Equilibrium of a bed with a free piston; its cell stands on the base, or on a machine that does.
+    frequencies : float (f,)
+        Frequencies [Hz].
+
+    Returns
+    -------
+    complex128 (f,)
+        Modulus and phase of the ratio; 1 at frequency 0.
+
+    Raises
+    ------
+    InputError
+        If the bed has no free piston.
+    """
+    piston = require_free_piston(rest)
+    frame, uplift = rest.pencil.bed.frame_and_uplift()
+    moved = harmonic_answers(rest, frequencies, -(rest.pencil.mass @ uplift), 2)
+    return 1.0 + moved[:, piston] + moved @ frame
+
+
+def harmonic_answers(
+    rest: Equilibrium, frequencies: Float[np.ndarray, "f"], force: Float[np.ndarray, "q"], power: int = 0
+) -> Complex[np.ndarray, "f q"]:
+    """Displacements of all coordinates [m] under a force [N] times (i omega)^power; frequencies [Hz]."""
+    rates = 2j * math.pi * np.asarray(frequencies, dtype=np.float64)
+    return np.array([rest.pencil.solve(s, (s**power * force)[:, None])[:, 0] for s in rates])

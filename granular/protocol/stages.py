@@ -34,7 +34,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from granular.effects.custom import OwnSection, make_section_class
-from granular.formulas.dimensions import LENGTH, TIME, Dimension
+from granular.formulas.algebra import LENGTH, TIME, Dimension
 from granular.protocol.piston_motion import DESCENT, SINE, TABLE, Motion
 from granular.protocol.stage import FormulaStage, SampledStage, Stage, TimedStage
 from granular.schema.field_kinds import FieldError

@@ -222,9 +222,8 @@ def _write_table_and_picture(
 
 
 def _write_response(result: FrequencyResponse, path: Path) -> str:
-    from granular.response.report_page import response_page
+    from granular.response.report_page import add_linear_response, response_page
     from granular.response.response import save_response
-    from granular.response.small_amplitude import add_linear_response
 
     result = add_linear_response(result)
     save_response(result, path)

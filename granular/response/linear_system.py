@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from granular.effects.host_structure import Host
-from granular.linear.machine import matrices_of_chain
+from granular.linear.bed_forces import matrices_of_chain
 from granular.scene.scene import Scene
 from granular.shared.array_types import Complex, Float
 

@@ -106,7 +106,7 @@ class Trajectory:
         return blocks_html([Printout(repr(self))]) + self.dataset._repr_html_()
 
     def _repr_latex_(self) -> str:
-        from granular.shared.terminal import latex_lines
+        from granular.shared.blocks import latex_lines
 
         return latex_lines(repr(self))
 

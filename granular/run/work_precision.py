@@ -19,8 +19,7 @@ from granular.methods.tables import method_named
 from granular.run.summary import active_effect_names, custom_code_digests
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, StoreError
-from granular.shared.files import parse_toml, toolkit_cache_folder
-from granular.shared.result_cache import ResultCache, digest
+from granular.shared.files import ResultCache, digest, parse_toml, toolkit_cache_folder
 from granular.shared.version import __version__
 
 if TYPE_CHECKING:

@@ -21,8 +21,7 @@ from granular.schema.units import si_value
 from granular.shared.blocks import Printout
 from granular.shared.citations import module_docstring_of
 from granular.shared.errors import InputError, quote, unknown_word_message
-from granular.shared.files import write_text
-from granular.shared.result_cache import digest
+from granular.shared.files import digest, write_text
 
 if TYPE_CHECKING:
     from granular.effects.dipole import Dipole
@@ -428,7 +427,7 @@ class Scene(Section):
         return blocks_html([Printout(self.to_toml())])
 
     def _repr_latex_(self) -> str:
-        from granular.shared.terminal import latex_lines
+        from granular.shared.blocks import latex_lines
 
         return latex_lines(repr(self))
 

@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any, ClassVar, Self, dataclass_transform
 
 from granular.formulas import parse, variable_names
-from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
+from granular.formulas.algebra import Dimension, infer_dimension, unit_text
 from granular.formulas.parser import Node
 from granular.schema.field_kinds import (
     ChoiceKind,

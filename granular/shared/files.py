@@ -1,14 +1,16 @@
-"""Files: read within limits, and written atomically, by a temporary file next to the path.
+"""Files: read within limits, written atomically by a temporary file next to the path, and kept by keys.
 
-Folders for what can be computed again, and files in them that are whole or count as absent.
-
-What is kept here is code. It is loaded only from folders and files that belong to the user and that
+Sealed files hold compiled code. It is loaded only from folders and files that belong to the user and that
 nobody else may write to, and only if it is what was written.
+
+A result cache holds plain data, each in a file named by its key. A key holds all that determines its result,
+for instance as a `digest`: results never go stale, and are the same whoever made them.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import errno
 import hashlib
 import importlib.util
@@ -335,3 +337,39 @@ def _is_current_lock(held: int, path: Path) -> bool:
         return os.path.samestat(os.fstat(held), path.stat())
     except FileNotFoundError:
         return False
+
+
+def digest(content: object, length: int) -> str:
+    """Digest plain data: equal data have the same one, other data another one."""
+    text = json.dumps(content, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:length]
+
+
+@dataclasses.dataclass(frozen=True)
+class ResultCache:
+    """A directory of results."""
+
+    directory: Path
+
+    def path(self, key: str) -> Path:
+        """Path of the file that keeps a result."""
+        return self.directory / f"{key}.json"
+
+    def read(self, key: str, *, warn: bool = True) -> Any:
+        """Read the result under a key."""
+        path = self.path(key)
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except OSError as error:
+            raise StoreError(f"{path} cannot be read: {error.strerror}; remove it to make it anew") from None
+        except ValueError:
+            if warn:
+                warnings.warn(f"{path} is damaged; what it held is made anew", stacklevel=2)
+            return None
+
+    def keep(self, key: str, plain: object) -> None:
+        """Keep a result under a key, in one step; its numbers keep every bit, NaN included."""
+        make_directory(self.directory)
+        write_text(self.path(key), json.dumps(plain))

@@ -21,11 +21,11 @@ from granular.shared.blocks import (
     Table,
     Text,
     added_blocks,
+    blocks_text,
 )
 from granular.shared.errors import printable
 from granular.shared.files import write_text
 from granular.shared.plotting import svg_text
-from granular.shared.terminal import blocks_text
 from granular.shared.version import versions
 
 if TYPE_CHECKING:

@@ -1,8 +1,10 @@
-"""The version of the toolkit, which stands nowhere else in the code."""
+"""Version of the toolkit, and the command that is being carried out."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
+from contextvars import ContextVar
 
 __version__ = "0.1.0"
 
@@ -19,3 +21,16 @@ def versions(more: Sequence[str] = ()) -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return result
+
+
+_COMMAND: ContextVar[str] = ContextVar("command", default="")
+
+
+def set_command(program: str, arguments: Sequence[str]) -> None:
+    """Keep the command line that is carried out from now on."""
+    _COMMAND.set(shlex.join([*program.split(), *arguments]))
+
+
+def current_command() -> str:
+    """Return the command line that is being carried out; empty where Python calls the functions itself."""
+    return _COMMAND.get()

@@ -89,7 +89,7 @@ def slopes_over_beds(
     beds : int
         Number of beds, from 2. They settle on all processors.
     keys : sequence of str, optional
-        Dotted keys of the scene's numbers; without, all that `granular.linear.slopes` finds.
+        Dotted keys of the scene's numbers; without, all that `granular.linear.small_motions` finds.
     out : str or Path, optional
         Directory that keeps the settled beds, so that a second call settles none; a folder of the toolkit
         among the user's caches if not given.

@@ -18,9 +18,9 @@ from granular.run.summary import custom_code_digests
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, quote
+from granular.shared.files import ResultCache, digest
 from granular.shared.function_digest import functions_digest
 from granular.shared.registry import Registry
-from granular.shared.result_cache import ResultCache, digest
 from granular.shared.user_file import UserFile, user_definitions
 from granular.shared.version import __version__
 

@@ -22,9 +22,8 @@ from granular.linear.equilibrium import settled_state
 from granular.run.simulation import simulate
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float
-from granular.shared.blocks import Block, Table, Text
+from granular.shared.blocks import Block, Table, Text, blocks_text
 from granular.shared.errors import InputError
-from granular.shared.terminal import blocks_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""`sweep`: many changes of one scene, on any executor, each case once; a study as a TOML file.
+"""`sweep`: many changes of one scene, on any executor, each case once; a study as TOML.
 
 scene = "damper"               # a packaged scene, or a path from here
 measure = "last-values"        # or the name of a measure of one's own
@@ -23,10 +23,10 @@ import contextlib
 import dataclasses
 import os
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
 
 from granular.methods import Method
 from granular.run.dataset import scalar_variables
@@ -53,6 +53,7 @@ from granular.studies.executors import ProcessPool, case_executor, compute_case
 
 if TYPE_CHECKING:
     import pandas
+
 
 ATTEMPTS = 3
 """Workers that a case may lose before it is given up: one that dies may have been killed from
@@ -407,3 +408,97 @@ def _flatten_keys(changes: dict[str, Any], above: str = "") -> dict[str, Any]:
         nested = isinstance(value, dict) and name != "method"  # a method may be given by its table
         flat |= _flatten_keys(value, name) if nested else {name: value}
     return flat
+
+
+T = TypeVar("T")
+
+
+class BackgroundCase(NamedTuple):
+    """A case that was handed to an executor."""
+
+    case: Case
+    future: Future[CaseOutcome]
+
+
+@dataclasses.dataclass(frozen=True)
+class BackgroundCall(Generic[T]):
+    """A call that was handed to a process; None: that its caller is to make."""
+
+    future: Future[T] | None
+    function: Callable[..., T]
+    args: tuple[Any, ...]
+
+    def result(self) -> T:
+        """Wait for the call, or make it here if no process has begun it, or its process died."""
+        if self.future is not None and not self.future.cancel():
+            with contextlib.suppress(BrokenExecutor):
+                return self.future.result()
+        return self.function(*self.args)
+
+
+class BackgroundCaseRunner:
+    """Cases that are computed while the caller works; what nobody waits for is ended."""
+
+    def __init__(self, measure: Measure, executor: Executor | None) -> None:
+        self._measure, self._own = measure, executor is None
+        # One processor stays for the caller, who works meanwhile.
+        self._pool = executor or ProcessPool(max(1, (os.cpu_count() or 1) - 1))
+        self._started: list[BackgroundCase] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._own:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            return
+        for started in self._started:
+            started.future.cancel()
+
+    def submit_cases(
+        self, scene: Scene, changes: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
+    ) -> list[BackgroundCase]:
+        """Hand cases to the executor, without waiting for them."""
+        started = []
+        for case in make_cases(scene, {}, changes, settings, self._measure) if changes else ():
+            try:
+                future = self._pool.submit(compute_case, case, self._measure, None, False, True)
+            except BrokenExecutor as error:  # whoever waits tries again
+                future = Future()
+                future.set_exception(error)
+            started.append(BackgroundCase(case, future))
+        self._started += started
+        return started
+
+    def submit_call(self, function: Callable[..., T], *args: Any, here: bool = False) -> BackgroundCall[T]:
+        """Hand a call to the processes of this machine; another executor is for runs alone."""
+        future: Future[T] | None = None
+        if self._own and not here:
+            with contextlib.suppress(BrokenExecutor):  # whoever asks for the result computes it
+                future = self._pool.submit(function, *args)
+        return BackgroundCall(future, function, args)
+
+    def wait_for_outcomes(
+        self, started: Sequence[BackgroundCase], title: str, progress: bool
+    ) -> list[CaseOutcome]:
+        """Wait for cases, and compute the last ones; those whose process died are tried again."""
+        waiting = {entry.future for entry in started}
+        done = {future for future in waiting if future.done()}
+        outcomes: dict[str, CaseOutcome] = {}
+        with progress_bar(
+            wanted=progress, total=len(started), initial=len(done), desc=title, unit="run"
+        ) as bar:
+            for entry in reversed(started):
+                if self._own and entry.future.cancel():
+                    outcomes[entry.case.key] = compute_case(entry.case, self._measure, None, False)
+                    waiting.remove(entry.future)
+                    bar.update()
+            for _ in concurrent.futures.as_completed(waiting - done):
+                bar.update()
+        for entry in started:
+            if entry.future in waiting and (outcome := future_outcome(entry.future)) is not None:
+                outcomes[entry.case.key] = outcome
+        lost = [entry.case for entry in started if entry.case.key not in outcomes]
+        for case, outcome in compute_outcomes_with_retries(lost, self._measure, None, False, self._pool):
+            outcomes[case.key] = outcome
+        return [outcomes[entry.case.key] for entry in started]

@@ -21,7 +21,7 @@ from granular.linear.bed_forces import check_free_piston, with_number
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.friction import names_friction
 from granular.linear.roots import Root, refine_root, require_free_piston
-from granular.linear.slopes import number_keys
+from granular.linear.small_motions import number_keys
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import FieldError, QuantityKind, TemperatureKind
 from granular.schema.sections import find_field

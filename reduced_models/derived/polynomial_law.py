@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.linear.bed_forces import BedForces
-from granular.linear.equilibrium import find_equilibrium, held_shifts
+from granular.linear.equilibrium import RELAXED, find_equilibrium, held_shifts, relax
 from granular.linear.pencil import Pencil
-from granular.linear.relaxation import RELAXED, relax
 from granular.linear.roots import refine_root, static_shape
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError

@@ -307,7 +307,7 @@ class Comparison:
         return blocks_html([self.table, Text(self.verdict)])
 
     def _repr_latex_(self) -> str:
-        from granular.shared.terminal import latex_array
+        from granular.shared.blocks import latex_array
 
         return latex_array(self.table)
 

@@ -95,7 +95,7 @@ if TYPE_CHECKING:
     from granular.run.plan import Plan
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
-    from granular.studies.background_cases import BackgroundCaseRunner
+    from granular.studies.sweep import BackgroundCaseRunner
 
 
 def identify(
@@ -185,7 +185,7 @@ def identify(
             background = None
             if options.checks:
                 from granular.run.plan import Plan
-                from granular.studies.background_cases import BackgroundCaseRunner
+                from granular.studies.sweep import BackgroundCaseRunner
 
                 measure = RecordsOfRest(release_stages(planned.scene))
                 background = stack.enter_context(BackgroundCaseRunner(measure, options.executor))

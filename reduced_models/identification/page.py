@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from granular.records.options import RecordSource
 from granular.shared.blocks import Block, Caution, Equation, Heading, Table, Text, cautions, format_number
-from granular.shared.command_line import current_command
 from granular.shared.errors import format_factor
 from granular.shared.html_pages import Page, made_with
+from granular.shared.version import current_command
 from reduced_models.fitting.residual_diagnostics import ResidualTests
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.elliptic_averaging import LOWER_WELL

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.records.record import PistonRecord
-from granular.shared.blocks import Block, Caution, Heading, Items, Table, Text, cautions
+from granular.shared.blocks import Block, Caution, Heading, Items, Table, Text, blocks_text, cautions
 from granular.shared.errors import format_factor
 from granular.shared.files import make_directory, write_text
 from granular.shared.html_pages import Page, made_with
-from granular.shared.terminal import blocks_text
 from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
 from reduced_models.fitting.residual_diagnostics import ResidualTests
 from reduced_models.identification import page, pictures

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from granular.run.plan import Plan
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
-    from granular.studies.background_cases import BackgroundCall, BackgroundCase, BackgroundCaseRunner
     from granular.studies.cases import CaseOutcome
+    from granular.studies.sweep import BackgroundCall, BackgroundCase, BackgroundCaseRunner
     from granular.studies.tolerances import Part
 
 CHECK_SEEDS = 2

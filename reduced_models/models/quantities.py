@@ -15,8 +15,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from granular.shared.blocks import align_columns, format_number
-from granular.shared.terminal import COLUMNS
+from granular.shared.blocks import COLUMNS, align_columns, format_number
 from reduced_models.models.plain_data import Interval, Probability, Size, SizeOrInfinity, TextForm
 
 PARTS = ("fit", "step", "start", "calibration")

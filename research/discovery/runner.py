@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.shared.result_cache import ResultCache
+from granular.shared.files import ResultCache
 from research.campaign import RESULTS, kept_rows, made_now, read_results, write_results
 from research.discovery.cases import NOISES, SEEDS, Case, all_cases, measured
 from research.discovery.results import EMPTY, Results

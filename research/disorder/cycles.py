@@ -18,7 +18,7 @@ from granular.observables.plasticity import (
 from granular.run.trajectory import Trajectory
 from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
-from granular.shared.result_cache import digest
+from granular.shared.files import digest
 from reduced_models.laws.annealing_bed import MODULUS, STIFFENING
 
 Row = dict[str, Any]

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
-from granular.shared.result_cache import digest
+from granular.shared.files import digest
 from research.disorder.force_heterogeneity import (
     QUIET,
     SHELLS,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from granular.shared.result_cache import ResultCache
+from granular.shared.files import ResultCache
 from research.campaign import RESULTS, Plain, kept_rows, made_now, read_results, rounded, write_results
 from research.disorder.beds import all_beds
 from research.disorder.cycles import SIZES, cycle_key, cycle_row

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.shared.result_cache import digest
+from granular.shared.files import digest
 from research.disorder.beds import Bed, scene_of
 from research.disorder.candidates import CANDIDATES, ORDERS, measured
 from research.disorder.data_collapse import DRAWS, Collapse, collapse

@@ -6,8 +6,7 @@ from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from granular.shared.files import make_directory
-from granular.shared.result_cache import ResultCache, digest
+from granular.shared.files import ResultCache, digest, make_directory
 from granular.studies.executors import case_executor
 from research.melting.scenes import STEP, layer
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
-from granular.shared.result_cache import ResultCache
+from granular.shared.files import ResultCache
 from granular.studies.cases import measure_identity
 
 Numbers = dict[str, float]

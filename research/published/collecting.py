@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.scene.scene import has_coarse_friction
-from granular.shared.result_cache import ResultCache
+from granular.shared.files import ResultCache
 from granular.studies.cases import CaseOutcome
 from research.campaign import Plain, made_now
 from research.published.calculations import kept

@@ -14,7 +14,7 @@ from granular import sweep
 from granular.run.plan import parse_time_step
 from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
-from granular.shared.result_cache import ResultCache
+from granular.shared.files import ResultCache
 from granular.studies.cases import CaseOutcome, OutcomeCache, make_cases
 from research.published.plan import Group
 from research.published.series import Series

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.result_cache import digest
+from granular.shared.files import digest
 from reduced_models.fitting.fit_data import data_of_record
 from reduced_models.fitting.parameter import Unknowns
 from reduced_models.fitting.problem import STARTS, TEST_FRACTION

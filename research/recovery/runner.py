@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.result_cache import ResultCache, digest
+from granular.shared.files import ResultCache, digest
 from research.campaign import RESULTS, kept_rows, made_now, write_results
 from research.recovery.peer import Problem, problem, problem_key, scipy_fit
 from research.recovery.systems import (

@@ -10,7 +10,7 @@ import pytest
 
 from granular import Scene, evaluate, load_scene, simulate
 from granular.linear.equilibrium import equilibrium_from
-from granular.linear.slopes import number_keys
+from granular.linear.small_motions import number_keys
 from granular.observables.forces import iterate_wall_forces
 from granular.schema.natural_units import Scales
 from granular.shared.errors import SceneError

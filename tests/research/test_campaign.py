@@ -12,7 +12,7 @@ import pytest
 
 from granular.commands.console import launch
 from granular.shared.errors import InputError
-from granular.shared.result_cache import ResultCache
+from granular.shared.files import ResultCache
 from research import campaign
 from research.campaign import (
     Block,

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from granular import Scene, effect
-from granular.shared.terminal import blocks_text
+from granular.shared.blocks import blocks_text
 from validation import overview
 from validation.accuracy_cost import Plan, Studies, advised_setting_table, work_precision_task
 from validation.convergence_result import ConvergenceResult, FittedSlope, convergence_holds, slope_table

@@ -6,9 +6,8 @@ import numpy as np
 
 from granular import load_scene
 from granular.linear.bed_forces import BedForces
-from granular.linear.equilibrium import Equilibrium, equilibrium_from
+from granular.linear.equilibrium import RELAXED, Equilibrium, equilibrium_from, relax
 from granular.linear.pencil import make_pencil
-from granular.linear.relaxation import RELAXED, relax
 from granular.scene.scene import Scene
 
 D = 6e-3

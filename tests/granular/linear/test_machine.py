@@ -8,8 +8,7 @@ from scipy.linalg import eigh
 
 from granular.effects.host_structure import Host
 from granular.linear import transmissibility
-from granular.linear.bed_forces import BedForces
-from granular.linear.machine import matrices_of_chain
+from granular.linear.bed_forces import BedForces, matrices_of_chain
 from tests.granular.linear.small_beds import at_rest, small_damper
 
 BODIES = [

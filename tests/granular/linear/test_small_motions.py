@@ -22,8 +22,8 @@ from granular.linear import (
 from granular.linear.equilibrium import equilibrium_from, settled_state
 from granular.linear.page import modes_page, plot_density_of_states, plot_mode
 from granular.response.linear_system import linear_response
+from granular.response.report_page import add_linear_response, linear_displacements
 from granular.response.response import FrequencyResponse, response_dataset
-from granular.response.small_amplitude import add_linear_response, linear_displacements
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 

@@ -26,7 +26,7 @@ from granular.run.work_precision import (
     work_precision_text,
 )
 from granular.shared.errors import InputError
-from granular.shared.result_cache import ResultCache
+from granular.shared.files import ResultCache
 
 
 def of_table(one: SceneWorkPrecision) -> Scene:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from granular.shared.errors import InputError, StoreError
-from granular.shared.result_cache import ResultCache, digest
+from granular.shared.files import ResultCache, digest
 
 PLAIN = {"figures": {"a": 0.1 + 0.2, "b": 5e-324, "list": [1, 2.5, -0.0]}, "error": None}
 

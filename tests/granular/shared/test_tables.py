@@ -5,9 +5,21 @@ import re
 
 import pytest
 
-from granular.shared.blocks import Block, Caution, Equation, Heading, Items, Picture, Printout, Table, Text
+from granular.shared.blocks import (
+    Block,
+    Caution,
+    Equation,
+    Heading,
+    Items,
+    Picture,
+    Printout,
+    Table,
+    Text,
+    blocks_text,
+    latex_array,
+    print_blocks,
+)
 from granular.shared.html_pages import Shown
-from granular.shared.terminal import blocks_text, latex_array, print_blocks
 
 
 def test_signs_of_latex_are_letters() -> None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from granular import load_scene
 from granular.run.trajectory import Trajectory
-from granular.studies.background_cases import BackgroundCaseRunner
+from granular.studies.sweep import BackgroundCaseRunner
 
 
 def step_and_process(run: Trajectory) -> Mapping[str, float]:

@@ -17,7 +17,7 @@ import pandas
 import pytest
 
 import granular.run.simulation
-import granular.shared.result_cache
+import granular.shared.files
 from granular import Trajectory, sweep
 from granular.shared.errors import StoreError
 from granular.studies.cases import CaseOutcome, keep_measure_name, last_values
@@ -103,10 +103,10 @@ def test_an_outcome_that_cannot_be_written_is_written_later(
     """By the worker, by the sweep, and in the end: only then the case is unfinished."""
     simulate = Failing(granular.run.simulation.simulate, OSError(), 0)
     monkeypatch.setattr(granular.run.simulation, "simulate", simulate)
-    write, full = granular.shared.result_cache.write_text, StoreError("no space left; make room")
+    write, full = granular.shared.files.write_text, StoreError("no space left; make room")
     for times in (1, 5, 10, 12):
         out = tmp_path / str(times)
-        monkeypatch.setattr(granular.shared.result_cache, "write_text", Failing(write, full, times))
+        monkeypatch.setattr(granular.shared.files, "write_text", Failing(write, full, times))
         simulate.calls = 0
         study = swept_area(here, out)
         assert simulate.calls == len(ACCELERATIONS)

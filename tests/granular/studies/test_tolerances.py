@@ -12,8 +12,7 @@ from granular import Scene, load_scene
 from granular.__main__ import main
 from granular.linear import motion_friction, piston_roots, slopes
 from granular.linear.bed_forces import BedForces
-from granular.linear.equilibrium import Equilibrium, equilibrium_from
-from granular.linear.relaxation import relax
+from granular.linear.equilibrium import Equilibrium, equilibrium_from, relax
 from granular.parts.magnets import REFERENCE_TEMPERATURE, REMANENCE_SLOPE
 from granular.schema.sections import find_field
 from granular.shared.errors import InputError
