@@ -8,7 +8,6 @@ import math
 import time
 import warnings
 from collections.abc import Iterable, Sequence
-from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -164,8 +163,8 @@ class Comparison:
         if setting.is_external:
             return self._external_points(setting)
         try:
-            _compile_setting(self.scenes[0], setting)
-            timed = [_run_and_time(scene, setting, self.until, repeats) for scene in self.scenes]
+            compile_setting(self.scenes[0], setting)
+            timed = [run_and_time(scene, setting, self.until, repeats) for scene in self.scenes]
         except GranularError as stop:
             return [_failed_point(setting, stop) for _ in self.quantities]
         runs = [run for run, _ in timed]
@@ -292,10 +291,10 @@ def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) ->
     return spread / float(np.abs(series.mean(axis=0)).max())
 
 
-def _run_and_time(
-    scene: Scene, setting: SolverSettings, until: float | None, repeats: int
+def run_and_time(
+    scene: Scene, setting: SolverSettings, until: float | None, repeats: int = 1
 ) -> tuple[Trajectory, float]:
-    """Run, and the least time [s] of its repeats."""
+    """Run with a setting, and the least time of its repeats [s]; until [s]."""
     seconds = math.inf
     for _ in range(repeats):
         start = time.perf_counter()
@@ -310,7 +309,7 @@ def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecision
     return WorkPrecisionPoint(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
 
 
-def _compile_setting(scene: Scene, setting: SolverSettings) -> None:
+def compile_setting(scene: Scene, setting: SolverSettings) -> None:
     """Compile, by a run so short that it costs nothing; a long step may not even fit into it."""
     with contextlib.suppress(GranularError):
         run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
@@ -430,7 +429,9 @@ def report_plans(full: bool) -> list[Plan]:
     saved = ("energy", "positions")
     outside = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
     few = [setting for setting in outside if setting.dt in OUTSIDE_TOLERANCES[:3:2]]
-    exact = {"until": 1.0, "references": _exact_grain_references()}
+    problem = exact_problem("bounce")
+    place = problem.exact(1.0).positions / Scales.from_grains(problem.scene.grains).length
+    exact = {"until": 1.0, "references": [0.0, place]}
     plans = [
         Plan(grain, saved, [*candidate_settings(grain), *outside], exact),
         Plan(bed, saved, [*candidate_settings(bed), *few], {"until": 0.02}),
@@ -452,12 +453,6 @@ def report_plans(full: bool) -> list[Plan]:
     ]
 
 
-def _exact_grain_references() -> list[Any]:
-    """Lone grain's exact energy error and position [D] after 1 s."""
-    problem = exact_problem("bounce")
-    return [0.0, problem.exact(1.0).positions / Scales.from_grains(problem.scene.grains).length]
-
-
 def work_precision_task(plan: Plan, **more: Any) -> Task:
     """Task that runs one scene with many settings."""
     key = {
@@ -467,11 +462,8 @@ def work_precision_task(plan: Plan, **more: Any) -> Task:
         "options": str(plan.options),
         **more,
     }
-    return Task(plan.scene.name, key, partial(_measure_studies, plan))
-
-
-def _measure_studies(plan: Plan) -> Studies:
-    return Studies(work_precision_of_quantities(plan.scene, plan.quantities, plan.settings, **plan.options))
+    given = plan.scene, plan.quantities, plan.settings
+    return Task(plan.scene.name, key, lambda: Studies(work_precision_of_quantities(*given, **plan.options)))
 
 
 # In the report ----------------------------------------------------------------------------------

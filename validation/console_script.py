@@ -62,7 +62,17 @@ def dispatch_command(arguments: Sequence[str]) -> None:
         print(_first_commands(programs))
         return
     if arguments[0].startswith("-"):
-        _top_parser(programs).parse_args(arguments)
+        parser = Parser(
+            prog=PROG,
+            usage=f"{PROG} [-h] [--version] COMMAND ...",
+            description="Simulate beds of repelling magnets, find the equation of the damper that they "
+            "make, and prove the numbers.",
+            epilog=_list_all_commands(programs),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        add_version_option(parser)
+        parser.add_argument("command", metavar="COMMAND", help=f"see {PROG} COMMAND --help")
+        parser.parse_args(arguments)
     command, *words = arguments
     if command in _FORMER:
         raise InputError(f"there is no command '{command}'; did you mean '{_FORMER[command]}'?")
@@ -96,21 +106,6 @@ def _first_commands(programs: dict[str, Program]) -> str:
     }
     lines = [f"  {name:10}{summaries[name]}" for name in _FIRST if name in summaries]
     return "\n".join([f"{PROG} COMMAND ...", "", *lines, "", f"all commands: {PROG} --help"])
-
-
-def _top_parser(programs: dict[str, Program]) -> Parser:
-    """Parser that answers where no command is given."""
-    parser = Parser(
-        prog=PROG,
-        usage=f"{PROG} [-h] [--version] COMMAND ...",
-        description="Simulate beds of repelling magnets, find the equation of the damper that they "
-        "make, and prove the numbers.",
-        epilog=_list_all_commands(programs),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add_version_option(parser)
-    parser.add_argument("command", metavar="COMMAND", help=f"see {PROG} COMMAND --help")
-    return parser
 
 
 def _list_all_commands(programs: dict[str, Program]) -> str:

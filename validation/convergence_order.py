@@ -66,6 +66,8 @@ falls only one power faster, would bend the line."""
 # it is run there all the same, and its table shows the error.
 MOST_STEPS = 2**26
 NUDGES = (1, -1, 2)
+POINTS = 10
+"""Numbers of steps that a problem is solved with."""
 # A Fibonacci number: the stops after `SLIDING_TIME`, near the golden ratio, then fall evenly into the step.
 NEIGHBOURS = 21
 
@@ -121,7 +123,7 @@ def toolkit_solver(method: str) -> Solver:
     return solve
 
 
-def step_counts(problem: ExactProblem, solver: Solver, order: int, points: int = 10) -> tuple[int, ...]:
+def step_counts(problem: ExactProblem, solver: Solver, order: int) -> tuple[int, ...]:
     """Numbers of steps, a factor sqrt(2) apart, from the first that is not too coarse."""
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
@@ -129,7 +131,7 @@ def step_counts(problem: ExactProblem, solver: Solver, order: int, points: int =
     while start < MOST_STEPS / 16 and not _is_resolved(problem, solver, round(start), exact, coarse):
         start *= math.sqrt(2.0)
     start *= LATER if order == 1 else 1.0
-    return tuple(round(start * math.sqrt(2.0) ** k) for k in range(points))
+    return tuple(round(start * math.sqrt(2.0) ** k) for k in range(POINTS))
 
 
 def _is_resolved(problem: ExactProblem, solver: Solver, count: int, exact: np.ndarray, coarse: float) -> bool:
@@ -336,7 +338,11 @@ def convergence_tasks(full: bool) -> list[Task]:
             and method_suits_problem(exact_problem(name), method)
         ),
         *(
-            _root_task(method)
+            Task(
+                f"{method} on {BED_ROOT}",
+                {"problem": BED_ROOT, "method": method},
+                partial(root_convergence, method),
+            )
             for method in METHODS.built_in
             if (full or method in QUICK_METHODS)
             and not method_named(method).variable
@@ -348,11 +354,6 @@ def convergence_tasks(full: bool) -> list[Task]:
             for reference in external_integrators.ORDERS
         ),
     ]
-
-
-def _root_task(method: str) -> Task:
-    key = {"problem": BED_ROOT, "method": method}
-    return Task(f"{method} on {BED_ROOT}", key, partial(root_convergence, method))
 
 
 def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task:

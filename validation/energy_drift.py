@@ -132,7 +132,9 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     if not 0.0 < duration < np.inf:
         raise InputError(f"times from {time[0]:g} s to {time[-1]:g} s; give increasing ones")
     positions = 0.5 * (edges[1:] + edges[:-1] - 1) * duration / (len(energy) - 1)
-    return _fit_trend(positions, means, duration, _deviation_about_line(energy))
+    index = np.arange(len(energy))
+    line = np.polynomial.Polynomial.fit(index, energy, 1)
+    return _fit_trend(positions, means, duration, float((energy - line(index)).std()))
 
 
 def _block_edges(length: int, blocks: int) -> np.ndarray:
@@ -141,12 +143,6 @@ def _block_edges(length: int, blocks: int) -> np.ndarray:
     shift = 0.5 * (np.modf(inner * _GOLDEN)[0] - 0.5)
     edges = np.round((inner + shift) * length / blocks).astype(int)
     return np.concatenate([[0], edges, [length]])
-
-
-def _deviation_about_line(series: np.ndarray) -> float:
-    index = np.arange(len(series))
-    line = np.polynomial.Polynomial.fit(index, series, 1)
-    return float((series - line(index)).std())
 
 
 def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing: float) -> EnergyTrend:

@@ -142,15 +142,6 @@ APART, ASIDE = 6.0, 0.5
 """Distance at the start along and across the velocities [D]."""
 
 
-class Orbit(NamedTuple):
-    """The relative motion, in natural units."""
-
-    potential: Potential  # [D^2/tau^2] of a distance [D]
-    closest_distance: Number  # [D]
-    angular_momentum: Number  # [D^2/tau]
-    time_to_closest: Number  # [tau]
-
-
 def scattering_problem(
     speed: float = SPEED, impact_parameter: float = ASIDE, time: float = TIME
 ) -> ExactProblem:
@@ -167,8 +158,8 @@ def scattering_problem(
     return ExactProblem("scattering", scene, time, partial(exact_scattering, scene), fewest_steps=32)
 
 
-def relative_orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
-    """Compute the relative motion of two grains, and their direction [rad] and distance [D] at the start."""
+def relative_orbit(scene: Scene) -> tuple[Potential, Number, Number, Number, Number]:
+    """Potential, closest distance [D], angular momentum, angle and distance [D] of a relative motion."""
     # Call within mpmath's working precision.
     from mpmath import atan2, findroot, mpf, sqrt
 
@@ -186,18 +177,16 @@ def relative_orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
     reach = (2 * energy) ** (mpf(-1) / 3)  # the turning point of the head-on collision
     guess = sqrt(reach**2 + momentum**2 / (2 * energy))
     turning = findroot(lambda r: potential(r) - energy, guess)
-    before = time_from_turning(potential, turning, distance)
-    return Orbit(potential, turning, momentum, before), (atan2(y, x), distance)
+    return potential, turning, momentum, atan2(y, x), distance
 
 
-def _swept_angle(orbit: Orbit, distance: Number) -> Number:
+def _swept_angle(potential: Potential, closest: Number, momentum: Number, distance: Number) -> Number:
     """Angle swept between the closest approach and a distance."""
     from mpmath import sqrt
 
-    integrand = time_integrand_past_turning(orbit.potential, orbit.closest_distance)
+    integrand = time_integrand_past_turning(potential, closest)
     return integrate_from_zero(
-        lambda s: orbit.angular_momentum / (orbit.closest_distance + s * s) ** 2 * integrand(s),
-        sqrt(distance - orbit.closest_distance),
+        lambda s: momentum / (closest + s * s) ** 2 * integrand(s), sqrt(distance - closest)
     )
 
 
@@ -207,36 +196,28 @@ def exact_scattering(scene: Scene, time: float) -> GrainStates:
 
     with workdps(DIGITS):
         units = natural_units(scene.grains)
-        path, (angle, start) = relative_orbit(scene)
-        late = mpf(time) / units.time - path.time_to_closest
-        distance = position_after_turning(path.potential, path.closest_distance, late)
+        potential, closest, momentum, angle, start = relative_orbit(scene)
+        late = mpf(time) / units.time - time_from_turning(potential, closest, start)
+        distance = position_after_turning(potential, closest, late)
         side = 1 if late > 0 else -1
-        angle += _swept_angle(path, start) + side * _swept_angle(path, distance)
-        energy = path.potential(path.closest_distance)
-        along = side * sqrt(2 * abs(energy - path.potential(distance)))
-        across = path.angular_momentum / distance
+        angle += _swept_angle(potential, closest, momentum, start)
+        angle += side * _swept_angle(potential, closest, momentum, distance)
+        along = side * sqrt(2 * abs(potential(closest) - potential(distance)))
+        across = momentum / distance
         c, s = cos(angle), sin(angle)
-        position = [distance * c, distance * s]
+        point = [distance * c, distance * s]
         velocity = [along * c - across * s, along * s + across * c]
-        return _both_grain_states(scene, units.length, units.velocity, position, velocity, time)
-
-
-def _both_grain_states(
-    scene: Scene, length: Number, speed: Number, point: list[Number], velocity: list[Number], time: float
-) -> GrainStates:
-    """Both grains from the relative motion and that of their centre."""
-    from mpmath import mpf
-
-    positions, velocities = np.empty((2, 2)), np.empty((2, 2))
-    starts = [grain_start_state(scene, grain) for grain in (0, 1)]
-    for axis in range(2):
-        start = sum(mpf(position[axis]) for position, _ in starts) / 2
-        drift = sum(mpf(velocity[axis]) for _, velocity in starts) / 2
-        for grain, sign in ((0, -1), (1, 1)):
-            where = start + drift * mpf(time) + sign * point[axis] * length / 2
-            positions[grain, axis] = float(where)
-            velocities[grain, axis] = float(drift + sign * velocity[axis] * speed / 2)
-    return GrainStates(positions, velocities)
+        # Both grains from the relative motion and the motion of their centre.
+        positions, velocities = np.empty((2, 2)), np.empty((2, 2))
+        starts = [grain_start_state(scene, grain) for grain in (0, 1)]
+        for axis in range(2):
+            middle = sum(mpf(position[axis]) for position, _ in starts) / 2
+            drift = sum(mpf(speed[axis]) for _, speed in starts) / 2
+            for grain, sign in ((0, -1), (1, 1)):
+                place = middle + drift * mpf(time) + sign * point[axis] * units.length / 2
+                positions[grain, axis] = float(place)
+                velocities[grain, axis] = float(drift + sign * velocity[axis] * units.velocity / 2)
+        return GrainStates(positions, velocities)
 
 
 # A piston that drives a grain --------------------------------------------------------------------

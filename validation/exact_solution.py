@@ -278,15 +278,6 @@ SHORT = 0.205
 whole bounce a Runge-Kutta method of order four seems to have order five."""
 
 
-class PotentialWell(NamedTuple):
-    """The well that the grain moves in, in natural units."""
-
-    potential: Potential
-    low: Number  # [D]
-    high: Number  # [D]
-    units: NaturalUnits
-
-
 def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
     """Make the problem of a grain that bounces on the magnetic wall [D, 2.3.4]; start [D], time [s]."""
     scene = bounce_scene(start, time)
@@ -302,8 +293,8 @@ def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
     return few_grains_scene(name, time, effects, arrangement=arrangement)
 
 
-def potential_well(scene: Scene) -> PotentialWell:
-    """Potential well [D^2/tau^2] of a lone grain over the wall, with its turning points [D]."""
+def potential_well(scene: Scene) -> tuple[Potential, Number, Number, NaturalUnits]:
+    """Potential of a lone grain over the wall [D^2/tau^2], both turning points [D], and the natural units."""
     # Call within mpmath's working precision, as natural units and turning points are taken in it.
     from mpmath import findroot, mpf
 
@@ -319,8 +310,7 @@ def potential_well(scene: Scene) -> PotentialWell:
     # The other turning point lies as far beyond the place of rest, to first order.
     guess = rest * (2 - start / rest) if start < 1.5 * rest else (5 * weight * start) ** mpf(-0.4)
     other = findroot(lambda y: potential(y) - potential(start), guess)
-    low, high = min(start, other), max(start, other)
-    return PotentialWell(potential, low, high, units)
+    return potential, min(start, other), max(start, other), units
 
 
 def bounce_period(scene: Scene) -> Number:
@@ -328,8 +318,8 @@ def bounce_period(scene: Scene) -> Number:
     from mpmath import workdps
 
     with workdps(DIGITS):
-        well_ = potential_well(scene)
-        return oscillation_period(well_.potential, well_.low, well_.high) * well_.units.time
+        *well, units = potential_well(scene)
+        return oscillation_period(*well) * units.time
 
 
 def exact_bounce(scene: Scene, time: float) -> GrainStates:
@@ -337,16 +327,16 @@ def exact_bounce(scene: Scene, time: float) -> GrainStates:
     from mpmath import floor, mpf, workdps
 
     with workdps(DIGITS):
-        well_ = potential_well(scene)
-        late = mpf(time) / well_.units.time
-        position = position_after_upper_turning(well_.potential, well_.low, well_.high, late)
-        magnitude = speed_from_energy(well_.potential, well_.potential(well_.high), position)
-        half = oscillation_period(well_.potential, well_.low, well_.high) / 2
+        potential, low, high, units = potential_well(scene)
+        late = mpf(time) / units.time
+        position = position_after_upper_turning(potential, low, high, late)
+        magnitude = speed_from_energy(potential, potential(high), position)
+        half = oscillation_period(potential, low, high) / 2
         upwards = int(floor(late / half)) % 2 == 1
         velocity = magnitude if upwards else -magnitude
         return GrainStates(
-            np.array([[grain_start_state(scene)[0][0], float(position * well_.units.length)]]),
-            np.array([[0.0, float(velocity * well_.units.velocity)]]),
+            np.array([[grain_start_state(scene)[0][0], float(position * units.length)]]),
+            np.array([[0.0, float(velocity * units.velocity)]]),
         )
 
 

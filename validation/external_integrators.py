@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -32,13 +32,6 @@ Rate = Callable[[Any, Any], Any]
 """d state/dt for a time and a state (4 n,) in natural units: positions, then velocities."""
 
 
-class IntegratorStart(NamedTuple):
-    """A scene ready for an outside integrator."""
-
-    state: Float[np.ndarray, "4n"]  # positions and velocities [D], [D/tau]
-    scales: Scales
-
-
 def supports_scene(scene: Scene) -> bool:
     """Tell if the forces here are all that act: pairs, experimental walls, weight, drag."""
     effects = scene.effects
@@ -53,8 +46,8 @@ def supports_scene(scene: Scene) -> bool:
     )
 
 
-def initial_state(scene: Scene) -> IntegratorStart:
-    """Make the initial state of a scene for an outside integrator."""
+def initial_state(scene: Scene) -> tuple[Float[np.ndarray, "4n"], Scales]:
+    """Make the initial positions [D] and velocities [D/tau] for an outside integrator, and their scales."""
     if not supports_scene(scene):
         raise InputError(
             f"scene {scene.name!r} has more than grains of one kind, pairs, experimental walls, "
@@ -63,7 +56,7 @@ def initial_state(scene: Scene) -> IntegratorStart:
     scales = Scales.from_grains(scene.grains)
     positions, velocities = scene.initial_positions_and_velocities()
     state = [positions / scales.length, velocities / scales.velocity]
-    return IntegratorStart(np.concatenate([part.ravel() for part in state]), scales)
+    return np.concatenate([part.ravel() for part in state]), scales
 
 
 def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
@@ -132,8 +125,8 @@ def _make_snapshot(state: np.ndarray, scales: Scales, steps: int) -> GrainStates
 def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: float | None) -> GrainStates:
     from scipy.integrate import DOP853
 
-    begin = initial_state(scene)
-    until = time / begin.scales.time
+    begin, scales = initial_state(scene)
+    until = time / scales.time
     if count is not None:
         # A tolerance that no step misses leaves the longest step; it covers the last one's rest.
         longest = until / count * (1.0 + 1e-12)
@@ -143,11 +136,11 @@ def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: f
         options = {"max_step": math.inf, "rtol": tolerance, "atol": tolerance}
     steps = 0
     with np.errstate(invalid="ignore"):  # a step tried through a wall; the estimate refuses it
-        run = DOP853(equations_of_motion(scene), 0.0, begin.state, until, **options)
+        run = DOP853(equations_of_motion(scene), 0.0, begin, until, **options)
         while run.status == "running":
             run.step()
             steps += 1
-    return _make_snapshot(run.y, begin.scales, steps)
+    return _make_snapshot(run.y, scales, steps)
 
 
 _SOLVES: dict[str, Any] = {}
@@ -155,14 +148,14 @@ _SOLVES: dict[str, Any] = {}
 
 
 def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> GrainStates:
-    begin = initial_state(scene)
-    until = time / begin.scales.time
+    begin, scales = initial_state(scene)
+    until = time / scales.time
     parts = (scene.grains, scene.effects, scene.cell, scene.piston, count is None)
     if repr(parts) not in _SOLVES:
         _SOLVES[repr(parts)] = _compiled_solver(scene, equal=count is not None)
     given = tolerance if count is None else until / count
-    state, steps = _SOLVES[repr(parts)](begin.state, until, given)
-    return _make_snapshot(state, begin.scales, int(steps))
+    state, steps = _SOLVES[repr(parts)](begin, until, given)
+    return _make_snapshot(state, scales, int(steps))
 
 
 def _compiled_solver(scene: Scene, *, equal: bool) -> Any:

@@ -39,9 +39,11 @@ from validation.accuracy_cost import (
     STEPS,
     Comparison,
     compare_with_references,
+    compile_setting,
     compression_scene,
     depends_on_seed,
     reference_setting,
+    run_and_time,
     run_setting,
     scenes_with_other_seeds,
 )
@@ -359,7 +361,9 @@ def plan_runs(
 ) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
     """Plan settings, starts and a reference whose runs fit into a time; until, seconds [s]."""
     steps = [dt for dt in STEPS if can_run(scene, dt, "stormer-verlet")]
-    took = _run_seconds(scene, SolverSettings("stormer-verlet", steps[0]), until)
+    longest = SolverSettings("stormer-verlet", steps[0])
+    compile_setting(scene, longest)
+    _, took = run_and_time(scene, longest, until)
     random = depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
     starts = (MANY_STARTS if many else FEW_STARTS) if random else 1
@@ -375,14 +379,6 @@ def plan_runs(
         ladder += [SolverSettings(name, dt) for dt in steps[:more] if can_run(scene, dt, name)]
     reference = SolverSettings("stormer-verlet", steps[entries]) if random else reference_setting(scene)
     return ladder, scenes_with_other_seeds(scene, starts - 1), reference
-
-
-def _run_seconds(scene: Scene, setting: SolverSettings, until: float | None) -> float:
-    """Time of a run, compiled before [s]."""
-    run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
-    start = time.perf_counter()
-    run_setting(scene, setting, until)
-    return time.perf_counter() - start
 
 
 def _check_with_fresh_start(comparison: Comparison, studies: Sequence[WorkPrecision]) -> Iterator[FreshStart]:
@@ -425,19 +421,16 @@ def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) ->
 # In the report ----------------------------------------------------------------------------------
 
 
-def overview_blocks(results: Sequence[OverviewResult]) -> list[Block]:
+def overview_blocks(results: Sequence[OverviewResult]) -> Iterator[Block]:
     """Make the costs of accuracy and effects of each scene, and the hard cases."""
-    return [block for result in results for block in _result_blocks(result)]
-
-
-def _result_blocks(result: OverviewResult) -> Iterator[Block]:
-    if result.studies:
-        yield from _accuracy_blocks(result)
-    if result.effects is not None:
-        yield from result.effects.blocks()
-    if result.outcomes:
-        yield Heading("Hard cases at a glance")
-        yield outcome_count_table(result.outcomes)
+    for result in results:
+        if result.studies:
+            yield from _accuracy_blocks(result)
+        if result.effects is not None:
+            yield from result.effects.blocks()
+        if result.outcomes:
+            yield Heading("Hard cases at a glance")
+            yield outcome_count_table(result.outcomes)
 
 
 def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:

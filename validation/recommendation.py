@@ -178,7 +178,8 @@ def recommend_settings(
     if seeds < 0:
         raise InputError(f"seeds = {seeds}; give a number of further starts, 0 or more")
     scenes = scenes_with_other_seeds(scene, seeds)
-    if quantity_is_scattered(chosen, len(scenes)):
+    # The mean of a quantity over random starts scatters.
+    if chosen.exact is None and not chosen.differs_by_start and len(scenes) > 1:
         study = _study_by_halving(scenes, chosen, tolerance, until, progress)
     else:
         reference = None if chosen.exact is not None else reference_setting(scene)
@@ -210,11 +211,6 @@ def _measured_scene(scene: Scene, study: WorkPrecision, starts: int) -> SceneWor
     return SceneWorkPrecision(
         scene.name, kind, grains, starts, study.reference, floors, entries, today, margin=1.0
     )
-
-
-def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:
-    """Tell if a quantity is a mean over random starts, which scatters."""
-    return quantity.exact is None and not quantity.differs_by_start and starts > 1
 
 
 def _study_by_halving(

@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import math
 import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, get_args, get_type_hints
@@ -157,7 +157,7 @@ class Section(NamedTuple):
     tasks: Callable[[bool], Sequence[Task]]
     kind: type
     verdict: Callable[[Sequence[Any]], tuple[str, bool]]
-    blocks: Callable[[Sequence[Any]], Sequence[Block]]
+    blocks: Callable[[Sequence[Any]], Iterable[Block]]
     details: Callable[[Sequence[Any]], Sequence[Block]] = lambda _: ()
 
 
@@ -171,12 +171,22 @@ def run_tasks(
     name: str, tasks: Sequence[Task], directory: Path | None, kind: Any = dict, *, progress: bool = True
 ) -> list[Outcome]:
     """Return the outcomes of tasks, those on disk included; kind, the type of their results."""
+    from granular.shared.progress_bars import progress_bar
+
     saved = None if directory is None else ResultCache(directory / "pieces")
-    return [_run_task(name, task, saved, kind) for task in _iterate_with_progress(name, tasks, progress)]
+    outcomes = []
+    form = "{desc} {bar:20} {n_fmt}/{total_fmt}{postfix} [{elapsed}]"
+    with progress_bar(total=len(tasks), desc=name, wanted=progress, bar_format=form) as bar:
+        for task in tasks:
+            bar.set_postfix_str(task.label)
+            outcomes.append(_run_task(name, task, saved, kind))
+            bar.update()
+    return outcomes
 
 
 def _run_task(name: str, task: Task, saved: ResultCache | None, kind: Any) -> Outcome:
-    key = _task_key(name, task)
+    content = {"key": task.key, "part": name, "sources": source_digest(), "on": machine_info()}
+    key = f"{name}-{digest(content, KEY_LENGTH)}"
     plain = None if saved is None else saved.read(key)
     if plain is not None:
         return Outcome.from_plain(task.label, kind, plain)
@@ -231,27 +241,7 @@ def picture(draw: Callable[[Axes], object], caption: str, height: float = 5.0, c
     return Picture(make, caption)
 
 
-def _iterate_with_progress(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[Task]:
-    from granular.shared.progress_bars import progress_bar
-
-    with progress_bar(
-        total=len(tasks),
-        desc=name,
-        wanted=progress,
-        bar_format="{desc} {bar:20} {n_fmt}/{total_fmt}{postfix} [{elapsed}]",
-    ) as bar:
-        for task in tasks:
-            bar.set_postfix_str(task.label)
-            yield task
-            bar.update()
-
-
-def _task_key(name: str, task: Task) -> str:
-    content = {"key": task.key, "part": name, "sources": source_digest(), "on": machine_info()}
-    return f"{name}-{digest(content, KEY_LENGTH)}"
-
-
-_SHOWING = ("report.py", "blocks.py", "plotting.py", "published.py")
+_SHOWING = ("report.py", "blocks.py", "plotting.py")
 """Files that only show what was measured, or on which no section depends."""
 
 

@@ -322,7 +322,8 @@ class BedForces:
         self._look(q)
         run, n, scales = self._run, self.grains, self.scales
         state = run.state
-        for forces in (state.fx, state.fy, *self._far_forces()):
+        far = state.far_forces
+        for forces in (state.fx, state.fy, *(() if far is None else (far.fx, far.fy))):
             forces[:] = 0.0
         largest = float(np.abs(velocities).max(initial=0.0)) or 1.0
         kicked = []
@@ -340,10 +341,6 @@ class BedForces:
         if self.machine is not None:
             result += self.machine.resistances(self.size, self.piston) @ velocities
         return result
-
-    def _far_forces(self) -> tuple[np.ndarray, ...]:
-        far = self._run.state.far_forces
-        return () if far is None else (far.fx, far.fy)
 
     def masses(self) -> Float[np.ndarray, "q"]:
         """Masses of the grains twice, of the piston, and zeros for other bodies [kg]."""

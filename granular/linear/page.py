@@ -186,7 +186,12 @@ def _blocks(motions: SmallMotions) -> Iterator[Block]:
         yield Caution("The equilibrium is not stable: some small displacement lowers the energy.")
     yield Printout(motions.figures_text)
     yield from _modes(motions)
-    yield from _curves(motions)
+    yield Heading("Response to a small harmonic motion")
+    yield Picture(
+        partial(_draw_curves, motions),
+        "Above: displacement of the piston over the displacement of the base, which moves up and down. "
+        "Below: force on the piston over its displacement, with all inertia.",
+    )
     yield Heading("What a percent changes")
     yield Table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), slope_rows(motions))
     spread = "" if motions.deviation is None else " Means over settled beds, ± standard deviation."
@@ -236,15 +241,6 @@ def _draw_density(motions: SmallMotions) -> Figure:
     with figure(size=READABLE) as (drawing, axes):
         plot_density_of_states(motions.modes, axes)
         return drawing
-
-
-def _curves(motions: SmallMotions) -> Iterator[Block]:
-    yield Heading("Response to a small harmonic motion")
-    yield Picture(
-        partial(_draw_curves, motions),
-        "Above: displacement of the piston over the displacement of the base, which moves up and down. "
-        "Below: force on the piston over its displacement, with all inertia.",
-    )
 
 
 def _draw_curves(motions: SmallMotions) -> Figure:

@@ -128,14 +128,6 @@ def count_pairs(points: Float[np.ndarray, "n 2"], edges: Float[np.ndarray, "k+1"
     return np.diff(tree.count_neighbors(tree, edges)) // 2
 
 
-def mean_over_pairs(
-    points: Float[np.ndarray, "n 2"], products: Float[np.ndarray, "k"], edges: Float[np.ndarray, "k+1"]
-) -> PairDistanceFunction:
-    """Divide sums over the pairs of each bin by the number of these pairs; points, edges [m]."""
-    pairs = count_pairs(points, edges)
-    return PairDistanceFunction(edges, divide_by_pair_count(products, pairs), pairs, pairs)
-
-
 def divide_by_pair_count(total: Float[np.ndarray, "k"], pairs: np.ndarray) -> Float[np.ndarray, "k"]:
     """Divide sums by numbers of pairs, with NaN where there are no pairs."""
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0)
@@ -433,7 +425,8 @@ def bond_correlation(
         raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs at least 2")
     points, order = positions[inside], local_psi6(positions, cells)[inside]
     products = sum_pair_products(points, order.real, edges) + sum_pair_products(points, order.imag, edges)
-    return mean_over_pairs(points, products, edges)
+    pairs = count_pairs(points, edges)
+    return PairDistanceFunction(edges, divide_by_pair_count(products, pairs), pairs, pairs)
 
 
 @observable("1", "relaxation of bond orientation g6(t)")

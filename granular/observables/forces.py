@@ -77,7 +77,8 @@ def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> It
     scales = system.scales
     points = positions[here]
     moments = relative_magnetic_moments(scene)[here]
-    contact = _law_in_natural_units(system, "contact")
+    laws = zip(system.effects, system.constants.acting.laws, strict=True)
+    contact = next((law for effect, law in laws if effect.key == "contact"), None)
     discs, species = discs_unless_dipoles(scene.grains, scales.length), scene.grains.species_indices()[here]
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
@@ -142,14 +143,6 @@ def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[
             "resulting force instead"
         )
     return positions, np.flatnonzero(is_present(positions)), scene_in_natural_units(scene)
-
-
-def _law_in_natural_units(system: Any, key: str) -> Any:
-    """Law of an effect in natural units; None where it does not act."""
-    for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
-        if effect.key == key:
-            return law
-    return None
 
 
 def relative_magnetic_moments(scene: Scene) -> Float[np.ndarray, "n"]:

@@ -104,7 +104,13 @@ def harmonic_response(
     periods = _count_whole_periods(time, frequency, discard)
     chosen = time > time[-1] - (periods - 1e-9) / frequency
     time, drive, response = time[chosen], drive[chosen], response[chosen]
-    _check_samples_per_period(len(time), periods, harmonics)
+    # Two unknowns a harmonic, a mean and a drift, and one sample to spare.
+    least = 2 * harmonics + 3
+    if len(time) < periods * least:
+        raise InputError(
+            f"{len(time) / periods:.3g} samples a period; {harmonics} harmonics need at least "
+            f"{least}: record more often, or ask for fewer harmonics"
+        )
     # Time from the middle of the window leaves the drift independent of the rest.
     middle = time[-1] - 0.5 * periods / frequency
     since = time - middle
@@ -199,16 +205,6 @@ def _count_whole_periods(time: np.ndarray, frequency: float, discard: float | No
             f"{LEAST_PERIODS} are needed: a longer record, or a smaller discard"
         )
     return periods
-
-
-def _check_samples_per_period(samples: int, periods: int, harmonics: int) -> None:
-    # Two unknowns a harmonic, a mean and a drift, and one sample to spare.
-    least = 2 * harmonics + 3
-    if samples < periods * least:
-        raise InputError(
-            f"{samples / periods:.3g} samples a period; {harmonics} harmonics need at least "
-            f"{least}: record more often, or ask for fewer harmonics"
-        )
 
 
 def _fit_harmonics(

@@ -251,7 +251,8 @@ def knuth_bin_count(values: Float[np.ndarray, "n"]) -> int:
         return 1
     # Every number is tried, lest a local maximum be taken for the highest.
     bins = np.arange(1, min(count, MOST_BINS) + 1)
-    filled = np.array([gammaln(_bin_counts(values, np.linspace(low, high, m + 1)) + 0.5).sum() for m in bins])
+    counts = (np.histogram(values, np.linspace(low, high, m + 1))[0] for m in bins)
+    filled = np.array([gammaln(filling + 0.5).sum() for filling in counts])
     # Logarithm of the posterior, [D, eq. 4.33] (K. H. Knuth, Digital Signal Processing 95, 102581, 2019).
     posterior = (
         count * np.log(bins)
@@ -304,12 +305,6 @@ def _sorted_finite_values(values: np.ndarray) -> np.ndarray:
     if not len(array):
         raise InputError("0 values; at least 1 finite value makes a histogram")
     return array
-
-
-def _bin_counts(ordered: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return the number of values in each bin; the last bin holds its upper edge too."""
-    bounds = np.searchsorted(ordered, edges[1:-1], side="left")
-    return np.diff(np.concatenate([[0], bounds, [len(ordered)]]))
 
 
 RATES = (-30.0, -12.0, -6.0, -3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 6.0, 12.0, 30.0)

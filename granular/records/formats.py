@@ -35,7 +35,7 @@ from granular.records.text import read_delimited
 from granular.schema.units import unit_size
 from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, RecordWarning, SceneError, quote, sanitize
-from granular.shared.files import report_read_errors as reading_file
+from granular.shared.files import read_bytes
 from granular.shared.registry import Registry
 
 __all__ = ["FileFormat"]
@@ -118,7 +118,7 @@ def _read_calibration_points(path: Path) -> dict[str, Any]:
 def read_sheet(path: Path, options: ReadOptions, form: FileFormat | None = None) -> Sheet:
     """Read the columns of a file; its name's ending tells a format that is no text."""
     read, max_bytes = form or READERS.get(path.suffix.lower(), TEXT)
-    content = [_read_bytes(path, max_bytes)]
+    content = [read_bytes(path, max_bytes, RecordError)]
     with _name_file_in_errors(path):
         return read(content.pop(), options)  # which alone holds it then
 
@@ -130,16 +130,6 @@ def _name_file_in_errors(path: Path) -> Iterator[None]:
         yield
     except RecordError as error:
         raise RecordError(f"{sanitize(path)}: {error}") from None
-
-
-def _read_bytes(path: Path, max_bytes: int) -> bytes:
-    with reading_file(path, max_bytes, RecordError), path.open("rb") as file:
-        content = file.read(max_bytes + 1)
-    if len(content) > max_bytes:  # of a file that says that it is empty, as in /proc
-        raise RecordError(
-            f"{sanitize(path)}: is too long; at most {max_bytes // 2**20} MB are read: make it shorter"
-        )
-    return content
 
 
 # Text ------------------------------------------------------------------------------------------

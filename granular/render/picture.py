@@ -172,13 +172,6 @@ def new_figure_to_scale(
     return figure, axes, side
 
 
-def axes_below_bed(figure: Figure, bed: Axes) -> Axes:
-    """Add axes in the space that a figure has left free below the bed."""
-    position = bed.get_position()
-    tall = figure.get_figheight()
-    return figure.add_axes((position.x0, BOTTOM / tall, position.width, (CURVE - 0.55) / tall))
-
-
 def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
     """Draw walls as slabs outside of the cell [mm], and a side without one as a dotted line; top [m]."""
     from matplotlib.patches import Polygon
@@ -270,7 +263,9 @@ class BedPicture:
             self.figure, self._axes, side = new_figure_to_scale(run.scene, top, below, widest)
             self._curve = None
             if duration is not None and below:
-                self._curve = PistonHeightCurve(run, *duration, axes_below_bed(self.figure, self._axes))
+                bed, tall = self._axes.get_position(), self.figure.get_figheight()
+                space = (bed.x0, BOTTOM / tall, bed.width, (CURVE - 0.55) / tall)
+                self._curve = PistonHeightCurve(run, *duration, self.figure.add_axes(space))
             draw_walls(self._axes, run.scene, top)
             self._draw_moving_parts()
             if self._classes:

@@ -139,31 +139,18 @@ def response(
         )
     if sweep is not None:
         refuse_options("a sweep, only with sines", duration=duration, workers=workers)
-    shaken, sizes = drive.shake(loaded)
-    result = _frequency_response(shaken, sizes, (lowest, highest), points, sweep, workers, settings)
-    _print_response(result, sweep is not None, out, output)
-
-
-def _frequency_response(
-    scene: Scene,
-    sizes: list[float] | None,
-    limits: tuple[float, float],
-    points: int | None,
-    sweep: float | None,
-    workers: int | None,
-    settings: dict[str, Any],
-) -> FrequencyResponse:
-    """Run the sines, or the sweep."""
     import numpy as np
 
     from granular.response.response import frequency_response
     from granular.response.transients import run_frequency_sweep
 
-    lowest, highest = limits
-    if sweep is not None:
-        return run_frequency_sweep(scene, lowest, highest, sweep, **settings, **given(points=points))
-    frequencies = np.geomspace(lowest, highest, POINTS if points is None else points).tolist()
-    return frequency_response(scene, frequencies, amplitudes=sizes, workers=workers, **settings)
+    shaken, sizes = drive.shake(loaded)
+    if sweep is None:
+        frequencies = np.geomspace(lowest, highest, count).tolist()
+        result = frequency_response(shaken, frequencies, amplitudes=sizes, workers=workers, **settings)
+    else:
+        result = run_frequency_sweep(shaken, lowest, highest, sweep, **settings, **given(points=points))
+    _print_response(result, sweep is not None, out, output)
 
 
 def _print_response(result: FrequencyResponse, swept: bool, out: str | None, output: Output) -> None:

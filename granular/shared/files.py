@@ -92,17 +92,22 @@ def write_line_files(
     return tuple(directory / name for name in files)
 
 
+def read_bytes(path: Path, most_bytes: int, error_type: type[InputError] = InputError) -> bytes:
+    """Read a file of limited length."""
+    with report_read_errors(path, most_bytes, error_type), path.open("rb") as file:
+        content = file.read(most_bytes + 1)
+    if len(content) > most_bytes:  # of a file that says that it is empty, as in /proc
+        raise _too_long_error(path, most_bytes, error_type)
+    return content
+
+
 def read_text(path: Path, most_bytes: int, error_type: type[InputError] = InputError) -> str:
     """Read a text file in UTF-8, with or without a byte-order mark."""
-    with report_read_errors(path, most_bytes, error_type):
-        with path.open("rb") as file:
-            content = file.read(most_bytes + 1)
-        if len(content) > most_bytes:  # of a file that says that it is empty, as in /proc
-            raise _too_long_error(path, most_bytes, error_type)
-        try:
-            return content.decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            raise error_type(f"{sanitize(path)}: cannot be read as text: {error}; save it as UTF-8") from None
+    content = read_bytes(path, most_bytes, error_type)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise error_type(f"{sanitize(path)}: cannot be read as text: {error}; save it as UTF-8") from None
 
 
 @contextlib.contextmanager

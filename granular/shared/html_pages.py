@@ -74,7 +74,17 @@ class Page:
 
     def to_html(self) -> str:
         """HTML of the whole page, with everything in it."""
-        return page_html(self)
+        lead = f'<p class="lead">{_escape(self.lead)}</p>' if self.lead else ""
+        body = "\n".join([f"<h1>{_escape(self.title)}</h1>", lead, *map(_block_html, self.blocks)])
+        names = ("page.css", "page.js")
+        style, script = (_HERE.joinpath(name).read_text(encoding="utf-8") for name in names)
+        return (
+            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            f"<title>{_escape(self.title)}</title>\n<style>\n{style}</style></head>\n"
+            f"<body>\n{body}\n<footer>{_escape(self.footer)}</footer>\n"
+            f"<script>\n{script}</script></body></html>\n"
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the page to an HTML file."""
@@ -90,19 +100,6 @@ class Page:
 def _escape(words: object) -> str:
     """Text as HTML, also between quotes, and without control characters."""
     return html.escape(printable(words), quote=True)
-
-
-def page_html(page: Page) -> str:
-    """Write a page as one HTML document."""
-    lead = f'<p class="lead">{_escape(page.lead)}</p>' if page.lead else ""
-    body = "\n".join([f"<h1>{_escape(page.title)}</h1>", lead, *map(_block_html, page.blocks)])
-    style, script = (_HERE.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_escape(page.title)}</title>\n<style>\n{style}</style></head>\n"
-        f"<body>\n{body}\n<footer>{_escape(page.footer)}</footer>\n<script>\n{script}</script></body></html>\n"
-    )
 
 
 def blocks_html(blocks: Iterable[Block]) -> str:

@@ -127,18 +127,17 @@ def _run_case(case: Case, measure: Measure, out: Path | None) -> CaseOutcome:
             run = simulate(
                 case.scene, **case.settings, out=out, resume=out is not None, threads=1, progress=False
             )
-            figures = {name: _to_python_number(value) for name, value in measure(run).items()}
+            # NumPy's scalars as Python's own, so that JSON keeps every bit.
+            figures = {
+                name: value.item() if hasattr(value, "item") else value
+                for name, value in measure(run).items()
+            }
     except (*OF_THE_MACHINE, MissingPackageError):
         raise
     except GranularError as error:
         return CaseOutcome(error=f"{type(error).__name__}: {error}")
     doubts = [str(warning.message) for warning in raised if issubclass(warning.category, UserWarning)]
     return CaseOutcome(figures, warning="; ".join(dict.fromkeys(doubts)) or None)
-
-
-def _to_python_number(value: Any) -> Any:
-    """NumPy scalar as Python's own, so that JSON keeps every bit."""
-    return value.item() if hasattr(value, "item") else value
 
 
 RETRIES = 2
