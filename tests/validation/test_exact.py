@@ -208,10 +208,10 @@ def test_unknown_problem_is_named() -> None:
 def test_forces_are_those_of_the_toolkit(small_bed: Scene) -> None:
     """Pairs, four walls and weight, written twice; drag is left to the exact problem."""
     scene = small_bed.replace(**{"effects.drag": None})
-    begin, count = initial_state(scene), scene.grains.count
-    motion = equations_of_motion(scene)(0.0, begin.state)[2 * count :].reshape(-1, 2)
+    (begin, scales), count = initial_state(scene), scene.grains.count
+    motion = equations_of_motion(scene)(0.0, begin)[2 * count :].reshape(-1, 2)
     force = evaluate(scene, *scene.initial_positions_and_velocities()).force
-    assert motion * begin.scales.force == pytest.approx(force, rel=1e-11, abs=1e-18)
+    assert motion * scales.force == pytest.approx(force, rel=1e-11, abs=1e-18)
 
 
 @pytest.mark.parametrize(
