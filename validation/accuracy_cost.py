@@ -430,8 +430,8 @@ def report_plans(full: bool) -> list[Plan]:
     outside = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
     few = [setting for setting in outside if setting.dt in OUTSIDE_TOLERANCES[:3:2]]
     problem = exact_problem("bounce")
-    place = problem.exact(1.0).positions / Scales.from_grains(problem.scene.grains).length
-    exact = {"until": 1.0, "references": [0.0, place]}
+    position = problem.exact(1.0).positions / Scales.from_grains(problem.scene.grains).length
+    exact = {"until": 1.0, "references": [0.0, position]}
     plans = [
         Plan(grain, saved, [*candidate_settings(grain), *outside], exact),
         Plan(bed, saved, [*candidate_settings(bed), *few], {"until": 0.02}),

@@ -214,8 +214,8 @@ def exact_scattering(scene: Scene, time: float) -> GrainStates:
             middle = sum(mpf(position[axis]) for position, _ in starts) / 2
             drift = sum(mpf(speed[axis]) for _, speed in starts) / 2
             for grain, sign in ((0, -1), (1, 1)):
-                place = middle + drift * mpf(time) + sign * point[axis] * units.length / 2
-                positions[grain, axis] = float(place)
+                reached = middle + drift * mpf(time) + sign * point[axis] * units.length / 2
+                positions[grain, axis] = float(reached)
                 velocities[grain, axis] = float(drift + sign * velocity[axis] * units.velocity / 2)
         return GrainStates(positions, velocities)
 

@@ -11,6 +11,8 @@ from granular.observables.frame import (
     bounding_box,
     check_frames,
     check_grain_values,
+    check_lags,
+    check_periods,
     check_vectors,
     is_present,
     labelled_array,
@@ -20,7 +22,6 @@ from granular.observables.frame import (
     select_frames,
     sum_by_index,
 )
-from granular.observables.motion import check_lags, check_periods
 from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError

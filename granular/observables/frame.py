@@ -240,6 +240,26 @@ def check_frames(frames: Float[np.ndarray, "f n 2"], least: int = 0) -> Float[np
     return array
 
 
+def check_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> Int[np.ndarray, "k"]:
+    """Check lags between frames, or choose about 30 at even ratios."""
+    if lags is None:
+        return np.unique(np.geomspace(1, count - 1, 30).round().astype(int))
+    array = np.asarray(lags)
+    if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer) or not len(array):
+        raise InputError("lags are integers of frames; give an array of them")
+    if array.min() < 1 or array.max() >= count:
+        raise InputError(f"lags from {array.min()} to {array.max()}; take 1 to {count - 1} frames")
+    return array
+
+
+def check_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
+    """Check the sides of a periodic cell, and convert them [m]; periods [m]."""
+    array = np.asarray(periods, dtype=np.float64)
+    if array.shape != (2,) or not (array > 0.0).all():
+        raise InputError(f"periods {periods}; give the width and height of the cell, above 0 m")
+    return array
+
+
 def is_present(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "... n"]:
     """Grains that are in the cell, by their positions; positions [m]."""
     return np.asarray(np.isfinite(positions).all(axis=-1))

@@ -13,6 +13,8 @@ from granular.observables.frame import (
     Observable,
     check_frames,
     check_grain_values,
+    check_lags,
+    check_periods,
     check_vectors,
     is_present,
     labelled_array,
@@ -23,7 +25,7 @@ from granular.observables.frame import (
 )
 from granular.observables.moduli import dipole_pair_strength, first_species_moment
 from granular.observables.voronoi import voronoi_cells
-from granular.shared.array_types import Float, Int
+from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -79,26 +81,6 @@ def per_lag(
     coordinates = {"lag": ("lag", lags * steps.mean(), {"units": "s"})}
     values = np.asarray(function(frames, lags, **options))
     return labelled_array(values, "lag", coordinates, observable_metadata(function))
-
-
-def check_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> Int[np.ndarray, "k"]:
-    """Check lags between frames, or choose about 30 at even ratios."""
-    if lags is None:
-        return np.unique(np.geomspace(1, count - 1, 30).round().astype(int))
-    array = np.asarray(lags)
-    if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer) or not len(array):
-        raise InputError("lags are integers of frames; give an array of them")
-    if array.min() < 1 or array.max() >= count:
-        raise InputError(f"lags from {array.min()} to {array.max()}; take 1 to {count - 1} frames")
-    return array
-
-
-def check_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
-    """Check the sides of a periodic cell, and convert them [m]; periods [m]."""
-    array = np.asarray(periods, dtype=np.float64)
-    if array.shape != (2,) or not (array > 0.0).all():
-        raise InputError(f"periods {periods}; give the width and height of the cell, above 0 m")
-    return array
 
 
 @observable("m^2", "mean square displacement")
