@@ -69,7 +69,9 @@ BLOCK = re.compile(r"\n\s*(Parameters|Attributes|Returns|Yields|Raises)\n\s*-{3,
 
 def public_objects() -> Iterator[str]:
     """Yield the full names of public functions, of public classes and of their methods."""
-    rows = re.findall(r"^\| `([\w.]+)` \| (.+) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    text = PAGE.read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([\w.]+)` \| (.+) \|$", text, re.MULTILINE)
+    rows += re.findall(r"^### From `([\w.]+)`$\n(.*?)(?=^#)", text, re.MULTILINE | re.DOTALL)
     for module, names in rows:
         for name in re.findall(r"`(\w+)`", names):
             public = getattr(importlib.import_module(module), name)

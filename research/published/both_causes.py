@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from granular.shared.blocks import Table
 from research.published.entry import PLAIN, verdict
 from research.published.finding import Finding
 from research.published.measures import mean_of, pooled_deviation
@@ -122,53 +123,57 @@ def summary_of_both(rows: Sequence[WithBoth]) -> dict[str, int]:
 
 
 def words_on_both(results: Results) -> str:
-    """The causes, the count, and every distance that is missed, in a few sentences."""
+    """The causes, and how many distances they explain, in a few sentences."""
     rows = with_both_causes(results)
     if not rows:
         return "Both causes of the hysteresis together: not run."
     number = summary_of_both(rows)
-    missed = "; ".join(
-        f"{row.what} at {row.grains} ({row.both.value:.2f} for {row.published:.2f} D)"
-        for row in rows
-        if not row.within
-    )
-    tail = f" Missed: {missed}." if missed else ""
     return (
-        "The hysteresis of the mean distance has two causes that add. At the end of the cycle the "
-        "bed is wider, for with de Paula's regularised friction at its step grains chatter about "
-        "rest and creep; at its start it is narrower, for the first grid, whose height the thesis "
-        f"does not print, is higher. With both, the grid {GRID:g} times as high as the piston's "
-        f"first height, which was fitted to the start of {FITTED_SIZE} grains alone, "
+        "The hysteresis of the mean distance has two causes, which add. At the end of the cycle the "
+        "bed is wider: with de Paula's regularised friction at the published step grains chatter "
+        "about equilibrium and creep. At its start the bed is narrower: the first grid, whose "
+        "height the thesis does not print, is higher. With both causes "
         f"{number['within with both causes']} of {number['distances']} published starts, ends and "
-        "hystereses lie in their prediction intervals, by the scatter of all sizes together; by "
-        f"the exact law from the usual grid {number['within by the exact law']} do.{tail}"
+        "hystereses lie in their prediction intervals (from the spread over packings of all sizes "
+        f"together). The grid is then {GRID:g} times as high as the first height of the piston; "
+        f"this factor was fitted to the start of {FITTED_SIZE} grains alone. With the exact law "
+        f"from the usual grid {number['within by the exact law']} distances lie in their intervals."
         f"{_words_on_velocity(rows)}"
     )
 
 
 def _words_on_velocity(rows: Sequence[WithBoth]) -> str:
-    """How the velocity that friction is given moves the distances."""
+    """How the velocity in the friction law changes the distances."""
     late = [row for row in rows if row.late is not None]
     if not late:
         return ""
-    ends = ", ".join(
-        f"{row.late.value:.2f} D ({row.published:.2f}) at {row.grains}"
-        for row in late
-        if row.what == "end" and row.late is not None
-    )
-    missed = "; ".join(
-        f"{row.what} at {row.grains} ({row.late.value:.2f} for {row.published:.2f} D)"
-        for row in late
-        if row.late is not None and not row.late_within
-    )
     return (
-        " How fast chattering grains creep depends on the velocity that friction is given. With "
-        "equation 2.17 of the step before, which is all that a loop has when it needs the "
-        f"friction, the ends are, published in brackets, {ends}; by this independent loop, one "
-        f"start each, through a cycle {LATE_HASTE:g} times faster at a step {LATE_HASTE:g} times "
-        f"longer, {sum(row.late_within for row in late)} of {len(late)} distances lie in their "
-        "intervals" + (f", all but {missed}." if missed else ".")
+        ' The speed of creep depends on the velocity in the friction law. The column "2.17 late" '
+        "uses equation 2.17 of the previous step, the only value that a loop has when it needs the "
+        "friction. It comes from an independent loop with one start each, through a cycle "
+        f"{LATE_HASTE:g} times faster at a step {LATE_HASTE:g} times longer; "
+        f"{sum(row.late_within for row in late)} of {len(late)} distances lie in their intervals."
     )
+
+
+def table_of_distances(results: Results) -> Table:
+    """Start, end and hysteresis of every size; a star marks values outside of their intervals."""
+    rows = with_both_causes(results)
+    cells = {(row.grains, row.what): _distances(row) for row in rows}
+    sizes = list(dict.fromkeys(row.grains for row in rows))
+    names = [what for what, _, _ in COLUMNS]
+    blank = ("", "", "")
+    header = ("N", *(f"{what}: {who}" for what in names for who in ("published", "both causes", "2.17 late")))
+    return Table(
+        header, [(n, *(cell for what in names for cell in cells.get((n, what), blank))) for n in sizes]
+    )
+
+
+def _distances(row: WithBoth) -> tuple[str, str, str]:
+    """The published value, with both causes, and with the late velocity [D]."""
+    both = f"{row.both.value:.2f}{'' if row.within else '*'}"
+    late = "" if row.late is None else f"{row.late.value:.2f}{'' if row.late_within else '*'}"
+    return f"{row.published:.2f}", both, late
 
 
 class Creep(NamedTuple):
@@ -194,34 +199,43 @@ def words_on_creep(results: Results) -> str:
     wide = mean_of(name, "half_end_D", protocol=ACCELERATED.name)(results)
     if len(points) < 2 or wide is None:
         return "How creep grows with the step: not run."
-    listed = ", ".join(
-        f"{point.end.value - points[0].end.value:.2f} D at {point.step:g}" for point in points[1:]
-    )
-    same = _same_creep(results)
     return (
-        f"Creep widens a bed of {CREEP_SIZE} grains at the end of the cycle by {listed} times de "
-        "Paula's step of 1e-6 T: in proportion to the step, until the bed can give way no more. "
-        f"A threshold of ten times de Paula's leaves the end at {wide.value:.2f} D (with de "
-        f"Paula's {_at_source_step(points):.2f} D). A grain that chatters drifts along the force "
-        "on it at about a step times its acceleration, so that creep is step times time: a cycle "
-        f"that is {HASTE:g} times faster at a step {HASTE:g} times longer creeps as far{same}."
+        "Creep is proportional to the step, until the bed cannot give way any further. A threshold "
+        f"ten times as high as de Paula's gives an end of {wide.value:.2f} D instead of "
+        f"{_at_source_step(points):.2f} D ({CREEP_SIZE} grains). A chattering grain drifts along "
+        "the force on it at about its acceleration times the step, so that creep is proportional "
+        f"to step times time: a cycle {HASTE:g} times faster at a step {HASTE:g} times longer gives "
+        "the same end."
     )
+
+
+def table_of_creep(results: Results) -> Table:
+    """How much wider creep makes the end of the cycle [D], over the step."""
+    points = creep_over_step(results)
+    header = ("step / 1e-6 T", *(f"{point.step:g}" for point in points[1:]))
+    wider = [f"{point.end.value - points[0].end.value:.2f} D" for point in points[1:]]
+    return Table(header, [(f"end wider, {CREEP_SIZE} grains", *wider)] if wider else [])
 
 
 def _at_source_step(points: Sequence[Creep]) -> float:
     return next(point.end.value for point in points if point.step == 1.0)
 
 
-def _same_creep(results: Results) -> str:
-    """Ends by de Paula's own cycle, and by the accelerated point."""
-    words = []
+def table_of_haste(results: Results) -> Table:
+    """Ends by de Paula's own cycle, and by the accelerated one."""
+    ends = []
     for n in SIZES:
         slow = mean_of(f"direct {n}, source's friction", "half_end_D", protocol="published")
         fast = mean_of(f"direct {n}, both causes", "half_end_D", protocol=ACCELERATED.name)
         pair = slow(results), fast(results)
         if pair[0] is not None and pair[1] is not None:
-            words.append(f"{pair[1].value:.2f} D for {pair[0].value:.2f} D at {n}")
-    return f" ({', '.join(words)} grains)" if words else ""
+            ends.append((n, pair[0].value, pair[1].value))
+    header = ("end of the cycle, N", *(str(n) for n, _, _ in ends))
+    rows = [
+        ("published cycle and step", *(f"{slow:.2f} D" for _, slow, _ in ends)),
+        (f"{HASTE:g} times faster and longer", *(f"{fast:.2f} D" for _, _, fast in ends)),
+    ]
+    return Table(header, rows if ends else [])
 
 
 def grid_of_steps(points: Sequence[Creep]) -> np.ndarray:

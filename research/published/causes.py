@@ -353,16 +353,16 @@ def words_on_large_beds(results: Results) -> str:
         both = results.sample(f"direct {n}, both causes", "force", ACCELERATED.name)
         if usual is not None and both is not None:
             before, after = float(usual.values.mean()), float(both.values.mean())
-            crept.append(f"{after:.1f} N for {before:.1f} N at {n}")
+            crept.append(f"{after:.1f} N instead of {before:.1f} N at {n}")
     if not off or not weights or not crept:
         return ""
     return (
-        f"On the largest beds the force is higher here: {', '.join(off)} grains. Every pair was "
-        "printed of one run each, which lie in or near their prediction intervals; but the list, "
-        "of three runs, is off alike, so that a common cause is likely. Not explained: tried de "
-        f"Paula's friction at its step with the higher grid ({', '.join(crept)} grains). "
-        "Friction's weight in the force grows with the bed: half the coefficients take "
-        f"{' and '.join(weights)} off."
+        f"On the largest beds the force is higher here: {', '.join(off)} grains. The published "
+        "values for every pair are single runs, and lie in or near their prediction intervals. The "
+        "values for the list are means of three runs and deviate by as much, so that a common cause "
+        "is likely. It was not found: de Paula's friction at its step with the higher grid gives "
+        f"{' and '.join(crept)} grains. The contribution of friction to the force grows with the "
+        f"bed: half the coefficients lower the force by {' and by '.join(weights)} grains."
     )
 
 

@@ -1,4 +1,4 @@
-"""How well one fall of the packaged damper tells others: the errors of many falls."""
+"""How well one fall of the packaged damper predicts others: the errors of many falls."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SEED = 52
 THEORY = ("lam", "weight", "power")
 """Parameters that the scene gives where only three are fitted."""
 HEAVY = 15.0
-"""A second piston, whose level of rest is compared too [kg]."""
+"""A second piston, whose equilibrium height is compared too [kg]."""
 
 
 def fall(scene: Scene, height: float, seed: int) -> PistonRecord:
@@ -99,16 +99,15 @@ def words_on_falls(numbers: Mapping[str, float]) -> str:
     if not numbers:
         return "The errors of many falls: not run."
     six, three = (
-        f"{numbers[f'{fitted}_median']:.2f} % in the median, "
-        f"{numbers[f'{fitted}_nine_tenths']:.2f} % in nine of ten and "
-        f"{numbers[f'{fitted}_worst']:.2f} % at worst"
+        f"{numbers[f'{fitted}_median']:.2f} % (median), {numbers[f'{fitted}_nine_tenths']:.2f} % (90 % "
+        f"of falls) and {numbers[f'{fitted}_worst']:.2f} % (maximum)"
         for fitted in ("six", "three")
     )
     return (
-        f"One fall from {FITTED_HEIGHT:g} D tells {numbers['falls']:.0f} others, from "
-        f"{HEIGHTS[0]:g} to {HEIGHTS[-1]:g} D and from other starts, each with a start of its own: "
-        f"{six} of the drop by six fitted numbers. Six are more than a fall tells: three alone, "
-        f"with drag, weight and power by theory, give {three}. The predicted level of rest is off "
-        f"by {numbers['rest_off']:+.1f} % at 7.5 kg and by {numbers['rest_off_heavy']:+.1f} % at "
-        f"{HEAVY:g} kg."
+        f"One fall from {FITTED_HEIGHT:g} D predicts {numbers['falls']:.0f} others, from "
+        f"{HEIGHTS[0]:g} to {HEIGHTS[-1]:g} D, each with another packing. With six fitted numbers "
+        f"the errors are {six} of the drop. A single fall does not determine all six: three fitted "
+        f"numbers, with drag, weight and power from theory, give {three}. The predicted equilibrium "
+        f"height is off by {numbers['rest_off']:+.1f} % at 7.5 kg and by "
+        f"{numbers['rest_off_heavy']:+.1f} % at {HEAVY:g} kg."
     )

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from research.campaign import Block
-from research.published.both_causes import words_on_both, words_on_creep
+from granular.shared.blocks import Table
+from research.campaign import Block, markdown_of, markdown_table
+from research.published.both_causes import (
+    table_of_creep,
+    table_of_distances,
+    table_of_haste,
+    words_on_both,
+    words_on_creep,
+)
 from research.published.causes import words_on_large_beds
 from research.published.entry import AGREES, DIFFERS
 from research.published.falls import words_on_falls
-from research.published.judging import Judged, counts, judged, said
+from research.published.judging import Judged, counts, judged, strength
 from research.published.page import FIRST, describe_fields
 from research.published.plan import ASPECTS, GAMMAS, MASSES, SOURCE_DRAG, damper_name, mixture_name
 from research.published.results import Results, counted
@@ -44,7 +51,7 @@ def blocks(results: Results) -> dict[str, Block]:
 def _summary(results: Results) -> str:
     rows, made = judged(results), results.made
     number = counts(rows)
-    left = f"{number['not run']} are not run yet" if number["not run"] else "none is left to run"
+    left = f"{number['not run']} are not run yet" if number["not run"] else "all were run"
     printed = sum(1 for _ in published_keys())
     return _wrapped(
         f"- Of {printed} numbers that de Paula (2025) prints, judged as {len(rows)} "
@@ -60,29 +67,46 @@ def _counts(results: Results) -> str:
     series = counted(results)
     made = results.made
     printed = sum(1 for _ in published_keys())
-    sentences = [
-        f"Of {len(rows)} entries, of {printed} published numbers: {said(rows)}.",
-        f"Of {sum(counted_statements(results).values())} statements: "
-        f"{describe_fields(counted_statements(results))}.",
-        f"{series['whole']} of {series['planned']} series are run whole, {series['begun']} begun, "
-        f"{series['stale']} stale; of {series['stopped']} every start was stopped, for lists so "
-        "short that they lose pairs do not keep the energy. "
-        f"{series['residual above 1e-3']} of those run miss the energy by more than 1e-3 of that "
-        "turned over.",
-        f"Made by `{made.get('command', '')}` on {made.get('date', '')}, begun "
-        f"{made.get('sittings', 0)} times.",
+    statements = counted_statements(results)
+    lines = [
+        _wrapped(f"Verdicts on {len(rows)} entries, from {printed} published numbers:"),
+        "",
+        markdown_table(
+            ("verdict", "entries"), [(name, str(n)) for name, n in {**counts(rows), **strength(rows)}.items()]
+        ),
+        "",
+        _wrapped(f"Of {sum(statements.values())} qualitative statements {describe_fields(statements)}."),
+        "",
+        _wrapped(
+            f"{series['whole']} of {series['planned']} series are complete, {series['begun']} started, "
+            f"{series['stale']} stale. In {series['stopped']} every start was stopped: their lists are "
+            "so short that they lose pairs, and do not conserve energy. "
+            f"{series['residual above 1e-3']} of the complete ones have an energy residual above 1e-3 "
+            "of the energy turned over. "
+            f"(`{made.get('command', '')}` on {made.get('date', '')}, in {made.get('sittings', 0)} "
+            "parts.)"
+        ),
     ]
-    return _wrapped(" ".join(sentences))
+    return "\n".join(lines)
 
 
 def _figures(results: Results) -> str:
     rows = {row.entry.key: row for row in judged(results)}
     lines = ["| figure | published | here | verdict |", "|---|---|---|---|"]
     lines += [_row(rows[key]) for key in FIRST]
-    modes = _modes(results)
-    lines += ["", _wrapped(words_on_both(results)), "", _wrapped(words_on_creep(results))]
-    lines += ["", _wrapped(large)] if (large := words_on_large_beds(results)) else []
-    lines += ["", _wrapped(modes)] if modes else []
+    parts: list[str | Table] = [
+        words_on_both(results),
+        "Half the mean distance [D]; * is outside of the prediction interval:",
+        table_of_distances(results),
+        words_on_creep(results),
+        table_of_creep(results),
+        table_of_haste(results),
+        words_on_large_beds(results),
+        *_modes(results),
+    ]
+    for part in parts:
+        text = _wrapped(part) if isinstance(part, str) else markdown_of(part) if part.rows else ""
+        lines += ["", text] if text else []
     return "\n".join(lines)
 
 
@@ -95,33 +119,29 @@ def _row(row: Judged) -> str:
     )
 
 
-def _modes(results: Results) -> str:
-    """The dip test of compressive forces, of the longest protocol that is there."""
-    words = []
+def _modes(results: Results) -> list[str | Table]:
+    """The dip test of compressive forces, by the longest protocol that was run."""
+    rows = []
     beds = [("R = 0", mixture_name(0.6, 0.0))]
     beds += [(f"R = 0.5, a = {a:g}", mixture_name(a, 0.5)) for a in ASPECTS]
     beds += [(f"R = 1, a = {a:g}", mixture_name(a, 1.0)) for a in ASPECTS]
     for label, name in beds:
-        result = [
-            item
-            for protocol in ("published", "quick")
-            if (item := results.sample(name, "dip_p", protocol)) is not None
-        ]
-        if result:
-            low, high = float(result[0].values.min()), float(result[0].values.max())
-            p = f"{low:.2g}" if len(result[0].values) == 1 else f"{low:.2g} to {high:.2g}"
-            words.append(f"{label} ({result[0].protocol}): {p}")
-    if not words:
-        return ""
-    return (
-        "Compressive forces on the grains, both species together: p of Hartigan's dip test for one "
-        f"mode over the starts, {'; '.join(words)}."
+        samples = (results.sample(name, "dip_p", protocol) for protocol in ("published", "quick"))
+        sample = next((item for item in samples if item is not None), None)
+        if sample is not None:
+            low, high = float(sample.values.min()), float(sample.values.max())
+            p = f"{low:.2g}" if len(sample.values) == 1 else f"{low:.2g} to {high:.2g}"
+            rows.append((label, sample.protocol, p))
+    words = (
+        "Compressive forces on the grains, both species together: p of Hartigan's dip test for a "
+        "single mode, range over the starts:"
     )
+    return [words, Table(("mixture", "protocol", "p"), rows)] if rows else []
 
 
 EXPECTED = (
-    ("rest height", "rest_height_D", " D", "9.86 ± 0.1 D"),
-    ("period of the small swing", "period", " s", "0.288 ± 0.003 s"),
+    ("equilibrium height", "rest_height_D", " D", "9.86 ± 0.1 D"),
+    ("period of small oscillations", "period", " s", "0.288 ± 0.003 s"),
     ("damping ratio", "damping_ratio", "", "0.037 ± 0.003"),
 )
 """Figures of the packaged damper, and what an independent simulation gave."""
@@ -137,9 +157,9 @@ def _packaged_damper(results: Results) -> str:
 
 
 def _damper_law(results: Results) -> str:
-    """How de Paula's law follows the swing, over the drag."""
+    """Residuals of de Paula's law over the drag."""
     lines = [
-        "| drag of a grain | damping ratio | left over by de Paula's law | by the linear one | "
+        "| drag of a grain | damping ratio | residual of de Paula's law | of the linear law | "
         "alpha/omega in de Paula's scaling |",
         "|---|---|---|---|---|",
     ]
@@ -160,8 +180,8 @@ def _damper_law(results: Results) -> str:
         return _wrapped("De Paula's damper: its runs are not done.")
     tail = (
         "De Paula's curve has alpha/omega = 0.162 and the damping ratio 0.427. The thesis prints "
-        "no drag for its damper, and no unit of time: one of "
-        f"{unit.values.mean():.3f} s would make omega its 1.05."
+        "no drag for its damper, and no unit of time; a unit of "
+        f"{unit.values.mean():.3f} s would give its omega of 1.05."
     )
     return "\n".join([*lines, "", _wrapped(tail)])
 

@@ -10,7 +10,13 @@ from granular.shared.blocks import Block, Caution, Heading, Table, Text
 from granular.shared.html_pages import Page
 from research.campaign import Plain
 from research.published import plots
-from research.published.both_causes import with_both_causes, words_on_both, words_on_creep
+from research.published.both_causes import (
+    table_of_creep,
+    table_of_haste,
+    with_both_causes,
+    words_on_both,
+    words_on_creep,
+)
 from research.published.causes import ChangedFigure, comparisons, verdict_on_hysteresis, words_on_large_beds
 from research.published.entry import AGREES, DIFFERS
 from research.published.finding import Finding
@@ -74,6 +80,7 @@ def _blocks(rows: Sequence[Judged], shown: Results, quick: Results | None) -> It
     yield from _first(rows)
     yield Text(words_on_both(shown))
     yield Text(words_on_creep(shown))
+    yield from (table for table in (table_of_creep(shown), table_of_haste(shown)) if table.rows)
     yield from plots.both_causes(shown)
     yield from _how_to_read()
     yield from _differences(rows)
@@ -258,7 +265,7 @@ def _both(results: Results) -> Iterator[Block]:
             "both causes",
             "allowed",
             "within",
-            "equation 2.17 late",
+            "2.17 late",
             "allowed",
             "within",
         )

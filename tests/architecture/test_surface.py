@@ -15,8 +15,10 @@ OURS = ("granular", "reduced_models", "validation")
 
 
 def written() -> dict[str, set[str]]:
-    """Public names of each module by the page's tables."""
-    rows = re.findall(r"^\| `([\w.]+)` \| (.+) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    """Public names of each module by the page's table, and by its lists under headings."""
+    text = PAGE.read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([\w.]+)` \| (.+) \|$", text, re.MULTILINE)
+    rows += re.findall(r"^### From `([\w.]+)`$\n(.*?)(?=^#)", text, re.MULTILINE | re.DOTALL)
     return {module: set(re.findall(r"`(\w+)`", names)) for module, names in rows}
 
 

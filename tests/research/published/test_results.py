@@ -8,7 +8,13 @@ import pytest
 
 from research.campaign import ROOT
 from research.published.__main__ import CAMPAIGN
-from research.published.both_causes import summary_of_both, with_both_causes, words_on_both, words_on_creep
+from research.published.both_causes import (
+    summary_of_both,
+    table_of_distances,
+    with_both_causes,
+    words_on_both,
+    words_on_creep,
+)
 from research.published.causes import comparisons, verdict_on_hysteresis
 from research.published.judging import Judged, counts, judge, judged, strength
 from research.published.plan import LARGE, LISTED, RADII, RATIOS, full_plan, mixture_name, quick_plan
@@ -258,12 +264,13 @@ def test_distances_with_both_causes_are_counted() -> None:
         "run with equation 2.17 late": 6,
         "within with equation 2.17 late": 4,
     }
-    words = words_on_both(found)
-    assert "start at 736 (19.59 for 19.89 D)" in words
-    assert "hysteresis at 736 (0.76 for 1.06 D)" in words
-    assert not any(f"{one} at 368" in words for one in ("start", "end", "hysteresis"))
-    assert "13.96 D (13.96) at 368, 18.82 D (18.82) at 736" in words
-    assert "4 of 6 distances lie in their intervals, all but start at 736 (19.59 for 19.89" in words
+    assert "3 of 6 published starts" in words_on_both(found)
+    assert "4 of 6 distances lie in their intervals." in words_on_both(found)
+    assert table_of_distances(found).rows == [
+        (368, "14.95", "14.95", "14.95", "13.96", "13.96", "13.96", "0.99", "0.99", "0.99"),
+        (736, "19.89", "19.59*", "19.59*", "18.82", "18.52*", "18.82", "1.06", "0.76*", "0.77*"),
+    ]
+    assert table_of_distances(EMPTY).rows == []
     assert "not run" in words_on_both(EMPTY)
     assert "not run" in words_on_creep(found)
 
