@@ -287,7 +287,7 @@ def calibrate(
     parse_time_step(dt)
     force = record.force is not None
     wanted = record_features(record, law, force=force)
-    target = make_directory(out)
+    target = None if out is None else make_directory(out)
     first = scene.arrangement.seed
     with case_executor(executor) as pool:
         simulator = SceneSimulator(
@@ -319,8 +319,26 @@ def run_calibration(
     """Numbers for which a scene's simulations have the wanted features of a record."""
     ended = gauss_newton_search(simulator, wanted)
     shift, more = _time_step_error(simulator, ended.centre) if checks else (None, 0)
-    result = _calibration_from_search(simulator, record, wanted, ended, shift, confidence)
-    return dataclasses.replace(result, simulations=result.simulations + more)
+    position = ended.centre.position + (ended.estimate.step if ended.settled else 0.0)
+    values = simulator.scene_changes(position)
+    simulated, scatter = map(math.exp, ended.centre.mean), np.sqrt(np.diag(ended.scatter))
+    columns = (wanted.values.tolist(), simulated, wanted.errors.tolist(), scatter.tolist())
+    return Calibration(
+        parameters=tuple(
+            _calibrated_value(item, k, values[item.key], ended, shift, confidence)
+            for k, item in enumerate(simulator.parameters)
+        ),
+        confidence=confidence,
+        matches=tuple(map(FeatureMatch, wanted.names, *columns)),
+        undetermined=undetermined_directions(
+            [item.key for item in simulator.parameters], ended.estimate.information
+        ),
+        scene=simulator.scene.replace(**values),
+        record=record,
+        motions=ended.centre.records,
+        simulations=ended.simulations + more,
+        notes=(*wanted.notes, *_calibration_notes(simulator, wanted, ended)),
+    )
 
 
 def _check_scene(scene: Scene) -> None:
@@ -342,36 +360,6 @@ def _time_step_error(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple
         return None, 1
     growth = 2.0 ** resolve_method(simulator.settings["method"]).order
     return np.asarray(growth / (growth - 1.0) * (centre.logs[0] - point.logs[0])), 1
-
-
-def _calibration_from_search(
-    simulator: SceneSimulator,
-    record: PistonRecord,
-    wanted: RecordFeatures,
-    ended: GaussNewtonResult,
-    shift: np.ndarray | None,
-    confidence: float,
-) -> Calibration:
-    position = ended.centre.position + (ended.estimate.step if ended.settled else 0.0)
-    values = simulator.scene_changes(position)
-    simulated, scatter = map(math.exp, ended.centre.mean), np.sqrt(np.diag(ended.scatter))
-    columns = (wanted.values.tolist(), simulated, wanted.errors.tolist(), scatter.tolist())
-    return Calibration(
-        parameters=tuple(
-            _calibrated_value(parameter_, k, values[parameter_.key], ended, shift, confidence)
-            for k, parameter_ in enumerate(simulator.parameters)
-        ),
-        confidence=confidence,
-        matches=tuple(map(FeatureMatch, wanted.names, *columns)),
-        undetermined=undetermined_directions(
-            [parameter_.key for parameter_ in simulator.parameters], ended.estimate.information
-        ),
-        scene=simulator.scene.replace(**values),
-        record=record,
-        motions=ended.centre.records,
-        simulations=ended.simulations,
-        notes=(*wanted.notes, *_calibration_notes(simulator, wanted, ended)),
-    )
 
 
 def _calibrated_value(

@@ -194,7 +194,6 @@ class Calibration:
     def save(self, out: str | Path) -> None:
         """Write report.html, calibration.json and the calibrated scene.toml."""
         target = make_directory(out)
-        assert target is not None
         write_json(target / "calibration.json", self.to_plain())
         self.scene.save(target / "scene.toml")
         self.page().save(target / "report.html")

@@ -122,7 +122,7 @@ def design(
             mass=mass,
             small_share=small_share,
             magnets=magnets,
-            out=make_directory(out),
+            out=None if out is None else make_directory(out),
             workers=workers,
             progress=output.progress,
         )

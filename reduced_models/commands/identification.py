@@ -370,7 +370,7 @@ def compare(
     from reduced_models.records.sources import make_directory
 
     check_budget(budget)
-    target = make_directory(out)
+    target = None if out is None else make_directory(out)
     leave_cautions_to_print_out(output)
     records, further = (reading.load(paths, output) for paths in (sources, test_records))
     default = ("all",) if _are_of_force(records) else CANDIDATES

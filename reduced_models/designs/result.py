@@ -310,7 +310,10 @@ class Design:
                 {
                     "damper": round_.damper._asdict(),
                     "promise": round_.promised_figures._asdict(),
-                    "checks": [_without_record(check) for check in round_.checks],
+                    "checks": [
+                        {name: value for name, value in check._asdict().items() if name not in _LISTS}
+                        for check in round_.checks
+                    ],
                 }
                 for round_ in self.rounds
             ],
@@ -416,7 +419,6 @@ class Design:
     def save(self, out: str | Path) -> None:
         """Write report.html, workshop.html, design.json and scene.toml."""
         folder = make_directory(out)
-        assert folder is not None
         write_json(folder / "design.json", self.to_plain())
         self.scene.save(folder / "scene.toml")
         self.page().save(folder / "report.html")
@@ -425,7 +427,3 @@ class Design:
 
 def _deviation_text(value: float, wanted: float) -> str:
     return f"{100.0 * (value / wanted - 1.0):+.2g} %"
-
-
-def _without_record(check: DesignCheck) -> dict[str, Any]:
-    return {k: v for k, v in check._asdict().items() if k not in _LISTS}

@@ -267,8 +267,10 @@ def weigh_structure_evidence(
     if rises is None:
         total = score_terms(scorer, own).criterion
         rests = {term: [item for item in own if item != term] for term in own}
+        target = scorer.whitening @ scorer.weak.target
+        without = scorer.information_criterion(float(target @ target), 0)
         rises = {
-            term: (score_terms(scorer, rest).criterion if rest else _criterion_without_terms(scorer)) - total
+            term: (score_terms(scorer, rest).criterion if rest else without) - total
             for term, rest in rests.items()
         }
     structures = [tuple(own)]
@@ -306,11 +308,6 @@ def _criteria_above(
     criteria = _solution_criteria(sums, scorer)
     own = criteria[sums.index(chosen)]
     return {frozenset(item.terms or ()): value - own for item, value in zip(sums, criteria, strict=True)}
-
-
-def _criterion_without_terms(scorer: EquationScorer) -> float:
-    target = scorer.whitening @ scorer.weak.target
-    return scorer.information_criterion(float(target @ target), 0)
 
 
 def _selection_fractions(

@@ -76,7 +76,12 @@ def find_supports_with_pysindy(
         "x": [np.stack([motion.smooth, motion.velocity], axis=1) for motion in inner],
         "t": [motion.time for motion in inner],
         "x_dot": [np.stack([motion.velocity, motion.acceleration], axis=1) for motion in inner],
-        "u": [np.stack([_drive(motion), motion.time], axis=1) for motion in inner],
+        "u": [
+            np.stack(
+                [np.zeros_like(motion.time) if motion.drive is None else motion.drive, motion.time], axis=1
+            )
+            for motion in inner
+        ],
     }
     library = pysindy.CustomLibrary([_feature(term) for term in terms], interaction_only=True)
     size = float(np.linalg.norm(np.concatenate([motion.acceleration for motion in inner])))
@@ -88,10 +93,6 @@ def find_supports_with_pysindy(
             model.fit(**data)
         supports.append(np.flatnonzero(model.coefficients()[1]).tolist())
     return supports
-
-
-def _drive(motion: SmoothedMotion) -> np.ndarray:
-    return np.zeros_like(motion.time) if motion.drive is None else motion.drive
 
 
 def _feature(term: AnyTerm) -> Callable[..., np.ndarray]:

@@ -278,11 +278,7 @@ AnyTerm = Term | CustomTerm
 
 def sort_terms(terms: Iterable[AnyTerm]) -> list[AnyTerm]:
     """Terms in a fixed order: products of powers first, then a user's own by their texts."""
-    return sorted(terms, key=_sort_key)
-
-
-def _sort_key(term: AnyTerm) -> tuple[Any, ...]:
-    return (1, term.text) if isinstance(term, CustomTerm) else (0, *term)
+    return sorted(terms, key=lambda term: (1, term.text) if isinstance(term, CustomTerm) else (0, *term))
 
 
 @functools.cache

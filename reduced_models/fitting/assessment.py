@@ -22,7 +22,7 @@ from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
     held_at_zero_remarks,
 )
-from reduced_models.fitting.residuals import BLOWN_UP, remove_random_walk
+from reduced_models.fitting.residuals import BLOWN_UP, remove_random_walk, rms
 from reduced_models.fitting.uncertainty import (
     FitStatistics,
     Interval,
@@ -301,7 +301,7 @@ def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray, left: n
     record, swings, here = data.record, data.test_swings, data.entries
     swing = float(record.height.std())
     unit = data.unknowns.residual_unit
-    residual, step = _rms(left) * unit, rounding_step(record.height)
+    residual, step = rms(left) * unit, rounding_step(record.height)
     level = data.noise if problem.known_noise else None
     period = 2.0 * math.pi * data.unknowns.amplitude / data.unknowns.speed
     fitted = record.height + residuals * unit
@@ -381,10 +381,6 @@ def has_sensor_drift(quality: Quality) -> bool:
     return quality.drift > DRIFT and quality.slow > quality.swinging
 
 
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt((values**2).mean()))
-
-
 def _misfit_text(quality: Quality, record: PistonRecord) -> str:
     """Cause of residuals far above the noise, as far as it is seen, and the remedy."""
     if start := release_sample(record):
@@ -399,7 +395,7 @@ def _misfit_text(quality: Quality, record: PistonRecord) -> str:
 def _robust_residual_size(data: FitData, residuals: np.ndarray) -> float:
     """Residual [m] that notes go by: where the loss spares outliers, they do not count."""
     if data.loss_name == "linear":
-        return _rms(residuals) * data.unknowns.residual_unit
+        return rms(residuals) * data.unknowns.residual_unit
     usual = float(np.median(np.abs(residuals))) / NORMAL_MEDIAN
     return usual * data.unknowns.residual_unit
 
@@ -409,7 +405,7 @@ def _release_transient_text(data: FitData, residuals: np.ndarray) -> str:
     left = residuals * data.unknowns.residual_unit
     time, period = data.record.time, math.tau * data.unknowns.amplitude / data.unknowns.speed
     start, swing = count_release_transient_samples(time, left, period), float(data.record.height.std())
-    after = _rms(left[start:]) / swing
+    after = rms(left[start:]) / swing
     if not start or after > SLIGHT:
         return ""
     missed, until = float(np.abs(left[:start]).max()) / swing, time[start] - time[0]

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.shared.array_types import Float
-from reduced_models.fitting.residuals import remove_random_walk
+from reduced_models.fitting.residuals import remove_random_walk, rms
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 
@@ -346,10 +346,10 @@ def residual_tests(
     residuals = height - model_heights
     if model.quality.zero_drift:
         residuals = remove_random_walk(residuals, random_walk_gain(residuals))
-    rms, size = _rms(residuals), float(height.std())
+    error, size = rms(residuals), float(height.std())
     swing, double = 1.0, 1.0
     whiteness, signs, start = model.quality.whiteness, model.quality.signs, 0
-    if model.at_rest is not None and rms > 0.0:
+    if model.at_rest is not None and error > 0.0:
         period = model.at_rest.period
         start = count_release_transient_samples(time, residuals, period)
         times, later = time[start:], residuals[start:]
@@ -359,20 +359,16 @@ def residual_tests(
             structure = diagnose_residuals(times, later, speed, period)
             whiteness, signs = structure["whiteness"], structure["signs"]
     return ResidualTests(
-        rms,
-        rms / size,
+        error,
+        error / size,
         whiteness,
         signs,
         swing,
         double,
         transient=float(time[start] - time[0]),
-        after=_rms(residuals[start:]) / size,
+        after=rms(residuals[start:]) / size,
         rounded=model.quality.rounded,
     )
-
-
-def _rms(values: np.ndarray) -> float:
-    return math.sqrt(float((values**2).mean()))
 
 
 def _spectral_line_strength(time: np.ndarray, residuals: np.ndarray, frequency: float) -> float:

@@ -283,6 +283,11 @@ def half_cost_curvature(residuals: Float[np.ndarray, "n"], loss: Loss) -> Float[
     return np.asarray((1.0 + (residuals / loss.scale) ** 2) ** -1.5)
 
 
+def rms(values: Float[np.ndarray, "n"]) -> float:
+    """Root mean square of values."""
+    return float(np.sqrt((values**2).mean()))
+
+
 def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Float[np.ndarray, "n ..."]:
     """Residuals (n, ...) less what exponential smoothing of the ones before them foresees."""
     # The steady Kalman filter of a random walk in white noise (Muth 1960,

@@ -13,7 +13,7 @@ from granular.shared.array_types import Float
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
 from reduced_models.fitting.parameter import Unknowns
-from reduced_models.fitting.residuals import BLOWN_UP, grid_over_record
+from reduced_models.fitting.residuals import BLOWN_UP, grid_over_record, rms
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.free_motion import error_on_swings, find_whole_swings
@@ -127,13 +127,14 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     unit = unknowns.residual_unit
     height = total.height + unit * residuals
     height = np.where(np.maximum.accumulate(lost), np.nan, height)
-    error = math.inf if lost.any() else unit * _rms(residuals)
+    error = math.inf if lost.any() else unit * rms(residuals)
     rest = guess.rest if model.at_rest is None else model.at_rest.height
     if reading is not None:
         rest = float(total.height.mean())
     swing = float(total.height.std())
-    motion = _record_with_heights(record, height)
-    at_rest = _rms(total.height - rest) / swing
+    count = max(int(np.isfinite(height).cumprod().sum()), 2)
+    motion = PistonRecord(record.time[:count], np.nan_to_num(height[:count]))
+    at_rest = rms(total.height - rest) / swing
     spread = None
     if not lost.any():
         missed = unit * residuals
@@ -147,7 +148,7 @@ def _along_stroke(model: Any, record: PistonRecord) -> RollOut:
     residuals = model.residuals(record)
     signal = model.simulate_signal(record)
     size = float((signal + residuals).std())
-    error = _rms(residuals)
+    error = rms(residuals)
     return RollOut(PistonRecord(record.time, signal), error, error / size, 1.0)
 
 
@@ -172,13 +173,3 @@ def search_vector_of_model(
         *(model.hidden.get(name, 0.0) for name in law.hidden),
     ]
     return unknowns, np.array(start)
-
-
-def _record_with_heights(record: PistonRecord, height: np.ndarray) -> PistonRecord:
-    """Record with other heights, cut where they end."""
-    count = len(height) if np.isfinite(height).all() else int(np.argmin(np.isfinite(height)))
-    return PistonRecord(record.time[: max(count, 2)], np.nan_to_num(height[: max(count, 2)]))
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt((values**2).mean()))

@@ -181,7 +181,10 @@ def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
         first, last = swings == FIRST_SWINGS, math.isinf(swings)
         normal, prior = coarse_normal_equations(problem, swings)
         if problem.law.start is None and not first:
-            theta = _keep_better_starts(normal, theta, start)
+            # Starts of a law known by its equation come from all of the record; two swings may not show, for
+            # example, the frequency of a slow input.
+            worse = np.asarray(normal(start)[0]) < np.asarray(normal(theta)[0])
+            theta = np.where(worse[:, None], start, theta)
         waiting = promising_starts(costs, prior.samples) if costs.any() else None
         if last:
             theta, costs = levenberg_marquardt(normal, theta, prior, bounds=problem.edges, waiting=waiting)
@@ -190,14 +193,6 @@ def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
                 normal, theta, prior, _TOLERANCE, problem.edges, trials=_TRIALS, waiting=waiting
             )
     return theta, costs
-
-
-def _keep_better_starts(normal: Normal, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Search vectors after fewer swings, or the starts themselves where these fit better."""
-    # Starts of a law known by its equation come from all of the record; two swings may not show, for example,
-    # the frequency of a slow input.
-    worse = np.asarray(normal(start)[0]) < np.asarray(normal(theta)[0])
-    return np.where(worse[:, None], start, theta)
 
 
 def _check_memory(starts: int, points: int, unknowns: int) -> None:

@@ -179,11 +179,11 @@ def fit_to_accelerations(
     return np.asarray(_fit_draws_to_accelerations(law, guess, record, np.vstack([units, draws]), bounds)[0])
 
 
-def start_values_near(values: dict[str, float], spread: float = 0.1) -> Starts:
+def start_values_near(values: dict[str, float]) -> Starts:
     """Start values of a law about parameters that are known roughly."""
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-        return {name: value * np.exp(spread * random.normal(size=count)) for name, value in values.items()}
+        return {name: value * np.exp(_NEAR * random.normal(size=count)) for name, value in values.items()}
 
     return start
 

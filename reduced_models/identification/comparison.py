@@ -232,7 +232,10 @@ def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) ->
     correlation = min(max(model.quality.correlation for model in row.models) for row in sound)
     scored = [_add_information_criteria(row, correlation) for row in sound]
     noise = root_mean_square(
-        [_relative_noise(quality) for quality in _qualities_of_observations(scored[0].models)]
+        [
+            quality.noise * quality.relative / max(quality.residual, 1e-300)
+            for quality in _qualities_of_observations(scored[0].models)
+        ]
     )
     least, limit = min(row.error for row in scored), largest_tied_error(scored, noise)
     # Where all diverge, what their fits leave over is all that tells them apart.
@@ -268,10 +271,6 @@ def merge_comparisons(*tables: Comparison) -> Comparison:
     """Comparison of all laws of some, which were fitted to the same records."""
     rows = [row for table in tables for row in table.rows]
     return _rank_rows(rows, [row for row in rows if not row.failure])
-
-
-def _relative_noise(quality: Quality) -> float:
-    return quality.noise * quality.relative / max(quality.residual, 1e-300)
 
 
 def _add_information_criteria(row: ComparisonRow, correlation: float) -> ComparisonRow:

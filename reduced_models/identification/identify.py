@@ -171,7 +171,7 @@ def identify(
     _check_arguments(laws, mass)
     check_fit_options(starts=starts)
     options = options or IdentifyOptions()
-    target = make_directory(out)
+    target = None if out is None else make_directory(out)
     clock = Stopwatch()
     opened = open_and_check_source(record_from_table(source))
     parts = None if options.parts is None else read_parts_of_source(opened, options.parts)

@@ -113,7 +113,11 @@ def swing_section(
     if len(known) > 1:
         yield Text("The error behind ± is numerical, the root of the sum of squares of its sources:")
         errors = [
-            (name_in_table(figure), *(_part_text(figure, name) for name in known), figure.unit)
+            (
+                name_in_table(figure),
+                *(format_number(figure.parts[name], 2) if name in figure.parts else "" for name in known),
+                figure.unit,
+            )
             for figure in figures
             if figure.symbol not in _FOLLOWING
         ]
@@ -121,11 +125,6 @@ def swing_section(
     yield Text(" ".join(_MEANING_OF_PARTS[name].format(100 * model.confidence) for name in known))
     if averaging:
         yield Text(f"{capitalise(averaging)}.")
-
-
-def _part_text(figure: QuantityWithError, name: str) -> str:
-    value = figure.parts.get(name)
-    return "" if value is None else format_number(value, 2)
 
 
 def name_in_table(figure: QuantityWithError) -> str:

@@ -24,7 +24,7 @@ from reduced_models.records.sources import time_step_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular.run.trajectory import StageResult, Trajectory
+    from granular.run.trajectory import Trajectory
 
 _MOST_POINTS = 3000  # of a line; more cannot be seen
 _MOST_LIFT_LINES, _MOST_FALL_LINES = 4, 3  # of laws over a lift, a fall; more hide each other
@@ -278,7 +278,16 @@ def run_sections(run: Trajectory, frequency: QuantityWithError | None) -> Iterat
 def _bed_section(run: Trajectory) -> Iterator[Block]:
     yield Heading("The bed before and after")
     yield Picture(partial(_draw_beds, run), "The grains to scale; the piston is the thick line.")
-    lines = [_stage_row(stage) for stage in run.stages]
+    lines = [
+        (
+            stage.name,
+            format_number(stage.start),
+            format_number(stage.end),
+            stage.reason,
+            format_number(1e3 * stage.height, 6),
+        )
+        for stage in run.stages
+    ]
     yield Table(("stage", "from [s]", "to [s]", "ended by", "piston height [mm]"), lines)
     closest = run.settings().get("closest_distance")
     least = min(species.diameter for species in run.scene.grains.species)
@@ -301,11 +310,6 @@ def _draw_beds(run: Trajectory) -> Figure:
             draw_bed(axes, scene, data["position"][k].values, heights[k])
             axes.set_title(f"{when}, t = {float(data['frame_time'][k]):.4g} s")
         return drawing
-
-
-def _stage_row(stage: StageResult) -> Sequence[str]:
-    start, end = format_number(stage.start), format_number(stage.end)
-    return stage.name, start, end, stage.reason, format_number(1e3 * stage.height, 6)
 
 
 def _energy_ledger_section(run: Trajectory) -> Iterator[Block]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -46,33 +46,27 @@ def _symmetries(equation: str, inputs: tuple[str, ...]) -> Symmetries:
     state = random.uniform(0.3, 1.2, (len(arguments) - len(parameters), _POINTS))
     values = random.uniform(0.3, 1.2, (len(parameters), _POINTS))
 
-    def same(change: Callable[[np.ndarray], np.ndarray]) -> bool:
+    def same(factors: np.ndarray, shifts: np.ndarray) -> bool:
+        changed = factors[:, None] * values + shifts[:, None]
         with np.errstate(all="ignore"):
-            pairs = zip(field(*state, *values), field(*state, *change(values)), strict=True)
+            pairs = zip(field(*state, *values), field(*state, *changed), strict=True)
             return all(
                 np.isfinite(item).all() and np.allclose(item, other, rtol=_CLOSE, atol=_CLOSE)
                 for item, other in pairs
             )
 
-    def moved(k: int, by: float) -> Callable[[np.ndarray], np.ndarray]:
-        return lambda given: given + by * (np.arange(len(given)) == k)[:, None]
-
-    def flipped(k: int) -> Callable[[np.ndarray], np.ndarray]:
-        return lambda given: np.where((np.arange(len(given)) == k)[:, None], -given, given)
-
-    def both(k: int, other: int) -> Callable[[np.ndarray], np.ndarray]:
-        return lambda given: moved(other, math.pi)(flipped(k)(given))
-
-    turning = [k for k in range(len(parameters)) if same(moved(k, _TURN))]
+    one, still = np.eye(len(parameters)), np.zeros(len(parameters))
     # What means the same anywhere is no angle.
-    turning = [k for k in turning if not same(moved(k, 1.0))]
+    turning = [
+        k for k, moved in enumerate(one) if same(1.0 + still, _TURN * moved) and not same(1.0 + still, moved)
+    ]
     flipping: list[tuple[str, str | None]] = []
     for k, name in enumerate(parameters):
-        if same(flipped(k)):
+        if same(1.0 - 2.0 * one[k], still):
             flipping.append((name, None))
             continue
         for other in turning:
-            if other != k and same(both(k, other)):
+            if other != k and same(1.0 - 2.0 * one[k], math.pi * one[other]):
                 flipping.append((name, parameters[other]))
                 break
     return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))

@@ -30,7 +30,6 @@ class ExampleRecord(NamedTuple):
 def write_example_records(out: str | Path) -> dict[str, str]:
     """Write the records of `EXAMPLES`, a CSV file and a description (TOML) each."""
     directory = make_directory(out)
-    assert directory is not None
     files = {name: directory / f"{name}.csv" for name in EXAMPLES}
     for path in (*files.values(), *(path.with_suffix(".toml") for path in files.values())):
         if path.exists():

@@ -68,10 +68,8 @@ def open_and_check_source(
     return result
 
 
-def make_directory(out: str | Path | None) -> Path | None:
+def make_directory(out: str | Path) -> Path:
     """Directory to write to, made where it is not there yet."""
-    if out is None:
-        return None
     path = Path(out)
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -86,9 +84,9 @@ def make_directory(out: str | Path | None) -> Path | None:
     return path
 
 
-def shortened_path_text(path: Path, greatest_length: int = 80) -> str:
+def shortened_path_text(path: Path) -> str:
     """Path for a message, cut where it is long, and without control characters."""
-    return sanitize(path, greatest_length)
+    return sanitize(path, 80)
 
 
 def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
