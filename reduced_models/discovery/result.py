@@ -10,8 +10,13 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from granular.shared.errors import InputError
-from reduced_models.discovery.hidden_states import ScaledHiddenState
-from reduced_models.discovery.terms import AnyTerm, expression_text, round_fractions_for_print, split_terms
+from reduced_models.discovery.terms import (
+    AnyTerm,
+    ScaledHiddenState,
+    expression_text,
+    round_fractions_for_print,
+    split_terms,
+)
 from reduced_models.laws.law import HeightLine
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quantities import caution_lines, wrap_words

@@ -18,12 +18,6 @@ import numpy as np
 
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, import_extra
-from reduced_models.discovery.hidden_states import (
-    DAMPER_STATES,
-    HIDDEN_STATES,
-    HiddenState,
-    ScaledHiddenState,
-)
 from reduced_models.discovery.parametric_terms import ParametricTerms
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.subset_selection import (
@@ -44,9 +38,13 @@ from reduced_models.discovery.symbolic_search import (
 )
 from reduced_models.discovery.term_libraries import MEMORY, parse_custom_terms
 from reduced_models.discovery.terms import (
+    DAMPER_STATES,
+    HIDDEN_STATES,
     AnyTerm,
     CustomTerm,
+    HiddenState,
     MotionState,
+    ScaledHiddenState,
     complexity,
     linear_combination,
     sort_terms,

@@ -13,8 +13,7 @@ from granular.linear.equilibrium import Equilibrium, find_equilibrium
 from granular.shared.errors import InputError
 from reduced_models import PistonRecord, derive, load_model
 from reduced_models.__main__ import main
-from reduced_models.derived.derive import motion_error
-from reduced_models.derived.polynomial_law import RESOLUTION, HeldState, follow_piston, polynomial_law
+from reduced_models.derived.derive import RESOLUTION, HeldState, follow_piston, motion_error, polynomial_law
 from reduced_models.laws.linearization import SmallSwing, small_swing
 
 LIFT = 1e-4  # [m]

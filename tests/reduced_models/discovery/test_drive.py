@@ -9,10 +9,9 @@ from scipy.integrate import solve_ivp
 from granular import PistonRecord, damper, simulate
 from granular.shared.errors import GranularError, InputError
 from reduced_models import DiscoveryOptions, discover
-from reduced_models.discovery.hidden_states import HIDDEN_STATES, HiddenState
 from reduced_models.discovery.parametric_terms import ParametricTerms, split_parametric_terms
 from reduced_models.discovery.result import Discovery
-from reduced_models.discovery.terms import parse_term_expressions, split_terms
+from reduced_models.discovery.terms import HIDDEN_STATES, HiddenState, parse_term_expressions, split_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates

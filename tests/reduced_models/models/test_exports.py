@@ -14,7 +14,7 @@ import pytest
 
 from granular.shared.errors import InputError
 from reduced_models import ReducedModel, load_model
-from reduced_models.derived.polynomial_law import HeldState, polynomial_law
+from reduced_models.derived.derive import HeldState, polynomial_law
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.law import law_from_text
 from reduced_models.models.c_code import c_source
