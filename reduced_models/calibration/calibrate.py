@@ -80,7 +80,8 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
     slopes = np.stack([(point.logs - centre.logs) / STRIDE for point in points[1:]], axis=2)
     radius = RADIUS
     for move in itertools.count():
-        scatter = _scatter_covariance(points)
+        # Covariance (d, d) of the features over random starts, the mean over all positions.
+        scatter = np.mean([np.atleast_2d(np.cov(point.logs, rowvar=False)) for point in points], axis=0)
         estimate = linear_estimate(centre, slopes, scatter, wanted)
         deviations = np.sqrt(np.diag(estimate.noise + estimate.scatter))
         short = np.clip(_SETTLED * deviations, _LEAST_STEP, _LINEAR)
@@ -101,12 +102,6 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
         radius = min(RADIUS, 2.0 * radius) if better else 0.25 * float(np.abs(step).max())
         centre = trial if better else centre
     return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), bool(settled))
-
-
-def _scatter_covariance(points: Sequence[SimulatedPoint]) -> np.ndarray:
-    """Covariance (d, d) of the features over random starts, the mean over all positions."""
-    parts = [np.atleast_2d(np.cov(point.logs, rowvar=False)) for point in points]
-    return np.asarray(np.mean(parts, axis=0))
 
 
 def _variance_of_difference(wanted: RecordFeatures, scatter: np.ndarray, starts: int) -> np.ndarray:

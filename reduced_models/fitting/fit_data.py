@@ -293,15 +293,15 @@ RecordLike = (
 
 def record_from_table(source: Any) -> Any:
     """Record in a table, in a mapping of names to arrays or in a pair (time, height); else the source."""
-    if isinstance(source, tuple) and len(source) == 2 and all(map(_is_plain_array, source)):
+    if (
+        isinstance(source, tuple)
+        and len(source) == 2
+        # a table of one column is no column
+        and all(np.ndim(values) == 1 and not hasattr(values, "equals") for values in source)
+    ):
         return PistonRecord(*source)
     is_table = hasattr(source, "equals") or isinstance(source, Mapping)
     return PistonRecord.from_table(source) if is_table else source
-
-
-def _is_plain_array(values: Any) -> bool:
-    """Return whether values are one column, and no table of a column."""
-    return np.ndim(values) == 1 and not hasattr(values, "equals")
 
 
 def read_given_record(source: Any) -> Any:

@@ -119,7 +119,9 @@ def levenberg_marquardt(
         trial = _evaluate_point(normal, moved)
         trial_total = trial[1] + (precision * (moved - start) ** 2).sum(axis=1)
         better = trial_total < total
-        good = better & (trial_total - total < _GOOD * _promised_change(model, moved - theta))
+        step = (moved - theta) / model.scale
+        promised = 2.0 * (model.slope * step).sum(axis=1) + _form(model.matrix, step)
+        good = better & (trial_total - total < _GOOD * promised)
         factors = np.where(good, _FAR, np.where(trial_total <= total, 1.0, _NEAR))
         sizes = np.clip(factors * sizes, _SHORTEST, _LONGEST)
         small = np.abs(total - trial_total) <= tolerance * total
@@ -192,12 +194,6 @@ def _next_vectors(
     gain = -2.0 * (slope * step).sum(axis=1) - _form(matrix, step)
     moved = np.clip(theta + scale * step, *bounds)
     return np.where(np.isfinite(moved), moved, theta), gain
-
-
-def _promised_change(model: _QuadraticModel, change: Float[np.ndarray, "s p"]) -> Float[np.ndarray, "s"]:
-    """Change of the cost by changes of the search vectors."""
-    step = change / model.scale
-    return 2.0 * (model.slope * step).sum(axis=1) + _form(model.matrix, step)
 
 
 def _form(matrix: Float[np.ndarray, "s p p"], step: Float[np.ndarray, "s p"]) -> Float[np.ndarray, "s"]:

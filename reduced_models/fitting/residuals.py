@@ -67,6 +67,8 @@ def sensor_signal_tables(
     """Tables that turn a solution on a grid into a sensor's signal at the samples."""
     # Matrix exponentials solve the filter without error of time steps (Van Loan 1978,
     # doi:10.1109/TAC.1978.1101743).
+    from scipy.linalg import expm
+
     size = _QUINTIC + 1 - sensor.derivative_order
     states, inputs, output, through = filter_matrices(sensor, grid.step)
     count = len(states)
@@ -76,7 +78,7 @@ def sensor_signal_tables(
     chain[count:, count:] = np.eye(size, k=1)
     distinct, position = np.unique(np.append(np.round(fraction, 12), 1.0), return_inverse=True)
     derivatives = np.array([math.factorial(k) for k in range(size)], dtype=float)
-    moved = _matrix_exponentials(chain, distinct)
+    moved = expm(distinct[:, None, None] * chain)
     read = np.concatenate([output, [through], np.zeros(size - 1)])
     rows = np.einsum("i,nij->nj", read, moved)
     last = moved[position[-1]]
@@ -87,13 +89,6 @@ def sensor_signal_tables(
         last[:count, :count],
         last[:count, count:] * derivatives,
     )
-
-
-def _matrix_exponentials(matrix: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Matrix exponentials (n, k, k) at some times."""
-    from scipy.linalg import expm
-
-    return np.asarray(expm(times[:, None, None] * matrix))
 
 
 def solution_signal(

@@ -341,7 +341,10 @@ def _small_motion_with_intervals(
     equivalent = False
     if not unknowns.law.other_coordinates:  # whose motion is no harmonic cycle of one of them
         seen = _damping_at_two_amplitudes(unknowns, theta[:, None], figures[:, None], sizes)
-        equivalent = np.isfinite(seen).all() and _unseen_damping_note(figures[2], seen[1, 0])
+        small, tenth = figures[2], seen[1, 0]
+        far = max(FAR * max(abs(small), abs(tenth)), _NO_DAMPING)
+        # The damping ratio of small swings is far from that of swings that are seen.
+        equivalent = np.isfinite(seen).all() and (not math.isfinite(small) or abs(tenth - small) > far)
     if not (equivalent or math.isfinite(figures[2])):
         return JUMPS
     step = 1e-6 * np.maximum(1.0, np.abs(theta))
@@ -381,13 +384,6 @@ def _small_motion_with_intervals(
         others,
         calibration=dict(zip(names, map(float, moved_by), strict=True)) if len(shifts) else {},
     )
-
-
-def _unseen_damping_note(small: float, at_tenth: float) -> bool:
-    """Tell a damping ratio of small swings that is far from that of swings that are seen."""
-    if not math.isfinite(small):
-        return True
-    return abs(at_tenth - small) > max(FAR * max(abs(small), abs(at_tenth)), _NO_DAMPING)
 
 
 def _damping_at_two_amplitudes(

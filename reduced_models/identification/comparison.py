@@ -277,7 +277,9 @@ def _add_information_criteria(row: ComparisonRow, correlation: float) -> Compari
     """ComparisonRow with its information criteria, for samples that follow each other so far."""
     samples = [model.quality.samples for model in row.models]
     squares = sum(
-        count * max(model.quality.residual, _LEAST * _rms_swing(model)) ** 2
+        count
+        * max(model.quality.residual, _LEAST * (model.quality.residual / max(model.quality.relative, 1e-300)))
+        ** 2
         for count, model in zip(samples, row.models, strict=True)
     )
     count = sum(samples) / correlation
@@ -286,11 +288,6 @@ def _add_information_criteria(row: ComparisonRow, correlation: float) -> Compari
     return dataclasses.replace(
         row, deviance=deviance, aic=deviance + 2.0 * free, bic=deviance + math.log(count) * free
     )
-
-
-def _rms_swing(model: ReducedModel) -> float:
-    """Rms swing of a model's record."""
-    return model.quality.residual / max(model.quality.relative, 1e-300)
 
 
 def _test_error_at_rest(row: ComparisonRow) -> float:

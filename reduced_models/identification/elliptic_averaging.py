@@ -93,10 +93,6 @@ class DuffingVanDerPolOscillator(NamedTuple):
     bend: float = 0.0  # [1/(m^2 s)]
 
 
-def _duffing_oscillator(values: Mapping[str, float]) -> DuffingVanDerPolOscillator:
-    return DuffingVanDerPolOscillator(values["k"], values["beta"], values["lam"])
-
-
 def _van_der_pol_like_oscillator(values: Mapping[str, float]) -> DuffingVanDerPolOscillator:
     alpha, square, scale = values["alpha"], values["omega"] ** 2, values.get("scale", 1.0)
     level = values["g0"] / square
@@ -105,7 +101,7 @@ def _van_der_pol_like_oscillator(values: Mapping[str, float]) -> DuffingVanDerPo
 
 
 OSCILLATORS: Mapping[str, Callable[[Mapping[str, float]], DuffingVanDerPolOscillator]] = {
-    DUFFING.name: _duffing_oscillator,
+    DUFFING.name: lambda values: DuffingVanDerPolOscillator(values["k"], values["beta"], values["lam"]),
     VAN_DER_POL_LIKE.name: _van_der_pol_like_oscillator,
 }
 """Laws by name, which make an oscillator of their parameters."""

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from granular.run.plan import Plan
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
-    from granular.studies.cases import CaseOutcome
     from granular.studies.sweep import BackgroundCall, BackgroundCase, BackgroundCaseRunner
     from granular.studies.tolerances import Part
 
@@ -258,7 +257,10 @@ class SceneChecks:
         every = []
         for (check, _), outcome in zip(order, outcomes, strict=True):
             try:
-                every.append(_motions_of_case(outcome))
+                if outcome.error is not None:
+                    raise RecordError(" ".join(outcome.error.split()))
+                columns = outcome.figures.items()
+                every.append({name: PistonRecord.from_columns(values) for name, values in columns})
             except RecordError as cause:
                 every.append({})
                 failures.append(_failure_text(check.what, str(cause)))
@@ -295,13 +297,6 @@ class SceneChecks:
 
 def _failure_text(what: str, cause: str) -> str:
     return f"the check with {what} failed: {cause}"
-
-
-def _motions_of_case(outcome: CaseOutcome) -> dict[str, PistonRecord]:
-    """Motions of `piston_record_columns` in a further run."""
-    if outcome.error is not None:
-        raise RecordError(" ".join(outcome.error.split()))
-    return {name: PistonRecord.from_columns(columns) for name, columns in outcome.figures.items()}
 
 
 def add_check_errors(

@@ -385,18 +385,15 @@ def _extreme_about(
     return middle, sign * value
 
 
-@functools.lru_cache(maxsize=8)
-def _fine_grid(degree: int) -> tuple[np.ndarray, np.ndarray]:
-    x = np.linspace(-1.0, 1.0, 201)
-    return x, np.vander(x, degree + 1, increasing=True)
+_FINE = np.linspace(-1.0, 1.0, 201)
+_POWERS_OF_FINE = np.vander(_FINE, _DEGREE + 1, increasing=True)
 
 
 def _polynomial_top(x: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """Place, from -1 to 1, and value of the maximum of a polynomial through points."""
     basis = np.vander(x, _DEGREE + 1, increasing=True)
     coefficients, *_ = np.linalg.lstsq(basis, values, rcond=None)
-    fine, powers = _fine_grid(_DEGREE)
-    top = float(fine[int((powers @ coefficients).argmax())])
+    top = float(_FINE[int((_POWERS_OF_FINE @ coefficients).argmax())])
     power = np.arange(_DEGREE + 1)
     for _ in range(3):  # Newton's steps to where the slope is zero
         terms = coefficients[1:] * power[1:] * top ** power[:-1]
