@@ -141,26 +141,5 @@ def test_threads_give_the_same_bits() -> None:
         assert np.array_equal(alone, together)
 
 
-WITHOUT = """
-import numpy as np
-from granular import load_scene, simulate
-scene = load_scene("bed").replace(**{"grains.count": 5, "cell.width": "7 D",
-    "piston.height": "4 D", "arrangement.height": "4 D", "output.scalars": 1e-3})
-run = simulate(scene, dt=2e-4, t_end=4e-3, progress=False)
-found = run.dataset["position"].values[-1].tolist()
-"""
 
 
-def test_without_compilation() -> None:
-    """The engine also runs as plain Python, and gives the same motion."""
-    here: dict[str, list[list[float]]] = {}
-    exec(WITHOUT, here)
-    done = subprocess.run(
-        [sys.executable, "-c", f"{WITHOUT}print(found)"],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=ROOT,
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-    )
-    np.testing.assert_allclose(json.loads(done.stdout), here["found"], rtol=1e-12)

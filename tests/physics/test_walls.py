@@ -55,23 +55,8 @@ def test_slab_force_is_minus_gradient(w: float, s: float) -> None:
     assert wall_laws.tangential_force(w, a, b) == pytest.approx(tangential, rel=1e-7, abs=1e-9 * scale)
 
 
-def test_slab_force_is_the_sources_above_it() -> None:
-    """[D, eq. 3.17] with A = w/(f L), B = w/((1 - f) L)."""
-    w, s = 1.3, 3.7
-    a, b = w / s, w / (LENGTH - s)
-    wanted = 0.75 / w**3 * sum((3 * k**2 + 2) / (3 * k**2 + 3) / np.sqrt(k**2 + 1) for k in (a, b))
-    assert wall_laws.normal_force(w, s, LENGTH - s) == pytest.approx(wanted, rel=1e-14)
 
 
-def test_slab_tends_to_the_infinite_wall() -> None:
-    for w in (0.3, 1.0, 4.0):
-        errors = [
-            abs(wall_laws.normal_force(w, half, half) / InfiniteWall.force(None, w) - 1.0)
-            for half in (10.0, 100.0, 1000.0)
-        ]
-        assert errors[0] > errors[1] > errors[2]
-        assert errors[2] < 1e-9
-        assert wall_laws.energy(w, 1e6, 1e6) == pytest.approx(InfiniteWall.energy(None, w), rel=1e-10)
 
 
 @pytest.mark.parametrize("law", [ExperimentalWall, InfiniteWall])
@@ -188,27 +173,6 @@ def test_rows_of_discs_beside_the_other_walls() -> None:
         assert InfiniteWall.force(None, 1.0 + gap) == pytest.approx(infinite, rel=6e-3)
 
 
-@pytest.mark.long  # quick: the force of slabs and its energy, above
-def test_the_bed_that_the_source_could_not_hold_up_rests_on_slabs() -> None:
-    """[D, 3.6]: with slabs the source's bed fell through the bottom. Here it settles."""
-    side = {"law": "slab", "length": "75 D"}
-    scene = load_scene("bed").replace(
-        **{
-            "effects.walls": {"left": side, "right": side, "bottom": "slab", "top": "slab"},
-            "protocol.settle.until": "rest",
-            "protocol.settle.duration": 20.0,
-            "protocol.settle.tolerance": "1e-3 D",
-        }
-    )
-    run = simulate(scene, progress=False)
-    assert run.stages[0].reason == "rest"
-    height = run.dataset["position"].values[-1, :, 1]
-    assert (height > 0.0).all()
-    weight = 368 * 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0 * 9.8
-    lift = run.dataset["bottom_force"].values[-1] - run.dataset["piston_force"].values[-1]
-    force = evaluate(scene, run.dataset["position"].values[-1]).force
-    assert np.abs(force).max() < 2e-3 * run.dataset["bottom_force"].values[-1]
-    assert lift == pytest.approx(weight, rel=0.15)
 
 
 @pytest.mark.parametrize(

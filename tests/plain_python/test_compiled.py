@@ -7,7 +7,7 @@ import pytest
 pytestmark = [pytest.mark.long, pytest.mark.filterwarnings("ignore::RuntimeWarning")]
 
 
-@pytest.mark.parametrize("number", range(24))
+@pytest.mark.parametrize("number", range(27))
 def test_a_drawn_scene_is_summed_as_written_out_when_compiled(number: int) -> None:
     from tests.plain_python.test_drawn_scenes import SCENES, check_case, make_case
 

@@ -56,7 +56,7 @@ SPACING, JITTER, CUT_OFF = 10.8 * MM, 0.9 * MM, 30 * MM
 EXACT, OF_LAWS, OF_DISCS, OF_ROWS, OF_LOADS = 1e-12, 1e-9, 9e-6, 1e-6, 1e-3
 """Errors over the rms of a grain's sum of sizes; of own pair laws, which may be tables, of discs
 (`disc_near_law.RELATIVE`), of rows of them (test_row_of_discs_is_the_sum_over_its_magnets) and of their loads
-(test_disc_loads)."""
+(test_load_of_all_pairs_is_close_where_the_tables_end)."""
 
 Part = tuple[dict[str, Any], Callable[[Bed], Sums]]
 """Sections of a scene, and the sums that they bring."""
@@ -455,7 +455,20 @@ def every_pair() -> set[frozenset[str]]:
     return {frozenset(pair) for pair in itertools.combinations(FEATURES, 2)} - alike
 
 
-SCENES = draw_scenes(24, seed=6)
+SCENES = [
+    *draw_scenes(24, seed=6),
+    *(
+        Drawn(frozenset({"cylinders", "friction", *more}), number)
+        for number, more in enumerate(
+            (
+                {"mesh", "closed", "two species", "scatter"},
+                {"mesh", "periodic", "one species", "alike"},
+                {"direct", "periodic", "one species", "alike"},
+            ),
+            start=24,
+        )
+    ),
+]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -147,8 +147,6 @@ with tempfile.TemporaryDirectory() as folder:
         import_user_code([Path(folder) / file])
 
 
-def test_what_the_guide_brings_is_short() -> None:
-    assert max(len(files()[file].splitlines()) for file in GUIDE) <= 60
 
 
 OWN_WALLS = {

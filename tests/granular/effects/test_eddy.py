@@ -68,13 +68,6 @@ def matrix(positions: np.ndarray) -> np.ndarray:
     return np.block([[thin(a - b) for b in positions] for a in positions])
 
 
-PAIRS = {
-    "common, along": ((1, 0), (1, 0)),
-    "opposite, along": ((1, 0), (-1, 0)),
-    "common, across": ((0, 1), (0, 1)),
-    "opposite, across": ((0, 1), (0, -1)),
-    "perpendicular": ((1, 0), (0, 1)),
-}
 
 
 def decayed(
@@ -97,12 +90,6 @@ def decayed(
     return run.dataset["velocity"][-1].values, exact
 
 
-@pytest.mark.parametrize("name", PAIRS)
-def test_two_grains_decay_as_the_tensor_says(name: str) -> None:
-    positions = np.array([[100.0, 50.0], [101.3, 50.4]])
-    scene = scene_of(positions, 1e-9 * np.array(PAIRS[name], dtype=float))
-    computed, exact = decayed(scene, 2e-6)
-    np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
 def test_flow_is_of_second_order() -> None:
@@ -134,13 +121,6 @@ def test_what_is_lost_is_never_negative_and_closes_the_ledger() -> None:
         np.testing.assert_allclose(kinetic + lost, kinetic[0], rtol=1e-13)
 
 
-def test_without_conductivity_nothing_is_lost() -> None:
-    positions = np.array([[100.0, 50.0], [101.3, 50.4]])
-    scene = scene_of(positions, np.ones((2, 2)), **{"effects.eddy.conductivity": 0.0})
-    run = simulate(scene, dt=1e-3, progress=False)
-    velocity = run.dataset["velocity"].values
-    assert (velocity == velocity[0]).all()
-    assert (run.dataset["eddy_loss"].values == 0.0).all()
 
 
 @pytest.mark.parametrize(

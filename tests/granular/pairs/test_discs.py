@@ -77,12 +77,6 @@ def test_law_is_that_of_magpylibs_fields() -> None:
         assert known[1] == pytest.approx(force[1], rel=1e-6, abs=1e-8 * force[0])
 
 
-def test_force_of_equal_discs_over_that_of_dipoles() -> None:
-    """The figures of the documentation, for discs half as thick as wide."""
-    r = np.array([1.0, 1.1, 1.2, 1.3, 1.5, 1.8, 2.0, 3.0, 5.0])
-    ratio = disc_energy_and_force(r, COIN, COIN)[1] * r**4 / 3.0
-    known = [1.915, 1.658, 1.534, 1.445, 1.324, 1.217, 1.172, 1.073, 1.025]
-    np.testing.assert_allclose(ratio, known, atol=6e-4)
 
 
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (THIN, TALL)])
@@ -94,12 +88,6 @@ def test_far_away_discs_are_dipoles_with_a_second_multipole(pair: tuple[Disc, Di
     assert 3.0 * squared_distance_shift(COIN) == pytest.approx(2.25 * (0.25 - 0.25 / 3.0))
 
 
-def test_force_is_the_slope_of_the_energy() -> None:
-    r, step = np.linspace(1.05, 8.0, 40), 1e-4
-    near, far, nearer, farther = (disc_energy_and_force(r + k * step, COIN, COIN)[0] for k in (-1, 1, -2, 2))
-    slope = (8.0 * (near - far) - (nearer - farther)) / (12.0 * step)
-    force = disc_energy_and_force(r, COIN, COIN)[1]
-    np.testing.assert_allclose(slope, force, rtol=0.0, atol=1e-9 * force[0])
 
 
 class Bed:
@@ -207,22 +195,6 @@ def test_discs_that_meet_head_on_are_as_stiff_as_where_they_turn(ratio: float) -
     assert known <= squared_collision_frequency(discs, speed) * 1.01 <= 1.25 * known
 
 
-def test_list_holds_the_close_pairs_while_grains_move() -> None:
-    """And a new list, of grains that stand elsewhere in the same positions, has the same bits."""
-    random = np.random.default_rng(7)
-    positions = 1.5 * np.array([(k % 8, k // 8) for k in range(48)])
-    bed = Bed(positions, [COIN])
-    for move in (0.0, 0.02, 0.1, 0.1, 3.0):
-        bed.x[:48] += random.uniform(-move, move, 48)
-        bed.y[:48] += random.uniform(-move, move, 48)
-        moved = bed.sums()
-        fresh = Bed(np.column_stack([bed.x[:48], bed.y[:48]]), [COIN])
-        assert np.array_equal(fresh.sums()[0], moved[0], equal_nan=True)
-        firsts = np.repeat(np.arange(48), np.diff(fresh.listed.starts))
-        pairs = set(zip(firsts, fresh.listed.partners[: len(firsts)], strict=True))
-        apart = np.stack([bed.x[:48, None] - bed.x[:48], bed.y[:48, None] - bed.y[:48]])
-        near = np.argwhere(np.triu((apart**2).sum(axis=0) < bed.near.reach**2, 1))
-        assert pairs >= {tuple(pair) for pair in near}
 
 
 def test_discs_that_are_too_tall_are_refused() -> None:
