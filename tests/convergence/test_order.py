@@ -1,6 +1,6 @@
 """Orders of convergence by slope, against exact solutions.
 
-The negative control, drag in the force sum, is in `tests/plain_python/test_order.py`.
+The negative control, drag in the force sum, is in `tests/plain_python/test_orders_and_bits.py`.
 """
 
 import numpy as np

@@ -1,16 +1,15 @@
-"""Beds of discs: all sums have their law, energy is conserved, and too near is refused."""
+"""Beds of discs: the load of two on the plates, and an impact that is too hard."""
 
-import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 
 from granular import Scene, evaluate, load_scene, simulate
-from granular.pairs.dipole_law import STRENGTH
-from granular.pairs.disc_law import Disc, disc_energy_and_force
+from granular.pairs.disc_law import Disc, disc_torque_over_dipoles
 from granular.schema.natural_units import Scales
 from granular.shared.errors import OutsideError
+from tests.modes import quick_in_plain_python
 
 CONTACT = {"effects.contact": {"modulus": "20 MPa", "restitution": 0.7}}
 
@@ -19,16 +18,6 @@ def discs(scene: Scene, **changes: Any) -> Scene:
     walls = scene.effects.walls  # the same as of dipoles
     named = {} if walls is None else {"effects.walls": walls.to_plain()}
     return scene.replace(**{"grains.magnets": "cylinders", **named, **CONTACT, **changes})
-
-
-
-
-
-
-
-
-
-
 
 
 @pytest.mark.long
@@ -45,3 +34,27 @@ def test_a_hard_impact_into_rows_of_discs_stops_the_run_with_its_remedy() -> Non
         simulate(scene, t_end=0.15, progress=False)
     lighter = simulate(scene.replace(**{"piston.mass": "3.75 kg"}), t_end=0.15, progress=False)
     assert np.isfinite(lighter.dataset["position"].values).all()
+
+
+DISCS: dict[str, Any] = {
+    "grains.magnets": "cylinders",
+    **{f"effects.{name}": None for name in ("gravity", "drag", "contact")},
+}
+
+
+def loads(scene: Scene, positions: np.ndarray) -> np.ndarray:
+    """Normal loads at these positions [D], over F*."""
+    scales = Scales.from_grains(scene.grains)
+    return np.asarray(evaluate(scene, positions * scales.length).normal_load / scales.force)
+
+
+@quick_in_plain_python
+def test_two_discs_have_the_load_of_their_torque(bed: Scene) -> None:
+    """From contact on; below it the torque at contact. K of the model page for the dipoles."""
+    scene = bed.replace(**DISCS).replace(**{"effects.friction": {}, "grains.count": 2})
+    coin = Disc(0.5, 0.5)
+    for r in (0.985, 1.0, 1.0005, 1.05, 1.1, 1.2, 1.375, 1.6, 2.0, 2.1, 2.14, 2.2, 3.0, 6.0):
+        ratio = disc_torque_over_dipoles(np.array([max(r, 1.0)]), coin, coin)[0]
+        known = 0.0126585 * ratio / max(r, 1.0) ** 3
+        load = loads(scene, np.array([[20.0, 9.0], [20.0 + 0.6 * r, 9.0 + 0.8 * r]]))
+        assert load == pytest.approx([known, known], rel=1e-3, abs=1e-4 * 0.0126585 * 5.35)

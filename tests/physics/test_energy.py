@@ -37,10 +37,6 @@ def test_held_bed_keeps_its_energy(bed: Scene) -> None:
     assert abs(trend.slope) < 4.0 * trend.stderr or abs(trend.slope) * 20 < 1e-8 * total
 
 
-
-
-
-
 def test_work_at_a_lift_is_the_change_of_energy(small_damper: Scene) -> None:
     """A nudge does work on the piston's weight and on the wall energy, and the ledger sees it."""
     # In more drag it rests sooner.

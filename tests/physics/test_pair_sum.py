@@ -139,7 +139,3 @@ def test_threads_give_the_same_bits() -> None:
     one, several = (sums(direct_sum, positions, None, full=True, threaded=way) for way in (None, True))
     for alone, together in zip(one, several, strict=True):
         assert np.array_equal(alone, together)
-
-
-
-

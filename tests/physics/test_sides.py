@@ -290,8 +290,6 @@ def test_grain_on_an_incline_slides_or_stays(coefficient: float) -> None:
         np.testing.assert_allclose(-path, 0.5 * pull * data["frame_time"].values ** 2, rtol=1e-9, atol=1e-12)
 
 
-
-
 @pytest.mark.long  # quick: forces in a turned cell, above
 def test_variable_steps_follow_a_turned_cell() -> None:
     """Steps depend on distances alone, so that a turned cell is passed in the same ones."""

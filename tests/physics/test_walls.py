@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granular import Scene, evaluate, load_scene, simulate
+from granular import Scene
 from granular.compiled import entry
 from granular.effects import wall_discs, wall_laws
 from granular.effects.wall_laws import ExperimentalWall, InfiniteWall
@@ -53,10 +53,6 @@ def test_slab_force_is_minus_gradient(w: float, s: float) -> None:
     scale = abs(wall_laws.normal_force(w, a, b)) + abs(tangential)
     assert wall_laws.normal_force(w, a, b) == pytest.approx(normal, rel=1e-7, abs=1e-9 * scale)
     assert wall_laws.tangential_force(w, a, b) == pytest.approx(tangential, rel=1e-7, abs=1e-9 * scale)
-
-
-
-
 
 
 @pytest.mark.parametrize("law", [ExperimentalWall, InfiniteWall])
@@ -171,8 +167,6 @@ def test_rows_of_discs_beside_the_other_walls() -> None:
         assert 50.0 * np.ptp(force) / force.mean() == pytest.approx(ripple, rel=0.1)
         assert ExperimentalWall.force(None, 1.0 + gap) == pytest.approx(experimental, rel=6e-3)
         assert InfiniteWall.force(None, 1.0 + gap) == pytest.approx(infinite, rel=6e-3)
-
-
 
 
 @pytest.mark.parametrize(

@@ -147,8 +147,6 @@ with tempfile.TemporaryDirectory() as folder:
         import_user_code([Path(folder) / file])
 
 
-
-
 OWN_WALLS = {
     "left": {"law": "soft", "k": "4 N/m"},
     "top": {"energy": "a*(l/w)**3", "a": "20 uJ", "l": "6 mm"},

@@ -1,13 +1,16 @@
-"""Sums of scenes for which nothing else need be compiled: discs by each method, forces taken apart."""
+"""Sums in plain Python: discs by each method, forces taken apart, and parts that threads share."""
 
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 
 from granular import load_scene, simulate
+from granular.pairs import multilevel_mesh, stripes
 from granular.shared.errors import OutsideError
 from tests.granular.observables.test_compression import CHANGES, check_parts
+from tests.granular.pairs import test_cut_off, test_far_field
 from tests.physics.test_discs import discs
 
 
@@ -28,3 +31,30 @@ def test_discs_pressed_into_each_other_stop_the_run() -> None:
     )
     with pytest.raises(OutsideError, match=r"0\.98 is the limit.*effects\.contact\.modulus"):
         simulate(scene, dt=2e-6, t_end=2e-4, progress=False)
+
+
+def backwards(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Part small beds, too, and let threaded loops begin with the last part."""
+    for module in (multilevel_mesh, stripes):
+        monkeypatch.setattr(module, "PARTED_FROM", 8)
+    monkeypatch.setattr(numba, "prange", lambda parts: range(parts - 1, -1, -1))
+
+
+def test_parts_of_a_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    backwards(monkeypatch)
+    bed = test_far_field.Bed(92, differing=True)
+    one = bed.far()
+    assert one.mesh is not None
+    assert len(one.mesh.part_sources) > 1
+    bed.threaded = True
+    several = bed.far()
+    for name in ("fx", "fy", "load", "energy"):
+        np.testing.assert_array_equal(getattr(several, name), getattr(one, name))
+
+
+def test_parts_of_a_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    backwards(monkeypatch)
+    one, several = (test_cut_off.Bed(test_cut_off.scattered(150, 5), 6.0, differing=True) for _ in range(2))
+    assert one.stripes.ends.size > 1
+    several.threaded = True
+    np.testing.assert_array_equal(several.sums(), one.sums())

@@ -68,8 +68,6 @@ def matrix(positions: np.ndarray) -> np.ndarray:
     return np.block([[thin(a - b) for b in positions] for a in positions])
 
 
-
-
 def decayed(
     scene: Scene, dt: float, tensor: np.ndarray | None = None, **options: Any
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -88,8 +86,6 @@ def decayed(
     weighted = moments[:, None] * tensor * moments / masses[:, None]
     exact = (expm(-duration * rate * weighted) @ start.ravel()).reshape(-1, 2)
     return run.dataset["velocity"][-1].values, exact
-
-
 
 
 def test_flow_is_of_second_order() -> None:
@@ -119,8 +115,6 @@ def test_what_is_lost_is_never_negative_and_closes_the_ledger() -> None:
         assert lost[1] > 0.0
         assert (np.diff(lost) >= 0.0).all()
         np.testing.assert_allclose(kinetic + lost, kinetic[0], rtol=1e-13)
-
-
 
 
 @pytest.mark.parametrize(

@@ -138,5 +138,3 @@ def test_a_further_piston_takes_no_force_along_an_inclined_side(effects: dict[st
     scene = load_scene("bed")
     with pytest.raises(SceneError, match=words):
         scene.replace(**{f"effects.{key}": value for key, value in effects.items()}, **{"effects.host": host})
-
-

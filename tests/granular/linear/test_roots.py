@@ -1,14 +1,12 @@
 """Roots, modes and response of a small damper, each by another way."""
 
-import math
-
 import numpy as np
 import pytest
 
-from granular.linear import dynamic_stiffness, normal_modes, piston_roots, transmissibility
+from granular.linear import dynamic_stiffness, normal_modes, piston_roots
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.shared.errors import InputError
-from tests.granular.linear.small_beds import D, at_rest, free_motion, small_damper
+from tests.granular.linear.small_beds import D, at_rest, small_damper
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +92,3 @@ def test_the_stiffness_at_rest_is_the_weight_over_the_sag(rest: Equilibrium) -> 
     found = dynamic_stiffness(rest, np.array([0.0]))[0]
     assert found.imag == 0.0
     assert found.real == pytest.approx(wanted, rel=1e-6)
-
-
-
-

@@ -1,4 +1,4 @@
-"""Methods by name, as objects and as plain data."""
+"""Methods by name, as objects and as plain data; a user's own in runs."""
 
 import dataclasses
 import json
@@ -6,14 +6,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from granular import load_scene, load_trajectory, simulate
+from granular.__main__ import main
+from granular.commands.console import launch
 from granular.methods import METHODS, Method, method_named, resolve_method
 from granular.methods.method import method_from_plain
 from granular.methods.tables import method_as_run_setting, register_methods
-from granular.shared.errors import InputError
+from granular.run.summary import run_text
+from granular.shared.errors import InputError, StoreError
 from granular.user_code import import_user_code
 
 Z = 0.1931833275037836
@@ -90,3 +95,54 @@ def test_an_installed_distribution_offers_methods(installed: Callable[..., None]
         method_named("no")
     with pytest.raises(InputError, match=r"'gone' of laboratory 1\.0 cannot be loaded"):
         method_named("gone")
+
+
+PLAIN = METHODS["position-verlet"]
+TWIN = Method("twin", 2, kicks=PLAIN.kicks, drifts=PLAIN.drifts)
+OTHER = Method("twin", 2, kicks=(0.5, 0.5), drifts=(1.0,))
+"""Another method of the same name."""
+
+SCENE = load_scene("single-particle")
+END = 0.02
+
+
+def positions(**words: Any) -> np.ndarray:
+    run = simulate(SCENE, dt=1e-4, t_end=END, progress=False, **words)
+    return np.asarray(run.dataset["position"].values)
+
+
+def test_the_same_table_makes_the_same_bits() -> None:
+    assert (positions(method=TWIN) == positions(method="position-verlet")).all()
+    assert (positions(method=TWIN.to_plain()) == positions(method=TWIN)).all()
+    assert (positions(method=OTHER) != positions(method=TWIN)).any()
+
+
+def test_the_table_stands_in_the_settings_and_is_asked_for_again(tmp_path: Path) -> None:
+    words: dict[str, Any] = {"dt": 1e-4, "t_end": END, "progress": False, "out": tmp_path / "run"}
+    simulate(SCENE, method=TWIN, **words)
+    kept = load_trajectory(tmp_path / "run")
+    assert kept.settings()["method"] == TWIN.to_plain()
+    assert kept.method == TWIN
+    assert "(twin, dt" in run_text(kept)
+    with pytest.raises(StoreError, match="has another method"):
+        simulate(SCENE, method=OTHER, resume=True, **words)
+    again = simulate(SCENE, method=TWIN, resume=True, **words)
+    assert again.complete
+
+
+def test_the_command_line_takes_it_by_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from granular import Method\nm = Method('on-the-line', 2, kicks=(0, 1, 0), drifts=(0.5, 0.5))\n"
+    )
+    words = ["run", "single-particle", "--dt", "1e-4", "--t-end", "0.02", "--json", "--quiet"]
+    words += ["--method", "on-the-line"]
+    assert launch(main, [*words, "--import", str(tmp_path / "mine.py")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["method"]["drifts"] == [0.5, 0.5]
+
+
+def test_what_the_scene_cannot_take_is_said() -> None:
+    scene = load_scene("bed").replace(**{"effects.friction": {}})
+    backward = Method("backward", 4, kicks=METHODS["pefrl"].kicks, drifts=METHODS["pefrl"].drifts)
+    with pytest.raises(InputError, match="method = 'backward' cannot run a scene with"):
+        simulate(scene, method=backward, progress=False)

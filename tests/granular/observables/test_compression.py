@@ -21,8 +21,9 @@ from granular.observables import (
 from granular.observables.forces import iterate_pair_forces, iterate_wall_forces
 from granular.observables.frame import Frame
 from granular.shared.errors import InputError
-from tests.granular.observables.conftest import MakeRun, hexagonal
 from tests.modes import quick_in_plain_python
+
+from .conftest import MakeRun, hexagonal
 
 WIDTH, HEIGHT, COUNT = 0.08, 0.06, 30
 SLAB = {"law": "slab", "length": "0.6 m"}

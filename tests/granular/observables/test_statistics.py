@@ -1,4 +1,4 @@
-"""Knuth's bins, fluctuations, correlation, temperature and the bi-exponential law."""
+"""Statistics of a bed: bins, fluctuations, modes, directions, correlations, temperatures, two exponentials."""
 
 import math
 
@@ -6,19 +6,25 @@ import numpy as np
 import pytest
 from scipy.stats import pearsonr
 
+from granular import load_scene
 from granular.observables import (
+    axial_order_parameter,
     biexponential_fit,
+    configurational_temperature,
+    dip_test,
     kinetic_temperature,
     knuth_histogram,
     pearson_correlation,
     per_frame,
     relative_force_fluctuation,
+    spatial_correlation,
     voronoi_cells,
 )
-from granular.observables.statistics import knuth_bin_count
+from granular.observables.forces import iterate_pair_forces, iterate_wall_forces
+from granular.observables.statistics import dip_statistic, knuth_bin_count
 from granular.shared.errors import InputError
 
-from .conftest import MakeRun
+from .conftest import MakeRun, hexagonal
 
 TWO_SPECIES = [
     {"name": "big", "diameter": "6 mm", "share": 0.5},
@@ -201,3 +207,100 @@ def test_unfit_samples_are_input_errors() -> None:
         biexponential_fit(np.arange(4.0), np.arange(4.0))
     with pytest.raises(InputError, match="finite"):
         biexponential_fit(np.arange(6.0), np.array([1.0, np.nan, 3.0, 4.0, 5.0, 6.0]))
+
+
+def test_two_modes_are_told_from_one(random: np.random.Generator) -> None:
+    one = random.normal(2.0, 0.3, 80)  # as many as below: their distribution is simulated once
+    two = np.concatenate([one[:40] - 0.6, one[40:] + 0.6])
+    found = dip_test(two)
+    assert found.p < 0.01
+    assert dip_test(one).p > 0.1
+    assert found.dip == pytest.approx(dip_test(10.0 * two - 3.0).dip, rel=1e-9)
+
+
+def test_dip_of_two_atoms_is_known() -> None:
+    """Half of all values at either of two places: 1/4 as both become points (Hartigan 1985)."""
+    values = np.concatenate([np.linspace(0.0, 1e-6, 200), np.linspace(1.0, 1.0 + 1e-6, 200)])
+    assert dip_statistic(values) == pytest.approx(0.25, abs=0.005)
+
+
+def test_uniform_values_seldom_look_like_two_modes(random: np.random.Generator) -> None:
+    p = np.array([dip_test(random.random(80)).p for _ in range(200)])
+    assert 0.01 <= (p < 0.05).mean() <= 0.11
+
+
+def test_too_few_values_are_an_input_error() -> None:
+    with pytest.raises(InputError, match="3 values; the dip test needs at least 4"):
+        dip_test(np.array([1.0, 2.0, np.nan, 3.0]))
+
+
+def test_directions(random: np.random.Generator) -> None:
+    """Vectors along a line have axial order alone; those of a fan a polar one as well."""
+    none = axial_order_parameter(random.normal(size=(400, 2)))
+    assert min(none.polar_p, none.axial_p) > 0.01
+    line = np.outer(random.choice([-1.0, 1.0], 400), [1.0, 2.0])
+    found = axial_order_parameter(line)
+    assert found.axial == pytest.approx(1.0)
+    assert found.polar < 0.2
+    assert found.axial_p < 1e-12
+    assert axial_order_parameter(np.abs(line)).polar == pytest.approx(1.0)
+    assert axial_order_parameter(np.array([[1.0, 0.0], [np.nan, 1.0], [0.0, 0.0]])).vectors == 1
+    with pytest.raises(InputError, match="0 vectors"):
+        axial_order_parameter(np.zeros((3, 2)))
+
+
+def test_rayleigh_p_is_a_probability(random: np.random.Generator) -> None:
+    p = np.array([axial_order_parameter(random.normal(size=(30, 2))).axial_p for _ in range(2000)])
+    for level in (0.05, 0.3):
+        assert (p < level).mean() == pytest.approx(level, abs=3.5 * np.sqrt(level / 2000))
+
+
+def test_spatial_correlation(random: np.random.Generator) -> None:
+    """Stripes of two rows: alike within, opposite between; independent values have none."""
+    positions = hexagonal(24, 24)
+    edges = np.array([0.9, 1.1])
+    rows = np.repeat(np.arange(24) % 2, 24)
+    striped = spatial_correlation(positions, rows, edges)
+    near = np.linalg.norm(positions[:, None] - positions[None], axis=2)
+    i, j = np.nonzero(np.triu((near > 0.9) & (near <= 1.1)))
+    wanted = np.mean((rows[i] - 0.5) * (rows[j] - 0.5)) / 0.25
+    assert striped.values[0] == pytest.approx(wanted)
+    assert striped.pairs[0] == len(i)
+    noise = spatial_correlation(positions, random.normal(size=576), edges).values[0]
+    assert abs(noise) < 4.0 / np.sqrt(striped.pairs[0])
+    with pytest.raises(InputError, match="do not differ"):
+        spatial_correlation(positions, np.ones(576), edges)
+
+
+def test_that_of_a_run_is_that_of_its_frames(make_run: MakeRun) -> None:
+    """With the forces that dipoles and walls make."""
+    frames = 0.012 * (hexagonal(6, 5) + 2.0) + np.random.default_rng(2).normal(scale=4e-4, size=(3, 30, 2))
+    changes = {"effects.gravity": None, "effects.drag": None}
+    scene = make_run(frames, changes).scene
+    forces = np.zeros_like(frames)
+    for total, places in zip(forces, frames, strict=True):
+        for some in (*iterate_pair_forces(scene, places), iterate_wall_forces(scene, places, 0.36)):
+            total[some.grains] += some.forces.sum(axis=1)
+    run = make_run(frames, changes, forces=forces)
+    heights, forces = (run.dataset[name].values for name in ("frame_height", "force"))
+    assert configurational_temperature(scene, frames, heights, forces) == pytest.approx(
+        configurational_temperature(scene, frames, 0.36), rel=1e-12
+    )
+    with pytest.raises(InputError, match="0 frames"):
+        configurational_temperature(scene, frames[:0], 0.36, forces[:0])
+    with pytest.raises(InputError, match=r"piston_height has the shape \(2,\)"):
+        configurational_temperature(scene, frames, np.ones(2))
+    with pytest.raises(InputError, match="forces have the shape"):
+        configurational_temperature(scene, frames, 0.36, forces[0])
+
+
+def test_friction_and_weight_add_nothing_to_the_laplacian() -> None:
+    scene = load_scene("bed").replace(**{"grains.count": 2, "arrangement.height": "19 D"})
+    places = 0.006 * np.array([[20.0, 9.0], [30.0, 9.0]])
+    bare = scene.replace(**{"effects.gravity": None})
+    frames, forces = places[None], np.ones((1, 2, 2))
+    whole, part = (configurational_temperature(some, frames, forces=forces) for some in (scene, bare))
+    assert whole == part > 0.0
+    touching = scene.replace(**{"effects.contact": {"modulus": "1 GPa"}})
+    with pytest.raises(InputError, match="only dipoles and walls"):
+        configurational_temperature(touching, frames, forces=forces)

@@ -86,8 +86,6 @@ def test_polygons_have_the_areas_of_the_cells(random: np.random.Generator) -> No
         assert (side_lengths(corners) ** 2).sum() == pytest.approx(cells.side_squares[grain], rel=1e-10)
 
 
-
-
 def test_absent_grains_count_nowhere(random: np.random.Generator) -> None:
     points = random.random((150, 2))
     gaps = np.insert(points, [0, 40, 150], np.nan, axis=0)

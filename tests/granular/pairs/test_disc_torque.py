@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from granular.pairs.disc_law import (
     Disc,
     contact_distance,
-    disc_energy_and_force,
     disc_load,
     disc_load_law,
     disc_torque_over_dipoles,
@@ -51,8 +50,6 @@ def torque_of_fields(r: float, first: Disc, second: Disc, tilts: np.ndarray, man
     return np.asarray(torque / unit_torque(first, second))
 
 
-
-
 def along(first: float, second: float) -> np.ndarray:
     """Tilts towards +x, as rotations about x and y."""
     return np.array([[0.0, first], [0.0, second]])
@@ -72,8 +69,6 @@ def test_torque_of_two_equally_tilted_discs(r: float, known: float) -> None:
     assert disc_torque_over_dipoles(np.array([r]), COIN, COIN)[0] == pytest.approx(of_fields, rel=tolerance)
 
 
-
-
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (SMALL, COIN), (THIN, TALL), (TALL, THIN)])
 def test_small_tilts_have_the_law_at_each_distance(pair: tuple[Disc, Disc]) -> None:
     tilt = 1e-4
@@ -88,8 +83,6 @@ def test_far_away_the_torque_has_the_next_multipole(pair: tuple[Disc, Disc]) -> 
     excess = disc_torque_over_dipoles(r, *pair) - 1.0
     kappa = 7.5 * squared_distance_shift(pair[0]) + 2.5 * squared_distance_shift(pair[1])
     assert (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2) == pytest.approx(kappa, abs=1e-3)
-
-
 
 
 def test_discs_have_the_parts_of_the_bound_that_dipoles_have() -> None:

@@ -77,8 +77,6 @@ def test_law_is_that_of_magpylibs_fields() -> None:
         assert known[1] == pytest.approx(force[1], rel=1e-6, abs=1e-8 * force[0])
 
 
-
-
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (THIN, TALL)])
 def test_far_away_discs_are_dipoles_with_a_second_multipole(pair: tuple[Disc, Disc]) -> None:
     r = np.array([60.0, 120.0])
@@ -86,8 +84,6 @@ def test_far_away_discs_are_dipoles_with_a_second_multipole(pair: tuple[Disc, Di
     slope = (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2)
     assert slope == pytest.approx(1.5 * pair_squared_distance_shift(*pair), rel=3e-3, abs=1e-4)
     assert 3.0 * squared_distance_shift(COIN) == pytest.approx(2.25 * (0.25 - 0.25 / 3.0))
-
-
 
 
 class Bed:
@@ -193,8 +189,6 @@ def test_discs_that_meet_head_on_are_as_stiff_as_where_they_turn(ratio: float) -
     known = 2.0 / mass * 0.25 * moment**2 * (force[0] - force[2]) / (2.0 * step)
     discs = make_disc_laws([COIN], np.zeros(2, dtype=np.int64), strength=moment**2 / mass)[1]
     assert known <= squared_collision_frequency(discs, speed) * 1.01 <= 1.25 * known
-
-
 
 
 def test_discs_that_are_too_tall_are_refused() -> None:

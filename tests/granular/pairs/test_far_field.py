@@ -1,25 +1,43 @@
-"""The smooth split of the pair law, and its far part on a mesh."""
+"""The far part of the pair law: its split, its sums, and its use where grains rub."""
 
 import itertools
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granular import Scene, simulate
+from granular import Scene, plan, simulate
 from granular.compiled import entry
+from granular.engine.forces import add_far_field, refresh_far_field
+from granular.kernel_data.state import Bed as KernelBed
+from granular.methods import method_named
 from granular.pairs import far_field
 from granular.pairs.dipole_law import far_part_of_inverse_cube, far_part_of_inverse_fifth
 from granular.pairs.direct_sum import pad_coordinates, pad_values
-from granular.pairs.far_field import FarFieldSettings, FarFieldState, far_field_state
+from granular.pairs.far_field import (
+    AHEAD,
+    STILL,
+    TIME,
+    FarFieldSettings,
+    FarFieldState,
+    direct_far_field_workspace,
+    far_field_state,
+)
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS as RADIUS
 from granular.pairs.pair_sum_settings import TOLERANCE
+from granular.pairs.stripes import stripes_workspace
+from granular.run.protocol_runner import ProtocolRunner
+from granular.run.run_state import ARRANGE
 from granular.scene.named_scenes import mono_bed
+from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.errors import InputError, SceneError
 
 compute_mesh_far_field = entry(far_field.compute_mesh_far_field)
+compute_direct_far_field = entry(far_field.compute_direct_far_field)
 
 
 @given(ratio=st.floats(0.05, 4.0), radius=st.floats(0.5, 50.0))
@@ -93,9 +111,18 @@ class Bed:
             return np.ones(self.count)
         return self.padded_moments[: self.count]
 
-    def differences(self) -> tuple[np.ndarray, np.ndarray]:
+    def exact(self) -> tuple[np.ndarray, float, np.ndarray, float]:
+        """Forces, energy and loads of the far law over all pairs, and the rms sum of the sizes of forces."""
         apart = self.places[:, None] - self.places[None]
-        return apart, (apart**2).sum(axis=2)
+        square, products = (apart**2).sum(axis=2), self.moments[:, None] * self.moments[None]
+        forces = 0.75 * ((products * far_part_of_inverse_fifth(square, RADIUS))[..., None] * apart).sum(
+            axis=1
+        )
+        cubes = far_part_of_inverse_cube(square, RADIUS)
+        np.fill_diagonal(cubes, 0.0)
+        np.fill_diagonal(square, np.inf)
+        unit = np.sqrt(np.mean((0.75 * products * square**-2.0).sum(axis=1) ** 2))
+        return forces, 0.125 * float((products * cubes).sum()), cubes @ self.weight[: self.count], float(unit)
 
 
 @pytest.mark.parametrize("differing", [False, True])
@@ -103,20 +130,34 @@ class Bed:
 def test_mesh_is_the_sum_over_all_pairs(count: int, differing: bool) -> None:
     """Forces to the tolerance that the packaged radius stands for."""
     bed = Bed(count, differing=differing)
-    far, q, n = bed.far(), bed.moments, bed.count
-    apart, square = bed.differences()
-    products = q[:, None] * q[None]
-    forces = 0.75 * ((products * far_part_of_inverse_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
-    np.fill_diagonal(square, np.inf)
-    unit = np.sqrt(np.mean((0.75 * products * square**-2.0).sum(axis=1) ** 2))
+    far, n = bed.far(), bed.count
+    forces, energy, load, unit = bed.exact()
     error = np.hypot(far.fx[:n] - forces[:, 0], far.fy[:n] - forces[:, 1])
     assert error.max() < TOLERANCE * unit
-    cubes = far_part_of_inverse_cube(np.where(np.isinf(square), 0.0, square), RADIUS)
-    np.fill_diagonal(cubes, 0.0)
-    assert far.energy[0] == pytest.approx(0.125 * (products * cubes).sum(), rel=1e-3)
-    load = cubes @ bed.weight[:n]
+    assert far.energy[0] == pytest.approx(energy, rel=1e-3)
     assert far.load is not None
     np.testing.assert_allclose(far.load[:n], load, atol=1e-3 * load.max())
+
+
+def test_direct_sum_less_the_near_part_is_the_sum_over_all_pairs() -> None:
+    bed = Bed(150, differing=True)
+    fx, fy, load, energy = (np.zeros_like(bed.x) for _ in range(4))
+    compute_direct_far_field(
+        direct_far_field_workspace(bed.x.size, with_loads=True),
+        stripes_workspace(bed.x.size, moments=True, with_loads=True),
+        RADIUS,
+        None,
+        bed.count,
+        GrainArrays(bed.x, bed.y, fx, fy, bed.padded_moments, load=load, weight=bed.weight),
+        energy,
+    )
+    found = np.column_stack([fx, fy])[: bed.count]
+    forces, wanted_energy, loads, _ = bed.exact()
+    # Taken as a difference: what is left is rounded as the whole forces of close pairs are.
+    np.testing.assert_allclose(found, forces, atol=1e-13)
+    np.testing.assert_allclose(found.sum(axis=0), 0.0, atol=1e-13)  # action and reaction
+    assert energy[0] == pytest.approx(wanted_energy, rel=1e-11)
+    np.testing.assert_allclose(load[: bed.count], loads, rtol=1e-11)
 
 
 @pytest.mark.parametrize("differing", [False, True])
@@ -241,3 +282,127 @@ def test_run_with_friction_or_another_method(small_bed: Scene, small_damper: Sce
     assert meshed.settings()["ledger_residual"] < 1e-3
     forces = [run.dataset["piston_force"].values[:50] for run in (meshed, exact)]
     np.testing.assert_allclose(*forces, rtol=5e-3)
+
+
+evaluate_far = entry(refresh_far_field)
+add_far = entry(add_far_field)
+
+
+def spared(scene: Scene, **changes: object) -> Scene:
+    """The direct sum, whose far pairs are met less often."""
+    return scene.replace(**{"pairs": {"method": "direct", "far_every": 8, **changes}})
+
+
+Far = Callable[..., Scene]
+both = pytest.mark.parametrize("far", [on_mesh, spared])
+
+
+def moving(scene: Scene) -> Scene:
+    """Its grains slide, and nothing else takes their energy."""
+    return scene.replace(**{"effects.drag": None, "effects.gravity": None, "arrangement.speed": "2 D/s"})
+
+
+@pytest.mark.long
+def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> None:
+    """It is found again for a grain that moves on, whichever and however it moves."""
+    method = method_named("stormer-verlet")
+    scene = on_mesh(rubbing(small_bed))
+    system = scene_in_natural_units(scene, method=method)
+    run = ProtocolRunner(plan(scene, threads=1))
+    run.begin_stage()
+    state, far = run.state, run.state.far_forces
+    assert far is not None
+    before = far.fx.copy()
+    for by, finds in ((0.4 * STILL, False), (-0.8 * STILL, False), (1.6 * STILL, True)):
+        for places in (state.x, state.y):
+            far.fx[:] = before
+            start = places.copy()
+            places[5] += by
+            evaluate_far(far, KernelBed(state, run.constants), 0.0)
+            assert (far.fx != before).any() == finds
+            places[:] = start
+            run.present_record(ARRANGE)
+    assert system.constants.acting.far is not None
+    often = scene_in_natural_units(on_mesh(rubbing(small_bed), far_every=1), method=method)
+    assert often.constants.acting.far == system.constants.acting.far._replace(rubbing=None)
+    seldom = scene_in_natural_units(on_mesh(rubbing(small_bed), far_every=4), method=method)
+    assert seldom.constants.acting.far == system.constants.acting.far._replace(rubbing=4)
+    at_all = scene_in_natural_units(spared(rubbing(small_bed), far_every=1), method=method)
+    assert at_all.constants.acting.far is None
+
+
+@pytest.mark.long
+def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) -> None:
+    """Forces and loads to second order, in `AHEAD` steps at most; then they are found again."""
+    dt, speed = 0.02, 0.3
+
+    def force_of(rubs: int | None, steps: int) -> tuple[np.ndarray, float]:
+        """Far part of force and load after steps at constant speed, and when it was last found."""
+        run = ProtocolRunner(plan(on_mesh(rubbing(small_bed), far_every=rubs or 1), threads=1))
+        run.begin_stage()
+        state, constants = run.state, run.constants
+        assert state.far_forces is not None
+        assert state.load is not None
+        way = speed * np.random.default_rng(4).standard_normal((2, constants.grains))
+        for step in range(steps + 1):
+            assert evaluate_far(state.far_forces, KernelBed(state, constants), dt * step) == 0
+            if step < steps:
+                state.x[: constants.grains] += dt * way[0]
+                state.y[: constants.grains] += dt * way[1]
+        for sums in (state.fx, state.fy, state.load):
+            sums[:] = 0.0
+        add_far(state.far_forces, state, constants.grains, dt * steps)
+        found = np.array([state.fx, state.fy, state.load])
+        return found, float(state.far_forces.timing[TIME])
+
+    for steps, met in ((AHEAD, 1), (AHEAD + 1, AHEAD + 1)):
+        exact, _ = force_of(None, steps)
+        still, when = force_of(AHEAD, met)
+        assert when == pytest.approx(met * dt)
+        going, when = force_of(AHEAD, steps)
+        assert when == pytest.approx(met * dt)
+        if steps > met:
+            left = np.abs(going - exact).max(axis=1)
+            assert (left < 0.3 * np.abs(still - exact).max(axis=1)).all()
+        else:
+            np.testing.assert_allclose(going, exact, atol=1e-15)
+
+
+@both
+@pytest.mark.long  # quick: how the far field goes on
+def test_order_where_grains_slide(far: Far, small_bed: Scene) -> None:
+    """Second order in the step also where the far field goes on for some steps."""
+    scene = moving(far(rubbing(small_bed)))
+    ends = [
+        simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
+        for dt in (4e-5, 2e-5, 1e-5, 5e-6, 1.25e-6)
+    ]
+    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
+    assert np.log2(errors[0] / errors[-1]) / 3.0 == pytest.approx(2.0, abs=0.25)
+    assert (np.diff(errors) < 0.0).all()
+
+
+@both
+@pytest.mark.long  # quick: when the far field is found again
+def test_bed_that_rubs_rests_under_the_same_force(far: Far, small_bed: Scene) -> None:
+    """As with the far field found at every step, and grains that stick stand still exactly."""
+    runs = [
+        simulate(far(rubbing(small_bed), **keys), t_end=0.6, progress=False).dataset
+        for keys in ({}, {"far_every": 1})
+    ]
+    forces = [one["piston_force"].values[-1] for one in runs]
+    assert forces[0] == pytest.approx(forces[1], rel=5e-4)
+    moved = np.abs(runs[0]["position"].values[-1] - runs[0]["position"].values[-2])
+    assert (moved == 0.0).mean() > 0.5
+
+
+@both
+@pytest.mark.long
+def test_a_resumed_run_has_the_bits_of_one_in_a_piece(far: Far, small_bed: Scene, tmp_path: Path) -> None:
+    """What the far field goes on from is made of the state alone, wherever a run is cut."""
+    scene = moving(far(rubbing(small_bed)))
+    integer = simulate(scene, t_end=0.05, progress=False).dataset
+    for end in (0.0123, 0.0307, 0.05):
+        parts = simulate(scene, t_end=end, out=str(tmp_path), resume=end > 0.02, progress=False).dataset
+    for name in ("position", "velocity", "force"):
+        np.testing.assert_array_equal(integer[name].values[-1], parts[name].values[-1])

@@ -82,7 +82,7 @@ def test_other_runs_are_refused() -> None:
         swept_response(run)
 
 
-@pytest.mark.long  # quick: bad input, and the page of a made response (test_page.py)
+@pytest.mark.long  # quick: bad input, and the page of a made response (test_report_page.py)
 def test_the_commands_run_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bare.toml"
     machine({"force": 1.0, "frequency": 3.0, "start": 0.1}, 1.0).save(file)

@@ -1,17 +1,22 @@
-"""A user's own measures: from a file on the command line, or installed, never from a study."""
+"""A user's own measures and methods in a study."""
 
 import pickle
 import sys
 from collections.abc import Callable
+from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from granular import Method, load_scene, sweep
 from granular.__main__ import main
 from granular.commands.console import launch
+from granular.methods import METHODS
 from granular.shared.errors import InputError
 from granular.shared.user_file import run_user_file
 from granular.studies.cases import CustomMeasure, custom_measures, find_measure, last_values, measure_identity
+from granular.studies.sweep import load_study
 
 OWN = """
 import dataclasses
@@ -105,3 +110,36 @@ def test_a_study_names_a_function_of_the_file_that_the_command_imports(
     assert not (tmp_path / "out").exists()
     assert launch(main, [*words, "--import", str(own_file(tmp_path))]) == 0
     assert "answer" in (tmp_path / "out" / "table.csv").read_text().splitlines()[0]
+
+
+PLAIN = METHODS["position-verlet"]
+TWIN = Method("twin", 2, kicks=PLAIN.kicks, drifts=PLAIN.drifts)
+OTHER = Method("twin", 2, kicks=(0.5, 0.5), drifts=(1.0,))
+"""Another method of the same name."""
+
+SCENE = load_scene("single-particle")
+
+
+def test_a_sweep_carries_the_table(tmp_path: Path, here: Executor) -> None:
+    words: dict[str, Any] = {"dt": 1e-4, "t_end": 0.02, "progress": False, "executor": here, "out": tmp_path}
+    grid = {"method": [TWIN, "position-verlet", "stormer-verlet"]}
+    table = sweep(SCENE, grid, **words).table
+    assert list(table["method"]) == ["twin", "position-verlet", "stormer-verlet"]
+    assert not table["error"].notna().any()
+    kinetic = table["kinetic_energy"]
+    assert kinetic[0] == kinetic[1] != kinetic[2]
+    assert sweep(SCENE, {"method": [TWIN]}, **words).reused == 1
+    assert sweep(SCENE, {"method": [OTHER]}, **words).reused == 0
+
+
+def test_a_study_file_may_hold_the_table(tmp_path: Path, here: Executor) -> None:
+    (tmp_path / "study.toml").write_text(
+        'scene = "single-particle"\ndt = 1e-4\nt_end = 0.02\n'
+        "[method]\nname = 'in-a-file'\norder = 2\nkicks = [0, 1, 0]\ndrifts = [0.5, 0.5]\n"
+        "[[cases]]\n'arrangement.seed' = 1\n"
+        "[[cases]]\nmethod = { name = 'in-a-case', order = 2, kicks = [0.5, 0.5], drifts = [1] }\n"
+    )
+    study = load_study(tmp_path / "study.toml")
+    found = sweep(study.pop("scene"), executor=here, progress=False, **study)
+    assert [case.settings["method"]["name"] for case in found.cases] == ["in-a-file", "in-a-case"]
+    assert not found.failed

@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 
 from granular import load_scene, sweep
+from granular.run.trajectory import Trajectory
+from granular.studies.sweep import BackgroundCaseRunner
 from granular.studies.cases import Case, CaseOutcome
 from granular.studies.executors import case_executor
 from granular.studies.sweep import ATTEMPTS
@@ -133,3 +135,19 @@ def test_an_interrupted_sweep_ends_in_silence() -> None:
     )
     assert "KeyboardInterrupt" in done.stderr
     assert "executor manager" not in done.stderr
+
+
+def step_and_process(run: Trajectory) -> Mapping[str, float]:
+    return {"dt": run.settings()["dt"], "process": os.getpid()}
+
+
+def test_who_waits_computes_what_no_process_has_begun() -> None:
+    steps = [1e-3 / parts for parts in range(1, 13)]
+    settings = {"dt": 1e-3, "t_end": 1e-2, "method": "stormer-verlet"}
+    with BackgroundCaseRunner(step_and_process, None) as background:
+        cases = [{"dt": step} for step in steps]
+        started = background.submit_cases(load_scene("single-particle"), cases, settings)
+        outcomes = background.wait_for_outcomes(started, "cases", False)
+    assert [outcome.error for outcome in outcomes] == [None] * len(steps)
+    assert [outcome.figures["dt"] for outcome in outcomes] == steps
+    assert outcomes[-1].figures["process"] == os.getpid() != outcomes[0].figures["process"]
