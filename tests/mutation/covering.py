@@ -10,7 +10,6 @@ class Stage(NamedTuple):
     paths: tuple[str, ...]
 
 
-_FORCES = "tests/physics/test_forces.py"
 _SMALL = "tests/plain_python"
 _RUBBING = tuple(
     f"tests/physics/test_friction.py::test_{one}"
@@ -22,30 +21,24 @@ _RUBBING = tuple(
 )
 """A lone grain over some hundred steps."""
 
-_OF_ONES_OWN = (Stage(False, (_FORCES, _SMALL)), Stage(True, ("tests/granular/effects/test_custom.py",)))
+_OF_ONES_OWN = (Stage(False, (_SMALL,)), Stage(True, ("tests/granular/effects/test_custom.py",)))
 """Laws that users write, as formulas or in Python."""
-_OF_A_LONE_GRAIN = (
-    Stage(False, (_FORCES, _SMALL)),
-    Stage(True, ("tests/granular/effects/test_single_grain.py",)),
-)
+_OF_A_LONE_GRAIN = (Stage(False, (_SMALL,)), Stage(True, ("tests/granular/effects/test_single_grain.py",)))
 
 _OF_THE_LOOP = (
-    Stage(False, (_FORCES, _SMALL, *_RUBBING, "tests/granular/engine")),
+    Stage(False, (_SMALL, *_RUBBING, "tests/granular/engine")),
     Stage(True, ("tests/physics/test_energy.py", "tests/physics/test_friction.py")),
     Stage(True, ("tests/granular/protocol", "tests/granular/run", "tests/regression", "tests/physics")),
 )
 
 _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
-    "granular/effects/contact": (
-        Stage(False, (_FORCES, _SMALL)),
-        Stage(True, ("tests/physics/test_contact.py",)),
-    ),
+    "granular/effects/contact": (Stage(False, (_SMALL,)), Stage(True, ("tests/physics/test_contact.py",))),
     "granular/effects/friction": (
-        Stage(False, (_FORCES, _SMALL, *_RUBBING)),
+        Stage(False, (_SMALL, *_RUBBING)),
         Stage(True, ("tests/physics/test_friction.py",)),
     ),
     "granular/effects/wall": (
-        Stage(False, (_FORCES, _SMALL)),
+        Stage(False, (_SMALL,)),
         Stage(True, ("tests/physics/test_walls.py", "tests/granular/scene/test_scene.py")),
     ),
     "granular/effects/custom": _OF_ONES_OWN,
@@ -56,13 +49,13 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
     "granular/effects/magnetic_gradient": _OF_A_LONE_GRAIN,
     "granular/effects/wall_friction": _OF_A_LONE_GRAIN,
     "granular/effects": (
-        Stage(False, (_FORCES, _SMALL)),
+        Stage(False, (_SMALL,)),
         Stage(True, ("tests/physics", "tests/granular/run/test_drive.py")),
     ),
     "granular/engine": _OF_THE_LOOP,
     "granular/kernel_data": _OF_THE_LOOP,
     "granular/pairs": (
-        Stage(False, (_FORCES, _SMALL, "tests/granular/pairs/test_verlet_list.py")),
+        Stage(False, (_SMALL, "tests/granular/pairs/test_verlet_list.py")),
         Stage(True, ("tests/physics/test_pair_sum.py", "tests/granular/pairs")),
     ),
     "reduced_models/fitting": (

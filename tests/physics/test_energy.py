@@ -75,23 +75,6 @@ def falling(bed: Scene) -> Scene:
     )
 
 
-def test_free_fall_is_exact(falling: Scene) -> None:
-    """Without other effects a grain falls by g t^2/2 ([D, eq. 2.18] misprints g t^2)."""
-    run = simulate(falling.replace(**{"effects.drag.coefficient": 0.0}), dt=1e-3, t_end=0.1, progress=False)
-    time = run.dataset["frame_time"].values
-    fall = run.dataset["position"].values[:, 0, 1]
-    np.testing.assert_allclose(fall, 0.072 - 4.9 * time**2, rtol=1e-13, atol=1e-16)
-
-
-def test_drag_alone_decays_exactly(falling: Scene) -> None:
-    """V = v0 exp(-gamma t/m) to rounding at any step: the drag flow is exact."""
-    changes = {"effects.gravity.acceleration": 0.0, "arrangement.velocities": [[0.3, -0.1]]}
-    run = simulate(falling.replace(**changes), dt=1e-3, t_end=0.1, progress=False)
-    speed = run.dataset["velocity"].values[-1, 0]
-    mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
-    np.testing.assert_allclose(speed, np.array([0.3, -0.1]) * np.exp(-0.1 * 0.1 / mass), rtol=1e-11)
-
-
 def test_overdamped_grain_sinks_at_terminal_speed(falling: Scene) -> None:
     """Gamma h/m = 1.6e4: the grain moves at m g/gamma, whatever the step."""
     run = simulate(falling.replace(**{"effects.drag.coefficient": 1e4}), dt=1e-3, t_end=0.1, progress=False)

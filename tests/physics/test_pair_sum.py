@@ -18,17 +18,11 @@ from granular.pairs import direct_sum as direct
 from granular.pairs.direct_sum import PARTED_FROM, pad_coordinates, pad_values, partial_sum_buffers
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pure_python_sums import pure_python_direct_sum
+from tests.granular.pairs.test_cut_off import scattered
 
 direct_sum = entry(direct.direct_sum)
 
 ROOT = Path(__file__).parents[2]
-
-
-def arrangement(count: int, seed: int) -> np.ndarray:
-    random = np.random.default_rng(seed)
-    side = int(np.ceil(np.sqrt(max(count, 1))))
-    place = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
-    return 1.7 * place + random.uniform(-0.6, 0.6, (count, 2))
 
 
 def sums(
@@ -46,7 +40,7 @@ def sums(
 @settings(max_examples=25, deadline=None)
 @given(count=st.integers(1, 60), seed=st.integers(0, 10**6), differing=st.booleans(), full=st.booleans())
 def test_fast_sum_is_its_slow_twin(count: int, seed: int, differing: bool, full: bool) -> None:
-    positions = arrangement(count, seed)
+    positions = scattered(count, seed)
     moments = pad_values(np.linspace(0.3, 1.0, count)) if differing else None
     fast = sums(direct_sum, positions, moments, full=full)
     slow = sums(pure_python_direct_sum, positions, moments, full=full)
@@ -74,7 +68,7 @@ def exact(positions: np.ndarray, moments: np.ndarray, weight: np.ndarray) -> lis
 @pytest.mark.parametrize(("count", "differing"), list(itertools.product((7, 92, 368), (False, True))))
 def test_error_against_long_double(count: int, differing: bool) -> None:
     """Within 1e-13 of the sum of the magnitudes of a grain's pair forces."""
-    positions = arrangement(count, 3)
+    positions = scattered(count, 3)
     moments = np.linspace(0.3, 1.0, count) if differing else np.ones(count)
     fast = sums(direct_sum, positions, pad_values(moments) if differing else None, full=True)
     fx, fy, magnitudes, load = exact(positions, moments, np.linspace(0.2, 1.0, count))
@@ -103,7 +97,7 @@ print(json.dumps([fx.tolist(), fy.tolist(), load.tolist(), "rsqrt14" in code, "s
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="other processors run it always")
 def test_portable_path(tmp_path: Path) -> None:
     """The code for a processor without AVX: as exact, and without square roots and estimates."""
-    positions = arrangement(57, 8)
+    positions = scattered(57, 8)
     done = subprocess.run(
         [sys.executable, "-c", PORTABLE, json.dumps(positions.tolist())],
         capture_output=True,
@@ -124,7 +118,7 @@ def test_portable_path(tmp_path: Path) -> None:
 
 def test_parts_agree_with_one_part() -> None:
     """The same grains, summed in parts and (a few fewer, far away ones) in one part."""
-    positions = arrangement(PARTED_FROM - 8, 5)
+    positions = scattered(PARTED_FROM - 8, 5)
     far = np.stack([1e12 * np.arange(1.0, 17.0), np.zeros(16)], axis=1)
     moments = np.linspace(0.3, 1.0, PARTED_FROM + 8)
     one = sums(direct_sum, positions, pad_values(moments[:-16]), full=True)
@@ -135,7 +129,7 @@ def test_parts_agree_with_one_part() -> None:
 
 def test_threads_give_the_same_bits() -> None:
     """Each part is summed by one thread, and the parts in their order."""
-    positions = arrangement(PARTED_FROM + 3, 6)
+    positions = scattered(PARTED_FROM + 3, 6)
     one, several = (sums(direct_sum, positions, None, full=True, threaded=way) for way in (None, True))
     for alone, together in zip(one, several, strict=True):
         assert np.array_equal(alone, together)

@@ -136,21 +136,33 @@ def test_force_is_minus_the_gradient_at_every_law_on_an_inclined_side(walls: dic
             assert -slope == pytest.approx(force[grain, axis], rel=1e-7, abs=1e-7 * np.abs(force).max())
 
 
+@pytest.mark.parametrize(
+    ("walls", "count", "settings", "error"),
+    [
+        (ROW, 16, {"dt": 2e-5, "t_end": 0.01}, 1e-8),
+        # Steps depend on distances alone, so that a turned cell is passed in the same ones.
+        (("infinite",) * 4, 6, {"t_end": 0.02, "method": "adaptive-verlet"}, 1e-7),
+    ],
+    ids=["equal steps", "variable steps"],
+)
 @quick_in_plain_python
-def test_turned_rectangle_gives_turned_forces_and_motions() -> None:
+def test_turned_rectangle_gives_turned_forces_and_motions(
+    walls: tuple[Any, ...], count: int, settings: dict[str, Any], error: float
+) -> None:
     corners = D * np.array([[0.0, 0.0], [14.0, 0.0], [14.0, 9.0], [0.0, 9.0]])
-    walls, places = dict(zip("abcd", ROW, strict=True)), scattered(polygon(corners), 16)
+    laws, places = dict(zip("abcd", walls, strict=True)), scattered(polygon(corners), count)
     turn = np.array([[math.cos(0.4), -math.sin(0.4)], [math.sin(0.4), math.cos(0.4)]])
-    turned = corners @ turn.T
-    shift = -turned.min(axis=0)
-    level = held_in(polygon(corners), walls, places)
-    inclined = held_in(polygon(turned + shift), walls, places @ turn.T + shift)
+    shift = -(corners @ turn.T).min(axis=0)
+    there = places @ turn.T + shift
+    level = held_in(polygon(corners), laws, places)
+    inclined = held_in(polygon(corners @ turn.T + shift), laws, there)
     force = evaluate(level, places).force
-    there = evaluate(inclined, places @ turn.T + shift)
-    np.testing.assert_allclose(there.force, force @ turn.T, atol=1e-11 * np.abs(force).max())
-    runs = [simulate(scene, dt=2e-5, t_end=0.01, progress=False) for scene in (level, inclined)]
+    turned = evaluate(inclined, there).force
+    np.testing.assert_allclose(turned, force @ turn.T, atol=1e-11 * np.abs(force).max())
+    runs = [simulate(scene, progress=False, **settings) for scene in (level, inclined)]
+    assert len({run.settings()["steps"] for run in runs}) == 1
     paths = [run.dataset["position"].values[-1] for run in runs]
-    np.testing.assert_allclose(paths[1], paths[0] @ turn.T + shift, atol=1e-8 * D)
+    np.testing.assert_allclose(paths[1], paths[0] @ turn.T + shift, atol=error * D)
 
 
 def small_bed(count: int) -> Scene:
@@ -288,25 +300,6 @@ def test_grain_on_an_incline_slides_or_stays(coefficient: float) -> None:
     else:
         pull = g * (math.sin(incline) - coefficient * math.cos(incline))
         np.testing.assert_allclose(-path, 0.5 * pull * data["frame_time"].values ** 2, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.long  # quick: forces in a turned cell, above
-def test_variable_steps_follow_a_turned_cell() -> None:
-    """Steps depend on distances alone, so that a turned cell is passed in the same ones."""
-    corners = D * np.array([[0.0, 0.0], [14.0, 0.0], [14.0, 9.0], [0.0, 9.0]])
-    walls, places = dict.fromkeys("abcd", "infinite"), scattered(polygon(corners), 6)
-    turn = np.array([[math.cos(0.4), -math.sin(0.4)], [math.sin(0.4), math.cos(0.4)]])
-    shift = -(corners @ turn.T).min(axis=0)
-    runs = [
-        simulate(scene, t_end=0.02, method="adaptive-verlet", progress=False)
-        for scene in (
-            held_in(polygon(corners), walls, places),
-            held_in(polygon(corners @ turn.T + shift), walls, places @ turn.T + shift),
-        )
-    ]
-    assert len({run.settings()["steps"] for run in runs}) == 1
-    paths = [run.dataset["position"].values[-1] for run in runs]
-    np.testing.assert_allclose(paths[1], paths[0] @ turn.T + shift, atol=1e-7 * D)
 
 
 SQUARE = D * np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]])

@@ -60,6 +60,8 @@ EXACT, OF_LAWS, OF_DISCS, OF_ROWS, OF_LOADS = 1e-12, 1e-9, 9e-6, 1e-6, 6e-4
 
 Part = tuple[dict[str, Any], Callable[[Bed], Sums]]
 """Sections of a scene, and the sums that they bring."""
+PairLaw = Callable[[Bed, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Energy [J] and repulsion [N] of pairs of a bed at the distances r [m] of grains i and j."""
 
 
 @effect
@@ -177,58 +179,50 @@ def contact(draw: np.random.Generator) -> Part:
     return {"contact": {"modulus": modulus}}, lambda bed: sum_pairs(bed, hertz(bed, modulus))
 
 
+def sum_of(law: PairLaw) -> Callable[[Bed], Sums]:
+    return lambda bed: sum_pairs(bed, functools.partial(law, bed))
+
+
 def formula_pair_laws(draw: np.random.Generator) -> Part:
     """One that ends at a distance, and one of all pairs, which is spent within a few diameters."""
     a, length, k, end = draw.uniform(1e-3, 3e-3), 6e-4, draw.uniform(0.5, 2.0), draw.uniform(0.012, 0.02)
 
-    def sums(bed: Bed) -> Sums:
-        def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            screened = a * bed.ratios[i] * bed.ratios[j] * np.exp(-r / length)
-            rest = np.maximum(end - r, 0.0)
-            return screened + k * rest**4 / end**2, screened / length + 4.0 * k * rest**3 / end**2
-
-        return sum_pairs(bed, law)
+    def law(bed: Bed, r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        screened = a * bed.ratios[i] * bed.ratios[j] * np.exp(-r / length)
+        rest = np.maximum(end - r, 0.0)
+        return screened + k * rest**4 / end**2, screened / length + 4.0 * k * rest**3 / end**2
 
     screened = {"energy": "a*q1*q2*exp(-r/l)", "a": f"{a} J", "l": f"{length} m"}
     short = {"energy": "k*max(end - r, 0)**4/end**2", "k": f"{k} N/m", "end": f"{end} m", "reach": end}
-    return {"pair_law": [screened, short]}, sums
+    return {"pair_law": [screened, short]}, sum_of(law)
 
 
 def own_short_law(draw: np.random.Generator) -> Part:
     k, end = draw.uniform(1.0, 3.0), draw.uniform(0.012, 0.02)
 
-    def sums(bed: Bed) -> Sums:
-        def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            strength, rest = k * bed.ratios[i] * bed.ratios[j], np.maximum(end - r, 0.0)
-            return strength * rest**4 / end**2, 4.0 * strength * rest**3 / end**2
+    def law(bed: Bed, r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        strength, rest = k * bed.ratios[i] * bed.ratios[j], np.maximum(end - r, 0.0)
+        return strength * rest**4 / end**2, 4.0 * strength * rest**3 / end**2
 
-        return sum_pairs(bed, law)
-
-    return {Bumpers.key: {"k": k, "end": end}}, sums
+    return {Bumpers.key: {"k": k, "end": end}}, sum_of(law)
 
 
 def own_screened_law(draw: np.random.Generator) -> Part:
     a, length = draw.uniform(6e-6, 18e-6), 6e-4
+    return {Screened.key: {"a": a, "length": length}}, sum_of(yukawa(a, length))
 
-    def sums(bed: Bed) -> Sums:
-        def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            energy = a * bed.ratios[i] * bed.ratios[j] * np.exp(-r / length) / r
-            return energy, energy * (1.0 / r + 1.0 / length)
 
-        return sum_pairs(bed, law)
+def yukawa(a: float, length: float) -> PairLaw:
+    def law(bed: Bed, r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        energy = a * bed.ratios[i] * bed.ratios[j] * np.exp(-r / length) / r
+        return energy, energy * (1.0 / r + 1.0 / length)
 
-    return {Screened.key: {"a": a, "length": length}}, sums
+    return law
 
 
 def law_with_a_tail(sections: dict[str, Any]) -> Callable[[np.random.Generator], Part]:
     """Make a Yukawa repulsion and c/r^3, whose tail the method sums as it does dipoles."""
-
-    def short(bed: Bed) -> Sums:
-        def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            energy = bed.ratios[i] * bed.ratios[j] * A * np.exp(-r / LENGTH) / r
-            return energy, energy * (1.0 / r + 1.0 / LENGTH)
-
-        return sum_pairs(bed, law)
+    short = sum_of(yukawa(A, LENGTH))
 
     def tail(bed: Bed) -> Sums:
         def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -246,15 +240,12 @@ def law_with_a_tail(sections: dict[str, Any]) -> Callable[[np.random.Generator],
 def law_by_mass(draw: np.random.Generator) -> Part:
     a, length, end = draw.uniform(0.1, 0.3), 2 * MM, 25 * MM
 
-    def sums(bed: Bed) -> Sums:
-        def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            rest = np.maximum(end - r, 0.0) / end
-            energy = a * (bed.masses[i] + bed.masses[j]) * np.exp(-r / length) / r
-            return energy * rest**4, energy * ((1.0 / r + 1.0 / length) * rest**4 + 4.0 * rest**3 / end)
+    def law(bed: Bed, r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rest = np.maximum(end - r, 0.0) / end
+        energy = a * (bed.masses[i] + bed.masses[j]) * np.exp(-r / length) / r
+        return energy * rest**4, energy * ((1.0 / r + 1.0 / length) * rest**4 + 4.0 * rest**3 / end)
 
-        return sum_pairs(bed, law)
-
-    return {ByMass.key: {"a": a, "length": length, "end": end}}, sums
+    return {ByMass.key: {"a": a, "length": length, "end": end}}, sum_of(law)
 
 
 def friction(draw: np.random.Generator) -> Part:

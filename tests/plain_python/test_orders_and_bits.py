@@ -1,4 +1,4 @@
-"""Second order by slope, with what dissipates and what jumps; the same bits where near pairs are listed again."""
+"""Second order by slope, with what dissipates and what jumps; the same bits where pairs are listed again."""
 
 from pathlib import Path
 from typing import Any

@@ -1,10 +1,7 @@
 """Order conditions against methods of known order, and against counts of words and trees."""
 
-import itertools
-import math
 import random
 
-import numpy as np
 import pytest
 
 from granular.methods import METHODS, Method
@@ -34,24 +31,6 @@ def test_as_many_trees_as_there_are() -> None:
     counts = [len(_rooted_trees(nodes)) for nodes in range(1, HIGHEST_ORDER + 1)]
     assert counts == [1, 1, 2, 4, 9, 20, 48, 115, 286, 719]
     assert len(set(_rooted_trees(8))) == 115
-
-
-def test_words_are_those_of_matrices() -> None:
-    """Exponentials of nilpotent matrices agree up to the order, and not beyond."""
-    draw = np.random.default_rng(1)
-    for method in (METHODS["forest-ruth"], METHODS["blanes-moan-4"], METHODS["stormer-verlet"]):
-        for rows, same in ((method.order + 1, True), (method.order + 2, False)):
-            kick, drift = np.triu(draw.standard_normal((2, rows, rows)), 1)
-            product = np.eye(rows)
-            for a, b in itertools.zip_longest(method.kicks, method.drifts, fillvalue=0.0):
-                product = product @ _exponential(a * kick) @ _exponential(b * drift)
-            integer = _exponential(kick + drift)
-            assert bool(np.abs(product - integer).max() < 1e-10) is same
-
-
-def _exponential(matrix: np.ndarray) -> np.ndarray:
-    powers = (np.linalg.matrix_power(matrix, k) / math.factorial(k) for k in range(len(matrix)))
-    return np.sum(list(powers), axis=0)
 
 
 def test_a_changed_digit_is_noticed() -> None:

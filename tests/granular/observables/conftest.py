@@ -13,6 +13,11 @@ from granular.run.trajectory import Trajectory, make_trajectory
 
 MakeRun = Callable[..., Trajectory]
 
+TWO_SPECIES = [
+    {"name": "big", "diameter": "6 mm", "share": 0.5},
+    {"name": "small", "diameter": "3 mm", "share": 0.5},
+]
+
 
 class Cell(NamedTuple):
     """A Voronoi cell by brute force: neighbours, corners in order, and whether it is interior."""
@@ -31,6 +36,18 @@ def hexagonal(columns: int, rows: int, spacing: float = 1.0) -> np.ndarray:
 def rotated(points: np.ndarray, angle: float) -> np.ndarray:
     c, s = np.cos(angle), np.sin(angle)
     return points @ np.array([[c, s], [-s, c]])
+
+
+def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> np.ndarray:
+    """Of an edge dislocation by linear elasticity, with a soft core; zero where no grain is."""
+    angle = np.arctan2(burgers[1], burgers[0])
+    x, y = rotated(points - core, -angle).T
+    r2, nu, turn = x**2 + y**2 + 0.09, 1.0 / 3.0, 1.0 / (2.0 * np.pi)
+    ux = turn * (np.arctan2(y, x) + x * y / (2.0 * (1.0 - nu) * r2))
+    uy = -turn * (
+        (1.0 - 2.0 * nu) / (4.0 * (1.0 - nu)) * np.log(r2) + (x**2 - y**2) / (4.0 * (1.0 - nu) * r2)
+    )
+    return rotated(np.stack([ux, uy], axis=1), angle)
 
 
 def brute_cells(points: np.ndarray) -> list[Cell]:

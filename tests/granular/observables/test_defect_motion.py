@@ -26,7 +26,7 @@ from granular.observables.plots import plot_defect_paths
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 
-from .conftest import MakeRun, hexagonal, rotated
+from .conftest import MakeRun, displacement, hexagonal, rotated
 
 SPACING = 0.0123
 COLUMNS, ROWS = 43, 25
@@ -49,18 +49,6 @@ class Made(NamedTuple):
 
     def there(self, frame: int) -> bool:
         return self.first <= frame <= self.last
-
-
-def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> np.ndarray:
-    """As in test_defects, with a soft core; zero where no grain is."""
-    angle = np.arctan2(burgers[1], burgers[0])
-    x, y = rotated(points - core, -angle).T
-    r2, nu, turn = x**2 + y**2 + 0.09, 1.0 / 3.0, 1.0 / (2.0 * np.pi)
-    ux = turn * (np.arctan2(y, x) + x * y / (2.0 * (1.0 - nu) * r2))
-    uy = -turn * (
-        (1.0 - 2.0 * nu) / (4.0 * (1.0 - nu)) * np.log(r2) + (x**2 - y**2) / (4.0 * (1.0 - nu) * r2)
-    )
-    return rotated(np.stack([ux, uy], axis=1), angle)
 
 
 def direction(sixth: int) -> np.ndarray:

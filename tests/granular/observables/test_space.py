@@ -19,12 +19,7 @@ from granular.observables import (
 )
 from granular.shared.errors import InputError
 
-from .conftest import MakeRun
-
-TWO_SPECIES = [
-    {"name": "big", "diameter": "6 mm", "share": 0.5},
-    {"name": "small", "diameter": "3 mm", "share": 0.5},
-]
+from .conftest import TWO_SPECIES, MakeRun
 
 
 def test_published_packing_fractions() -> None:

@@ -1,4 +1,4 @@
-"""Statistics of a bed: bins, fluctuations, modes, directions, correlations, temperatures, two exponentials."""
+"""Statistics of a bed: bins, modes, directions, correlations, temperatures and the bi-exponential law."""
 
 import math
 
@@ -24,12 +24,7 @@ from granular.observables.forces import iterate_pair_forces, iterate_wall_forces
 from granular.observables.statistics import dip_statistic, knuth_bin_count
 from granular.shared.errors import InputError
 
-from .conftest import MakeRun, hexagonal
-
-TWO_SPECIES = [
-    {"name": "big", "diameter": "6 mm", "share": 0.5},
-    {"name": "small", "diameter": "3 mm", "share": 0.5},
-]
+from .conftest import TWO_SPECIES, MakeRun, hexagonal
 
 
 def knuth_posterior(values: np.ndarray, bins: int) -> float:

@@ -7,7 +7,7 @@ import pytest
 
 from granular.compiled import entry
 from granular.pairs import piecewise
-from granular.pairs.piecewise import PiecewiseTable, Samples, tabulate_energies, tabulate_values
+from granular.pairs.piecewise import PiecewiseTable, Samples, tabulate_energies
 
 tabulated_energy = entry(piecewise.tabulated_energy)
 tabulated_ratio = entry(piecewise.tabulated_ratio)
@@ -53,15 +53,6 @@ def test_energy_and_force_are_those_of_the_law(
     assert (np.abs(found[:, 1] - force(r)) <= tolerance * scale).all()
 
 
-def test_force_and_slope_are_derivatives_within_a_piece() -> None:
-    table, step = table_of(yukawa), 1e-4
-    for u in (0.3, 1.01, 2.7, 9.9):
-        near, far = (tabulated_energy(table, 0, u + k * step) for k in (-1, 1))
-        assert (near - far) / step == pytest.approx(tabulated_ratio(table, 0, u), rel=1e-7)
-        near, far = (tabulated_ratio(table, 0, u + k * step) for k in (-1, 1))
-        assert 0.5 * (far - near) / step == pytest.approx(tabulated_slope(table, 0, u), rel=1e-6)
-
-
 def test_jump_of_the_force_is_where_it_should_be() -> None:
     def truncated(r: Samples) -> Samples:
         return np.where(r < 3.0, 1.0 / r - 1.0 / 3.0, 0.0)
@@ -70,16 +61,6 @@ def test_jump_of_the_force_is_where_it_should_be() -> None:
     for r, wanted in ((3.0 - 1e-7, 1.0 / 9.0), (3.0 + 1e-7, 0.0)):
         assert r * tabulated_ratio(table, 0, r * r) == pytest.approx(wanted, abs=1e-6)
     assert (table.halves > 0).sum() < 60
-
-
-def test_tables_of_several_functions_are_read_by_row() -> None:
-    def sampled(factor: float) -> piecewise.Sampled:
-        return lambda u: (factor * np.cos(u), np.full(len(u), factor))
-
-    table = tabulate_values([sampled(1.0), sampled(3.0)], LOW, HIGH, 1e-10)
-    for row, factor in enumerate((1.0, 3.0)):
-        for u in np.geomspace(LOW, HIGH, 40):
-            assert tabulated_ratio(table, row, u) == pytest.approx(factor * np.cos(u), abs=2e-10 * factor)
 
 
 def test_beyond_its_ends_a_table_goes_on() -> None:

@@ -11,17 +11,11 @@ from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.near_list import BUILDS, LISTED, NearList, VerletSettings, verlet_list_workspace
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
 from granular.shared.errors import SceneError
+from tests.granular.pairs.test_cut_off import scattered
 
 verlet_list_sum = entry(near_list.verlet_list_sum)
 
 LISTING = VerletSettings(6.0, 2.0)
-
-
-def scattered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    random = np.random.default_rng(seed)
-    side = int(np.ceil(np.sqrt(count)))
-    slot = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
-    return pad_coordinates(1.8 * slot + random.uniform(-0.5, 0.5, (count, 2)))
 
 
 def sums(function, near: NearList, count: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -33,7 +27,7 @@ def sums(function, near: NearList, count: int, x: np.ndarray, y: np.ndarray) -> 
 
 
 def test_fresh_list_is_the_cut_off() -> None:
-    x, y = scattered(150, 3)
+    x, y = pad_coordinates(scattered(150, 3))
     found = sums(verlet_list_sum, verlet_list_workspace(x.size, LISTING), 150, x, y)
 
     def plain(near: NearList, *rest: object) -> None:
@@ -59,7 +53,7 @@ def test_pairs_are_those_of_the_list_until_a_grain_has_moved_by_the_skin() -> No
 
 
 def test_list_made_again_gives_the_same_bits() -> None:
-    x, y = scattered(150, 5)
+    x, y = pad_coordinates(scattered(150, 5))
     known = verlet_list_workspace(x.size, LISTING)
     sums(verlet_list_sum, known, 150, x, y)
     x[:150] += np.random.default_rng(1).uniform(-1.0, 1.0, 150)
@@ -71,7 +65,7 @@ def test_list_made_again_gives_the_same_bits() -> None:
 
 
 def test_full_list_gives_no_numbers() -> None:
-    x, y = scattered(60, 5)
+    x, y = pad_coordinates(scattered(60, 5))
     workspace = verlet_list_workspace(x.size, LISTING)
     full = workspace._replace(partners=np.zeros(9, dtype=np.uint32))
     assert np.isnan(sums(verlet_list_sum, full, 60, x, y)[:120]).all()

@@ -1,4 +1,4 @@
-"""Dampers of every size with equal groups are one damper."""
+"""Dampers of every size with equal groups are one damper; the published scales of grains."""
 
 import math
 from typing import Any
@@ -10,6 +10,7 @@ from granular.linear import piston_roots
 from granular.linear.equilibrium import equilibrium_from
 from granular.observables.moduli import crystal_moduli, dipole_pair_strength
 from granular.scene.scene_in_natural_units import dimensionless_groups, groups_line, lattice_rest, rescale
+from granular.schema.natural_units import MAGNETIC_CONSTANT, Scales
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import at_rest, small_damper
 
@@ -79,3 +80,31 @@ def test_parts_and_a_machine_in_another_size() -> None:
     assert host.excitation.frequency == pytest.approx(3.25 / 2.0)
     with pytest.raises(InputError, match="parts of one's own"):
         rescale(load_scene("bed").replace(**{"effects.field": [{"energy": "f*y", "f": "1 mN"}]}), 1.0)
+
+
+def test_published_scales() -> None:
+    """Masses, moments and units of the table of scales [D, Tables 2.1 and 4.3]."""
+    expected = {
+        0.006: (6.2498e-4, 0.08775, 2.37656, 1.25612e-3, 2.57715e-3, 4.1303),
+        0.005: (4.3401e-4, 0.0609375, 2.37656, 9.5557e-4, 1.78969e-3, 4.5245),
+        0.008: (1.11107e-3, 0.156, 2.37656, 1.93393e-3, 4.5816e-3, 3.5769),
+    }
+    bed = load_scene("bed")
+    for diameter, (mass, moment, force, tau, gravity, balance) in expected.items():
+        scene = bed.replace(
+            **{
+                "grains.species.0.diameter": diameter,
+                "cell.width": 0.9,
+                "piston.height": 0.3,
+                "arrangement.height": 0.28,
+            }
+        )
+        scales = Scales.from_grains(scene.grains)
+        weight = 9.8 / scales.acceleration
+        volume = math.pi * 0.003 * diameter**2 / 4.0
+        assert scales.mass == pytest.approx(mass, rel=5e-5)
+        assert 1.3 * volume / MAGNETIC_CONSTANT == pytest.approx(moment, rel=5e-5)
+        assert scales.force == pytest.approx(force, rel=5e-6)
+        assert scales.time == pytest.approx(tau, rel=5e-6)
+        assert weight == pytest.approx(gravity, rel=5e-5)
+        assert (0.75 / weight) ** 0.25 == pytest.approx(balance, rel=5e-5)
