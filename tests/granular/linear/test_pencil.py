@@ -9,9 +9,8 @@ from scipy.linalg import eigh
 from granular.effects.host_structure import Host
 from granular.linear import normal_modes, piston_roots, slopes, transmissibility
 from granular.linear import pencil as pencils
-from granular.linear.bed_forces import BedForces
+from granular.linear.bed_forces import BedForces, matrices_of_chain
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
-from granular.linear.bed_forces import matrices_of_chain
 from granular.linear.pencil import Pencil, make_pencil
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, small_damper

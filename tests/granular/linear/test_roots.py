@@ -8,7 +8,7 @@ import pytest
 from granular.linear import dynamic_stiffness, normal_modes, piston_roots, slopes
 from granular.linear.bed_forces import scaled_parameter
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
-from granular.linear.slopes import number_keys
+from granular.linear.small_motions import number_keys
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, small_damper
 

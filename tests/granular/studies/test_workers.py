@@ -15,10 +15,9 @@ import pytest
 
 from granular import load_scene, sweep
 from granular.run.trajectory import Trajectory
-from granular.studies.sweep import BackgroundCaseRunner
 from granular.studies.cases import Case, CaseOutcome
 from granular.studies.executors import DaskClusterExecutor, ExecutorLostError, case_executor, cluster_executor
-from granular.studies.sweep import ATTEMPTS
+from granular.studies.sweep import ATTEMPTS, BackgroundCaseRunner
 from tests.granular.studies.conftest import write_study
 
 ROOT = Path(__file__).parents[3]
