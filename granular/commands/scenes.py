@@ -84,7 +84,7 @@ def _list_methods(output: Output) -> None:
 
 def _warm_up(names: tuple[str, ...], changes: Changes, output: Output) -> None:
     """Compile what scenes need."""
-    from granular.compiled.kernel_cache import kernel_cache_folder
+    from granular.compiled.numba_insides import kernel_cache_folder
     from granular.run.simulation import compile_and_cache_kernels
     from granular.scene.named_scenes import load_scene, scene_names
 

@@ -15,7 +15,7 @@ import numpy as np
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
-from granular.compiled.kernel_cache import PACKAGE, insides_are_usable
+from granular.compiled.numba_insides import PACKAGE, insides_are_usable
 
 _INNER: dict[str, Any] = {}
 _ENTRY: dict[str, Any] = {}
@@ -24,7 +24,7 @@ if insides_are_usable():
 
     _INNER, _ENTRY = {"pipeline_class": InnerCompiler}, {"pipeline_class": EntryCompiler}
 else:
-    from granular.compiled.kernel_cache import cache_kernel_by_numba as cache_kernel
+    from granular.compiled.numba_insides import cache_kernel_by_numba as cache_kernel
 
 __all__ = ["Array", "compiled", "entry"]
 
@@ -95,29 +95,21 @@ def threaded_if_wanted(loop: Callable[..., Any]) -> Callable[..., Any]:
     return compiled(run)
 
 
-@overload
-def entry(function: F) -> F: ...
-@overload
-def entry(*, inline: bool = ...) -> Callable[[F], F]: ...
-def entry(function: Any = None, *, inline: bool = False) -> Any:
+def entry(function: F) -> F:
     """Compile a kernel that Python calls, and other kernels may.
 
     Parameters
     ----------
-    function : function, optional
+    function : function
         Function, or a kernel of `compiled`, for another form of it that Python can call.
-    inline : bool
-        Put the code into every caller, for what is met at every step and is short.
 
     Returns
     -------
     function
-        Compiled function, or a decorator.
+        Compiled function.
     """
-    if function is None:
-        return functools.partial(entry, inline=inline)
     plain = getattr(function, "py_func", function)
-    return _compile_kernel(plain, forceinline=inline, no_cfunc_wrapper=True, **_ENTRY)
+    return _compile_kernel(plain, no_cfunc_wrapper=True, **_ENTRY)
 
 
 def _compile_kernel(function: Any, **options: Any) -> Any:

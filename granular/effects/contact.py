@@ -54,7 +54,7 @@ class Contact(ForceEffect, DissipativeEffect):
 
     def make_kernel_law(self, context: EffectContext) -> ContactLaw:
         """Law in natural units."""
-        scales, periods = context.scales, context.cell.periods
+        scales = context.scales
         diameters = np.array([specy.diameter for specy in context.grains.species]) / scales.length
         logarithm = math.log(self.restitution)
         alpha = -math.sqrt(5.0) * logarithm / math.hypot(logarithm, math.pi)
@@ -64,7 +64,7 @@ class Contact(ForceEffect, DissipativeEffect):
             radius=0.5 * diameters[context.species],
             widest=float(diameters.max()),
             barrier=_magnetic_energy_at_touch(context, diameters),
-            periods=None if periods is None else (periods[0] / scales.length, periods[1] / scales.length),
+            periods=context.periods,
         )
 
 

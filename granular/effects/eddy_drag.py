@@ -74,6 +74,7 @@ class Eddy(DissipativeEffect):
     rank = 1
     example: ClassVar[Any] = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
     damps = True
+    unwritten_defaults = ("plate",)
     loss_record = energy_variable("eddy_loss", "energy lost to eddy currents")
 
     conductivity: float = quantity("S/m", least=0.0)
@@ -106,15 +107,6 @@ class Eddy(DissipativeEffect):
                 "effects",
                 "eddy",
             )
-
-    def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; the last two keys stand there where they are set."""
-        plain = super().to_plain()
-        if self.plate == "thin":
-            del plain["plate"]
-        if self.mutual is None:
-            plain.pop("mutual", None)
-        return plain
 
     def _plate_in_natural_units(self, scales: Scales) -> Plate:
         thickness = self.thickness if self.plate == "thick" else 0.0

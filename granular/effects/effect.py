@@ -121,6 +121,12 @@ class EffectContext:
     piston: Piston | None = None
     cut_off: float | None = None
 
+    @property
+    def periods(self) -> tuple[float, float] | None:
+        """Sides of a periodic cell [D]; None of a closed one."""
+        sides, length = self.cell.periods, self.scales.length
+        return None if sides is None else (sides[0] / length, sides[1] / length)
+
 
 class Effect(Section):
     """Base of the effects.

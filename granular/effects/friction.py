@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -90,6 +90,7 @@ class Friction(DissipativeEffect):
     dry = True
     damps = True
     takes_along = ("drag",)
+    unwritten_defaults = ("tilt",)
     loss_record = energy_variable("friction_loss", "energy lost to dry friction")
     grain_records = (RecordedVariable("normal_load", "N", "normal force on the plates", "force"),)
 
@@ -111,13 +112,6 @@ class Friction(DissipativeEffect):
             raise FieldError(
                 f"'second' is an order of the bound, not of tilt = '{self.tilt}'; take 'first'", "torque"
             )
-
-    def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; the key ``tilt`` is written where it is not the source's."""
-        plain: dict[str, Any] = super().to_plain()
-        if self.tilt == "bound":
-            del plain["tilt"]
-        return plain
 
     def normal_force_factors(self, grains: Grains, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
         """Per species, A_i (s,) and B_j (s,) of the normal force, with q_i q_j K_ij = A_i B_j."""

@@ -359,7 +359,7 @@ class Host(MovingFrameEffect):
 
     key = "host"
     rank = 3
-    takes_along: ClassVar[tuple[str, ...] | None] = None
+    unwritten_defaults = ("pistons", "springs")
     example: ClassVar[Any] = {
         "bodies": [{"mass": "1 kg", "stiffness": "400 N/m", "damping": "0.2 kg/s"}],
         "excitation": {"kind": "sine", "force": "0.1 N", "frequency": "3 Hz"},
@@ -441,14 +441,6 @@ class Host(MovingFrameEffect):
                 if end not in (*known, "base"):
                     words = unknown_word_message(end, (*known, "base"), "body")
                     raise FieldError(words, "springs", str(index), key)
-
-    def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; without further pistons and springs, if there are none."""
-        plain = super().to_plain()
-        for key in ("pistons", "springs"):
-            if not plain[key]:
-                del plain[key]
-        return plain
 
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]

@@ -344,14 +344,13 @@ def make_mutual_eddy_law(
     rate: float, plate: Plate, discs: tuple[Disc, ...], context: EffectContext
 ) -> MutualEddyLaw:
     """Make the law of the drag with mutual currents, for a bed; rate [1/tau]."""
-    length, count = context.scales.length, context.grains.count
+    count, periods = context.grains.count, context.periods
     square = 4.0 * plate.distance**2
-    mean, spare, periods = 0.0, 0.0, None
-    if context.cell.periods is not None:
-        wide, high = periods = (context.cell.periods[0] / length, context.cell.periods[1] / length)
+    mean, spare = 0.0, 0.0
+    if periods is not None:
         reach = FARTHEST
         # Averaged over directions T ~ -(3/2) H^5/r^5; over all beyond R, pi rho H^5/R^3.
-        mean = -math.pi * square**2.5 / (reach**3 * wide * high)
+        mean = -math.pi * square**2.5 / (reach**3 * periods[0] * periods[1])
     else:
         # Far away |T| ~ 4 H^5/r^5. Over all grains farther than R that is (8 pi/3) rho H^5/R^3.
         reach = (8.0 / 3.0 * math.pi * USUAL * square**2.5 / LEFT_OUT) ** (1.0 / 3.0)

@@ -180,9 +180,9 @@ def grain_charges(
 
 
 def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
-    species, length = species_of_scene(context), context.scales.length
+    species = species_of_scene(context)
     tables = _tabulate(functions, tuple(species), "dipole" in context.effects)
-    periods = context.cell.periods
+    periods = context.periods
     if periods is not None and np.isinf(tables.pairs[:, END]).any():
         raise InputError(
             f"{functions.name} does not end within {1e-3 * FARTHEST:.0f} diameters: in a cell with periodic "
@@ -194,9 +194,8 @@ def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
             f"{functions.name}: moments that scatter (grains.spread) are charges of a tail; make the energy "
             "proportional to q1*q2, or take no tail"
         )
-    sides = None if periods is None else (periods[0] / length, periods[1] / length)
     diameters = [kind.diameter for kind in species]
-    near = make_near_law(tables, diameters, context.species, factor, 1.0, sides)
+    near = make_near_law(tables, diameters, context.species, factor, 1.0, periods)
     return PairLaw(factor, near.species, near)
 
 

@@ -1,7 +1,5 @@
 """The laws of the cell's walls: forces, energies and stiffness of one side, and of all sides together.
 
-The laws of all sides of the cell together: forces, energies and stiffness.
-
 The force on every wall is the sum of the reactions of the grains; the force on the piston is the
 sum of those of its sides, upwards.
 

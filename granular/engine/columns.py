@@ -52,29 +52,14 @@ ENERGIES = len(COLUMNS)
 
 def column_names(laws: int, own: int = 0, sides: int = 0) -> tuple[str, ...]:
     """Names of all columns of a record, for numbers of laws, of their own records and of sides."""
-    numbers = range(laws)
-    known = (*COLUMNS, *map(energy_column, numbers), *map(loss_column, numbers))
-    return (*known, *map(law_record_column, range(own)), *map(side_column, range(sides)))
+    counts = {"energy": laws, "loss": laws, "own": own, "side": sides}
+    numbered = (numbered_column(kind, k) for kind, count in counts.items() for k in range(count))
+    return (*COLUMNS, *numbered)
 
 
-def side_column(index: int) -> str:
-    """Name of the column of the force on a side."""
-    return f"side {index}"
-
-
-def law_record_column(index: int) -> str:
-    """Name of the column of one of the laws' own records."""
-    return f"own {index}"
-
-
-def energy_column(index: int) -> str:
-    """Name of the column of the energy of a law."""
-    return f"energy {index}"
-
-
-def loss_column(index: int) -> str:
-    """Name of the column of the loss to a law."""
-    return f"loss {index}"
+def numbered_column(kind: str, index: int) -> str:
+    """Name of the column of a law's energy or loss, of one of the laws' own records, or of a side's force."""
+    return f"{kind} {index}"
 
 
 def ledger_column_count(laws: int) -> int:

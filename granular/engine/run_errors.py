@@ -15,15 +15,7 @@ from granular.pairs.disc_law import CLOSEST
 from granular.pairs.near_law import closest_over_least
 from granular.schema.cell import SideLine, piston_wall_key
 from granular.schema.natural_units import Scales
-from granular.shared.errors import (
-    EnergyError,
-    InputError,
-    NotAtRestError,
-    NotFiniteError,
-    OutsideError,
-    RunError,
-    StepCountError,
-)
+from granular.shared.errors import InputError, NotAtRestError, NotFiniteError, OutsideError, RunError
 
 
 def misplaced_grain_error(
@@ -87,19 +79,6 @@ def misplaced_grain_error(
     return NotFiniteError("a force is not finite any more", remedy=remedy, **common)
 
 
-def unbalanced_energy_error(
-    residual: float, limit: float, step: int, time: float, remedy: str
-) -> EnergyError:
-    """Make the error for an energy ledger off by a fraction of the energy turned over; time [s]."""
-    return EnergyError(
-        f"the energy ledger is off by {residual:.2g} of the energy turned over, {limit:g} is the limit",
-        step=step,
-        time=time,
-        value=residual,
-        remedy=remedy,
-    )
-
-
 def not_at_rest_error(
     stage: str, limit: float, speeds: tuple[float, float], tolerance: float, step: int, time: float
 ) -> NotAtRestError:
@@ -116,17 +95,6 @@ def not_at_rest_error(
         time=time,
         value=max(piston, grain),
         remedy=remedy,
-    )
-
-
-def too_many_steps_error(what: str, steps: float, limit: float, step: int, time: float) -> StepCountError:
-    """Make the error for more steps than can be made, or counted; time [s]."""
-    return StepCountError(
-        f"{what} takes {steps:.3g} steps, {limit:.3g} is the limit",
-        step=step,
-        time=time,
-        value=steps,
-        remedy="check the units of the scene and of t_end, or shorten output.scalars",
     )
 
 

@@ -1,14 +1,12 @@
 """The size of a step: bounds of the bed's frequencies, the automatic step, and reversible variable steps.
 
-Bounds of the highest angular frequency that the bed has, and that its fastest grains can meet.
+The automatic step follows bounds of the highest angular frequency that the bed has, and that its fastest
+grains can meet; a given step is judged by them.
 
-The automatic step follows them, and a given step is judged by them.
-
-Time-reversible variable steps: the density of steps follows the state by its rate.
-
-Hairer and Soderlind, SIAM J. Sci. Comput. 26 (2005) 1838: with a control Q the step is eps/rho, and
-rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n), G = -d ln Q/dt; the step is symmetric with the density
-that it is made with. Here 1/Q = `step_density`, a smooth bound of the highest frequency.
+The density of time-reversible variable steps follows the state by its rate. Hairer and Soderlind, SIAM J.
+Sci. Comput. 26 (2005) 1838: with a control Q the step is eps/rho, and rho_{n+1/2} = rho_{n-1/2} + eps
+G(q_n, v_n), G = -d ln Q/dt; the step is symmetric with the density that it is made with. Here 1/Q =
+`step_density`, a smooth bound of the highest frequency.
 
 Only differentiable functions of the positions serve a reversible control of the step, so each pair
 and each wall enters the sum with the same law, whatever the scene's wall law is; a power mean of
@@ -104,11 +102,6 @@ class StepRequest:
         return self.seconds is None
 
     @property
-    def shortening_threshold(self) -> float:
-        """Step times highest frequency at which the loop is to stop and shorten the step."""
-        return SLACK * self.step_times_frequency if self.automatic else math.inf
-
-    @property
     def step_times_frequency(self) -> float:
         """Automatic step times highest frequency."""
         portion = FRACTION * math.sqrt(self.grains / 368.0)
@@ -132,17 +125,12 @@ class StepRequest:
             steps = max(1, round(record / h))
             every = -(-steps // LOOK)
             frames = max(1, round(frame / (steps * h)))
-            return StepSchedule(steps * h / every, h, every, _limit_tick_count(every * frames), LOOK, steps)
+            return StepSchedule(steps * h / every, h, every, min(every * frames, MOST_COUNT), LOOK, steps)
         every = -(-self.steps_per_tick(record, frequency) // LOOK)
         length = record / every
         steps = self.steps_per_tick(length, frequency)
         frames = max(1, round(frame / record))
-        return StepSchedule(length, length / steps, every, _limit_tick_count(every * frames), steps, 0)
-
-
-def _limit_tick_count(ticks: int) -> int:
-    """Count that fits into a word; what lies farther than any run goes may lie nearer."""
-    return min(ticks, MOST_COUNT)
+        return StepSchedule(length, length / steps, every, min(every * frames, MOST_COUNT), steps, 0)
 
 
 class StepSchedule(NamedTuple):
@@ -154,10 +142,6 @@ class StepSchedule(NamedTuple):
     frames_every: int  # ticks from frame to frame
     steps: int  # of a tick
     given: int  # steps from record to record of a given step; 0: automatic
-
-    def with_steps(self, steps: int) -> StepSchedule:
-        """Return the same ticks with another automatic step."""
-        return self._replace(steps=steps, h=self.length / steps)
 
 
 @compiled

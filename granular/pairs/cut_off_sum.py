@@ -4,12 +4,10 @@ Each grain is met with its partners in stripes, eight at a time and masked at th
 are dealt out to parts that take about equally long, each with sums of its own, which are added in a
 fixed order: one thread or several give the same bits.
 
-Lists of the runs of entries that hold the partners of a row of grains, in stripes.
-
-The runs are listed for a reach that is longer than the radius by a skin. No pair can be missed
-while no grain has moved by more than half the skin since; that is looked at before every sum, and
-the runs are listed anew where one has. How many runs there are is known beforehand: there is no
-list that could overflow. The skin grows or shrinks by how long the lists last.
+The runs of entries that hold the partners of a row are listed for a reach that is longer than the radius by
+a skin. No pair can be missed while no grain has moved by more than half the skin since; that is looked at
+before every sum, and the runs are listed anew where one has. How many runs there are is known beforehand:
+there is no list that could overflow. The skin grows or shrinks by how long the lists last.
 
 In a periodic cell the partners have images on both sides, and those of the lowest stripes stand
 above the highest ones: each run has a shift, by which its partners stand away from the positions

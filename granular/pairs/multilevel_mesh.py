@@ -66,17 +66,6 @@ class MeshTables(NamedTuple):
     bands: list[SeparableTable]
     rest: SeparableTable
 
-    def stack_band_tables(self) -> SeparableTable:
-        """Bands' tables in arrays float64 (levels, groups, reach, TERMS)."""
-        most = max(len(band.along) for band in self.bands)
-        return SeparableTable(
-            *(np.array([_pad_groups(t, most) for t in ts]) for ts in zip(*self.bands, strict=True))
-        )
-
-
-def _pad_groups(table: Samples, groups: int) -> Samples:
-    return np.pad(table, ((0, groups - len(table)), (0, 0), (0, 0)))
-
 
 def mesh_level_count(extent: float, radius: float, spacing: float) -> int:
     """Count the levels until the coarsest table covers the whole bed; extent, radius, spacing [D]."""
@@ -138,26 +127,17 @@ def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor
     most = reach + _EDGES
     n = np.arange(-most - _MARGIN, most + _MARGIN + 1) * spacing
     square = n[:, None] ** 2 + n[None, :] ** 2
-    bands = [
-        far_part_of_inverse_cube(square, radius, factor)
-        - far_part_of_inverse_cube(square, 2.0 * radius, factor)
-        for factor in inverse_fifth_factor_by_level(inverse_fifth_factor, levels)
-    ]
-    rest = far_part_of_inverse_cube(square, radius, 0.25 ** (levels - 1) * inverse_fifth_factor)
-    made = [_factor_into_products(_middle_of_divided_table(band, reach)) for band in bands]
-    return MeshTables(
-        repeat_for_levels(made, levels), _factor_into_products(_middle_of_divided_table(rest, most))
-    )
 
+    @functools.cache
+    def band(factor: float) -> SeparableTable:
+        far = far_part_of_inverse_cube(square, radius, factor)
+        table = far - far_part_of_inverse_cube(square, 2.0 * radius, factor)
+        return _factor_into_products(_middle_of_divided_table(table, reach))
 
-def inverse_fifth_factor_by_level(inverse_fifth_factor: float, levels: int) -> list[float]:
-    """Factor of r^-5 at each level, in units of the level's spacing [D^2]; inverse_fifth_factor [D^2]."""
-    return [0.25**level * inverse_fifth_factor for level in range(levels if inverse_fifth_factor else 1)]
-
-
-def repeat_for_levels(bands: list[SeparableTable], levels: int) -> list[SeparableTable]:
-    """Repeat a single table for all levels; a table for each level stays as it is."""
-    return bands if len(bands) == levels else bands * levels
+    # In units of each level's spacing, r^-5 falls from level to level.
+    factors = [0.25**level * inverse_fifth_factor for level in range(levels)]
+    rest = far_part_of_inverse_cube(square, radius, factors[-1])
+    return MeshTables(list(map(band, factors)), _factor_into_products(_middle_of_divided_table(rest, most)))
 
 
 LEFT, LOW, ACROSS, UP = range(4)
@@ -210,7 +190,11 @@ def mesh_workspace(
     tables: MeshTables, spacing: float, points: Sequence[tuple[int, ...]], copied_lines: int
 ) -> MultilevelMesh:
     """Allocate the levels of a mesh by their points across and up, and the lines copied beside them."""
-    bands = tables.stack_band_tables()
+    most = max(len(band.along) for band in tables.bands)
+    band_along, band_across = (
+        np.array([np.pad(table, ((0, most - len(table)), (0, 0), (0, 0))) for table in of_levels])
+        for of_levels in zip(*tables.bands, strict=True)
+    )
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)
     strides = [2 * margin + pad_to_vectors(across) for across, _ in points]
@@ -220,8 +204,8 @@ def mesh_workspace(
     scratch = max((max(up for _, up in points) + 2 * reach + BESIDE) * TERMS * WIDTH, *strides)
     return MultilevelMesh(
         spacing=spacing,
-        band_along=bands.along,
-        band_across=bands.across,
+        band_along=band_along,
+        band_across=band_across,
         rest_along=tables.rest.along,
         rest_across=tables.rest.across,
         source=np.zeros(begins[-1] + max(strides)),

@@ -37,9 +37,7 @@ from granular.pairs.multilevel_mesh import (
     MeshTables,
     MultilevelMesh,
     SeparableTable,
-    inverse_fifth_factor_by_level,
     mesh_workspace,
-    repeat_for_levels,
     separable_table,
 )
 from granular.shared.array_types import Float, Int
@@ -182,14 +180,12 @@ def periodic_mesh_tables(
     fine, coarse = points[0], points[-1]
     scale = 2.0 ** (len(points) - 1)
     spacings = (width / fine[0], height / fine[1])
-    bands = [
-        _band_table(radius, spacings, factor)
-        for factor in inverse_fifth_factor_by_level(inverse_fifth_factor, len(points))
-    ]
+    factors = [0.25**level * inverse_fifth_factor for level in range(len(points))]
+    bands = {factor: _band_table(radius, spacings, factor) for factor in set(factors)}
     rest = _coarsest_level_table(width, height, radius * scale, *coarse, inverse_fifth_factor) * scale**3
-    reach = max(*bands[0].shape, *rest.shape)
-    made = [_factor_into_products(band, reach) for band in bands]
-    return MeshTables(repeat_for_levels(made, len(points)), _factor_into_products(rest, reach))
+    reach = max(*bands[factors[0]].shape, *rest.shape)
+    made = {factor: _factor_into_products(band, reach) for factor, band in bands.items()}
+    return MeshTables([made[factor] for factor in factors], _factor_into_products(rest, reach))
 
 
 BELOW, ABOVE = 1, 2

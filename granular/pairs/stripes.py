@@ -92,10 +92,6 @@ class Stripes(NamedTuple):
     memory: Float[np.ndarray, "6"]  # see `LISTED` and the others; part of a checkpoint
 
 
-def _most_stripes(size: int) -> int:
-    return max(1, size // LEAST_IN_STRIPE)
-
-
 def stripes_workspace(
     size: int,
     *,
@@ -107,7 +103,7 @@ def stripes_workspace(
     """Allocate stripes for pairs within a radius; memory is linear in the number of grains; periods [D]."""
     around = periods is not None
     runs = RANGES * IMAGES if around else RANGES
-    most = _most_stripes(size)
+    most = max(1, size // LEAST_IN_STRIPE)
     length = pad_to_vectors(size + 2 * WIDTH * most) + 2 * WIDTH
     parts = PARTS if size >= PARTED_FROM else 1
     return Stripes(

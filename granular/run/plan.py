@@ -1,9 +1,8 @@
 """Plan of a run: all that is decided of a scene before a grain moves.
 
-Number of threads of a run, by how long its steps take.
-
-The bits are the same for any number. Where other programs want the processors, threads that wait
-for each other can take hundreds of times as long as one.
+The number of threads follows from how long steps take, and the bits are the same for any number. Where
+other programs want the processors, threads that wait for each other can take hundreds of times as long as
+one.
 """
 
 from __future__ import annotations

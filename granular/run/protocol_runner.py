@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.engine import columns
 from granular.engine.forces import update_held_far_field
-from granular.engine.run_errors import not_at_rest_error, unbalanced_energy_error
+from granular.engine.run_errors import not_at_rest_error
 from granular.engine.state import EnergyLedger
 from granular.engine.step_size import REVIEW, StepSchedule
 from granular.engine.tick_loop import (
@@ -36,7 +36,7 @@ from granular.run.plan import Plan, ThreadCountTuner
 from granular.run.run_state import ARRANGE, RunState
 from granular.scene.scene import has_coarse_friction
 from granular.schema.cell import CELL, PISTON
-from granular.shared.errors import NotFiniteError, RunError
+from granular.shared.errors import EnergyError, NotFiniteError, RunError
 
 CALL_SECONDS = 0.1
 """Length of one call of the compiled loop: how long an interruption may have to wait."""
@@ -296,8 +296,13 @@ class ProtocolRunner(RunState):
             moment = float(rows[wrong[0], columns.TIME]) * seconds
             row = rows[wrong[0], None]
             turned = columns.total_energies(row) + columns.total_losses(row) + row[:, columns.WORK]
-            error: RunError = unbalanced_energy_error(
-                wrong[1], self.ledger.wrong, self.steps_made, moment, self.remedy_for_long_steps
+            error: RunError = EnergyError(
+                f"the energy ledger is off by {wrong[1]:.2g} of the energy turned over, "
+                f"{self.ledger.wrong:g} is the limit",
+                step=self.steps_made,
+                time=moment,
+                value=wrong[1],
+                remedy=self.remedy_for_long_steps,
             )
             if not np.isfinite(turned).all():
                 cause, remedy = "an energy is not finite any more", self.remedy_for_non_finite

@@ -122,7 +122,8 @@ class RunDirectoryWriter:
 
 def take_snapshot(run: RunState) -> dict[str, Any]:
     """Copy all that a run needs to go on from here."""
-    saved = copy_persistent_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
+    arrays = _persistent_arrays_by_name(run.state) | {"band": run.band, "seen": run.seen}
+    saved: dict[str, Any] = {name: array.copy() for name, array in arrays.items()}
     memory = {
         "progress": dataclasses.asdict(run.progress),
         "ledger": None if run.ledger is None else dataclasses.asdict(run.ledger),
@@ -188,11 +189,6 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
     if lists is not None:
         saved |= {"near_built": lists.built, "near_memory": lists.memory}
     return saved
-
-
-def copy_persistent_arrays(state: State) -> dict[str, Any]:
-    """Copy the arrays that a state cannot be made again from."""
-    return {name: array.copy() for name, array in _persistent_arrays_by_name(state).items()}
 
 
 def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from granular.compiled.kernel_cache import report_compiled_kernels
+from granular.compiled.numba_insides import report_compiled_kernels
 from granular.kernel_data.state import HEIGHT, SPEED
 from granular.protocol.stage import TimedStage
 from granular.shared.progress_bars import print_above_bar, progress_bar

@@ -10,12 +10,13 @@ import numpy as np
 
 from granular.effects.effect import DissipativeEffect, MovingFrameEffect
 from granular.engine import columns
-from granular.engine.run_errors import misplaced_grain_error, too_many_steps_error
+from granular.engine.run_errors import misplaced_grain_error
 from granular.engine.state import EnergyLedger, new_measurement, new_state
 from granular.engine.step_size import (
     MOST_COUNT,
     MOST_STEPS,
     REVIEW,
+    SLACK,
     StepSchedule,
     auto_step_text,
     completed_ticks,
@@ -42,7 +43,7 @@ from granular.run.dataset import RecordBuffer
 from granular.run.engines import ENGINES, NO_TICKS, UNDIVIDED, UNWATCHED, Rows, Ticks, record_length
 from granular.run.plan import Plan
 from granular.shared.array_types import Float
-from granular.shared.errors import NotFiniteError, RunError
+from granular.shared.errors import NotFiniteError, RunError, StepCountError
 
 ARRANGE = "place the grains apart from each other, inside the walls and below the piston"
 """The remedy for grains that stand where none can be."""
@@ -284,8 +285,9 @@ class RunState:
     def set_steps_per_tick(self, frequency: float) -> None:
         """Cut the ticks into steps for another frequency [1/tau]; a variable step does so itself."""
         if self.tables.fraction is None:
-            steps = self.step.steps_per_tick(self.schedule.length, self._frequency_to_resolve(frequency))
-            self._apply_schedule(self.schedule.with_steps(steps))
+            length = self.schedule.length
+            steps = self.step.steps_per_tick(length, self._frequency_to_resolve(frequency))
+            self._apply_schedule(self.schedule._replace(steps=steps, h=length / steps))
 
     def _frequency_to_resolve(self, frequency: float) -> float:
         """Frequency that an automatic step is to resolve, with the drive and the drag."""
@@ -303,8 +305,13 @@ class RunState:
 
     def _refuse_too_many_steps(self, what: str, steps: float, limit: float) -> None:
         if not steps <= limit:
-            seconds = self.present_time * self.system.scales.time
-            raise too_many_steps_error(what, steps, limit, self.steps_made, seconds)
+            raise StepCountError(
+                f"{what} takes {steps:.3g} steps, {limit:.3g} is the limit",
+                step=self.steps_made,
+                time=self.present_time * self.system.scales.time,
+                value=steps,
+                remedy="check the units of the scene and of t_end, or shorten output.scalars",
+            )
 
     def _apply_schedule(self, schedule: StepSchedule) -> None:
         self.progress.schedule = list(schedule)
@@ -331,7 +338,8 @@ class RunState:
         if isinstance(stage, TimedStage) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.schedule.length
             window = math.ceil(min(ticks, MOST_COUNT))
-        stiff = self.step.shortening_threshold if self.tables.fraction is None else math.inf
+        shortened = self.step.automatic and self.tables.fraction is None
+        stiff = SLACK * self.step.step_times_frequency if shortened else math.inf
         assert self.ledger is not None
         potential, piston = self.ledger.potential, self.ledger.piston
         floor = -math.inf if self.scene.piston is None else 0.0

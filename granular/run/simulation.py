@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.compiled.kernel_cache import CompileTimer, measure_compile_time
+from granular.compiled.numba_insides import CompileTimer, measure_compile_time
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.methods.method import Method
 from granular.methods.tables import method_as_run_setting

@@ -140,13 +140,13 @@ def _acting_laws(
         weights = [0.0 * weight for weight in weights]
     summed = scene.pair_method if dipole is not None or charges is not None else None
     discs = None if dipole is None else _disc_laws(scene, context, numbers, loads=bool(weights))
-    far = _far_field_settings(scene, scales, summed, method)
+    far = _far_field_settings(scene, context, summed, method)
     if far is not None and discs is not None:
         fifth = discs[0].coefficients
         far = far._replace(inverse_fifth_factor=float(fifth[FAR]), load_fifth_factor=float(fifth[LOAD_FAR]))
-    periods = _periodic_sides(scene, scales)
-    workspace = None if periods is None else min(periods)
-    radius = scene.pairs.near_pair_radius(summed, scales.length, workspace) if far is None else far.radius
+    periods = context.periods
+    shorter_side = None if periods is None else min(periods)
+    radius = scene.pairs.near_pair_radius(summed, scales.length, shorter_side) if far is None else far.radius
     nearest = cut = None
     if summed == "direct" and periods is not None:
         assert radius is not None
@@ -186,8 +186,7 @@ def _disc_laws(
     if not discs:
         return None
     strength = numbers.least_moment**2 / numbers.least_mass
-    factor, periods = numbers.relative_moments, _periodic_sides(scene, context.scales)
-    return make_disc_laws(discs, species, factor, strength, periods, loads=loads)
+    return make_disc_laws(discs, species, numbers.relative_moments, strength, context.periods, loads=loads)
 
 
 def _check_disc_reach(
@@ -203,14 +202,8 @@ def _check_disc_reach(
         )
 
 
-def _periodic_sides(scene: Scene, scales: Scales) -> tuple[float, float] | None:
-    """Sides of a periodic cell [D]."""
-    periods = scene.cell.periods
-    return None if periods is None else (periods[0] / scales.length, periods[1] / scales.length)
-
-
 def _far_field_settings(
-    scene: Scene, scales: Scales, summed: str | None, method: Method | None
+    scene: Scene, context: EffectContext, summed: str | None, method: Method | None
 ) -> FarFieldSettings | None:
     """Far field that is split off the law of a pair; None where that is summed as a whole."""
     if summed == "direct" and scene.cell.periods is None:
@@ -218,14 +211,12 @@ def _far_field_settings(
         if every is None and rubbing is None:
             return None
         return FarFieldSettings(SPLIT_RADIUS, None, every, rubbing)
-    radius = scene.pairs.near_pair_radius(summed, scales.length)
+    length, periods = context.scales.length, context.periods
+    radius = scene.pairs.near_pair_radius(summed, length)
     if summed != "mesh" or radius is None:
         return None
-    periods = _periodic_sides(scene, scales)
-    height = HEADROOM * scene.greatest_height() / scales.length
-    width = scene.cell.width / scales.length
-    if periods is not None:
-        width, height = periods
+    closed = scene.cell.width / length, HEADROOM * scene.greatest_height() / length
+    width, height = periods or closed
     points = width * height * (SPACINGS / radius) ** 2
     if points > MOST_POINTS:
         raise InputError(

@@ -162,6 +162,8 @@ class Grains(Section):
         as much where discs half as thick as wide touch.
     """
 
+    unwritten_defaults = ("magnets", "spread")
+
     count: int = integer_field(most=10**8)
     species: tuple[Species, ...] = section_list_field(Species, least=1)
     # The magnets of [D]: of 6 mm, 0.625 g and 0.0877 A m^2.
@@ -256,10 +258,8 @@ class Grains(Section):
             del plain["remanence"]
         if grade is not None and self.permeability == RECOIL_PERMEABILITY:
             del plain["permeability"]
-        if self.magnets == "dipoles":
-            del plain["magnets"]
         if self.spread == 0.0:
-            del plain["spread"], plain["seed"]
+            del plain["seed"]
         return plain
 
     @property

@@ -128,6 +128,8 @@ class Cell(Section):
         Height of the periodic cell [m]; a closed one ends at its piston.
     """
 
+    unwritten_defaults = ("sides",)
+
     width: float = quantity("m", above=0.0, default=None, optional=True)
     separation: float = quantity("m", default=0.0031, above=0.0)
     sides: str | tuple[CellSide, ...] = section_field(SidesKind(), default="closed")
@@ -225,8 +227,6 @@ class Cell(Section):
     def to_plain(self) -> dict[str, Any]:
         """Plain data as of `Section.to_plain`; sides are written unless they are a closed rectangle's."""
         plain = super().to_plain()
-        if self.sides == "closed":
-            del plain["sides"]
         if self.is_polygon:
             del plain["width"]
         return plain

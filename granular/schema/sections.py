@@ -153,6 +153,7 @@ class Section:
     """Base of the scene's parts. Subclasses are frozen dataclasses with keyword fields."""
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+    unwritten_defaults: ClassVar[tuple[str, ...]] = ()  # keys that `to_plain` leaves out at their defaults
 
     def __init_subclass__(cls) -> None:
         dataclasses.dataclass(frozen=True, kw_only=True)(cls)
@@ -233,6 +234,8 @@ class Section:
         out: dict[str, Any] = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
+            if field.name in self.unwritten_defaults and value == field.default:
+                continue
             if value is not None:
                 out[field.name] = field.metadata["kind"].to_plain(value)
             elif field.default is not None:

@@ -11,7 +11,7 @@ from typing import Any
 import numba
 import pytest
 
-from granular.compiled.kernel_cache import TESTED
+from granular.compiled.numba_insides import TESTED
 
 ROOT = Path(__file__).parents[3]
 

@@ -5,7 +5,7 @@ import functools
 
 import pytest
 
-from granular.compiled.kernel_cache import (
+from granular.compiled.numba_insides import (
     FOLDERS,
     PACKAGE,
     digest_of_bytes,

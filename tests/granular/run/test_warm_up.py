@@ -9,7 +9,7 @@ import pytest
 from granular import load_scene, simulate
 from granular.__main__ import main
 from granular.commands.console import launch
-from granular.compiled.kernel_cache import kernel_cache_folder, report_compiled_kernels
+from granular.compiled.numba_insides import kernel_cache_folder, report_compiled_kernels
 from granular.run import engines
 
 ROOT = Path(__file__).parents[3]
