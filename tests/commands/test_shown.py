@@ -1,12 +1,16 @@
-"""Every command that guide, README and `--help` show is one, unchanged there."""
+"""Commands and options that pages, messages and help show exist."""
 
+import ast
+import re
 import shlex
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from granular.commands.console import Parser
 
-from .shown import commands, parser_of, parsers
+from .shown import PAGES, PARSERS, ROOT, commands, parser_of, parsers
 
 
 def test_there_are_commands() -> None:
@@ -28,3 +32,117 @@ def test_examples_of_help_are_commands(parser: Parser) -> None:
     text = (parser.epilog or "").replace("\\\n", " ").partition("examples:\n")[2].partition("\n\n")[0]
     for line in text.splitlines():
         assert "%(prog)s" in line or line.strip().startswith("#"), line
+
+
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+TOOLS = ("granular", "reduced_models", "validation")
+
+
+def options() -> dict[str, set[str]]:
+    """Those of each command."""
+    parsers = (
+        action.choices
+        for tool in TOOLS
+        for action in PARSERS[tool]._actions
+        if isinstance(action.choices, dict)
+    )
+    return {
+        name: {word for action in parser._actions for word in action.option_strings}
+        for choices in parsers
+        for name, parser in choices.items()
+    }
+
+
+OPTIONS = options()
+RECORDS = ("look", "identify", "fit", "compare", "discover", "calibrate")
+METHODS = tuple(name for name, words in OPTIONS.items() if {"--method", "--dt"} <= words)
+WRITERS = ("observe", "render", "export")
+SEEN_ON = {
+    "granular/export": ("export",),
+    "granular/methods": METHODS,
+    "granular/observables": ("observe",),
+    "granular/records": RECORDS,
+    "granular/response": ("response",),
+    "granular/scene": ("run", "show", "identify"),
+    "granular/shared/files.py": WRITERS,
+    "granular/studies/tolerances.py": ("tolerances",),
+    "granular/studies": ("sweep",),
+    "reduced_models/identification": ("identify",),
+    "reduced_models/machines": ("response",),
+    "reduced_models/records": RECORDS,
+}
+"""Commands that what a folder says appears on, if the text names none itself."""
+
+
+def texts(path: Path) -> Iterator[str]:
+    """Texts of a file for people: no docstrings and examples, and no options alone."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            node.value.value = ""  # a docstring
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            text = node.value
+            other = any(mark in text for mark in ("%(prog)s", "``", "python -m", "{"))
+            if not other and not OPTION.fullmatch(text):
+                yield text
+
+
+def commands_of(path: Path, text: str) -> list[tuple[str, ...]]:
+    """Groups of commands, in each of which an option of a text must be on all or on some."""
+    name = path.relative_to(ROOT).as_posix()
+    room = next((room for room in SEEN_ON if name.startswith(room)), None)
+    return [(command,) for command in SEEN_ON[room]] if room else [commands_defined_in(path)]
+
+
+def commands_defined_in(path: Path) -> tuple[str, ...]:
+    """Commands of a file, or all of them where it is of none."""
+    if path.parent.name != "commands" or path.name == "console.py":
+        return tuple(OPTIONS)
+    found = re.findall(r"@command\(\s*\"([a-z-]+)\"", path.read_text(encoding="utf-8"))
+    return tuple(found) or tuple(OPTIONS)
+
+
+FILES = [
+    path
+    for tool in TOOLS
+    for path in sorted((ROOT / tool).rglob("*.py"))
+    if any(OPTION.search(text) for text in texts(path)) and path.name != "console_script.py"
+]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_options_that_messages_name_are_there(path: Path) -> None:
+    for text in texts(path):
+        named = re.search(r"\b([a-z-]+) (--[a-z-]+)", text)
+        groups = commands_of(path, text)
+        if named and named[1] in OPTIONS:
+            groups = [(named[1],)]
+        for word in OPTION.findall(text):
+            for group in groups:
+                assert any(word in OPTIONS[name] for name in group), (text, word, group)
+
+
+def test_there_are_messages_that_name_options() -> None:
+    named = {word for path in FILES for text in texts(path) for word in OPTION.findall(text)}
+    assert {"--columns", "--between", "--release", "--import", "--force", "--drift"} <= named
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_options_that_pages_name_are_there(page: Path) -> None:
+    """One within a command that is shown is on that command, one alone on some command."""
+    every = set().union(
+        *OPTIONS.values(),
+        {"--version"},
+        *(
+            word
+            for parser in PARSERS.values()
+            for action in parser._actions
+            for word in [action.option_strings]
+        ),
+    )
+    prose = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for code in re.findall(r"`([^`\n]+)`", prose):
+        first = code.removeprefix("granular-damper ").split()[0] if code.split() else ""
+        for word in OPTION.findall(code):
+            known = OPTIONS.get(first, every if code.startswith("--") else None)
+            assert known is None or word in known, (code, word)

@@ -1,9 +1,4 @@
-"""Fits of random records: finite parameters, or one line that says why there are none.
-
-A program, of which `trials` tells:
-
-    python tests/fuzzing/fits.py --first 0 --count 20
-"""
+"""Fits of random records: finite parameters, or one line that says why there are none."""
 
 import itertools
 import tempfile

@@ -1,9 +1,4 @@
-"""Laws that nobody wrote: each text is read, and can be computed with, or refused in one line.
-
-A program, of which `trials` tells:
-
-    python tests/fuzzing/law_texts.py --first 0 --count 20
-"""
+"""Laws that nobody wrote: each text is read, and can be computed with, or refused in one line."""
 
 import sys
 import warnings

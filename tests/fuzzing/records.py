@@ -1,9 +1,4 @@
-"""Random records, sound and unsound, as files and as arrays, and what becomes of them.
-
-Each is read with finite figures, or refused in one line. A program, of which `trials` tells:
-
-    python tests/fuzzing/records.py --first 0 --count 20
-"""
+"""Random records as files and as arrays: read with finite figures, or refused in one line."""
 
 import sys
 import tempfile

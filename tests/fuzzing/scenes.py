@@ -1,23 +1,22 @@
-"""Random scenes, sound and unsound, and what becomes of them: fine, refused, stopped, or a fault.
-
-A program, of which `trials` tells:
-
-    NUMBA_DISABLE_JIT=1 python tests/fuzzing/scenes.py --first 0 --count 20
-    NUMBA_DISABLE_JIT=1 python tests/fuzzing/scenes.py --first 17 --count 1 --show
-"""
+"""Random scenes, and what becomes of them: fine, refused, stopped, or a fault."""
 
 import contextlib
 import itertools
 import json
+import math
 import resource
+import shutil
 import signal
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 from scene_cases import Case
-from scene_runs import not_finite, run_case
 from trials import FAULT, LONGEST, MOST_MEMORY, Hang, Outcome, tell, wanted
 
 
@@ -97,6 +96,90 @@ def main() -> None:
         return tried(case, options.seconds, figures=options.figures)
 
     tell(trial, numbers())
+
+
+def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
+    """The run of a case, and assert what holds of every run."""
+    import tomllib
+
+    from granular import Scene, simulate
+    from granular.run.summary import derived_scene_values, run_text, scene_text
+
+    scene = Scene.from_plain(case.plain)
+    assert Scene.from_plain(tomllib.loads(scene.to_toml())) == scene, "TOML gives another scene"
+    assert scene_text(scene)
+    json.dumps(derived_scene_values(scene))
+    with silent_overflow():
+        run = simulate(scene, progress=False, **case.arguments)
+    assert run_text(run)
+    check_run(run, said)
+    if case.resumed is not None and run.dataset.sizes["time"] > 1:
+        check_resumed(case, run)
+    return run
+
+
+def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
+    from granular.scene.scene import degraded_residual_limit
+
+    assert run.complete
+    bad = not_finite(run)
+    assert not bad, bad
+    data = run.dataset
+    assert (np.diff(data["time"].values) >= 0.0).all(), "time runs backward"
+    ended = run.stages[-1]
+    # Times grow: of two records at time 0 the later one stands the least number behind it.
+    last = float(data["time"].values[-1])
+    assert math.isclose(ended.end, last, rel_tol=1e-9, abs_tol=1e-15), "ends elsewhere"
+    words = " ".join(str(one.message) for one in said)
+    off = run.settings()["ledger_residual"]
+    if off > degraded_residual_limit(run.scene):
+        assert "energy ledger is off" in words, f"off by {off:g} without a warning"
+
+
+def not_finite(run: Any) -> str:
+    """What of a run is not finite, in words."""
+    data = run.dataset
+    gone = "grain_count" in data and (data["grain_count"].values < run.scene.grains.count).any()
+    for name in data.variables:
+        values = np.asarray(data[name].values)
+        if values.dtype.kind != "f" or (gone and "grain" in data[name].dims):
+            continue  # a grain that has left is at no place
+        # Where there is but one grain, no other one is near.
+        bad = np.isnan(values) if name == "closest_distance" else ~np.isfinite(values)
+        if bad.any():
+            return f"{name} holds {values[bad][0]}"
+    return ""
+
+
+def check_resumed(case: Case, integer: Any) -> None:
+    """A run that is cut and goes on has the bits of one that was not."""
+    from granular import Scene, load_trajectory, simulate
+
+    assert case.resumed is not None
+    scene = Scene.from_plain(case.plain)
+    settings = {key: value for key, value in case.arguments.items() if key != "t_end"}
+    end = float(integer.dataset["time"].values[-1])
+    dt = settings.get("dt")
+    first = case.resumed * end
+    if isinstance(dt, float) and first < dt:
+        return
+    folder = Path(tempfile.mkdtemp())
+    try:
+        with silent_overflow():
+            simulate(scene, t_end=first, out=folder / "run", progress=False, **settings)
+            rest = {"resume": True, **case.arguments}
+            simulate(scene, out=folder / "run", progress=False, **rest)
+        again = load_trajectory(folder / "run").dataset
+        assert again.equals(integer.dataset), "other bits when resumed"
+    finally:
+        shutil.rmtree(folder)
+
+
+@contextlib.contextmanager
+def silent_overflow() -> Iterator[None]:
+    """NumPy says what overflows in pure Python, where compiled code is silent."""
+    with np.errstate(all="ignore"):
+        yield
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ finite, more than a minute, more memory than a laboratory's computer has.
 import argparse
 import contextlib
 import json
+import math
 import resource
 import signal
 import sys
@@ -21,6 +22,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -103,3 +105,16 @@ def tell(trial: Callable[[int], Outcome], numbers: Iterable[int]) -> None:
         count[FAULT] += 1
     print(f"{dict(count)}, {memory / 2**20:.0f} MB", file=sys.stderr)
     sys.exit(1 if count[FAULT] else 0)
+
+
+def some(random: Random, chance: float) -> bool:
+    return bool(random.random() < chance)
+
+
+def one_of(random: Random, choices: Any) -> Any:
+    return choices[int(random.integers(len(choices)))]
+
+
+def between(random: Random, low: float, high: float) -> float:
+    """A number whose logarithm is evenly spread."""
+    return float(math.exp(random.uniform(math.log(low), math.log(high))))

@@ -7,23 +7,17 @@ import shutil
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from granular import damper
 from granular.commands.console import launch
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
 
-SMALL = (
-    "--set",
-    "grains.count=23",
-    "--set",
-    "cell.width=15 D",
-    "--set",
-    "piston.height=6 D",
-    "--set",
-    "arrangement.height=5.5 D",
-)
+CHANGES_OF_SMALL = ("grains.count=23", "cell.width=15 D", "piston.height=6 D", "arrangement.height=5.5 D")
+SMALL = tuple(word for change in CHANGES_OF_SMALL for word in ("--set", change))
 
 
 def test_scenes_and_show(command: Command) -> None:
@@ -292,3 +286,43 @@ def test_show_prints_the_plan(command: Command, words: tuple[str, ...], lines: l
         assert sum(one.startswith(line) for one in shown) == 1, shown
     refused = [line for line in shown if line.startswith("refused")]
     assert len(refused) == sum(line.startswith("refused") for line in lines)
+
+
+CHANGES: dict[str, dict[str, Any]] = {
+    "cell.sides": {
+        "cell": {
+            "sides": [
+                {"name": "left", "ends": [[0.0, 1.0], [0.0, 0.0]]},
+                {"name": "floor", "ends": [[0.0, 0.0], [0.36, 0.0]]},
+                {"name": "right", "ends": [[0.36, 0.0], [0.36, 1.0]]},
+                {"name": "lid", "ends": [[0.36, 0.0], [0.0, 0.0]], "body": "piston"},
+            ]
+        }
+    },
+    "host": {
+        "effects.host": {
+            "mount": "base",
+            "pistons": [{"name": "floor", "mass": 0.3, "side": "bottom"}],
+            "springs": [{"upper": "floor", "stiffness": 2e4, "preload": 80.0}],
+        }
+    },
+}
+
+
+@pytest.mark.parametrize("key", CHANGES)
+@pytest.mark.parametrize(
+    "words",
+    [("granular", "export", "--format", "lammps", "-o", "out"), ("reduced_models", "fall")],
+    ids=["export", "fall"],
+)
+def test_a_polygon_and_a_further_piston_are_refused(
+    key: str, words: tuple[str, ...], command: Callable[..., Any], tmp_path: Path
+) -> None:
+    package, name, *options = words
+    scene = tmp_path / "scene.toml"
+    scene.write_text(damper().replace(**CHANGES[key]).to_toml(), encoding="utf-8")
+    done = command(package, name, str(scene), *options)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert key in done.stderr

@@ -50,7 +50,7 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
     "granular/effects/wall_friction": _OF_A_LONE_GRAIN,
     "granular/effects": (
         Stage(False, (_SMALL,)),
-        Stage(True, ("tests/physics", "tests/granular/run/test_drive.py")),
+        Stage(True, ("tests/physics", "tests/granular/run/test_record.py")),
     ),
     "granular/engine": _OF_THE_LOOP,
     "granular/kernel_data": _OF_THE_LOOP,

@@ -16,7 +16,7 @@ import pytest
 from granular import Scene, effect, evaluate, load_scene, simulate
 from granular.effects.effect import EFFECTS
 from granular.shared.errors import InputError
-from tests.granular.run.test_record_names import pull
+from tests.granular.run.test_simulate import pull
 from tests.plain_python.test_drawn_scenes import FORMULA
 from tests.plain_python.test_every_effect import EXAMPLES
 

@@ -37,7 +37,7 @@ def test_code_is_kept_among_the_caches_of_the_user(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "home"]
 
 
-@pytest.mark.long  # quick: `trusted_cache_folder` in tests/granular/shared/test_caches.py
+@pytest.mark.long  # quick: `trusted_cache_folder` in tests/granular/shared/test_files.py
 def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
     shared = tmp_path / "shared"
     shared.mkdir()

@@ -1,12 +1,26 @@
-"""Which kernels Python can call."""
+"""Which kernels Python can call, their hooks, and what the digest of their sources sees."""
+
+import ast
+import functools
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import pytest
 
 from granular.compiled import compiled, entry
+from granular.compiled.hook_calls import call_hook, call_last_hook, greatest_of_hooks, sum_of_hooks
+from granular.compiled.numba_insides import (
+    FOLDERS,
+    PACKAGE,
+    digest_of_bytes,
+    digest_of_syntax,
+    read_compiled_sources,
+)
 from granular.effects import drag, friction
+from granular.kernel_data import state
 from granular.pairs.direct_sum import reproducible_sum
+from granular.schema import cell
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
@@ -42,3 +56,159 @@ def test_kernels_of_other_files_are_not_kept_on_disk() -> None:
 
     assert double(2.0) == 4.0
     assert getattr(getattr(double, "_cache", None), "cache_path", None) is None
+
+
+class Quiet(NamedTuple):
+    """It returns a constant, which has a type of its own."""
+
+    size: float
+
+    @staticmethod
+    @numba.njit
+    def act(law: Any, workspace: Any, place: int, values: Any) -> int:
+        return 0
+
+    @staticmethod
+    @numba.njit
+    def reach(law: Any, workspace: Any, place: int, at: float) -> float:
+        return law.size * at
+
+
+class Loud(NamedTuple):
+    size: float
+    values: np.ndarray
+
+    @staticmethod
+    @numba.njit
+    def act(law: Any, workspace: Any, place: int, values: Any) -> int:
+        values[0] = 10.0 * values[0] + place
+        return 1 if values[0] > 0.0 else 0
+
+    @staticmethod
+    @numba.njit
+    def reach(law: Any, workspace: Any, place: int, at: float) -> float:
+        return law.size * at + workspace[0]
+
+
+class Idle(NamedTuple):
+    size: float
+
+
+@numba.njit
+def _silent(values: Any) -> int:
+    return -1
+
+
+@numba.njit
+def _without(law: Any, at: float) -> int:
+    return -1
+
+
+LAWS = (Quiet(1.0), Loud(2.0, np.ones(2)), Idle(0.5), Loud(3.0, np.ones(3)))
+WORKSPACES = (None, np.array([0.5]), None, np.array([7.0]))
+
+forward, backward = sum_of_hooks("act", "values"), sum_of_hooks("act", "values", backward=True)
+greatest, last = greatest_of_hooks("reach", "at"), call_last_hook("act", "values", _silent)
+chosen = call_hook("nothing", "at", _without)
+
+
+@entry
+def every(laws: Any, workspaces: Any, values: Any) -> Any:
+    return (
+        forward(laws, workspaces, values),
+        backward(laws, workspaces, values),
+        greatest(laws, workspaces, 2.0),
+        last(laws, workspaces, values),
+        chosen(laws[0], 1.0),
+    )
+
+
+@pytest.mark.parametrize("places", [(0, 1, 2, 3), (1, 2), (2,)], ids=str)
+def test_hooks_are_called_in_order_with_their_rooms_and_places(places: tuple[int, ...]) -> None:
+    laws, workspaces = (tuple(one[place] for place in places) for one in (LAWS, WORKSPACES))
+    values = np.array([0.0])
+    found = every(laws, workspaces, values)
+    acting = [place for place, law in enumerate(laws) if isinstance(law, Loud)]
+    digits, counts = 0.0, []
+    for order in (acting, acting[::-1], acting[-1:]):
+        count = 0
+        for place in order:
+            digits = 10.0 * digits + place
+            count += digits > 0.0
+        counts.append(count)
+    reaches = [
+        2.0 * law.size + (0.0 if workspace is None else workspace[0])
+        for law, workspace in zip(laws, workspaces, strict=True)
+        if not isinstance(law, Idle)
+    ]
+    assert values[0] == digits
+    assert found == (*counts[:2], max(reaches, default=0.0), counts[2] if acting else -1, -1)
+
+
+FILES = read_compiled_sources()
+FEW = {
+    name: content
+    for name, content in FILES.items()
+    if name.startswith("kernel_data/")
+    or name in ("compiled/__init__.py", "effects/drag.py", "pairs/dipole_law.py")
+    or name in ("pairs/direct_sum.py", "pairs/grain_arrays.py", "pairs/simd.py")
+}
+"""Files that import from each other: parsing all takes half a second."""
+
+
+@functools.cache
+def digest(*, few: bool) -> str:
+    return digest_of_syntax(FEW if few else FILES)
+
+
+def edited(name: str, old: str, new: str, files: dict[str, bytes]) -> dict[str, bytes]:
+    assert old.encode() in files[name]
+    return files | {name: files[name].replace(old.encode(), new.encode(), 1)}
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("effects/drag.py", '"""Viscous drag,', '"""Other words:'),
+        ("effects/drag.py", "    z = rate * dt", "    # A comment.\n\n    z = (rate  * dt)"),
+        ("pairs/dipole_law.py", '    """Repulsion', '    """More.\n\n    Lines.\n    """\n    """Repulsion'),
+        ("pairs/dipole_law.py", "Coefficients", "The coefficients"),
+        ("engine/state.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
+    ],
+)
+def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new: str) -> None:
+    few = name in FEW
+    files = edited(name, old, new, FEW if few else FILES)
+    assert digest_of_syntax(files) == digest(few=few)
+    assert digest_of_bytes(files) != digest_of_bytes(FEW if few else FILES)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("effects/drag.py", "z = rate * dt", "z = rate + dt"),
+        ("pairs/dipole_law.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
+        ("pairs/dipole_law.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
+        ("kernel_data/state.py", "    vx: Float", "    vz: Float"),
+        ("pairs/simd.py", "WIDTH = 8", "WIDTH = 4"),
+        ("compiled/__init__.py", 'error_model="numpy"', 'error_model="python"'),
+    ],
+)
+def test_what_the_compiler_sees_counts(name: str, old: str, new: str) -> None:
+    assert digest_of_syntax(edited(name, old, new, FEW)) != digest(few=True)
+
+
+def test_kernels_take_nothing_from_other_rooms_but_classes_and_functions() -> None:
+    """A number from elsewhere would be compiled in, and its change would not be noticed."""
+    for name, content in FILES.items():
+        for node in ast.walk(ast.parse(content)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("granular."):
+                workspace = (node.module or "").split(".")[1]
+                constants = [one.name for one in node.names if one.name.isupper()]
+                assert workspace in FOLDERS or not constants, (name, node.module, constants)
+    assert {path.name for path in PACKAGE.iterdir()} >= set(FOLDERS)
+
+
+def test_kernels_count_bodies_as_scenes_do() -> None:
+    """The numbers stand in both rooms, since kernels take none from the scene's."""
+    assert (state.CELL, state.PISTON) == (cell.CELL, cell.PISTON)

@@ -1,5 +1,6 @@
 """Small files that hold, or say that they hold, far more than a machine can read."""
 
+import itertools
 import json
 import struct
 import zipfile
@@ -10,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 MEGABYTE = 2**20
+CELL = '<row r="1"><c r="A1"><v>1</v></c></row>'
+TWO_CELLS = "<row><c><v>1</v></c><c><v>2</v></c></row>"
 
 # Workbooks --------------------------------------------------------------------------------------
 
@@ -71,6 +74,10 @@ def xlsx(path: Path, rows: Iterable[str], shared: Iterable[str] = (), entities: 
     )
 
 
+def rows(*given: str) -> Callable[[Path], object]:
+    return lambda path: xlsx(path, given)
+
+
 def ods(path: Path, rows: Iterable[str]) -> None:
     """A workbook of LibreOffice of one sheet, whose rows are given as XML."""
     office = "urn:oasis:names:tc:opendocument:xmlns"
@@ -99,27 +106,11 @@ def ods(path: Path, rows: Iterable[str]) -> None:
     )
 
 
-_NUMBER = '<table:table-cell office:value-type="float" office:value="1"{}/>'
+NUMBER = '<table:table-cell office:value-type="float" office:value="1"/>'
 
 
 def ods_row(cells: str, repeat: int = 1) -> str:
     return f'<table:table-row table:number-rows-repeated="{repeat}">{cells}</table:table-row>'
-
-
-def _far_cell(path: Path) -> None:
-    xlsx(
-        path,
-        ['<row r="1"><c r="A1"><v>1</v></c></row>', '<row r="1048576"><c r="XFD1048576"><v>1</v></c></row>'],
-    )
-
-
-def _many_rows(path: Path) -> None:
-    row = "<row><c><v>1</v></c><c><v>2</v></c></row>" * 1000
-    xlsx(path, (row for _ in range(2000)))
-
-
-def _long_part(path: Path) -> None:
-    xlsx(path, (" " * MEGABYTE for _ in range(2000)))
 
 
 def _entities(path: Path) -> None:
@@ -136,7 +127,7 @@ def _entities(path: Path) -> None:
 
 
 def _far_repeats(path: Path) -> None:
-    far = f'<table:table-cell table:number-columns-repeated="16383"/>{_NUMBER.format("")}'
+    far = f'<table:table-cell table:number-columns-repeated="16383"/>{NUMBER}'
     ods(path, [ods_row("<table:table-cell/>", 1048575), ods_row(far)])
 
 
@@ -240,16 +231,6 @@ def _wide(count: int, rows: int) -> str:
     return ",".join(["time", "height", *(f"c{k}" for k in range(count - 2))]) + "\n" + line * rows
 
 
-def _hole(path: Path) -> None:
-    with path.open("wb") as file:
-        file.truncate(256 * MEGABYTE)
-
-
-def _json(path: Path) -> None:
-    columns = {"time": list(range(100_000)), "height": ["1.5"] * 100_000}
-    path.write_text(json.dumps(columns))
-
-
 def _zipped(path: Path) -> None:
     _parts(path, {"record.csv": (" " * MEGABYTE for _ in range(1000))})
 
@@ -260,10 +241,15 @@ def _compressed_frequency(path: Path) -> None:
     path.write_bytes(b"".join([squeezed.compress(blank) for _ in range(1000)] + [squeezed.flush()]))
 
 
+def _hole(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(256 * MEGABYTE)
+
+
 Bomb = tuple[str, Callable[[Path], object]]
 
 QUICK: dict[str, Bomb] = {
-    "far cell": ("a.xlsx", _far_cell),
+    "far cell": ("a.xlsx", rows(CELL, '<row r="1048576"><c r="XFD1048576"><v>1</v></c></row>')),
     "entities": ("b.xlsx", _entities),
     "far repeats": ("a.ods", _far_repeats),
     "shape": ("a.mat", _matlab_says),
@@ -271,7 +257,7 @@ QUICK: dict[str, Bomb] = {
     "cells in cells": ("c.mat", _matlab_cells),
     "values": ("a.tdms", lambda path: tdms(path, 10**12, 1)),
     "commas": ("b.csv", text("time,height\n", "," * 3_000_000)),
-    "object": ("a.json", _json),
+    "object": ("a.json", text(json.dumps({"time": [*range(100_000)], "height": ["1.5"] * 100_000}))),
     "deep lists": ("b.json", text("[" * 1_000_000)),
     "itself": ("a.toml", text('file = "a.toml"\n')),
     "long toml": ("c.toml", text('file = "a.csv"\n', "x = [", "0," * 7_000_000, "]")),
@@ -279,8 +265,8 @@ QUICK: dict[str, Bomb] = {
 """Names of the files and what writes them; these take no time to write."""
 
 WRITTEN: dict[str, Bomb] = {
-    "many rows": ("c.xlsx", _many_rows),
-    "long part": ("e.xlsx", _long_part),
+    "many rows": ("c.xlsx", lambda path: xlsx(path, itertools.repeat(TWO_CELLS * 1000, 2000))),
+    "long part": ("e.xlsx", lambda path: xlsx(path, itertools.repeat(" " * MEGABYTE, 2000))),
     "zeros": ("e.mat", _matlab_zeros),
     "structure": ("f.mat", _matlab_structure),
     "equal numbers": ("b.parquet", _parquet_groups),

@@ -12,18 +12,27 @@ from pathlib import Path
 
 import numpy as np
 
-from .bombs import MATLAB, MEGABYTE, QUICK, WRITTEN, Bomb, element, mat_head, ods, ods_row, text, xlsx
+from .bombs import (
+    MATLAB,
+    MEGABYTE,
+    NUMBER,
+    QUICK,
+    WRITTEN,
+    Bomb,
+    element,
+    mat_head,
+    ods,
+    ods_row,
+    rows,
+    text,
+    xlsx,
+)
 
-NUMBER = '<table:table-cell office:value-type="float" office:value="1"{}/>'
 CELL = "<row><c><v>1</v></c></row>"
 
 
 def content(data: bytes) -> Callable[[Path], object]:
     return lambda path: path.write_bytes(data)
-
-
-def rows(*given: str) -> Callable[[Path], object]:
-    return lambda path: xlsx(path, given)
 
 
 def letters(megabytes: int, before: str, behind: str) -> Iterable[str]:
@@ -154,7 +163,7 @@ WORKBOOKS: dict[str, Bomb] = {
     "flipped workbook": ("a.xlsx", flipped(rows(CELL), 1)),
     "zip in zip": ("a.xlsx", zip_in_zip),
     "text called xlsb": ("a.xlsb", text("time,height\n0,1\n1,2\n")),
-    "repeats of 20 digits": ("a.ods", lambda path: ods(path, [ods_row(NUMBER.format(""), int("9" * 20))])),
+    "repeats of 20 digits": ("a.ods", lambda path: ods(path, [ods_row(NUMBER, int("9" * 20))])),
     "repeated text": (
         "a.ods",
         lambda path: ods(

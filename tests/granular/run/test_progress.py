@@ -1,5 +1,6 @@
-"""What is said of a run that takes long, and how it ends when it is told to."""
+"""What a long run says, how it ends when it is told to, and a warm cache."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -8,8 +9,12 @@ from pathlib import Path
 import numba
 import pytest
 
-from granular import Scene, load_scene, load_trajectory, plan
+from granular import Scene, load_scene, load_trajectory, plan, simulate
+from granular.__main__ import main
+from granular.commands.console import launch
 from granular.compiled import entry
+from granular.compiled.numba_insides import kernel_cache_folder, report_compiled_kernels
+from granular.run import engines
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.run_progress_bar import RestApproach, RunProgressBar, remaining_steps, remaining_time_text
 
@@ -94,3 +99,30 @@ def test_kernels_are_counted_while_they_are_compiled(
         said = capsys.readouterr().err
         assert said.count(opening) == (0 if not compiled else said.count("\r") if terminal else 2)
         assert (f"{opening}, kernel 5 [" in said) == compiled
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_what_was_warmed_up_is_kept_and_compiled_no_more(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop in a file of its own: for the types that the run gives it."""
+    assert launch(main, ["scenes", "--warm-up", "single-particle", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert list(told["seconds"]) == ["single-particle"]
+    assert told["folder"] == str(kernel_cache_folder())
+    kept = set(Path(told["folder"]).glob("*.kernel"))
+    compiled: list[int] = []
+    loop, met = engines.advance_ticks, []
+
+    def advance(*values: object) -> object:
+        met.append(tuple(map(loop.typeof_pyval, values)))
+        return loop(*values)
+
+    monkeypatch.setattr(engines, "advance_ticks", advance)
+    with report_compiled_kernels(compiled.append):
+        simulate(load_scene("single-particle"), t_end=1e-3, progress=False)
+    assert not compiled
+    assert met
+    for types in met:
+        file, _ = loop._cache._kernel_file_and_label(types, loop.targetctx.codegen())
+        assert file in kept

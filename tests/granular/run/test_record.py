@@ -1,7 +1,10 @@
-"""Piston records: to CSV and Parquet and back, and clear errors."""
+"""Piston records: to CSV and Parquet and back, clear errors, and what drives a piston."""
 
+import itertools
+import math
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from granular import PistonRecord
+from granular import PistonRecord, Scene, quantity, simulate, stage
 from granular.shared.errors import RecordError
+from tests.modes import quick_in_plain_python
 
 FINITE = st.floats(-1e300, 1e300, allow_nan=False)
 
@@ -141,20 +145,12 @@ def test_parquet_units_and_further_columns(tmp_path: Path) -> None:
         "gaps": [1.0, None, 2.0],
         "load": np.array([1.0, 2.0, 3.0], dtype=np.float32),
     }
-    path = parquet(tmp_path / "lab.parquet", columns, {"Height": "mm"})
+    path = parquet(tmp_path / "lab.pq", columns, {"Height": "mm"})
     record = PistonRecord.from_file(path)
     assert record.time.tolist() == [0.0, 0.002, 0.004]
     assert record.height.tolist() == pytest.approx([0.059, 0.060, 0.061])
     assert {name: values.tolist() for name, values in record.extra.items()} == {"load": [1.0, 2.0, 3.0]}
     assert PistonRecord.from_parquet(path, {"height": "m"}).height.tolist() == [59.0, 60.0, 61.0]
-
-
-def test_a_frame_of_pandas_is_a_record(tmp_path: Path) -> None:
-    import pandas
-
-    frame = pandas.DataFrame({"time": [0.0, 1.0, 2.0], "height": [1.0, 2.0, 4.0]})
-    frame.to_parquet(tmp_path / "frame.pq")
-    assert PistonRecord.from_file(tmp_path / "frame.pq").height.tolist() == [1.0, 2.0, 4.0]
 
 
 BAD_TABLES = [
@@ -204,19 +200,6 @@ def test_files_that_are_no_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         PistonRecord.from_file(cut)
 
 
-def test_missing_and_binary_files(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="there is no file"):
-        PistonRecord.from_csv(tmp_path / "nothing.csv")
-    (tmp_path / "binary.csv").write_bytes(b"\x00\x01\x02\x81")
-    with pytest.raises(RecordError, match="cannot be read as text"):
-        PistonRecord.from_csv(tmp_path / "binary.csv")
-    with pytest.raises(RecordError, match="check the path"):
-        PistonRecord.from_csv(tmp_path / ("x" * 300))
-    path = write(tmp_path / "lab.csv", "time,height\n0,1\n1,2\n")
-    with pytest.raises(RecordError, match="unknown column 'heigth'; did you mean 'height'"):
-        PistonRecord.from_csv(path, units={"heigth": "mm"})
-
-
 def test_arrays_are_checked_and_frozen() -> None:
     with pytest.raises(RecordError, match="shape"):
         PistonRecord(np.arange(3.0), np.arange(4.0))
@@ -227,3 +210,122 @@ def test_arrays_are_checked_and_frozen() -> None:
         record.first(-1)
     part = record.between(0.5, 5.0)
     assert part.time.tolist() == [1.0, 2.0]
+
+
+MASS, GRAVITY = 2.0, 9.8
+BASE = ("base_height", "base_velocity", "base_acceleration")
+
+
+def empty(*stages: dict[str, Any], **changes: Any) -> Scene:
+    """A heavy piston over a cell without grains."""
+    return Scene.from_plain(
+        {
+            "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
+            "cell": {"width": "60 mm"},
+            "piston": {"height": "120 mm", "mass": MASS},
+            "effects": {"gravity": {}},
+            "protocol": list(stages),
+            "output": {"scalars": 1e-4, "frames": 0.01},
+        }
+    ).replace(**changes)
+
+
+def acceleration(time: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """At the inner samples, by second differences; the samples are evenly spaced."""
+    return np.diff(height, 2) / np.diff(time)[0] ** 2
+
+
+def test_a_shaken_cell_lends_its_motion() -> None:
+    """Seen from the base, the piston falls and the base's motion is taken away: z'' = -g - b''."""
+    angle = 0.6
+    scene = empty(
+        {"kind": "free", "name": "fall", "duration": 0.05},
+        **{
+            "effects.shaking": {"amplitude": 0.002, "frequency": 25.0, "angle": angle},
+            "effects.drag": {"coefficient": 0.0},  # of no size: as what is compiled for falling grains
+        },
+    )
+    record = simulate(scene, progress=False).piston()
+    assert tuple(record.extra) == BASE
+    found = acceleration(record.time, record.height)
+    assert found == pytest.approx(-GRAVITY - record.extra["base_acceleration"][1:-1], abs=2e-3)
+    assert record.extra["base_height"].max() == pytest.approx(0.002 * math.sin(angle), rel=1e-3)
+    for name, rate in itertools.pairwise(BASE):
+        slope = np.gradient(record.extra[name], record.time)[2:-2]
+        assert slope == pytest.approx(record.extra[rate][2:-2], abs=2e-4 * np.ptp(slope))
+
+
+def test_a_push_lends_its_force() -> None:
+    """M z'' = -M g + F, with a phase that counts from the stage's start; 0 in other stages."""
+    scene = empty(
+        {"kind": "hold", "name": "wait", "duration": 0.0123},
+        {"kind": "push", "name": "push", "mean": 3.0, "amplitude": 5.0, "frequency": 40.0, "duration": 0.04},
+        {"kind": "free", "name": "fall", "duration": 0.01},
+    )
+    run = simulate(scene, progress=False)
+    record = run.piston("push")
+    assert record.extra["outer_force"][0] == pytest.approx(3.0)
+    found = acceleration(record.time[:300], record.height[:300])
+    force = record.extra["outer_force"][1:299]
+    assert found == pytest.approx(-GRAVITY + force / MASS, abs=1e-3)
+    integer = run.piston().extra["outer_force"]
+    indices = run.dataset["stage"].values
+    assert np.count_nonzero(integer) == pytest.approx(np.count_nonzero(indices == 1), abs=2)
+    assert "outer_force" not in run.piston("fall").extra
+
+
+@stage
+class Tug:
+    """A pull that dies out."""
+
+    size: float = quantity("N")
+
+    @staticmethod
+    def force(p: Any, time: float) -> float:
+        return float(p.size * math.exp(-100.0 * time))
+
+
+def test_a_force_formula_and_an_own_stage_lend_their_force() -> None:
+    """M z'' = -M g + F in either stage, and 0 before them."""
+    scene = empty(
+        {"kind": "hold", "name": "wait", "duration": 0.01},
+        {
+            "kind": "force",
+            "name": "formula",
+            "force": "f*exp(-t/s)",
+            "f": "30 N",
+            "s": "5 ms",
+            "duration": 0.02,
+        },
+        {"kind": "tug", "name": "own", "size": "40 N", "duration": 0.02},
+    )
+    run = simulate(scene, progress=False)
+    for name, size, rate in (("formula", 30.0, 200.0), ("own", 40.0, 100.0)):
+        record = run.piston(name)
+        force = record.extra["outer_force"]
+        wanted = size * np.exp(-rate * (record.time - run.stage(name).start))
+        np.testing.assert_allclose(force, wanted, rtol=1e-9)
+        found = acceleration(record.time, record.height)
+        assert found == pytest.approx(-GRAVITY + force[1:-1] / MASS, abs=2e-2)
+    force = run.piston().extra["outer_force"]
+    assert not force[run.piston().time < 0.01 - 1e-9].any()
+    assert np.count_nonzero(force) > 390
+
+
+@quick_in_plain_python
+def test_a_shaken_base_lends_its_acceleration() -> None:
+    """Seen from the base that carries the cell: z'' = -g - b''."""
+    drive = {"displacement": "2 mm", "frequency": "25 Hz"}
+    scene = empty(
+        {"kind": "free", "name": "fall", "duration": 0.05},
+        **{"effects.host": {"mount": "base", "bodies": [], "excitation": drive}},
+    )
+    record = simulate(scene, dt="auto/4", progress=False).piston()
+    assert tuple(record.extra) == ("base_acceleration",)
+    found = acceleration(record.time, record.height)
+    assert found == pytest.approx(-GRAVITY - record.extra["base_acceleration"][1:-1], abs=2e-3)
+
+
+def test_a_piston_that_is_not_driven_has_no_further_columns() -> None:
+    run = simulate(empty({"kind": "free", "name": "fall", "duration": 0.01}), progress=False)
+    assert run.piston().extra == {}

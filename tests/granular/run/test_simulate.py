@@ -1,4 +1,4 @@
-"""Runs: the same bits however they are cut, threaded, recorded or interrupted."""
+"""Runs: the same bits however they are cut, threaded, recorded or interrupted; their memory and names."""
 
 import json
 import os
@@ -7,20 +7,16 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
-from granular.shared.errors import (
-    EnergyError,
-    InputError,
-    Interrupted,
-    NotAtRestError,
-    OutsideError,
-    RunError,
-    StoreError,
-)
+from granular import Scene, Trajectory, effect, load_scene, load_trajectory, quantity, simulate
+from granular.effects.effect import EFFECTS
+from granular.run.dataset import all_run_variables, check_variable_names
+from granular.run.trajectory import merge_equal_times, separate_equal_times
+from granular.shared.errors import InputError, Interrupted, NotAtRestError, StoreError
 
 ROOT = Path(__file__).parents[3]
 
@@ -199,18 +195,6 @@ def test_rest_that_does_not_come(small_damper: Scene) -> None:
     assert caught.value.trajectory.dataset["time"].values[-1] == pytest.approx(1.2, abs=2e-3)
 
 
-def test_too_long_a_step_is_stopped(scene: Scene) -> None:
-    seldom = scene.replace(**{"output.scalars": 2e-3})
-    with pytest.raises(RunError) as caught:
-        simulate(seldom, dt=2e-3, progress=False)
-    assert isinstance(caught.value, EnergyError | OutsideError)
-    error = caught.value
-    assert error.step > 0
-    assert error.time > 0.0
-    assert "dt" in error.remedy
-    assert str(error).startswith(f"step {error.step}, t = ")
-
-
 @pytest.mark.usefixtures("interruptible")
 def test_interrupted_run_keeps_what_was_done(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     from granular.run.protocol_runner import ProtocolRunner
@@ -317,3 +301,93 @@ time.sleep(60)
     process.kill()
     process.wait()
     simulate(scene, t_end=3e-3, out=tmp_path / "run", resume=True, progress=False)
+
+
+PROGRAM = """
+import resource, sys
+from granular import load_scene, simulate
+
+scene = load_scene("bed").replace(**{"grains.count": 23, "cell.width": "15 D",
+    "piston.height": "6 D", "arrangement.height": "5.5 D"})
+UNIT = 2**20 if sys.platform == "darwin" else 2**10
+
+def memory(times):
+    for _ in range(times):
+        simulate(scene, t_end=0.005, progress=False)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / UNIT
+
+print(memory(30), memory(150))
+"""
+
+
+@pytest.mark.long
+def test_runs_leave_nothing_in_memory() -> None:
+    said = subprocess.run([sys.executable, "-c", PROGRAM], check=True, capture_output=True, text=True).stdout
+    print(said)
+    first, second = map(float, said.split())  # MB
+    assert second - first < 5.0
+
+
+@pytest.mark.parametrize("times", [[0.0], [0.0, 0.1, 0.2], [0.0, 0.1, 0.1, 0.2], [0.0, 0.0, 0.0, 1e-3, 1e-3]])
+def test_times_that_are_parted_grow_and_can_be_joined(times: list[float]) -> None:
+    found = separate_equal_times(np.array(times))
+    assert (np.diff(found) > 0.0).all()
+    assert np.abs(found - times).max() < 1e-15
+    assert np.array_equal(merge_equal_times(found), times)
+
+
+TAKEN = ("Kinetic", "Pair", "Piston", "Wall", "Weight")
+
+
+def pull(name: str) -> type:
+    """A spring of a user's own, under that name."""
+
+    def energy(p: Any, grain: Any, time: float) -> Any:
+        return 0.5 * p.k * grain.y**2
+
+    def force(p: Any, grain: Any, time: float) -> Any:
+        return 0.0, -p.k * grain.y
+
+    content = {
+        "__doc__": "A spring.",
+        "__module__": __name__,
+        "__annotations__": {"k": float},
+        "k": quantity("N/m", default=1.0),
+        "energy": staticmethod(energy),
+        "force": staticmethod(force),
+    }
+    return type(name, (), content)
+
+
+def bed_with(name: str) -> Scene:
+    effect(pull(name))
+    return Scene.from_plain(
+        {
+            "grains": {"count": 2, "species": [{"diameter": "6 mm"}]},
+            "cell": {"width": "6 D"},
+            "piston": {"height": "6 D", "mass": "10 g"},
+            "effects": {"dipole": True, "walls": True, "gravity": True, name.lower(): True},
+            "protocol": [{"name": "wait", "kind": "hold", "duration": "1 ms"}],
+        }
+    )
+
+
+@pytest.mark.parametrize("name", TAKEN)
+def test_an_own_effect_cannot_take_the_name_of_a_record(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(EFFECTS, "_own", dict(EFFECTS._own))
+    scene, out = bed_with(name), tmp_path / "run"
+    message = rf"effects\.{name.lower()}: its record '{name.lower()}_energy' has the name of another"
+    with pytest.raises(InputError, match=message):
+        simulate(scene, dt=1e-4, progress=False, out=out)
+    assert not out.exists()
+
+
+def test_another_name_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(EFFECTS, "_own", dict(EFFECTS._own))
+    scene = bed_with("Tether")
+    check_variable_names(scene)
+    names = [variable.name for variable in all_run_variables(scene)]
+    assert "tether_energy" in names
+    assert len(set(names)) == len(names)

@@ -1,6 +1,5 @@
 """Run directories: damaged or exchanged files are noticed by their names, or change nothing."""
 
-import json
 import os
 import shutil
 import signal
@@ -125,44 +124,25 @@ def damage(path: Path, how: str, random: np.random.Generator) -> None:
     path.write_bytes(content)
 
 
-def check_damages(
-    hows: list[str], runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
+@pytest.mark.parametrize(("bits", "others"), [(6, 1), pytest.param(200, 17, marks=pytest.mark.long)])
+def test_damages_are_noticed(
+    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator, bits: int, others: int
 ) -> None:
-    """Damage files drawn by chance, so that each kind of file is among many."""
-    for how in hows:
+    """Files are drawn by chance, so that each kind of file is among many."""
+    for how in ["flipped"] * bits + ["truncated", "empty", "missing"] * others:
         place, names = copied(runs, tmp_path / "run"), files(runs.run)
         name = names[random.integers(len(names))]
         damage(place / name, how, random)
         check(runs, scene, place, name, f"{name} {how}")
 
 
-def test_some_damages_are_noticed(
-    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
-) -> None:
-    check_damages(["flipped"] * 6 + ["truncated", "empty", "missing"], runs, scene, tmp_path, random)
-
-
-@pytest.mark.long
-def test_many_damages_are_noticed(
-    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
-) -> None:
-    """Of 200 bits, and 50 files."""
-    hows = ["flipped"] * 200 + ["truncated", "empty", "missing"] * 17
-    check_damages(hows, runs, scene, tmp_path, random)
+CHUNK = "trajectory.zarr/position/c/0/0/0"
+MAIN_FILES = ("scene.toml", "run.json", "checkpoint.npz", "trajectory.zarr/zarr.json", CHUNK)
 
 
 @pytest.mark.parametrize("how", ["flipped", "truncated", "empty", "missing"])
 @pytest.mark.parametrize(
-    "file",
-    [
-        "scene.toml",
-        "run.json",
-        "checkpoint.npz",
-        "trajectory.zarr/zarr.json",
-        "trajectory.zarr/position/zarr.json",
-        "trajectory.zarr/position/c/0/0/0",
-        "trajectory.zarr/time/c/3",
-    ],
+    "file", [*MAIN_FILES, "trajectory.zarr/position/zarr.json", "trajectory.zarr/time/c/3"]
 )
 def test_each_kind_of_file_is_named(
     runs: Runs, tmp_path: Path, random: np.random.Generator, file: str, how: str
@@ -176,19 +156,7 @@ def test_each_kind_of_file_is_named(
 
 @pytest.mark.parametrize(
     ("file", "size", "end"),
-    [
-        *(
-            (file, 3 * 2**30, b"")
-            for file in (
-                "scene.toml",
-                "run.json",
-                "checkpoint.npz",
-                "trajectory.zarr/zarr.json",
-                "trajectory.zarr/position/c/0/0/0",
-            )
-        ),
-        ("checkpoint.npz", 2**28, b"0" * 64),
-    ],
+    [*((file, 3 * 2**30, b"") for file in MAIN_FILES), ("checkpoint.npz", 2**28, b"0" * 64)],
 )
 def test_a_file_of_gigabytes_is_not_read_whole(
     runs: Runs, tmp_path: Path, file: str, size: int, end: bytes
@@ -220,21 +188,17 @@ def test_a_run_without_positions_is_none(runs: Runs, tmp_path: Path) -> None:
         load_trajectory(copy).dataset.load()
 
 
-def test_an_edited_scene_is_noticed(runs: Runs, tmp_path: Path) -> None:
-    copy = copied(runs, tmp_path / "run")
-    file = copy / "scene.toml"
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [("scene.toml", "density = 7368.0", "density = 7369.0"), ("run.json", '"dt": "auto"', '"dt": "auto/2"')],
+)
+def test_an_edited_file_is_noticed(runs: Runs, tmp_path: Path, name: str, old: str, new: str) -> None:
+    file = copied(runs, tmp_path / "run") / name
     text = file.read_text(encoding="utf-8")
-    file.write_text(text.replace("density = 7368.0", "density = 7369.0"), encoding="utf-8")
-    with pytest.raises(StoreError, match=r"scene\.toml is not what the run wrote"):
-        load_trajectory(copy)
-
-
-def test_edited_settings_are_noticed(runs: Runs, tmp_path: Path) -> None:
-    copy = copied(runs, tmp_path / "run")
-    settings = json.loads((copy / "run.json").read_text())
-    (copy / "run.json").write_text(json.dumps(settings | {"dt": "auto/2"}))
-    with pytest.raises(StoreError, match=r"run\.json is not what the run wrote"):
-        load_trajectory(copy)
+    assert old in text
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(StoreError, match=f"{name} is not what the run wrote"):
+        load_trajectory(file.parent)
 
 
 def test_a_chunk_of_nothing_but_the_fill_value_is_written(runs: Runs) -> None:
@@ -328,17 +292,7 @@ def test_a_chunk_of_another_run_is_noticed(runs: Runs, scene: Scene, tmp_path: P
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
-@pytest.mark.parametrize(
-    "name",
-    [
-        "scene.toml",
-        "run.json",
-        "checkpoint.npz",
-        "trajectory.zarr/zarr.json",
-        "trajectory.zarr/time/c/3",
-        "trajectory.zarr/position/c/0/0/0",
-    ],
-)
+@pytest.mark.parametrize("name", [*MAIN_FILES, "trajectory.zarr/time/c/3"])
 def test_a_pipe_in_place_of_a_file_is_named(runs: Runs, scene: Scene, tmp_path: Path, name: str) -> None:
     place = copied(runs, tmp_path / "run")
     (place / name).unlink()
@@ -362,27 +316,15 @@ def exchange(runs: Runs, place: Path, random: np.random.Generator) -> tuple[str,
     return name, f"{name} from {donor.name}/{source}"
 
 
-def check_exchanges(
-    count: int, runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
+@pytest.mark.parametrize("count", [20, pytest.param(200, marks=pytest.mark.long)])
+def test_exchanges_are_noticed(
+    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator, count: int
 ) -> None:
     noticed = 0
     for _ in range(count):
         place = copied(runs, tmp_path / "run")
         noticed += bool(check(runs, scene, place, *exchange(runs, place, random)))
     assert noticed > count // 2
-
-
-def test_some_exchanges_are_noticed(
-    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
-) -> None:
-    check_exchanges(20, runs, scene, tmp_path, random)
-
-
-@pytest.mark.long
-def test_many_exchanges_are_noticed(
-    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
-) -> None:
-    check_exchanges(200, runs, scene, tmp_path, random)
 
 
 def test_a_checkpoint_of_an_earlier_time_is_noticed(runs: Runs, tmp_path: Path) -> None:

@@ -1,11 +1,27 @@
-"""How often the far field is met: by the scene's wish, the method, and whether grains rub."""
+"""Natural units: the far field, unlike grains, and dampers of every size with equal groups."""
 
+import math
+from typing import Any
+
+import numpy as np
 import pytest
 
-from granular import Scene
+from granular import Scene, evaluate, load_scene, scene_text
+from granular.linear import piston_roots
+from granular.linear.equilibrium import equilibrium_from
 from granular.methods import METHODS
-from granular.scene.scene_in_natural_units import FAR_EVERY, scene_in_natural_units
+from granular.observables.moduli import crystal_moduli, dipole_pair_strength
+from granular.scene.scene_in_natural_units import (
+    FAR_EVERY,
+    dimensionless_groups,
+    groups_line,
+    lattice_rest,
+    rescale,
+    scene_in_natural_units,
+)
+from granular.schema.natural_units import MAGNETIC_CONSTANT, Scales
 from granular.shared.errors import InputError
+from tests.granular.linear.small_beds import at_rest, small_damper
 
 
 def every(scene: Scene, wanted: int | None, method: str = "stormer-verlet") -> int | None:
@@ -47,3 +63,155 @@ def test_a_method_without_impulses_meets_it_at_every_force(small_bed: Scene) -> 
     assert every(free, 1, "pefrl") is None
     with pytest.raises(InputError, match="'pefrl' cannot"):
         every(free, 2, "pefrl")
+
+
+MU0 = 4e-7 * math.pi
+
+
+def mixed(**changes: Any) -> Scene:
+    """Big grains, and small ones of another remanence, density and thickness, that rub."""
+    small = {"name": "small", "diameter": "4 mm", "share": 0.4, "remanence": "0.9 T"}
+    return load_scene("bed").replace(
+        **{
+            "grains.count": 23,
+            "grains.species": [
+                {"name": "big", "diameter": "6 mm", "share": 0.6},
+                small | {"density": 5000.0, "thickness": "2.9 mm"},
+            ],
+            "cell.width": "15 D",
+            "piston.height": "8 D",
+            "arrangement.height": "7 D",
+            "effects.drag": None,
+            "effects.friction": True,
+            "effects.walls": dict.fromkeys(("left", "right", "bottom", "top"), "infinite"),
+        }
+        | changes
+    )
+
+
+def test_what_is_said_of_each_species_alike_changes_no_bit() -> None:
+    scene = load_scene("bed").replace(**{"grains.count": 9})
+    place = scene.initial_positions_and_velocities()[0]
+    told = scene.replace(
+        **{
+            "grains.species.0.remanence": scene.grains.remanence,
+            "grains.species.0.density": scene.grains.density,
+            "grains.species.0.thickness": scene.grains.thickness,
+        }
+    )
+    np.testing.assert_array_equal(evaluate(told, place).force, evaluate(scene, place).force)
+
+
+def test_masses_and_moments_are_those_of_the_material() -> None:
+    grains = mixed().grains
+    sheet = math.pi / 4.0 * 0.004**2 * 0.0029
+    assert grains.masses()[grains.species_indices() == 1] == pytest.approx(5000.0 * sheet, rel=1e-14)
+    integer = math.pi / 4.0 * 0.006**2 * 0.003
+    assert grains.moment_ratios()[1] == pytest.approx(0.9 * sheet / (1.3 * integer), rel=1e-14)
+    spread = mixed(
+        **{
+            "grains.spread": 0.1,
+            "grains.count": 400,
+            "cell.width": "60 D",
+            "piston.height": "40 D",
+            "arrangement.height": "39 D",
+        }
+    )
+    factors = spread.grains.moment_spread_factors()
+    assert factors.std() == pytest.approx(0.1, rel=0.1)
+    assert np.abs(factors - 1.0).max() <= 0.3 + 1e-15
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}, pytest.param({"grains.magnets": "cylinders", "effects.walls": True}, marks=pytest.mark.long)],
+)
+def test_one_bed_in_five_widths(changes: dict[str, Any]) -> None:
+    """Rest over the width, the frequency by sqrt(W/g), and the damping ratio, without a run."""
+    rest = at_rest(small_damper(**changes))
+    width, root = rest.scene.cell.width, piston_roots(rest)[0]
+    assert rest.piston_height is not None
+    expected = rest.piston_height / width, root.frequency * math.sqrt(width / 9.8), root.damping_ratio
+    for factor in (0.1, 0.5, 1.7, 2.0, 10.0):
+        scene = rescale(rest.scene, factor * width)
+        assert scene.cell.width == pytest.approx(factor * width, rel=1e-12)
+        assert dimensionless_groups(scene) == pytest.approx(dimensionless_groups(rest.scene), rel=1e-12)
+        there = equilibrium_from(scene, factor * rest.positions, factor * rest.piston_height)
+        found, size = piston_roots(there)[0], factor * width
+        assert there.piston_height is not None
+        figures = there.piston_height / size, found.frequency * math.sqrt(size / 9.8), found.damping_ratio
+        assert figures == pytest.approx(expected, rel=1e-9)
+
+
+def test_kappa_by_hand() -> None:
+    """The packaged damper has mu0 m^2/(pi M g W^4), m = Br V/mu0."""
+    volume = math.pi / 4.0 * 6e-3**2 * 3e-3
+    mu0 = 4e-7 * math.pi
+    kappa = mu0 * (1.3 * volume / mu0) ** 2 / (math.pi * 7.5 * 9.8 * 0.36**4)
+    groups = dimensionless_groups(load_scene("damper"))
+    assert groups["kappa"] == pytest.approx(kappa, rel=1e-12)
+    assert groups["N m/M"] == pytest.approx(368 * 7368.0 * volume / 7.5, rel=1e-12)
+    assert groups["gamma sqrt(W/g)/M"] == pytest.approx(0.1 * math.sqrt(0.36 / 9.8) / 7.5, rel=1e-12)
+    assert "kappa 2.495e-09" in groups_line(load_scene("damper")) in scene_text(load_scene("damper"))
+    assert dimensionless_groups(load_scene("bed")) == {}
+
+
+def test_the_rest_of_a_lattice() -> None:
+    """The lattice's pressure times the width carries the weight."""
+    scene = load_scene("damper")
+    groups, width = dimensionless_groups(scene), scene.cell.width
+    rest = lattice_rest(368, width, groups["kappa"])
+    strength = dipole_pair_strength(scene.grains.magnets_in_species()[0].moment)
+    pressure = crystal_moduli(368 / (width * rest), strength).pressure
+    assert pressure * width == pytest.approx(7.5 * 9.8, rel=1e-6)  # of the lattice sum
+
+
+def test_parts_and_a_machine_in_another_size() -> None:
+    """A liquid's drag becomes a number; springs go as the size, a moment as its cube."""
+    oil = load_scene("damper").replace(
+        **{"effects.drag.liquid": "silicone oil 100 cSt", "grains.moment": 0.0877, "cell.separation": "4 mm"}
+    )
+    half = rescale(oil, 0.5 * oil.cell.width)
+    assert half.effects.drag is not None
+    assert oil.effects.drag is not None
+    assert half.effects.drag.liquid is None
+    assert half.effects.drag.coefficient == pytest.approx(oil.effects.drag.coefficient * 0.5**1.5)
+    assert half.grains.moment == pytest.approx(0.0877 / 8.0)
+    assert dimensionless_groups(half) == pytest.approx(dimensionless_groups(oil))
+    machine = load_scene("machine")
+    host = rescale(machine, 4.0 * machine.cell.width).effects.host
+    assert host is not None
+    assert host.excitation is not None
+    body = host.bodies[0]
+    assert (body.mass, body.stiffness, body.damping) == pytest.approx((1600.0, 4 * 41.7e3, 8 * 20.4))
+    assert host.excitation.frequency == pytest.approx(3.25 / 2.0)
+    with pytest.raises(InputError, match="parts of one's own"):
+        rescale(load_scene("bed").replace(**{"effects.field": [{"energy": "f*y", "f": "1 mN"}]}), 1.0)
+
+
+def test_published_scales() -> None:
+    """Masses, moments and units of the table of scales [D, Tables 2.1 and 4.3]."""
+    expected = {
+        0.006: (6.2498e-4, 0.08775, 2.37656, 1.25612e-3, 2.57715e-3, 4.1303),
+        0.005: (4.3401e-4, 0.0609375, 2.37656, 9.5557e-4, 1.78969e-3, 4.5245),
+        0.008: (1.11107e-3, 0.156, 2.37656, 1.93393e-3, 4.5816e-3, 3.5769),
+    }
+    bed = load_scene("bed")
+    for diameter, (mass, moment, force, tau, gravity, balance) in expected.items():
+        scene = bed.replace(
+            **{
+                "grains.species.0.diameter": diameter,
+                "cell.width": 0.9,
+                "piston.height": 0.3,
+                "arrangement.height": 0.28,
+            }
+        )
+        scales = Scales.from_grains(scene.grains)
+        weight = 9.8 / scales.acceleration
+        volume = math.pi * 0.003 * diameter**2 / 4.0
+        assert scales.mass == pytest.approx(mass, rel=5e-5)
+        assert 1.3 * volume / MAGNETIC_CONSTANT == pytest.approx(moment, rel=5e-5)
+        assert scales.force == pytest.approx(force, rel=5e-6)
+        assert scales.time == pytest.approx(tau, rel=5e-6)
+        assert weight == pytest.approx(gravity, rel=5e-5)
+        assert (0.75 / weight) ** 0.25 == pytest.approx(balance, rel=5e-5)

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import SimpleNamespace
 
 import pytest
@@ -33,22 +33,12 @@ def wait() -> None:
         time.sleep(0.01)
 
 
-@pytest.mark.parametrize(
-    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
-)
-def test_a_command_ends_with_one_line(
-    number: int, code: int, word: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def command(_: Sequence[str]) -> None:
-        os.kill(os.getpid(), number)
-        wait()
-
-    assert launch(command, []) == code
-    assert capsys.readouterr().err == f"error: {word}\n"
+def stop_and_wait(number: int) -> None:
+    os.kill(os.getpid(), number)
+    wait()
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_stop_that_a_callback_swallowed_comes_again(number: int, code: int) -> None:
+def stop_in_a_callback(number: int, then: Callable[[], None] = wait) -> None:
     """Python drops what is raised in a callback of the garbage collector."""
 
     def swallow(*_: object) -> None:
@@ -57,27 +47,32 @@ def test_a_stop_that_a_callback_swallowed_comes_again(number: int, code: int) ->
         for _ in range(1000):
             pass
 
-    def command(_: Sequence[str]) -> None:
-        gc.callbacks.append(swallow)
-        gc.collect()
-        wait()
-
-    assert launch(command, []) == code
+    gc.callbacks.append(swallow)
+    gc.collect()
+    then()
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_stop_while_a_class_is_made_ends_a_command(number: int, code: int) -> None:
+def stop_while_a_class_is_made(number: int) -> None:
     """Python 3.11 wraps what is raised in ``__set_name__``, as an import of JAX calls it."""
 
     class Named:
         def __set_name__(self, owner: type, name: str) -> None:
-            os.kill(os.getpid(), number)
-            wait()
+            stop_and_wait(number)
 
-    def command(_: Sequence[str]) -> None:
-        type("Holder", (), {"field": Named()})
+    type("Holder", (), {"field": Named()})
 
-    assert launch(command, []) == code
+
+@pytest.mark.parametrize("stopping", [stop_and_wait, stop_in_a_callback, stop_while_a_class_is_made])
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_command_ends_with_one_line(
+    stopping: Callable[[int], None], number: int, code: int, word: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert launch(lambda _: stopping(number), []) == code
+    said = capsys.readouterr().err
+    assert said.endswith(f"error: {word}\n")
+    assert said.count("\n") == 1 or stopping is stop_in_a_callback
 
 
 @pytest.mark.parametrize("link", ["__cause__", "__context__"])
@@ -130,18 +125,7 @@ def test_the_line_of_a_stop_says_what_is_kept_and_no_more(
 
 def test_a_stop_that_was_swallowed_at_the_very_end_ends_the_command() -> None:
     """It comes before the end, and not in the interpreter's shutdown."""
-
-    def swallow(*_: object) -> None:
-        gc.callbacks.remove(swallow)
-        os.kill(os.getpid(), signal.SIGINT)
-        for _ in range(1000):
-            pass
-
-    def command(_: Sequence[str]) -> None:
-        gc.callbacks.append(swallow)
-        gc.collect()
-
-    assert launch(command, []) == 130
+    assert launch(lambda _: stop_in_a_callback(signal.SIGINT, then=lambda: None), []) == 130
     time.sleep(3 * AGAIN)
 
 

@@ -1,16 +1,22 @@
-"""Commands in bad surroundings say so in one line, or do what they can."""
+"""Commands: options from signatures, progress, and one line in bad surroundings."""
 
+import argparse
+import dataclasses
 import shlex
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
 
 import pytest
 
 from granular import load_scene
 from granular.__main__ import main
-from granular.commands.console import launch
+from granular.commands.console import Parser, Program, command, command_registry, launch
+from granular.commands.signature import Option, Seconds, add_options, arguments_of
+from granular.shared.errors import InputError
+from granular.shared.progress_bars import progress_bar, stage_reporter
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
 ROOT = Path(__file__).parents[3]
@@ -78,3 +84,143 @@ def test_warnings_taken_for_errors(process: Command) -> None:
     done = process(*words, PYTHONWARNINGS="error")
     assert done.returncode == 1
     assert "warning taken for an error: records come every 0.0007 s" in propagate_error(done)
+
+
+@dataclasses.dataclass(frozen=True)
+class Group:
+    """A group of options."""
+
+    title: ClassVar[str] = "options of a group"
+    loud: Annotated[bool, Option("print all")] = False
+    names: Annotated[tuple[str, ...], Option("name (repeatable)", "NAME", name="--name")] = ()
+
+
+def carry_out(
+    scene: Annotated[str, Option("a scene", "SCENE")],
+    files: Annotated[tuple[str, ...], Option("files", "FILE")] = (),
+    *,
+    out: Annotated[str, Option("directory", "DIR", "-o")],
+    t_end: Annotated[Seconds | None, Option("end", "T")] = None,
+    times: Annotated[tuple[Seconds, ...], Option("times", "T", name="--time")] = (),
+    count: Annotated[int, Option("how many")] = 3,
+    reach: Annotated[float | None, Option("reach", "A")] = None,
+    kind: Annotated[Literal["a", "b"], Option("kind")] = "a",
+    drift: Annotated[bool | None, Option("drift or not")] = None,
+    warm: Annotated[tuple[str, ...] | None, Option("scenes", nargs="*")] = None,
+    group: Group,
+) -> None:
+    """Carry out."""
+
+
+def parsed(*words: str) -> dict[str, Any]:
+    parser = Parser(prog="p")
+    add_options(parser, carry_out)
+    return arguments_of(carry_out, parser.parse_args(words))
+
+
+def test_defaults_are_those_of_the_function() -> None:
+    found = parsed("bed", "-o", "here")
+    assert found == {
+        "scene": "bed",
+        "files": (),
+        "out": "here",
+        "t_end": None,
+        "times": (),
+        "count": 3,
+        "reach": None,
+        "kind": "a",
+        "drift": None,
+        "warm": None,
+        "group": Group(),
+    }
+
+
+def test_texts_are_read_by_their_types() -> None:
+    words = (
+        "bed a.csv b.csv --out o --t-end 500ms --time 1ms --time 2s --count 5 --reach 0.5 --kind b --no-drift"
+    )
+    found = parsed(*words.split(), "--warm", "--loud", "--name", "x", "--name", "y")
+    assert found["files"] == ("a.csv", "b.csv")
+    assert found["t_end"] == 0.5
+    assert found["times"] == (0.001, 2.0)
+    assert found["reach"] == 0.5
+    assert (found["count"], found["kind"], found["drift"], found["warm"]) == (5, "b", False, ())
+    assert found["group"] == Group(True, ("x", "y"))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("bed", "required: -o/--out"),
+        ("bed -o o --t-end 5kg", "argument --t-end: .*kg"),
+        ("bed -o o --count x", "argument --count: invalid int"),
+        ("bed -o o --kind c", "argument --kind: invalid choice"),
+    ],
+)
+def test_wrong_words_are_one_line_that_names_the_option(words: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        parsed(*words.split())
+
+
+def test_help_holds_the_words_of_the_signature() -> None:
+    program = Program("p", "d", "e", command_registry("", {"carry-out": command("x")(carry_out)}))
+    parser = program.parser().parsers["carry-out"]
+    text = " ".join(parser.format_help().split())
+    assert "options of a group: --loud print all --name NAME name (repeatable)" in text
+    assert "-o DIR, --out DIR directory" in text or "-o, --out DIR directory" in text
+    assert program.parser().commands == {"carry-out": "carry out"}
+    assert isinstance(parser, argparse.ArgumentParser)
+
+
+def test_a_log_has_a_line_at_the_start_and_one_at_the_end(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
+    for _ in progress_bar(iterable=range(500), desc="cases", bar_format="{desc} {bar:20} {n_fmt}"):
+        pass
+    said = capsys.readouterr().err
+    assert said == "cases 0\ncases 500\n"
+
+
+def test_a_log_has_no_line_for_every_word(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
+    with progress_bar(desc="cases", total=100) as bar:
+        for k in range(100):
+            bar.set_postfix_str(f"at {k}")
+            bar.set_description_str(f"cases {k}")
+            bar.update()
+    assert capsys.readouterr().err.splitlines() == [
+        "cases: 0 of 100 [00:00]",
+        "cases 99: 100 of 100, at 99 [00:00]",
+    ]
+
+
+def test_a_log_has_a_line_a_minute(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
+    monkeypatch.setattr("granular.shared.progress_bars.time.monotonic", lambda: clock[0])
+    with stage_reporter("search", wanted=True) as now:
+        for k in range(200):
+            clock[0] = float(k)
+            now(f"at {k}")
+    shown = [line.partition(" [")[0] for line in capsys.readouterr().err.splitlines()]
+    assert shown == ["search", "search: at 60", "search: at 120", "search: at 180", "search: at 199"]
+
+
+def test_a_terminal_has_a_bar(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    for _ in progress_bar(iterable=range(5), desc="cases", ascii=True):
+        pass
+    said = capsys.readouterr().err
+    assert "\r" in said
+    assert "cases: 100%|###" in said
+
+
+def test_nothing_is_said_where_it_is_not_wanted(capsys: pytest.CaptureFixture[str]) -> None:
+    for _ in progress_bar(iterable=range(5), desc="cases", wanted=False):
+        pass
+    assert capsys.readouterr().err == ""

@@ -1,4 +1,4 @@
-"""Random scenes are run, refused, or stopped by an error of ours: nothing else becomes of them."""
+"""Random scenes, records and laws are run or read, or refused in one line: nothing else becomes of them."""
 
 import json
 import math
@@ -66,3 +66,24 @@ def assert_same(one: dict[str, float], other: dict[str, float], case: int) -> No
         least = max(1e-9 * energy, 1e-100) if name.endswith(("_energy", "_loss", "work")) else 1e-12
         close = math.isclose(value, other[name], rel_tol=1e-6, abs_tol=least)
         assert close or math.isnan(value), (case, name, value, other[name])
+
+
+@pytest.mark.parametrize("count", [80, pytest.param(5000, marks=pytest.mark.long)])
+def test_records_are_read_or_refused(tried: Any, count: int) -> None:
+    found = Counter(case["outcome"] for case in tried("records.py", "--count", str(count)))
+    assert found["read"] + found["refused"] == count
+    assert min(found.values()) > count // 10
+
+
+@pytest.mark.long
+def test_records_are_fitted_or_refused(tried: Any) -> None:
+    found = Counter(case["outcome"] for case in tried("fits.py", "--count", "60"))
+    assert found["fitted"] + found["refused"] == 60
+    assert found["fitted"] > 15
+
+
+@pytest.mark.parametrize("count", [100, pytest.param(5000, marks=pytest.mark.long)])
+def test_laws_are_read_or_refused(tried: Any, count: int) -> None:
+    found = Counter(case["outcome"] for case in tried("law_texts.py", "--count", str(count)))
+    assert found["read"] + found["refused"] == count
+    assert min(found.values()) > count // 10
