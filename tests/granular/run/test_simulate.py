@@ -342,21 +342,21 @@ TAKEN = ("Kinetic", "Pair", "Piston", "Wall", "Weight")
 def pull(name: str) -> type:
     """A spring of a user's own, under that name."""
 
-    def energy(p: Any, grain: Any, time: float) -> Any:
-        return 0.5 * p.k * grain.y**2
+    class Spring:
+        """A spring."""
 
-    def force(p: Any, grain: Any, time: float) -> Any:
-        return 0.0, -p.k * grain.y
+        k: float = quantity("N/m", default=1.0)
 
-    content = {
-        "__doc__": "A spring.",
-        "__module__": __name__,
-        "__annotations__": {"k": float},
-        "k": quantity("N/m", default=1.0),
-        "energy": staticmethod(energy),
-        "force": staticmethod(force),
-    }
-    return type(name, (), content)
+        @staticmethod
+        def energy(p: Any, grain: Any, time: float) -> Any:
+            return 0.5 * p.k * grain.y**2
+
+        @staticmethod
+        def force(p: Any, grain: Any, time: float) -> Any:
+            return 0.0, -p.k * grain.y
+
+    Spring.__name__ = Spring.__qualname__ = name
+    return Spring
 
 
 def bed_with(name: str) -> Scene:
