@@ -1,6 +1,7 @@
 """The pages of the reference name only what there is."""
 
 import importlib
+import importlib.util
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -60,3 +61,11 @@ def test_paths_of_pages_are_there() -> None:
     path = re.compile(r"`((?:granular|reduced_models|validation|docs|tests|benchmarks)/[\w./-]*)`")
     for page in (PAGES / "where-things-are.md", ROOT / "CONTRIBUTING.md"):
         assert not [name for name in path.findall(page.read_text()) if not (ROOT / name).exists()]
+
+
+def test_the_page_of_files_is_that_which_its_command_writes() -> None:
+    script = importlib.util.spec_from_file_location("files", ROOT / "docs" / "files.py")
+    assert script is not None and script.loader is not None
+    module = importlib.util.module_from_spec(script)
+    script.loader.exec_module(module)
+    assert module.PAGE.read_text(encoding="utf-8") == module.page_of_files(), "run python docs/files.py"
