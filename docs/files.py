@@ -17,7 +17,12 @@ def first_line(path: Path) -> str:
 
 def page_of_files() -> str:
     """The page, room by room."""
-    lines = ["# Which file is about what?", "", "Written by `python docs/files.py` from the files' first lines.", ""]
+    lines = [
+        "# Which file is about what?",
+        "",
+        "Written by `python docs/files.py` from the files' first lines.",
+        "",
+    ]
     for package in PACKAGES:
         for room in sorted({path.parent for path in (ROOT / package).rglob("*.py")}):
             files = sorted(path for path in room.glob("*.py") if not path.name.startswith("__"))

@@ -65,7 +65,8 @@ def test_paths_of_pages_are_there() -> None:
 
 def test_the_page_of_files_is_that_which_its_command_writes() -> None:
     script = importlib.util.spec_from_file_location("files", ROOT / "docs" / "files.py")
-    assert script is not None and script.loader is not None
+    assert script is not None
+    assert script.loader is not None
     module = importlib.util.module_from_spec(script)
     script.loader.exec_module(module)
     assert module.PAGE.read_text(encoding="utf-8") == module.page_of_files(), "run python docs/files.py"

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from granular import Scene, load_scene, simulate
 from granular.effects.effect import EFFECTS
 from granular.effects.excitation import Excitation, evaluate_excitation
+from granular.engine import time_step
 from granular.schema.natural_units import Scales
 from tests.plain_python.test_drawn_scenes import FORMULA
 from tests.plain_python.test_every_effect import EXAMPLES, NAMES, STEP, small
@@ -111,6 +112,35 @@ RESUMED: dict[str, dict[str, Any]] = {
 """Grains so fast that lists of near pairs are made again before and behind the pause."""
 LATER = ("formula pair law", "discs by mesh", "discs by cut-off", "own pair law, periodic")
 TIME = 24 * STEP
+
+
+@pytest.mark.filterwarnings("ignore:the energy ledger is off")
+def test_drag_in_the_force_sum_has_order_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The negative control: only plain Python lets a test put something into the loop's force sum."""
+    start = {"arrangement.positions": [["30 D", "3 D"]], "output.scalars": 0.02, "output.frames": 0.02}
+    scene = load_scene("single-particle").replace(**start)
+    drag = scene.replace(**{"effects.drag.coefficient": 0.2}).effects.drag
+    assert drag is not None
+    rate, steps = drag.decay_rate(Scales.from_grains(scene.grains)), (2e-4, 1e-4, 5e-5, 2.5e-5)
+
+    def smuggle(name: str) -> None:
+        compute = getattr(time_step, name)
+
+        def forces(bed: Any, *more: object) -> int:
+            outside = compute(bed, *more)
+            count = bed.constants.grains
+            bed.state.fx[:count] -= rate * bed.state.vx[:count]
+            bed.state.fy[:count] -= rate * bed.state.vy[:count]
+            return int(outside)
+
+        monkeypatch.setattr(time_step, name, forces)
+
+    smuggle("compute_forces")
+    smuggle("compute_and_measure_forces")
+    monkeypatch.setattr("granular.engine.state.WRONG", np.inf)  # the ledger knows nothing of this loss
+    ends = [simulate(scene, dt, 0.02, progress=False).dataset["position"].values[-1, 0, 1] for dt in steps]
+    order = np.polyfit(np.log(steps[:-1]), np.log(np.abs(np.diff(ends))), 1)[0]
+    assert order == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
