@@ -31,12 +31,12 @@ _WINDOW = 11
 _THRESHOLDS = (0.01, 0.02, 0.05, 0.1, 0.2)
 _OBJECTIVES = ("r2", "length")
 PYSINDY = {
-    "differentiation": "SmoothedFiniteDifference as it comes, Savitzky-Golay of order 3",
+    "differentiation": "SmoothedFiniteDifference with defaults, Savitzky-Golay of order 3",
     "window in samples": _WINDOW,
     "optimizer": "STLSQ, alpha 0.05",
     "thresholds": _THRESHOLDS,
     "threshold chosen by": "score of z'' on the last quarter, after a fit to the rest",
-    "library where none is named": "PolynomialLibrary, degree 3",
+    "default library": "PolynomialLibrary, degree 3",
 }
 """Settings of PySINDy."""
 TUNED_PERIODS = 0.2
@@ -51,14 +51,14 @@ PYOPERON = {
     "max_length": 50,
     "max_evaluations": 100_000,
     "epsilon": 1e-3,
-    "smoothing": "that of PySINDy",
-    "uncertainty": "error of a random forest on what it was fitted to",
-    "model": "of the least description length, as pyoperon chooses",
+    "smoothing": "as for PySINDy",
+    "uncertainty": "error of a random forest on its training data",
+    "model": "of minimum description length, chosen by pyoperon",
 }
 """Settings of pyoperon."""
 PYOPERON_TUNED = PYOPERON | {
     "allowed_symbols": "add,sub,mul,div,constant,variable",
-    "smoothing": f"that of the tuned PySINDy, {TUNED_PERIODS:g} periods",
+    "smoothing": f"as for the tuned PySINDy, {TUNED_PERIODS:g} periods",
     "uncertainty": "the noise of z''",
 }
 """The same with help."""

@@ -17,8 +17,8 @@ SHOWN_NOISE = 0.01
 """The level of which every system is shown."""
 NOT_RUN = "not run"
 _PEER_WORDS = (
-    (PEERS, "set up as in its own guide"),
-    (TUNED, "with a window of smoothing that was tried out on these records,"),
+    (PEERS, "The better peer set up as in its own guide"),
+    (TUNED, "The better peer with a smoothing window tuned on these records"),
 )
 _LIBRARY_WORDS = {"named": "named library", "default": "default library"}
 
@@ -98,7 +98,7 @@ def rate_words(rate: Rate) -> str:
 
 
 def words(result: Results) -> str:
-    """Which share is found at `SHOWN_NOISE`, beside the better peer; crashes; what was not run."""
+    """Fraction found at `SHOWN_NOISE`, also by the better peer; crashes; runs that are missing."""
     sentences = []
     for library in LIBRARIES:
         rates = {method: result.rate(method, library, SHOWN_NOISE) for method in METHODS}
@@ -107,28 +107,28 @@ def words(result: Results) -> str:
             continue
         sentence = (
             f"With {SHOWN_NOISE * 100:g} % of noise and the {_LIBRARY_WORDS[library]}, `discover` "
-            f"finds the law in {100 * ours.fraction:.0f} % of {ours.run} runs"
+            f"finds the law in {100 * ours.fraction:.0f} % of {ours.run} runs."
         )
         for methods, how in _PEER_WORDS:
             known = [(rates[name].fraction or 0.0, name) for name in methods if rates[name].run]
             if known:
                 fraction, name = max(known)
-                sentence += f"; {how} the better peer, {name}, does in {100 * fraction:.0f} %"
-        sentences.append(sentence + ".")
+                sentence += f" {how}, {name}, finds it in {100 * fraction:.0f} %."
+        sentences.append(f"- {sentence}")
     ours_rows = [row for case, row in result.rows.items() if case.method == OURS]
     crashes = sum("crash" in row for row in ours_rows)
-    sentences.append(f"Crashes of `discover`: {crashes} in {len(ours_rows)} runs.")
+    sentences.append(f"- Crashes of `discover`: {crashes} in {len(ours_rows)} runs.")
     planned = len(SYSTEMS) * len(LIBRARIES) * len(METHODS) * len(NOISES) * SEEDS
     if len(result.rows) < planned:
-        sentences.append(f"{planned - len(result.rows)} of {planned} runs were {NOT_RUN}.")
-    return " ".join(sentences)
+        sentences.append(f"- {planned - len(result.rows)} of {planned} planned runs were {NOT_RUN}.")
+    return "\n".join(sentences)
 
 
 def systems_words() -> str:
     """What "found" means."""
     return (
-        f"A law is found where its structure is exact, or where a free run from an unseen start "
-        f"stays within {100 * USABLE:g} % (rms, of the motion's standard deviation). Every system "
+        "A law counts as found if its structure is exact, or if a free run from a held-out start "
+        f"stays within {100 * USABLE:g} % (rms, of the motion's standard deviation). All systems "
         f"with {100 * SHOWN_NOISE:g} % of noise, {SEEDS} seeds:"
     )
 
@@ -137,9 +137,13 @@ def settings() -> str:
     """How the peers are set up."""
     tuned = f"a window of {TUNED_PERIODS:g} periods, the best of three that were tried here"
     helped = {name: value for name, value in PYOPERON_TUNED.items() if value != PYOPERON[name]}
-    return (
-        f"PySINDy: {_setting(PYSINDY)}. PySINDy, tuned: {tuned}. pyoperon: {_setting(PYOPERON)}. "
-        f"pyoperon, tuned: {_setting(helped)}."
+    return "\n".join(
+        (
+            f"- PySINDy: {_setting(PYSINDY)}.",
+            f"- PySINDy, tuned: {tuned}.",
+            f"- pyoperon: {_setting(PYOPERON)}.",
+            f"- pyoperon, tuned: {_setting(helped)}.",
+        )
     )
 
 

@@ -13,7 +13,7 @@ slip in the same increments, and the control tells nothing."""
 
 DRAWS, LEVEL = 2000, 0.95
 PARTS: Mapping[str, tuple[str, ...]] = {
-    "followed": ("moves",),
+    "tracked": ("moves",),
     "with events": ("moves", "events"),
     "to the rim": ("moves", "events", "rim"),
 }

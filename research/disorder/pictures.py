@@ -83,7 +83,7 @@ def _skills(axes: Any, judged: Sequence[Any], order: str, *, last: bool) -> None
     axes.set_yticklabels(CANDIDATES, fontsize=8)
     axes.axvline(0.0, color="black", linewidth=0.8)
     if last:
-        axes.set_xlabel("skill for an unseen way of driving")
+        axes.set_xlabel("skill on held-out driving")
         axes.legend(fontsize=7, loc="lower left")
 
 
@@ -135,7 +135,7 @@ def _cycle(axes: Any, rows: Sequence[Row]) -> None:
     lines = {
         "bed, by its bonds": ("plastic",),
         "bed, by the law": ("law",),
-        **{f"dislocations, {item}": PARTS[item] for item in ("followed", "to the rim")},
+        **{f"dislocations, {item}": PARTS[item] for item in ("tracked", "to the rim")},
     }
     for k, (words, parts) in enumerate(lines.items()):
         axes.plot(

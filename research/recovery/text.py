@@ -34,7 +34,7 @@ def recovery_markdown(result: Mapping[str, Any]) -> str:
     """The same for a page, with the day and the command that found it."""
     made = result["made"]
     by = f"`{made['command']}` on {made['date']}, {made['cores']} cores, {made['processor']}"
-    return f"{markdown_of(_table(result))}\n\n{_totals(result)}.\n({by}.)"
+    return f"{markdown_of(_table(result))}\n\n{_totals(result)}\n({by}.)"
 
 
 def _table(result: Mapping[str, Any]) -> Table:
@@ -57,11 +57,11 @@ def _table(result: Mapping[str, Any]) -> Table:
 
 def _totals(result: Mapping[str, Any]) -> str:
     words = (
-        f"{result['reached']} of {result['fits']} fits leave a residual within {REACHED} of the "
-        f"noise; {result['wrongly agreed']} of the others say that all starts agree"
+        f"{result['reached']} of {result['fits']} fits have a residual within {REACHED} times the "
+        f"noise; of the others {result['wrongly agreed']} report that all starts agree."
     )
     if any(row["SciPy starts stopped"] for row in result["rows"]):
-        words += f"\nSciPy is stopped where a start has called the law {MOST_CALLS} times a sample"
+        words += f"\nA start of SciPy is stopped after {MOST_CALLS} calls of the law per sample."
     return words
 
 

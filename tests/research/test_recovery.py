@@ -75,7 +75,7 @@ def test_scipy_is_stopped_at_a_number_of_calls(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(runner, "_fitted", lambda _: fitted)
     text = recovery_text(runner.recovery(progress=False))
     assert "1 of 1 at 20,000 calls" in text
-    assert "SciPy is stopped where" in text
+    assert "A start of SciPy is stopped after" in text
 
 
 def test_a_file_that_is_not_the_benchmark_says_so(tmp_path: Path) -> None:
