@@ -1,4 +1,4 @@
-"""What kernels need before it is known whether Numba's insides fit: this file takes none of them.
+"""Parts of the kernels' cache that need none of Numba's insides, used before these are tried.
 
 The digest of the kernels' sources, without comments and docstrings; the folder of compiled kernels, and
 Numba's own cache in it; the time that is spent compiling; the trial of a version of Numba that was not

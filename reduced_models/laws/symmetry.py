@@ -55,18 +55,20 @@ def _symmetries(equation: str, inputs: tuple[str, ...]) -> Symmetries:
                 for item, other in pairs
             )
 
-    one, still = np.eye(len(parameters)), np.zeros(len(parameters))
+    units, still = np.eye(len(parameters)), np.zeros(len(parameters))
     # What means the same anywhere is no angle.
     turning = [
-        k for k, moved in enumerate(one) if same(1.0 + still, _TURN * moved) and not same(1.0 + still, moved)
+        k
+        for k, moved in enumerate(units)
+        if same(1.0 + still, _TURN * moved) and not same(1.0 + still, moved)
     ]
     flipping: list[tuple[str, str | None]] = []
     for k, name in enumerate(parameters):
-        if same(1.0 - 2.0 * one[k], still):
+        if same(1.0 - 2.0 * units[k], still):
             flipping.append((name, None))
             continue
         for other in turning:
-            if other != k and same(1.0 - 2.0 * one[k], math.pi * one[other]):
+            if other != k and same(1.0 - 2.0 * units[k], math.pi * one[other]):
                 flipping.append((name, parameters[other]))
                 break
     return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))
