@@ -37,6 +37,8 @@ FRAME_CHUNK = 2**16  # numbers in a chunk of a grain field
 _FORMAT = {"zarr_format": 3}
 _LEVEL = 0  # of compression
 _OVERHEAD = 2**10  # bytes, and a 256th, by which Zstandard may make a chunk longer (ZSTD_COMPRESSBOUND)
+_CHECKSUM = {"name": "crc32c"}
+"""A codec of runs that were written before Zstandard's own checksum took its place: 4 bytes more."""
 
 
 class ZarrMetadata:
@@ -105,6 +107,7 @@ class ZarrArray:
         self.depth = int(plain["chunk_grid"]["configuration"]["chunk_shape"][0])
         self.rest: tuple[int, ...] = tuple(plain["shape"][1:])
         self.dtype = np.dtype(plain["data_type"]).newbyteorder("<")
+        self._tail = 4 if _CHECKSUM in plain["codecs"] else 0
 
     def unwritten_chunk(self) -> np.ndarray:
         """Chunk of fill values alone, (depth, ...): NaN, or 0 for integers."""
@@ -116,6 +119,10 @@ class ZarrArray:
         from numcodecs.zstd import Zstd
 
         packed = Zstd(level=_LEVEL, checksum=True).encode(values)
+        if self._tail:
+            from google_crc32c import value  # comes with Zarr
+
+            packed += value(packed).to_bytes(self._tail, "little")
         file = self._chunk_file(index)
         file.parent.mkdir(parents=True, exist_ok=True)
         replace_run_file(file, packed)
@@ -127,7 +134,7 @@ class ZarrArray:
         values, file = self.unwritten_chunk(), self._chunk_file(index)
         content = read_run_file(file, values.nbytes + values.nbytes // 256 + _OVERHEAD)
         try:
-            Zstd().decode(content, out=values)
+            Zstd().decode(content[: len(content) - self._tail], out=values)
         except (RuntimeError, ValueError) as error:
             raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
         if not self._matches_digest(index, values, manifest):

@@ -68,7 +68,7 @@ def _symmetries(equation: str, inputs: tuple[str, ...]) -> Symmetries:
             flipping.append((name, None))
             continue
         for other in turning:
-            if other != k and same(1.0 - 2.0 * units[k], math.pi * one[other]):
+            if other != k and same(1.0 - 2.0 * units[k], math.pi * units[other]):
                 flipping.append((name, parameters[other]))
                 break
     return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))
