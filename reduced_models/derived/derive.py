@@ -5,9 +5,8 @@ complex root s. Mass and damping follow from it by (M + m) s^2 + c s + F' = 0, s
 
     (M + m(z)) z'' + m'(z)/2 z'^2 + c(z) z' + F(z) = 0
 
-has the exact root at rest, and loses energy by c alone. Each equilibrium starts from the one before, moved along
-the static response to the piston, up to an instability: where the lowest eigenvalue of the bed's stiffness goes
-through zero, grains rearrange and the piston's force jumps.
+has the exact root at rest, and loses energy by c alone. The heights end at an instability: if the lowest
+eigenvalue of the bed's stiffness goes through zero, grains rearrange and the piston's force jumps.
 """
 
 from __future__ import annotations
