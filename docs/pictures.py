@@ -169,12 +169,12 @@ def draw_theory() -> None:
     rows = [
         "| packaged damper | derived above | simulated |",
         "|---|---|---|",
-        f"| height of rest | {rest / DIAMETER:.2f} D | {at_rest.height / DIAMETER:.2f} D |",
+        f"| equilibrium height | {rest / DIAMETER:.2f} D | {at_rest.height / DIAMETER:.2f} D |",
         f"| frequency if the bed re-packs | {omega / (2.0 * math.pi):.2f} Hz | |",
         f"| frequency with the shear modulus of falling beds | {1.0 / told.period:.2f} Hz "
         f"| {1.0 / at_rest.period:.2f} Hz |",
         f"| damping ratio by affine drag | {ratio:.4f} | {at_rest.damping_ratio:.4f} |",
-        f"| loss over affine loss, swings 1 to {len(ratios)} | 1 "
+        f"| loss over affine loss, cycles 1 to {len(ratios)} | 1 "
         f"| {', '.join(f'{one:.2f}' for one in ratios)} |",
     ]
     write_block("theory", "\n".join([*rows, ""]), DOCS / "guide" / "theory.md")
@@ -277,7 +277,7 @@ def draw_methods() -> None:
         axes.legend()
         keep(drawing, "methods")
     measured = f"{', '.join(slopes[:-1])} and {slopes[-1]} for methods of order 1, 2, 4 and 6"
-    words = f"- Orders measured on a grain that swings about rest: {measured}"
+    words = f"- Orders measured on a grain that oscillates about equilibrium: {measured}"
     write_block("methods", words, DOCS / "results" / "verification.md")
 
 
@@ -586,7 +586,7 @@ def write_prices() -> None:
     """The fastest setting of the stored table for three errors, of each scene and quantity."""
     levels = {"1 %": 1e-2, "0.1 %": 1e-3, "10⁻⁶": 1e-6}
     rows = [
-        f"| scene | quantity | {' | '.join(levels)} | one start scatters by |",
+        f"| scene | quantity | {' | '.join(levels)} | spread of one start |",
         f"|---|---|{'---|' * len(levels)}---|",
     ]
     for scene in prices():

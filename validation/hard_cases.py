@@ -158,20 +158,20 @@ def _frictions() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "slow compression with friction of 0.8",
-            "static and dynamic friction alike, the torque to second order, de Paula's protocol",
+            "equal static and dynamic friction, the torque to second order, de Paula's protocol",
             hard_case.slow_compression({"effects.friction": strong}),
             (0.5, 30.0),
         ),
         HardCase(
             "1e6 steps of compression under dry friction",
-            "what a step loses by rounding adds up; 1e5 steps in the quick catalogue",
+            "rounding errors of the steps accumulate; 1e5 steps in the quick catalogue",
             hard_case.slow_compression({"output.scalars": 1e-3, "output.frames": 0.1}),
             (0.2, 2.0),
             dt=2e-6,
         ),
         HardCase(
             "regularised friction with de Paula's list",
-            "forces jump where a list takes pairs in, and friction chatters",
+            "forces jump when a pair enters the list, and friction chatters",
             few_grains("bed", hard_case.DEPAULA_SCHEME),
             (0.2, 2.0),
             limit=1e-2,
@@ -185,7 +185,7 @@ DRAGS = (
     *(
         HardCase(
             f"damping ratio near 1: drag of {drag:g} kg/s",
-            "a piston that just swings, or just does not",
+            "a piston just below or above critical damping",
             few_grains("damper", {"effects.drag.coefficient": drag}),
             (0.2, 3.0),
         )
@@ -239,9 +239,8 @@ def _steps() -> tuple[HardCase, ...]:
     return (
         HardCase(
             "step at 0.95 of the stability limit",
-            "a grain 5e-6 D off its place of rest swings for ever as Verlet's mode does; the "
-            "energy of a wide swing goes up and down tenfold, by 1/(1 - 0.95^2), which the ledger "
-            "stops",
+            "a grain 5e-6 D from equilibrium oscillates undamped as Verlet's mode does; at a large "
+            "amplitude the energy varies tenfold, by 1/(1 - 0.95^2), and the ledger stops the run",
             below,
             (384 * short, 3840 * short),
             swing,
@@ -278,7 +277,7 @@ PAIR_SUMS = (
     *(
         HardCase(
             f"list of pairs within {radius} D",
-            "the list takes pairs in and leaves others out as the bed moves [D, 5.2]",
+            "pairs enter and leave the list as the bed moves [D, 5.2]",
             packaged_scene(
                 "bed",
                 hard_case.PAIR_LIST,
