@@ -1,4 +1,4 @@
-"""Results of convergence: errors over steps, the fitted slope, tables, pictures and verdicts."""
+"""Results of convergence: errors over steps, the fitted slope, tables, pictures, verdicts by tolerances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs as tables: what is recorded in time, and the grains of every frame."""
+"""Runs as tables: each variable of the dataset in time, and chosen columns of the grains of every frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The state of a run: in its protocol, in time, and how the rest of a stage is stepped and ends."""
+"""The state of a run in its protocol and in time: how a stage is stepped, and when it ends at rest."""
 
 from __future__ import annotations
 

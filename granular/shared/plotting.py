@@ -1,4 +1,4 @@
-"""One look for all figures."""
+"""Colours, line styles and letters of all figures."""
 
 from __future__ import annotations
 

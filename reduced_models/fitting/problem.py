@@ -1,4 +1,4 @@
-"""The problem that a fit solves: the data of its records, and all that is asked.
+"""The problem that a fit solves: the data of its records, and its options with their defaults and limits.
 
 One search vector describes all records: what they share once, then what each has alone.
 """
