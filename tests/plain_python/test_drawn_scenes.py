@@ -640,10 +640,9 @@ def check_case(case: Case) -> None:
     kinetic = 0.5 * math.fsum(case.bed.masses * (case.velocities**2).sum(axis=1))
     assert found.kinetic_energy == pytest.approx(kinetic, rel=EXACT)
     if case.loads is not None:
+        by_mesh = case.scene.pair_method == "mesh"
         of_discs = case.scene.grains.magnets == "cylinders"
-        bound = (
-            (OF_LOADS if case.scene.pair_method == "mesh" else 2e-4) if of_discs else case.errors["magnets"]
-        )
+        bound = OF_LOADS[by_mesh] if of_discs else case.errors["magnets"]
         off = bound * rms(case.loads)
         np.testing.assert_allclose(found.normal_load, case.loads, rtol=0.0, atol=off)
 
