@@ -64,6 +64,7 @@ def fit_masses(record: PistonRecord, mass: float, *, both: bool, starts: int = 1
     return fit(record, law, parameters={"mu": Parameter(mass, fixed=True)}, starts=starts)
 
 
+@pytest.mark.long  # quick: an acceleration and the base's force of one motion, below
 def test_two_masses_that_are_both_seen(tmp_path: Any) -> None:
     record, truth, modes = two_masses(4)
     model = fit_masses(record, truth["mu"], both=True, starts=4)

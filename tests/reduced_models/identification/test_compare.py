@@ -198,7 +198,7 @@ def test_of_equivalent_laws_the_simplest_known_one_is_first(at_noise: bool) -> N
         assert (names[-1] == "coulomb") == at_noise
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("sign", [pytest.param(1.0, marks=pytest.mark.long), -1.0])
 def test_a_flipped_record_has_the_same_best_law(sign: float) -> None:
     time, omega = np.linspace(0.0, 4.0, 800), 6.0 * math.pi
     height = sign * (0.06 + damped_cosine(time, 1e-3, 0.03 * omega, omega))

@@ -147,6 +147,7 @@ def error_of_force(program: Path, record: PistonRecord) -> float:
 
 
 @needs_gcc
+@pytest.mark.long  # quick: a piston on the element in C, above
 def test_a_driven_bed_pushes_as_the_element_in_c_says(small_damper: Scene, tmp_path: Path) -> None:
     """No worse on a bed that is driven by 0.8 times the swing that the law was fitted to."""
     scene = small_damper.replace(**{"protocol.release.duration": 0.5})
