@@ -859,13 +859,13 @@ def draw_rooms() -> None:
             )
             height = 0.0
             for layer in reversed(layers[1:]):
-                text = textwrap.fill(layer.replace(" |", ","), 34)
+                text = textwrap.fill(layer.replace(" |", ","), 32)
                 tall = 1.0 + 0.7 * text.count("\n")
                 box = Rectangle(
                     (left, height), 0.94, tall - 0.12, color=COLOURS[left], alpha=0.16, linewidth=0
                 )
                 axes.add_patch(box)
-                axes.text(left + 0.03, height + tall / 2.0 - 0.06, text, va="center")
+                axes.text(left + 0.02, height + tall / 2.0 - 0.06, text, va="center")
                 height += tall
             axes.text(left + 0.03, height + 0.3, package, weight="bold", size=12.0)
         keep(drawing, "rooms")

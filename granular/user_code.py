@@ -23,10 +23,10 @@ def import_user_code(paths: Iterable[str | Path]) -> dict[str, CustomMeasure]:
             section.register_class()  # also of a text that was imported before, and then another one
         values = user_definitions(file).values()
         methods = [function for function in values if isinstance(function, Method)]
-        register_methods(function for function in methods if METHODS.get(function.name) is not function)
+        register_methods(method for method in methods if METHODS.registered(method.name) is not method)
         measures.update(custom_measures(file))
         for function in values:
             mark = observable_metadata(function)
-            if mark is not None and OBSERVABLES.get(mark.name) is not function:
+            if mark is not None and OBSERVABLES.registered(mark.name) is not function:
                 OBSERVABLES.register(mark.name, function)
     return measures

@@ -84,7 +84,7 @@ def dispatch_command(arguments: Sequence[str]) -> None:
         report = command_registry("", {_VALIDATE: program.commands["report"]})
         program._replace(commands=report).main(arguments, PROG)
         return
-    homes = {name: package for package, program in programs.items() for name in program.commands}
+    homes = _homes_of_commands(programs)
     if command not in homes:
         raise InputError(
             f"{unknown_word_message(command, (*homes, _VALIDATE), 'command')} (see {PROG} --help)"
@@ -97,12 +97,23 @@ def _load_programs() -> dict[str, Program]:
     return {name: module.PROGRAM for name, module in modules.items()} | {PROG: OWN}
 
 
+def _homes_of_commands(programs: dict[str, Program]) -> dict[str, str]:
+    """Program of each command by its name: built-in commands before those of installed packages."""
+    homes: dict[str, str] = {}
+    for package, program in programs.items():
+        homes = dict.fromkeys(program.commands, package) | homes
+    for package, program in programs.items():
+        homes |= dict.fromkeys(program.commands.built_in, package)
+    return homes
+
+
 def _first_commands(programs: dict[str, Program]) -> str:
     """Eight commands to begin with, a line each."""
     summaries = {
         name: words
         for program in programs.values()
         for name, words in program.commands.descriptions().items()
+        if name in program.commands.built_in
     }
     lines = [f"  {name:10}{summaries[name]}" for name in _FIRST if name in summaries]
     return "\n".join([f"{PROG} COMMAND ...", "", *lines, "", f"all commands: {PROG} --help"])
@@ -110,10 +121,12 @@ def _first_commands(programs: dict[str, Program]) -> str:
 
 def _list_all_commands(programs: dict[str, Program]) -> str:
     titles = {name: f"{title} (also python -m {name}):" for name, title in _PACKAGES.items()}
-    lines = []
+    lines, homes = [], _homes_of_commands(programs)
     for package, program in programs.items():
         lines.append(titles.get(package, "about the toolkit:"))
         for name, summary in program.commands.descriptions().items():
+            if homes[name] != package:
+                continue
             lines.append(f"  {_VALIDATE if name == 'report' else name:18}{summary}")
         lines.append("")
     return "\n".join([*lines, f"example:\n  {PROG} identify damper -o out"])

@@ -204,10 +204,16 @@ def command_registry(group: str, built_in: Mapping[str, Command | str]) -> Regis
         "command",
         group,
         built_in,
-        lambda _, offered: isinstance(offered, Command),
-        "made by granular.commands.console.command",
+        lambda _, offered: isinstance(offered, Command) and bool(offered.summary) and _has_options(offered),
+        "made by granular.commands.console.command from a function with a docstring and typed options",
         lambda offered: offered.summary,
     )
+
+
+def _has_options(offered: Command) -> bool:
+    """Return whether a parser can be made of a command; an error if not."""
+    add_options(argparse.ArgumentParser(), offered.carry_out)
+    return True
 
 
 class Program(NamedTuple):
@@ -233,10 +239,10 @@ class Program(NamedTuple):
         for word, offered in working.items():
             parser = parsers.add_parser(
                 word,
-                help=offered.summary,
+                help=offered.summary.replace("%", "%%"),
                 epilog=offered.examples,
                 formatter_class=raw,
-                description=offered.summary[0].upper() + offered.summary[1:] + ".",
+                description=f"{offered.summary[0].upper()}{offered.summary[1:]}.".replace("%", "%%"),
             )
             add_options(parser, offered.carry_out)
             top.parsers[word] = parser

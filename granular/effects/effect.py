@@ -374,8 +374,10 @@ WALL_LAWS = Registry[type[Section]](
     "law of a wall",
     "granular.wall_laws",
     {"formula": "granular.effects.formula:WallFormula"},
-    lambda _, made: isinstance(made, type) and issubclass(made, Section),
-    "a law made by granular.wall_law",
+    lambda key, made: (
+        issubclass(made, Section) and getattr(getattr(made, "definition", None), "key", key) == key
+    ),
+    "a law of that name made by granular.wall_law",
     from_files=True,
 )
 """Laws of walls, but for those that `granular.effects.walls` has itself."""

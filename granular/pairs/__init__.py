@@ -1,1 +1,1 @@
-"""Sums over the pairs of grains; the law of a pair itself is in `granular.effects`."""
+"""Sums over the pairs of grains: of dipoles, discs, and further laws that `granular.effects` adds."""

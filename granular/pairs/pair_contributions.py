@@ -1,4 +1,4 @@
-"""Pairs of grains, eight at a time: what each adds to the sums of both grains; rows of grains.
+"""The law of a pair as it runs, eight pairs at a time: their part of the sums of both grains; rows of grains.
 
 The law is the dipole pair: with s = r^-5 the force on i is (3/4) q_i q_j s (r_i - r_j), and
 r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the

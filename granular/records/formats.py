@@ -117,7 +117,8 @@ def _read_calibration_points(path: Path) -> dict[str, Any]:
 
 def read_sheet(path: Path, options: ReadOptions, form: FileFormat | None = None) -> Sheet:
     """Read the columns of a file; its name's ending tells a format that is no text."""
-    read, max_bytes = form or READERS.get(path.suffix.lower(), TEXT)
+    ending = path.suffix.lower()
+    read, max_bytes = form or (TEXT if ending in TEXT_ENDINGS else READERS.get(ending, TEXT))
     content = [read_bytes(path, max_bytes, RecordError)]
     with _name_file_in_errors(path):
         return read(content.pop(), options)  # which alone holds it then
@@ -195,6 +196,8 @@ def _not_a_text_error(reason: str) -> RecordError:
 
 
 TEXT = FileFormat(read_text_table)
+TEXT_ENDINGS = frozenset((".csv", ".txt", ".dat", ".tsv"))
+"""Endings that packages cannot take, so that text is read whatever is installed."""
 PARQUET = FileFormat(read_parquet)
 _WORKBOOK = FileFormat(read_workbook, MAX_WORKBOOK_BYTES)
 READERS = Registry[FileFormat](
@@ -210,8 +213,10 @@ READERS = Registry[FileFormat](
         ".tdms": FileFormat(read_tdms),
         ".mat": FileFormat(read_matlab),
     },
-    lambda _, form: isinstance(form, FileFormat),
-    "a granular.records.formats.FileFormat",
+    lambda ending, form: (
+        isinstance(form, FileFormat) and ending == "." + ending[1:].lower() and ending not in TEXT_ENDINGS
+    ),
+    "a granular.records.formats.FileFormat for an ending in small letters that no text has",
 )
 """Formats by the endings of their names; every other file is read as text."""
 

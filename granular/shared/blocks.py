@@ -87,6 +87,8 @@ class OwnBlock(Protocol):
 
 Block = Heading | Text | Caution | Items | Table | Printout | Equation | Picture | OwnBlock
 
+_BLOCKS = (Heading, Text, Caution, Items, Table, Printout, Equation, Picture)
+
 ADDED_BLOCKS = Registry[Callable[[Any], Iterable[Block]]](
     "report block", "granular.blocks", {}, lambda _, make: callable(make), "a function of a result"
 )
@@ -100,6 +102,9 @@ def added_blocks(result: object) -> Iterator[Block]:
     for name, make in working.items():
         try:
             blocks = list(make(result))
+            for block in blocks:
+                if not isinstance(block, _BLOCKS):
+                    block._repr_html_()
         except Exception as error:
             blocks = cautions([f"{ADDED_BLOCKS.origin(name)} fails: {type(error).__name__}: {error}"])
         yield from blocks

@@ -105,8 +105,15 @@ class Registry(Mapping[str, Named]):
             warnings.warn(f"{error}; it is left out", stacklevel=2)
         return working
 
+    def registered(self, name: str) -> Named | None:
+        """Return the built-in or own one of that name; packages are not asked."""
+        return self[name] if name in self._own or name in self.built_in else None
+
     def descriptions(self) -> dict[str, str]:
-        """Describe each in a line: a dict by its name."""
+        """Describe each in a line: a dict by its name; a warning names packages that take a built-in name."""
+        for name in self._built_in.keys() & _installed_points(self.group).keys():
+            who = f"{self.kind} {quote(name)}{_package_of(_installed_points(self.group)[name])}"
+            warnings.warn(f"{who} is not used: that name is built in", stacklevel=2)
         working, errors = self.load()
         described = {name: self._describe(thing) for name, thing in working.items()}
         return {name: described.get(name, str(errors.get(name))) for name in self}
@@ -114,8 +121,7 @@ class Registry(Mapping[str, Named]):
     def origin(self, name: str) -> str:
         """Kind and name of one in words, with the installed package that brings it."""
         point = None if name in self._built_in or name in self._own else _installed_points(self.group)[name]
-        package = "" if point is None or point.dist is None else f" of {point.dist.name} {point.dist.version}"
-        return f"{self.kind} {quote(name)}{package}"
+        return f"{self.kind} {quote(name)}{'' if point is None else _package_of(point)}"
 
     def _load_built_in(self, point: EntryPoint) -> Named:
         try:
@@ -130,14 +136,23 @@ class Registry(Mapping[str, Named]):
         who = self.origin(point.name)
         try:
             thing = point.load()
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # a script without a main guard exits
             words = one_line(f"{type(error).__name__}: {error}")
             raise InputError(
                 f"{who} cannot be loaded: {words}; correct {quote(point.value)}, or uninstall the package"
             ) from error
-        if not self._accepts(point.name, thing):
+        try:
+            is_accepted = self._accepts(point.name, thing) and isinstance(self._describe(thing), str)
+        except Exception:
+            is_accepted = False
+        if not is_accepted:
             raise InputError(f"{who} is not {self._wanted}; correct {quote(point.value)}")
         return thing
+
+
+def _package_of(point: EntryPoint) -> str:
+    """Words for the package that brings an entry point."""
+    return "" if point.dist is None else f" of {point.dist.name} {point.dist.version}"
 
 
 def _is_here(thing: object) -> bool:

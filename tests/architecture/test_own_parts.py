@@ -7,6 +7,7 @@ import sys
 import tomllib
 import warnings
 from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
@@ -14,13 +15,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+import granular.__main__
 import granular.effects
+import granular.shared.registry
 from granular import load_scene, load_trajectory, simulate
 from granular.effects.effect import EFFECTS, WALL_LAWS, Effect
 from granular.export import EXPORTERS
 from granular.methods import METHODS, method_named
 from granular.observables import OBSERVABLES
-from granular.records.formats import READERS
+from granular.records.formats import READERS, read_sheet
+from granular.records.options import ReadOptions
 from granular.run.engines import ENGINES
 from granular.shared.blocks import ADDED_BLOCKS
 from granular.shared.errors import InputError
@@ -28,7 +32,6 @@ from granular.shared.html_pages import Page
 from granular.shared.registry import Registry
 from granular.studies.cases import MEASURES, find_measure
 from reduced_models import PistonRecord, load_model
-from reduced_models.commands.forms import FORMS
 from reduced_models.laws import FORCE_LAWS, LAWS
 from reduced_models.models.export import MODEL_EXPORTERS
 from validation.report import SECTIONS, report
@@ -49,7 +52,7 @@ def registries() -> dict[str, Registry[Any]]:
     programs = [sys.modules[f"{package}.__main__"].PROGRAM for package in COMMANDS]
     every: list[Registry[Any]] = [
         *(EFFECTS, WALL_LAWS, METHODS, ENGINES, OBSERVABLES, MEASURES, READERS, EXPORTERS, ADDED_BLOCKS),
-        *(LAWS, FORCE_LAWS, MODEL_EXPORTERS, FORMS, SECTIONS),
+        *(LAWS, FORCE_LAWS, MODEL_EXPORTERS, SECTIONS),
         *(program.commands for program in programs),
     ]
     return {registry.group: registry for registry in every}
@@ -132,6 +135,30 @@ def test_commands_are_in_help_and_run(command: Command, program: str) -> None:
     assert "did you mean 'bench'" in command(program, "bensh").stderr
 
 
+def test_a_part_hinders_no_other(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A command that no parser can be made of, one named as a built-in one, and a broken reader of text."""
+    points = [
+        EntryPoint("untyped", "laboratory_parts.commands:UNTYPED", "granular.commands"),
+        EntryPoint("run", "laboratory_parts.commands:bench", "granular.commands"),
+        EntryPoint(".csv", "laboratory_parts.broken:part", "granular.readers"),
+    ]
+    monkeypatch.setattr(
+        granular.shared.registry,
+        "_installed_points",
+        lambda group: {point.name: point for point in points if point.group == group},
+    )
+    commands = registries()["granular.commands"]
+    with pytest.raises(InputError, match=r"'untyped' is not made by .* typed options"):
+        commands.find("untyped")
+    with pytest.warns(UserWarning, match="command 'run' is not used: that name is built in"):
+        parser = granular.__main__.PROGRAM.parser()
+    assert parser.parse_args(["run", "bed"]).command == "run"
+    (tmp_path / "lab.csv").write_text("time [s],height [mm]\n0,1\n1,2\n")
+    assert len(read_sheet(tmp_path / "lab.csv", ReadOptions()).columns) == 2
+    with pytest.raises(InputError, match=r"small letters that no text has|cannot be loaded"):
+        registries()["granular.readers"].find(".csv")
+
+
 def test_parts_of_runs_are_used(command: Command, tmp_path: Path) -> None:
     scene = load_scene("single-particle").replace(
         **{"effects.bench_spring.k": "3 N/m", "effects.walls.left": {"law": "bench_rubber", "k": "9 N/m"}}
@@ -178,7 +205,6 @@ def test_parts_of_models_are_used(command: Command, tmp_path: Path) -> None:
     assert "bench-spring" in laws
     assert "bench-damper" in laws
     assert len(re.findall(BROKEN, laws)) == 2
-    assert FORMS.find("compare --bench")() == "compared"
 
 
 def test_blocks_and_sections_are_shown() -> None:

@@ -43,8 +43,6 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
     ),
     "granular/effects/custom": _OF_ONES_OWN,
     "granular/effects/formula": _OF_ONES_OWN,
-    "granular/effects/pair_formula": _OF_ONES_OWN,
-    "granular/effects/dimensions": _OF_ONES_OWN,
     "granular/effects/eddy": _OF_A_LONE_GRAIN,
     "granular/effects/magnetic_gradient": _OF_A_LONE_GRAIN,
     "granular/effects/wall_friction": _OF_A_LONE_GRAIN,

@@ -26,6 +26,7 @@ def test_loop_of_known_area() -> None:
     height, force = 5.0 + 2.0 * np.cos(turn), 10.0 + 3.0 * np.sin(turn)
     assert hysteresis_energy(height, force) == pytest.approx(6.0 * np.pi, rel=1e-5)
     assert hysteresis_energy(height[::-1], force[::-1]) == pytest.approx(-6.0 * np.pi, rel=1e-5)
+    assert hysteresis_energy(height, 4.0 * height) == pytest.approx(0.0, abs=1e-12)  # an elastic bed
 
 
 @pytest.mark.parametrize("top", [1.6, 2.3])

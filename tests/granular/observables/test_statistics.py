@@ -52,6 +52,10 @@ def test_knuth_has_the_greatest_posterior(kind: str, random: np.random.Generator
     assert knuth_bin_count(values) == int(np.argmax(posteriors)) + 1
 
 
+def test_knuth_sees_no_structure_in_uniform_values(random: np.random.Generator) -> None:
+    assert knuth_bin_count(random.random(2000)) == 1
+
+
 def test_histogram_is_a_density(random: np.random.Generator) -> None:
     values = np.append(random.normal(size=500), np.nan)
     found = knuth_histogram(values)

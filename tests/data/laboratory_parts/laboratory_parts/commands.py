@@ -1,4 +1,4 @@
-"""A command of all three programs, and a form of another."""
+"""A command of all three programs, and one whose options no parser can take."""
 
 from granular.commands.console import command, print_result
 from granular.commands.options import Output
@@ -10,6 +10,4 @@ def bench(*, output: Output) -> None:
     print_result({"bench": "ready"}, "the bench is ready", output.json)
 
 
-def compare_bench():
-    """Compare with the bench."""
-    return "compared"
+UNTYPED = command("")(lambda speed: None)
