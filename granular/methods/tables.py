@@ -243,6 +243,6 @@ def method_named(name: str) -> Method:
 def register_methods(methods: Iterable[Method]) -> None:
     """Let `method_named` know methods of the user's own, for as long as the process lives."""
     for method in methods:
-        if METHODS.registered(method.name) not in (None, method):
+        if METHODS.registered(resolve_method(method).name) not in (None, method):
             raise InputError(f"two methods are called {quote(method.name)}; give each a name of its own")
         METHODS.register(method.name, method)

@@ -163,8 +163,8 @@ OBSERVABLES = Registry[Callable[[Frame], Value]](
         for function in list(globals().values())
         if observable_metadata(function) is not None and function.__module__ == __name__
     },
-    lambda name, function: getattr(observable_metadata(function), "name", None) == name,
-    "a granular.observables.observable of that name",
+    lambda _, function: observable_metadata(function) is not None,
+    "a granular.observables.observable",
     from_files=True,
 )
 """Observables by name."""
