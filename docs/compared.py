@@ -193,7 +193,7 @@ def predicted(record: PistonRecord) -> list[str]:
 
 def table_row(name: str, system: System, found: FoundLaw, seconds: float | None = None) -> str:
     """Figures of small swings by a law, and its error on a motion from a start that no fit has seen."""
-    frequency, damping = small_swing(found.law)
+    frequency, damping = small_oscillation(found.law)
     time = np.linspace(0.0, 20.0, 1000)
     truth = solved(law_of(system), time, system.unseen, np.zeros_like)
     start = float(found.line.coordinate(system.unseen[0])), system.unseen[1] / found.line.scale
@@ -206,7 +206,7 @@ def table_row(name: str, system: System, found: FoundLaw, seconds: float | None 
     return f"| {' | '.join([*cells, *last])} |"
 
 
-def small_swing(law: sympy.Expr) -> tuple[float, float]:
+def small_oscillation(law: sympy.Expr) -> tuple[float, float]:
     """Frequency without damping [Hz] and damping ratio about the rest next to 0.
 
     NaN where nothing swings, and of the ratio where the law jumps at rest.

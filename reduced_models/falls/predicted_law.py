@@ -61,7 +61,7 @@ import numpy as np
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, quote
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.linearization import NoSwing, small_swing
+from reduced_models.laws.linearization import NoOscillation, small_oscillation
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.fitted_law import FittedLaw
 
@@ -301,8 +301,8 @@ def predict(scene: Scene) -> PredictedLaw:
     if friction:  # a piston that sticks has no small swing
         law, values["friction"] = RUBBING, friction / accelerated_mass(scene, values)
     else:
-        swing = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
-        if not isinstance(swing, NoSwing):
+        swing = small_oscillation(LAW, [values[name] for name in LAW.parameters], values["rest"])
+        if not isinstance(swing, NoOscillation):
             at_rest = AtRest(swing.z, swing.period, swing.damping_ratio, {})
     provenance = {"from": f"the scene {scene.name}"}
     return PredictedLaw(law, values, (piston.height, 0.0), at_rest, provenance=provenance)

@@ -34,7 +34,7 @@ from reduced_models.fitting.uncertainty import (
     small_motion_figures,
     widen_to_linear_intervals,
 )
-from reduced_models.laws.linearization import NoSwing
+from reduced_models.laws.linearization import NoOscillation
 from reduced_models.models.at_rest import AtRest, HarmonicCycle
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.observed import stroke_cycles
@@ -46,7 +46,7 @@ from reduced_models.records.envelope import (
     extremes_apart,
     find_extremes,
 )
-from reduced_models.records.free_motion import SwingTestError, error_on_swings
+from reduced_models.records.free_motion import PredictionErrorEstimate, prediction_error_on_cycles
 from reduced_models.records.release import release_sample
 from reduced_models.records.sensor import Sensor
 from reduced_models.records.sources import describe_record
@@ -149,7 +149,7 @@ def _make_model_of_record(
     result: SearchResult,
     k: int,
     intervals: Mapping[str, Interval],
-    at_rest: AtRest | NoSwing,
+    at_rest: AtRest | NoOscillation,
     motions: Sequence[PistonRecord],
     residuals: np.ndarray,
 ) -> ReducedModel:
@@ -160,7 +160,7 @@ def _make_model_of_record(
     left = remove_random_walk(residuals, data.gain)
     quality = _assess_quality(result, k, residuals, left)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
-    rest = None if isinstance(at_rest, NoSwing) else at_rest
+    rest = None if isinstance(at_rest, NoOscillation) else at_rest
     remarks: tuple[str, ...] = ()
     if unknowns.law.inputs:
         if quality.has_structured_residuals:
@@ -168,17 +168,17 @@ def _make_model_of_record(
     else:
         fitted = record.height + residuals * unknowns.residual_unit
         rest, remarks = _what_peaks_show(rest, motions[k], fitted)
-    known = {name: value for name, value in parameters.items() if name not in problem.untold}
+    known = {name: value for name, value in parameters.items() if name not in problem.unidentified}
     ends = (float(record.height.min()), float(record.height.max()))
     observed = {unknowns.observation: ends} if unknowns.observation else {}
     return ReducedModel(
         law=unknowns.law,
         parameters=known,
-        intervals={name: pair for name, pair in intervals.items() if name not in problem.untold},
+        intervals={name: pair for name, pair in intervals.items() if name not in problem.unidentified},
         confidence=problem.confidence,
         initial=(float(height), float(velocity)),
         at_rest=None if rest is None else dataclasses.replace(rest, coordinate_unit=record.coordinate_unit),
-        no_swing=at_rest.reason if isinstance(at_rest, NoSwing) else "",
+        no_swing=at_rest.reason if isinstance(at_rest, NoOscillation) else "",
         quality=quality,
         domain=_ranges_of_motion(motions) | observed,
         notes=(
@@ -196,7 +196,7 @@ def _make_model_of_record(
             *_suspicious_unit_notes(unknowns, record.coordinate_unit),
         ),
         provenance=_provenance_words(
-            record, problem, None if isinstance(at_rest, NoSwing) else at_rest.period
+            record, problem, None if isinstance(at_rest, NoOscillation) else at_rest.period
         ),
         hidden={
             name: float(state)
@@ -206,7 +206,7 @@ def _make_model_of_record(
         input_interpolation=data.interpolation,
         coordinate_unit=record.coordinate_unit,
         sensor=_fitted_sensor(unknowns, theta),
-        untold=problem.untold,
+        untold=problem.unidentified,
         conventions={name: value for name, value in parameters.items() if name not in known},
         observation=unknowns.observation,
         cycles=_cycles_of_strokes(result, motions),
@@ -298,7 +298,7 @@ def _suspicious_unit_notes(unknowns: Unknowns, coordinate_unit: str) -> tuple[st
 def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray, left: np.ndarray) -> Quality:
     """Quality of a fit by its residuals, and by what is left of them without a fitted drift of the zero."""
     problem, data = result.problem, result.problem.data[k]
-    record, swings, here = data.record, data.test_swings, data.entries
+    record, swings, here = data.record, data.held_out_cycles, data.entries
     swing = float(record.height.std())
     unit = data.unknowns.residual_unit
     residual, step = rms(left) * unit, rounding_step(record.height)
@@ -309,7 +309,7 @@ def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray, left: n
     error = None
     if swings:
         unseen = data.residuals(result.trained[here])
-        error = _error_on_held_out_swings(record, unseen, unit, swings, data.training_mask)
+        error = _prediction_error_on_held_out_cycles(record, unseen, unit, swings, data.training_mask)
     return Quality(
         residual=residual,
         relative=residual / swing,
@@ -338,23 +338,23 @@ def _relative_small_motion_changes(
 ) -> dict[str, float]:
     """Relative changes of the figures of rest between two search vectors; empty where there are none."""
     figures, others = (small_motion_figures(unknowns, vector) for vector in (theta, trained))
-    if isinstance(figures, NoSwing) or isinstance(others, NoSwing):
+    if isinstance(figures, NoOscillation) or isinstance(others, NoOscillation):
         return {}
     pairs = zip(("period", "damping_ratio"), figures[1:], others[1:], strict=True)
     moves = {name: abs(other / figure - 1.0) for name, figure, other in pairs if figure != 0.0}
     return {name: float(by) for name, by in moves.items() if math.isfinite(by)}
 
 
-def _error_on_held_out_swings(
+def _prediction_error_on_held_out_cycles(
     record: PistonRecord, residuals: np.ndarray, unit: float, swings: Sequence[slice], mask: np.ndarray
-) -> SwingTestError:
+) -> PredictionErrorEstimate:
     """Error on the test swings of a model that has seen the other samples, which are a mask's."""
     others = record.height[mask]
     # The level of rest at the end of what that model has seen.
     displacement = record.height - others[-len(others) // 3 :].mean()
     swing = float(record.height.std())
     missed = residuals * unit
-    error = error_on_swings(missed, displacement, swings, swing)
+    error = prediction_error_on_cycles(missed, displacement, swings, swing)
     if any((np.abs(residuals[part]) >= BLOWN_UP).any() for part in swings):
         return error._replace(value=math.inf, standard_error=None)
     return error

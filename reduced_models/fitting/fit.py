@@ -62,7 +62,7 @@ from reduced_models.records.inputs import (
 )
 from reduced_models.records.sensor import Sensor, SensorQuantity
 
-_NODES_A_SWING = 128
+_NODES_PER_CYCLE = 128
 _GAP = 1.5  # samples between a history and its record
 _ROUNDS = 20
 _SAME = 1e-7  # change of a search vector that is none
@@ -135,7 +135,7 @@ def _states_at_history_end(data: FitData, theta: np.ndarray, history: PistonReco
     law, period = data.unknowns.law, data.guess.period
     values = data.unknowns.physical_values(theta)[0]
     start = float(history.time[0])
-    nodes = np.linspace(start, 0.0, max(_NODES_A_SWING, round(-_NODES_A_SWING * start / period)))
+    nodes = np.linspace(start, 0.0, max(_NODES_PER_CYCLE, round(-_NODES_PER_CYCLE * start / period)))
     motion = fit_local_cubics(history.time, history.height, period, nodes)
     motion = motion[:, motion[3] <= 0.0]
     columns = [history.time if name == TIME else input_column(history, name) for name in law.inputs]
@@ -312,7 +312,7 @@ def fit(
         confidence=confidence,
         intervals=intervals,
         seed=seed,
-        untold=observed.untold,
+        unidentified=observed.unidentified,
         notes=observed.notes,
     )
     result = multistart_search(problem)

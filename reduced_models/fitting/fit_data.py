@@ -31,7 +31,7 @@ from reduced_models.fitting.residuals import (
 from reduced_models.laws.law import Law
 from reduced_models.records.derivatives import noise_level
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
-from reduced_models.records.free_motion import choose_test_swings
+from reduced_models.records.free_motion import choose_held_out_cycles
 from reduced_models.records.inputs import Interpolation, StepGrid, has_inputs_besides_time
 from reduced_models.records.sensor import Sensor, column_sensor
 from reduced_models.records.sensor_artefacts import count_samples_in_motion, without_clipped_samples
@@ -63,7 +63,7 @@ class FitData:
     guess: FirstGuesses  # from it
     training: int  # samples that a search sees, from the first on
     interpolation: Interpolation = "spline"
-    test_swings: tuple[slice, ...] = ()  # without weight in a first fit, which they judge
+    held_out_cycles: tuple[slice, ...] = ()  # without weight in a first fit, which they judge
     noise: float = 0.0  # [m]
     balance: float = 1.0  # part of the weights that makes several columns count by their noise
     loss_name: LossName = "linear"
@@ -103,7 +103,7 @@ class FitData:
     def training_mask(self) -> np.ndarray:
         """Samples (n,) that the test swings leave."""
         result = np.ones(len(self.record), dtype=bool)
-        for swing in self.test_swings:
+        for swing in self.held_out_cycles:
             result[swing] = False
         return result
 
@@ -238,7 +238,7 @@ def data_of_record(
     swings: tuple[slice, ...] = ()
     if test_fraction > 0.0:
         seen = motion.height if prescribed else total.height
-        swings = choose_test_swings(total.time, seen, test_fraction, moving)
+        swings = choose_held_out_cycles(total.time, seen, test_fraction, moving)
     if not swings and len(total) - count >= 2:
         swings = (slice(count, max(moving, count + 2)),)
     size = float(np.abs(total.height[:count] - total.height[:count].mean()).max()) if reading else 1.0

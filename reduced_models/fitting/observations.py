@@ -34,7 +34,7 @@ class ObservedRecords(NamedTuple):
     records: Sequence[PistonRecord]
     sensor: Sensor | None = None
     held: tuple[str, ...] = ()  # parameters at zero, so that heights count from rest
-    untold: tuple[str, ...] = ()
+    unidentified: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -65,7 +65,7 @@ def observed_records(
     sensor = None if given == "height" else resolve_sensor(given)
     if sensor is None:
         return ObservedRecords(records)
-    known, held, untold = _identifiable_sensor(law, sensor, declared, initial)
+    known, held, unidentified = _identifiable_sensor(law, sensor, declared, initial)
     if sensor != known:  # its gain is held
         records = [
             dataclasses.replace(
@@ -73,7 +73,7 @@ def observed_records(
             )
             for record in records
         ]
-    return ObservedRecords(records, known, held, untold)
+    return ObservedRecords(records, known, held, unidentified)
 
 
 def _identifiable_sensor(
@@ -81,7 +81,7 @@ def _identifiable_sensor(
 ) -> tuple[Sensor, tuple[str, ...], tuple[str, ...]]:
     """Sensor as a fit of a law can take it, and what is held and what is open of the law by its signal."""
     held: tuple[str, ...] = ()
-    untold: list[str] = []
+    unidentified: list[str] = []
     has_line = law.parsed_equation.line is not None
     shift = None if has_line else find_similarity(law, "shift")
     level_is_open = sensor.derivative_order > 0 or sensor.offset == "free"
@@ -90,14 +90,14 @@ def _identifiable_sensor(
         if shift.level and not known:
             held = (shift.level,)
         if not known:
-            untold += ["level", *(name for name in shift.moving if name == shift.level)]
+            unidentified += ["level", *(name for name in shift.moving if name == shift.level)]
     if sensor.gain == "free" or isinstance(sensor.gain, tuple):
         scale = None if has_line else find_similarity(law, "scale")
         if scale is not None and not {*scale.moving} & {*declared}:
             if sensor.gain == "free":
-                untold += ["size", *(name for name in scale.moving if name not in untold)]
+                unidentified += ["size", *(name for name in scale.moving if name not in unidentified)]
             sensor = dataclasses.replace(sensor, gain=sensor.nominal_gain)
-    return sensor, held, tuple(untold)
+    return sensor, held, tuple(unidentified)
 
 
 def _strokes_with_force(records: Sequence[PistonRecord], cell: Sensor) -> ObservedRecords:
@@ -163,7 +163,7 @@ def observed_data(
                 observed.sensor,
                 name,
                 interpolation,
-                about_rest="level" in observed.untold or not law.observes_height,
+                about_rest="level" in observed.unidentified or not law.observes_height,
             )
             fixed = {key: (value, value) for key, value in settings.by_record[number].items()}
             result.append(

@@ -43,7 +43,7 @@ class FitProblem:
     intervals: Intervals = "linear"
     seed: int = 0
     notes: tuple[str, ...] = ()  # on the data
-    untold: tuple[str, ...] = ()  # by the signal; level: height of rest, size: size of the motion
+    unidentified: tuple[str, ...] = ()  # by the signal; level: height of rest, size: size of the motion
 
     @property
     def unknowns(self) -> Unknowns:
@@ -56,8 +56,8 @@ class FitProblem:
         return self.unknowns.law
 
     @property
-    def largest_swing_record(self) -> FitData:
-        """The record that swings the furthest."""
+    def largest_amplitude_data(self) -> FitData:
+        """Data of the record with the largest amplitude."""
         return max(self.data, key=lambda data: data.guess.amplitude)
 
     @property

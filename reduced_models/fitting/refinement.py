@@ -25,12 +25,12 @@ from reduced_models.fitting.start_values import (
     search_entries_from_draws,
 )
 from reduced_models.fitting.uncertainty import small_motion_figures
-from reduced_models.laws.linearization import NoSwing
+from reduced_models.laws.linearization import NoOscillation
 from reduced_models.laws.solution import observed_signal, solve_law
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.inputs import STROKE, TIME, input_column
 
-FIRST_SWINGS = 2.0
+FIRST_HORIZON_CYCLES = 2.0
 """Swings that a search sees first."""
 SOLVER_LIMIT, SOLVER_SHARE = 1e-6, 0.05
 """Greatest error of the fitted solution, in amplitudes and in standard deviations of the residual;
@@ -119,7 +119,7 @@ def _is_alias(problem: FitProblem, theta: np.ndarray) -> bool:
         if data.guess.frequency < _NEAR_ALIAS * data.guess.fastest:
             continue
         figures = small_motion_figures(problem.unknowns, theta[data.entries])
-        if not isinstance(figures, NoSwing) and math.tau / figures[1] > data.guess.fastest:
+        if not isinstance(figures, NoOscillation) and math.tau / figures[1] > data.guess.fastest:
             return True
     return False
 
@@ -165,17 +165,17 @@ def _refit_from_time(
 
 def _collocation_fit(problem: FitProblem, theta: np.ndarray, cost: float) -> np.ndarray | None:
     """Fit that starts from accelerations in the leading record; None where there are none."""
-    unknowns, largest_swing_record = problem.unknowns, problem.largest_swing_record
+    unknowns, largest_amplitude_data = problem.unknowns, problem.largest_amplitude_data
     law = unknowns.law
     if law.hidden or law.prescribed or problem.data[0].own or law.parsed_equation.line is not None:
         return None
     values = np.array(unknowns.physical_values(theta[problem.data[0].entries])[0])
     matched = fit_to_accelerations(
         unknowns.law,
-        largest_swing_record.guess,
-        largest_swing_record.look,
+        largest_amplitude_data.guess,
+        largest_amplitude_data.look,
         values,
-        largest_swing_record.bounds,
+        largest_amplitude_data.bounds,
     )
     free = search_entries_from_draws(
         unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)}
@@ -195,7 +195,7 @@ def _collocation_fit(problem: FitProblem, theta: np.ndarray, cost: float) -> np.
         return theta
     if risen <= (_SAME_VALLEY - 1.0) * cost:
         return problem.refit(adjacent, problem.training, tolerance=_TELLING)
-    reached = [FIRST_SWINGS * data.guess.shortest_swing_period for data in problem.data]
+    reached = [FIRST_HORIZON_CYCLES * data.guess.shortest_cycle_period for data in problem.data]
     return _refit_from_time(problem, start, reached, _TELLING)
 
 
@@ -227,7 +227,7 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
             errors.append(error)
             grids.append(data if error <= limit else _refine_grid(data, error, complete=complete))
         if all(new is old for new, old in zip(grids, problem.data, strict=True)):
-            if any(data.test_swings for data in problem.data):
+            if any(data.held_out_cycles for data in problem.data):
                 trained = _refit_to_masked_samples(problem, theta)
             return dataclasses.replace(
                 result, problem=problem, trained=trained, theta=theta, solver_errors=tuple(errors)

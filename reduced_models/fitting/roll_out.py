@@ -16,7 +16,7 @@ from reduced_models.fitting.parameter import Unknowns
 from reduced_models.fitting.residuals import BLOWN_UP, grid_over_record, rms
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
-from reduced_models.records.free_motion import error_on_swings, find_whole_swings
+from reduced_models.records.free_motion import find_whole_cycles, prediction_error_on_cycles
 from reduced_models.records.sensor import column_sensor
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
@@ -138,8 +138,8 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     spread = None
     if not lost.any():
         missed = unit * residuals
-        swings = find_whole_swings(total.time, total.height, count_samples_in_motion(total))
-        spread = error_on_swings(missed, total.height - rest, swings, swing).standard_error
+        swings = find_whole_cycles(total.time, total.height, count_samples_in_motion(total))
+        spread = prediction_error_on_cycles(missed, total.height - rest, swings, swing).standard_error
     return RollOut(motion, error, error / swing, at_rest, spread)
 
 

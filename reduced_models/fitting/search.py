@@ -26,7 +26,7 @@ from reduced_models.fitting.fit_data import COARSE_STEPS, FitData
 from reduced_models.fitting.levenberg_marquardt import Normal, Prior, levenberg_marquardt, promising_starts
 from reduced_models.fitting.parameter import Unknowns
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.refinement import FIRST_SWINGS, SearchResult, refine_best_start
+from reduced_models.fitting.refinement import FIRST_HORIZON_CYCLES, SearchResult, refine_best_start
 from reduced_models.fitting.residuals import (
     Loss,
     grid_over_record,
@@ -144,7 +144,7 @@ _MOST_NUMBERS = 2**26
 
 def multistart_search(problem: FitProblem) -> SearchResult:
     """Fit the training stretches from random starts."""
-    problem = problem.with_scales(scale_unknowns(problem.largest_swing_record))
+    problem = problem.with_scales(scale_unknowns(problem.largest_amplitude_data))
     every = max(1, sum(problem.training) // _STROKE_SAMPLES) if problem.law.prescribed else 1
     coarse = problem.with_data(_coarse_data(data, every) for data in problem.data)
     points = max(len(data.samples.weight) for data in coarse.data)
@@ -177,8 +177,8 @@ def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
     """Search vectors (s, p) that random starts of a law lead to, and what they cost (s,)."""
     theta = start = problem.joint_vector(_start_vectors(problem))
     costs = np.zeros(problem.starts)
-    for swings in _horizons_in_swings(problem):
-        first, last = swings == FIRST_SWINGS, math.isinf(swings)
+    for swings in _horizons_in_cycles(problem):
+        first, last = swings == FIRST_HORIZON_CYCLES, math.isinf(swings)
         normal, prior = coarse_normal_equations(problem, swings)
         if problem.law.start is None and not first:
             # Starts of a law known by its equation come from all of the record; two swings may not show, for
@@ -206,16 +206,16 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
 
 
 def _start_vectors(problem: FitProblem) -> list[np.ndarray]:
-    """Start vectors (starts, p) of each record; the first one's parameters are the largest_swing_record's."""
+    """Start vectors (starts, p) of each record; the shared ones are of the largest amplitude."""
     vectors = [
         start_vectors(data, problem.starts, np.random.default_rng(problem.seed), problem.start)
         for data in problem.data
     ]
-    largest_swing_record = vectors[problem.data.index(problem.largest_swing_record)]
+    of_largest_amplitude = vectors[problem.data.index(problem.largest_amplitude_data)]
     names = problem.law.parameters
     shared = [k for k, name in enumerate(names) if name not in problem.data[0].own]
     vectors[0] = vectors[0].copy()
-    vectors[0][:, shared] = largest_swing_record[:, shared]
+    vectors[0][:, shared] = of_largest_amplitude[:, shared]
     return vectors
 
 
@@ -248,19 +248,19 @@ def coarse_normal_equations(problem: FitProblem, swings: float) -> tuple[Normal,
     normals, total = [], 0.0
     for data in problem.data:
         means = data.samples
-        seen = means.step * (means.point + means.fraction) <= swings * data.guess.shortest_swing_period
+        seen = means.step * (means.point + means.fraction) <= swings * data.guess.shortest_cycle_period
         weight = means.weight * seen
         total += float((weight**2).sum())
         normals.append(normal_equations(data.unknowns, means.with_weights(weight), data.loss))
     return problem.sum_of_normal_equations(normals), problem.prior(total)
 
 
-def _horizons_in_swings(problem: FitProblem) -> Iterator[float]:
+def _horizons_in_cycles(problem: FitProblem) -> Iterator[float]:
     """Swings that a search sees one after the other; infinitely many are all of them."""
     # Doubling finds the best fit of records whose period changes with amplitude; two swings and then
     # everything does not.
-    most = max(data.record.time[-1] / data.guess.shortest_swing_period for data in problem.data)
-    swings = FIRST_SWINGS
+    most = max(data.record.time[-1] / data.guess.shortest_cycle_period for data in problem.data)
+    swings = FIRST_HORIZON_CYCLES
     while swings < most:
         yield swings
         swings *= 2.0

@@ -40,7 +40,7 @@ _GOOD = 4.0  # times the least mean square: a start that is kept
 _NEAR = 0.1  # spread of the logarithm of start values that are given
 
 # Of a law with hidden states:
-_SWINGS, _NODES_A_SWING = 6.0, 32
+_SWINGS, _NODES_PER_CYCLE = 6.0, 32
 _FASTER = 2.0  # motions of further coordinates than the slowest
 _ROUNDS, _HIDDEN_DRAWS, _RETAINED = 8, 4096, 48
 _TRIALS = 40
@@ -280,7 +280,7 @@ def _hidden_starts(
     # A further coordinate has a faster motion: wide windows would smooth it, and long steps of Heun's method
     # add energy to it.
     period = guess.period / (_FASTER if law.other_coordinates else 1.0)
-    nodes = np.linspace(0.0, end, max(48, round(_NODES_A_SWING * end / period)))
+    nodes = np.linspace(0.0, end, max(48, round(_NODES_PER_CYCLE * end / period)))
     motion = fit_local_cubics(record.time, record.height, period, nodes)
     acceleration, times = motion[2:]
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], times)

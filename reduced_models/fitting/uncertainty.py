@@ -31,11 +31,11 @@ from reduced_models.fitting.residual_diagnostics import (
 from reduced_models.fitting.residuals import cost_and_weight, half_cost_curvature
 from reduced_models.laws.linearization import (
     JUMPS,
-    NoSwing,
+    NoOscillation,
     dry_friction_coefficient,
     harmonic_cycles,
     law_rates,
-    small_swing,
+    small_oscillation,
 )
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.quantities import ParameterDirection
@@ -227,7 +227,7 @@ def interval_analysis(
     quantile: float,
     seen: tuple[float, float],
     shifts: Float[np.ndarray, "m p"],
-) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[ParameterDirection, ...]]:
+) -> tuple[dict[str, Interval], AtRest | NoOscillation, tuple[ParameterDirection, ...]]:
     """Intervals of a fit, its small swing at rest, and the directions that the data leave open; seen [m]."""
     names, intervals = unknowns.law.parameters, {}
     for k, name in enumerate(names):
@@ -330,13 +330,13 @@ def _small_motion_with_intervals(
     quantile: float,
     edges: tuple[float, float],
     shifts: np.ndarray,
-) -> AtRest | NoSwing:
+) -> AtRest | NoOscillation:
     """Level of rest, period and damping ratio of small motions, by the chain rule."""
     figures = small_motion_figures(unknowns, theta)
-    if isinstance(figures, NoSwing):
+    if isinstance(figures, NoOscillation):
         return figures
     if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
-        return NoSwing(f"the level of rest, {figures[0]:.4g} m, lies far outside the record")
+        return NoOscillation(f"the level of rest, {figures[0]:.4g} m, lies far outside the record")
     sizes = np.array(FRACTIONS) * max(abs(edge - figures[0]) for edge in edges)
     equivalent = False
     if not unknowns.law.other_coordinates:  # whose motion is no harmonic cycle of one of them
@@ -352,7 +352,7 @@ def _small_motion_with_intervals(
     moved = []
     for shifted in thetas.T:
         motion = small_motion_figures(unknowns, shifted)
-        if isinstance(motion, NoSwing):
+        if isinstance(motion, NoOscillation):
             return motion
         moved.append(motion)
     around = np.transpose(moved)
@@ -407,12 +407,12 @@ def _damping_at_two_amplitudes(
     return np.vstack([result.damping_ratio, friction])
 
 
-def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> np.ndarray | NoSwing:
+def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> np.ndarray | NoOscillation:
     """Height at rest [m], period [s] and damping ratio, or why there are none; hidden states are at zero."""
     if unknowns.law.prescribed:
-        return NoSwing("the record prescribes the motion")
-    result = small_swing(unknowns.law, unknowns.physical_values(theta)[0], unknowns.rest)
-    if isinstance(result, NoSwing):
+        return NoOscillation("the record prescribes the motion")
+    result = small_oscillation(unknowns.law, unknowns.physical_values(theta)[0], unknowns.rest)
+    if isinstance(result, NoOscillation):
         return result
     level = float(result.z)
     if abs(level) < _ROUNDING * unknowns.amplitude:  # the root finder's way of saying 0

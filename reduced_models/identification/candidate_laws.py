@@ -97,9 +97,9 @@ def frequency_rises(record: PistonRecord) -> bool:
     """Return whether a free motion oscillates faster by a tenth or more as it dies, as if grains stick."""
     try:
         guess = first_guesses(record.time, record.height)
-        count = int(_NODES_A_PERIOD * float(np.ptp(record.time)) / guess.shortest_swing_period)
+        count = int(_NODES_A_PERIOD * float(np.ptp(record.time)) / guess.shortest_cycle_period)
         nodes = np.linspace(record.time[0], record.time[-1], max(count, _NODES_A_PERIOD))
-        z, speed, _, time = fit_local_cubics(record.time, record.height, guess.shortest_swing_period, nodes)
+        z, speed, _, time = fit_local_cubics(record.time, record.height, guess.shortest_cycle_period, nodes)
     except GranularError:
         return False
     turns = np.flatnonzero(speed[:-1] * speed[1:] < 0.0)

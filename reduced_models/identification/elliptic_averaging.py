@@ -25,7 +25,7 @@ import numpy as np
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.duffing import DUFFING
-from reduced_models.laws.linearization import SmallSwing, law_rates, small_swing
+from reduced_models.laws.linearization import SmallOscillation, law_rates, small_oscillation
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 from reduced_models.models.at_rest import engineering_units
 from reduced_models.models.model import ReducedModel
@@ -345,8 +345,8 @@ def _well_figures(model: ReducedModel) -> np.ndarray | None:
     stable = np.flatnonzero((pulls[:-1] > 0.0) & (pulls[1:] <= 0.0))
     if not np.isfinite(pulls).all() or len(stable) != 2:
         return None
-    swings = [small_swing(law, values, float(z[k])) for k in stable]
-    if not all(isinstance(swing, SmallSwing) for swing in swings):
+    swings = [small_oscillation(law, values, float(z[k])) for k in stable]
+    if not all(isinstance(swing, SmallOscillation) for swing in swings):
         return None
     wells = sorted((swing.z, 1.0 / swing.period) for swing in swings)  # type: ignore[union-attr]  # checked
     orbit = _orbit_without_damping(force, model)

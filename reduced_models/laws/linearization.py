@@ -45,7 +45,7 @@ _SETTLED = 1e-11
 _STEP, _FARTHEST = 1e-4, 0.3  # of Newton's method for a centre, in amplitudes
 
 
-class SmallSwing(NamedTuple):
+class SmallOscillation(NamedTuple):
     """A motion so small that the law is linear; inputs are at zero."""
 
     z: float
@@ -55,40 +55,40 @@ class SmallSwing(NamedTuple):
     hidden: tuple[float, ...] = ()  # hidden states at rest
 
 
-class NoSwing(NamedTuple):
+class NoOscillation(NamedTuple):
     """Why a law has no small swing, in words that follow "none, "."""
 
     reason: str
 
 
-_NO_LEVEL = NoSwing("no one level of rest is found near the record")
-JUMPS = NoSwing("the law jumps at rest, as dry friction does")
-_PUSHES = NoSwing("what pushes it away from there does not pull it back")
-_UNSTABLE = NoSwing("the level of rest is not stable")
-_CREEPS = NoSwing("it creeps back there without a swing")
+_NO_LEVEL = NoOscillation("no one level of rest is found near the record")
+JUMPS = NoOscillation("the law jumps at rest, as dry friction does")
+_PUSHES = NoOscillation("what pushes it away from there does not pull it back")
+_UNSTABLE = NoOscillation("the level of rest is not stable")
+_CREEPS = NoOscillation("it creeps back there without a swing")
 
 
-def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoSwing:
+def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscillation | NoOscillation:
     """Small swing of a law with values of its parameters, about the level of rest near z."""
     # Hidden states move as their equations say, and are at zero if the law leaves them open at rest, as
     # hysteresis does.
     inputs = (0.0,) * len(law.inputs)
     rates = compile_rates(law.equation, law.inputs, "numpy")
     slopes = compile_jacobian(law.equation, law.inputs)
-    return _swing_with_velocity_jump(
+    return _oscillation_with_velocity_jump(
         lambda state: np.array(rates(*state, *inputs, *values), dtype=float),
         lambda state: slopes(*state, *inputs, *values),
         np.array([z, 0.0, *(0.0,) * len(law.hidden)]),
     )
 
 
-def small_swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
-    """Small swing of an equation in z(t) with numbers for all parameters; see `small_swing`."""
+def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillation | NoOscillation:
+    """Small swing of an equation in z(t) with numbers for all parameters; see `small_oscillation`."""
     from granular.formulas.algebra import compile_function
 
     rate, state = acceleration_expression(equation)
     force, slopes = compile_function(state, rate), jacobian_function([rate], state, state)
-    return _swing_with_velocity_jump(
+    return _oscillation_with_velocity_jump(
         lambda state: np.array([force(*state)], dtype=float), lambda state: slopes(*state), np.array([z, 0.0])
     )
 
@@ -128,7 +128,9 @@ def dry_friction_coefficient(equation: str, inputs: tuple[str, ...] = ()) -> Cal
     return compile_function(parameters, coefficient)
 
 
-def _swing_with_velocity_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
+def _oscillation_with_velocity_jump(
+    rates: Field, slopes: Field, state: np.ndarray
+) -> SmallOscillation | NoOscillation:
     """Swing; where the law jumps with the sign of the velocity, that of the mean of both."""
     # Dry friction jumps at rest: its damping of a small motion is infinite, its stiffness that of the mean.
     result = _find_rest_state(rates, slopes, state)
@@ -140,10 +142,10 @@ def _swing_with_velocity_jump(rates: Field, slopes: Field, state: np.ndarray) ->
         return lambda at: 0.5 * (function(at + creep) + function(at - creep))
 
     result = _find_rest_state(mean(rates), mean(slopes), state)
-    return result._replace(damping_ratio=math.inf) if isinstance(result, SmallSwing) else result
+    return result._replace(damping_ratio=math.inf) if isinstance(result, SmallOscillation) else result
 
 
-def _find_rest_state(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
+def _find_rest_state(rates: Field, slopes: Field, state: np.ndarray) -> SmallOscillation | NoOscillation:
     """Return the rest state by Newton's method, and the eigenvalues of the linear motion there."""
     state = state.copy()
     with np.errstate(all="ignore"):
@@ -177,11 +179,13 @@ def _find_rest_state(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwi
         if not stiffness > 0.0:
             return _PUSHES
         omega = math.sqrt(stiffness)
-        return SmallSwing(float(state[0]), 2.0 * math.pi / omega, damping / (2.0 * omega))
-    return _swing_with_hidden_states(state, matrix)
+        return SmallOscillation(float(state[0]), 2.0 * math.pi / omega, damping / (2.0 * omega))
+    return _oscillation_with_hidden_states(state, matrix)
 
 
-def _swing_with_hidden_states(state: np.ndarray, matrix: np.ndarray) -> SmallSwing | NoSwing:
+def _oscillation_with_hidden_states(
+    state: np.ndarray, matrix: np.ndarray
+) -> SmallOscillation | NoOscillation:
     """Small swing of a law with hidden states, by its slowest complex eigenvalues that move z."""
     size = len(state)
     full = np.zeros((size, size))
@@ -199,7 +203,7 @@ def _swing_with_hidden_states(state: np.ndarray, matrix: np.ndarray) -> SmallSwi
         omega = abs(value)
         ratio = float(-value.real / omega)
         modes.append((2.0 * math.pi / omega, ratio if abs(ratio) > _FLAT else 0.0))
-    return SmallSwing(float(state[0]), *modes[0], tuple(modes[1:]), tuple(map(float, state[2:])))
+    return SmallOscillation(float(state[0]), *modes[0], tuple(modes[1:]), tuple(map(float, state[2:])))
 
 
 class HarmonicCycles(NamedTuple):

@@ -343,7 +343,7 @@ def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
 def bed_force_port(scene: Scene) -> ForcePort:
     """Return the law of a scene's bed as an element."""
     system = CoupledSystem.from_bed_scene(scene)
-    load, swing = system.piston * system.gravity, system.small_swing
+    load, swing = system.piston * system.gravity, system.small_oscillation
     values = {
         "lam": 0.5 * system.drag / system.moving,
         "weight": load / system.moving,

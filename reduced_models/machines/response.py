@@ -115,7 +115,7 @@ class CoupledSystem(NamedTuple):
         )
 
     @property
-    def small_swing(self) -> LinearSwing:
+    def small_oscillation(self) -> LinearSwing:
         """The small swing of the piston on an ordered bed over a cell at rest, by the law."""
         stiffness = self.power + self.modulus * (1.0 + STIFFENING)
         spring = self.piston * self.gravity / self.rest * stiffness
@@ -126,7 +126,7 @@ class CoupledSystem(NamedTuple):
         omega = math.tau * np.asarray(frequencies, dtype=np.float64)
         own = self.stiffness + 1j * omega * self.damping
         own = own - omega**2 * (self.host + self.piston + self.bed)
-        linear = self.small_swing
+        linear = self.small_oscillation
         bed = self.moving * (linear.omega**2 + 2j * omega * linear.lam - omega**2)
         coupled = self.piston + 0.5 * self.bed
         return np.asarray(force / (own - (omega**2 * coupled) ** 2 / bed))

@@ -17,12 +17,12 @@ from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
 from reduced_models.laws.law import HeightLine, Law
 from reduced_models.laws.linearization import (
-    NoSwing,
+    NoOscillation,
     equation_rates,
     harmonic_cycles,
     law_rates,
-    small_swing,
-    small_swing_of_equation,
+    small_oscillation,
+    small_oscillation_of_equation,
 )
 from reduced_models.laws.printing import latex, round_equation, round_expression, round_significant
 from reduced_models.models.at_rest import AtRest, HarmonicCycle
@@ -145,13 +145,13 @@ class FittedLaw:
         reach = float(np.ptp(self.domain.get("height", (0.0,))))
         values = [round_significant(value, digits) for value in self.all_parameters.values()]
         line = law.height_line(dict(zip(law.parameters, values, strict=True)))
-        swings = [(small_swing(law, values, rest.height), law_rates(law, values), HeightLine())]
+        swings = [(small_oscillation(law, values, rest.height), law_rates(law, values), HeightLine())]
         if not law.hidden:  # whose equations stand next to this one
             equation = round_equation(self.fitted_equation, digits)
-            seen = small_swing_of_equation(equation, line.coordinate(rest.height))
+            seen = small_oscillation_of_equation(equation, line.coordinate(rest.height))
             swings.append((seen, equation_rates(equation), line))
         for swing, rates, (shift, scale) in swings:
-            if isinstance(swing, NoSwing):
+            if isinstance(swing, NoOscillation):
                 return False
             ratio = swing.damping_ratio
             if rest.equivalent is not None:
@@ -237,8 +237,8 @@ class FittedLaw:
         """Further coordinates where the law rests, from which another motion begins."""
         if self.at_rest is None or not self.law.other_coordinates:
             return {}
-        swing = small_swing(self.law, values, self.at_rest.height)
-        known = () if isinstance(swing, NoSwing) else zip(self.law.hidden, swing.hidden, strict=True)
+        swing = small_oscillation(self.law, values, self.at_rest.height)
+        known = () if isinstance(swing, NoOscillation) else zip(self.law.hidden, swing.hidden, strict=True)
         return {name: value for name, value in known if name in self.law.other_coordinates}
 
     def simulate_record(self, record: PistonRecord) -> PistonRecord:

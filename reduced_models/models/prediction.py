@@ -19,13 +19,13 @@ from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
-    NoSwing,
+    NoOscillation,
     Rates,
     centre_cycles,
     harmonic_coefficients,
     harmonic_cycles,
     law_rates,
-    small_swing,
+    small_oscillation,
 )
 from reduced_models.models.at_rest import HarmonicCycle
 from reduced_models.models.fitted_law import FittedLaw
@@ -338,8 +338,8 @@ def faster_modes(model: FittedLaw) -> tuple[FasterMode, ...]:
         return ()
 
     def figures(model: FittedLaw) -> np.ndarray | None:
-        swing = small_swing(model.law, list(model.all_parameters.values()), rest.height)
-        if isinstance(swing, NoSwing):
+        swing = small_oscillation(model.law, list(model.all_parameters.values()), rest.height)
+        if isinstance(swing, NoOscillation):
             return None
         return np.array([figure for period, ratio in swing.faster for figure in (1.0 / period, ratio)])
 

@@ -90,10 +90,10 @@ class FirstGuesses:
     @property
     def shortest_start_period(self) -> float:
         """Shortest period of all motions that a search may start from, rivals included [s]."""
-        return self.shortest_swing_period * math.exp(-self.log_frequency_spread)
+        return self.shortest_cycle_period * math.exp(-self.log_frequency_spread)
 
     @property
-    def shortest_swing_period(self) -> float:
+    def shortest_cycle_period(self) -> float:
         """Period of the quickest swing, that of the rivals included [s]."""
         return 2.0 * math.pi / max(self.frequency, *self.rivals, 0.0)
 

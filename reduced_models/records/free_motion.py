@@ -91,7 +91,7 @@ _LEFT = 3.0
 _RECURRENT, _ORDER, _BROKEN = 8, 4, 6.0
 # Large half cycles that make a motion of what is before a hold. 2: a hand that slips before the release
 # makes one; 4: the first of three releases of damping ratio 0.1 is lost.
-_LEAST_SWINGS = 3
+_MINIMUM_LARGE_HALF_CYCLES = 3
 # Growth of a half cycle that shows a knock, and what noise and sampling make of a steady one. On 60 decays
 # with one to three knocks of 0.5 to 2, and twelve of each of ten kinds without any (beats, two modes, sweeps,
 # random drives, two wells, one-sided springs), both under 0, 0.5 and 2 % of noise.
@@ -211,7 +211,7 @@ def _free_motion_slices(record: PistonRecord) -> list[slice]:
     if len(record) < LEAST_SAMPLES:
         return [total]
     time = record.time
-    swing = _swing_about_rest(record)
+    swing = _displacement_from_equilibrium(record)
     away = np.abs(swing)
     largest = float(away.max())
     half, gaps = _half_period_and_restarts(time, swing)
@@ -249,7 +249,7 @@ def _decays(time: Float[np.ndarray, "n"], swing: Float[np.ndarray, "n"], noise: 
     return bool(size[0] * _STEADY >= size.max() and grows.mean() <= _RARELY)
 
 
-def _swing_about_rest(record: PistonRecord) -> np.ndarray:
+def _displacement_from_equilibrium(record: PistonRecord) -> np.ndarray:
     """Displacement (n,) from the level of the record's end passed most often: part of it may be held."""
     levels = [np.median(record.height[-max(1, len(record) // part) :]) for part in _ENDS]
     swings = [np.asarray(record.height - level) for level in levels]
@@ -357,7 +357,7 @@ def _is_oscillating(away: np.ndarray, least: float) -> bool:
     largest = max(least, float(away.max(initial=0.0)))
     kinds = np.where(away > _LARGE * largest, 1, np.where(away < _SMALL * largest, -1, 0))
     kinds = kinds[kinds != 0]
-    return bool((np.diff(kinds) > 0).sum() + (kinds[:1] > 0).sum() >= _LEAST_SWINGS)
+    return bool((np.diff(kinds) > 0).sum() + (kinds[:1] > 0).sum() >= _MINIMUM_LARGE_HALF_CYCLES)
 
 
 def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
@@ -365,7 +365,7 @@ def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
     if len(record) < LEAST_SAMPLES:
         return []
     time = record.time
-    swing = _swing_about_rest(record)
+    swing = _displacement_from_equilibrium(record)
     half, _ = _half_period_and_restarts(time, swing)
     if half is None:
         return []
@@ -431,7 +431,7 @@ _FEWEST_SWINGS = 10
 _FEWEST_TESTED = 2
 
 
-def find_whole_swings(
+def find_whole_cycles(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], moving_samples: int
 ) -> tuple[slice, ...]:
     """Return the samples of the whole swings above the noise; time [s], height [m, rad]."""
@@ -447,19 +447,19 @@ def find_whole_swings(
     return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(edges) if b > a)
 
 
-def choose_test_swings(
+def choose_held_out_cycles(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], fraction: float, moving_samples: int
 ) -> tuple[slice, ...]:
     """Return the samples of a fraction of the whole swings, evenly spread; time [s], height [m, rad]."""
     # The first one is not among them: it fixes the initial state.
-    swings = find_whole_swings(time, height, moving_samples)
+    swings = find_whole_cycles(time, height, moving_samples)
     passed = np.floor(fraction * np.arange(len(swings) + 1) + 0.5 + 1e-9)
     chosen = tuple(swing for swing, step in zip(swings, np.diff(passed), strict=True) if step > 0.0)
     chosen = chosen[1:] if chosen[:1] == swings[:1] else chosen
     return chosen if len(chosen) >= _FEWEST_TESTED else ()
 
 
-class SwingTestError(NamedTuple):
+class PredictionErrorEstimate(NamedTuple):
     """Error of a law on swings that it has not seen, over the rms swing of the record."""
 
     value: float
@@ -467,12 +467,12 @@ class SwingTestError(NamedTuple):
     standard_error: float | None  # by its difference between swings; None of one
 
 
-def error_on_swings(
+def prediction_error_on_cycles(
     residuals: Float[np.ndarray, "n"],
     displacement: Float[np.ndarray, "n"],
     swings: Sequence[slice],
     rms_swing: float,
-) -> SwingTestError:
+) -> PredictionErrorEstimate:
     """Return the test error of a law, with its standard error; residuals [m, rad]."""
     # Squared errors are summed, so each swing counts by its size. The standard error is of their ratio to the
     # swings' own squares (a wrong law) or lengths (noise), whichever scatters less (ratio estimator, Cochran
@@ -483,7 +483,7 @@ def error_on_swings(
     total, several = float(counts.sum()), len(swings)
     value, at_rest = (math.sqrt(squares.sum() / total) / rms_swing for squares in (lost, at_stake))
     if several < 2 or not 0.0 < value < math.inf or not at_rest > 0.0:
-        return SwingTestError(value, at_rest, None)
+        return PredictionErrorEstimate(value, at_rest, None)
     left = [lost - size * lost.sum() / size.sum() for size in (at_stake, counts)]
     spread = math.sqrt(several / (several - 1) * min(float(part @ part) for part in left)) / total
-    return SwingTestError(value, at_rest, spread / (2.0 * value * rms_swing**2))
+    return PredictionErrorEstimate(value, at_rest, spread / (2.0 * value * rms_swing**2))

@@ -14,7 +14,7 @@ from granular.shared.errors import InputError
 from reduced_models import PistonRecord, derive, load_model
 from reduced_models.__main__ import main
 from reduced_models.derived.derive import RESOLUTION, HeldState, follow_piston, motion_error, polynomial_law
-from reduced_models.laws.linearization import SmallSwing, small_swing
+from reduced_models.laws.linearization import SmallOscillation, small_oscillation
 
 LIFT = 1e-4  # [m]
 SETTLE = {
@@ -61,8 +61,8 @@ def model(run):
 
 def test_small_motion_has_the_exact_root(run, model) -> None:
     root = piston_roots(equilibrium(run))[0]
-    swing = small_swing(model.law, list(model.parameters.values()), model.at_rest.height)
-    assert isinstance(swing, SmallSwing)
+    swing = small_oscillation(model.law, list(model.parameters.values()), model.at_rest.height)
+    assert isinstance(swing, SmallOscillation)
     assert 1.0 / swing.period == pytest.approx(root.frequency, rel=1e-6)
     assert swing.damping_ratio == pytest.approx(root.damping_ratio, rel=1e-6)
 

@@ -17,7 +17,7 @@ from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.solution import Solution, solve_law
 from reduced_models.records.first_guesses import FirstGuesses
-from reduced_models.records.free_motion import choose_test_swings
+from reduced_models.records.free_motion import choose_held_out_cycles
 from reduced_models.records.inputs import StepGrid
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
 from tests.reduced_models.made import damped_cosine, moved, noisy
@@ -147,7 +147,7 @@ def test_what_judges_is_blind(made: Any) -> None:
     """Changes in the test swings leave alone the model that is judged on them."""
     record, offset = made("duffing", 5), 0.002
     moved = np.zeros(len(record))
-    swings = choose_test_swings(record.time, record.height, 0.3, len(record))
+    swings = choose_held_out_cycles(record.time, record.height, 0.3, len(record))
     for swing in swings:  # their ends stay where they are
         moved[swing.start + 10 : swing.start + 50] = offset
         moved[swing.stop - 50 : swing.stop - 10] = -offset

@@ -53,7 +53,7 @@ def test_first_guesses_have_rivals_where_the_period_changes() -> None:
     chirp = np.exp(-0.05 * TIME) * np.cos(8.0 * TIME - 0.08 * TIME**2)
     guess = first_guesses(TIME, chirp)
     assert max(guess.rivals) == pytest.approx(7.9, rel=0.1)
-    assert guess.shortest_swing_period <= guess.period
+    assert guess.shortest_cycle_period <= guess.period
     steady = first_guesses(TIME, np.cos(3.0 * TIME))
     assert steady.rivals == ()
     assert spectral_peak_frequency(TIME, np.cos(3.0 * TIME)) == pytest.approx(3.0, rel=0.01)

@@ -18,7 +18,7 @@ from reduced_models.laws.annealing_bed import HARDENING, PLASTIC, STIFFENING, TI
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.law import Law
-from reduced_models.laws.linearization import SmallSwing, small_swing
+from reduced_models.laws.linearization import SmallOscillation, small_oscillation
 from reduced_models.laws.rubbing_bed import ELEMENTS, rubbing_bed_near
 from reduced_models.laws.solution import solve_law
 from reduced_models.records.first_guesses import first_guesses
@@ -78,7 +78,7 @@ def diffusing_column(lateness: float) -> tuple[float, float]:
     return abs(root), -root.real / abs(root)
 
 
-def swing(name: str, lateness: float) -> SmallSwing:
+def swing(name: str, lateness: float) -> SmallOscillation:
     known = {
         "lam": OMEGA * lateness / 6.0,
         "weight": WEIGHT,
@@ -87,8 +87,8 @@ def swing(name: str, lateness: float) -> SmallSwing:
         "relaxation": lateness / OMEGA / 15.0,
     }
     law = LAWS[name]
-    found = small_swing(law, [known[key] for key in law.parameters], REST)
-    assert isinstance(found, SmallSwing)
+    found = small_oscillation(law, [known[key] for key in law.parameters], REST)
+    assert isinstance(found, SmallOscillation)
     return found
 
 
@@ -134,8 +134,8 @@ def values(law: Law, **changes: float) -> list[float]:
 
 
 def test_a_small_swing_feels_pressure_and_shear() -> None:
-    found = small_swing(LAW, values(LAW), 0.06)
-    assert isinstance(found, SmallSwing)
+    found = small_oscillation(LAW, values(LAW), 0.06)
+    assert isinstance(found, SmallOscillation)
     omega = math.sqrt(9.8 * (2.5 + 0.3) / 0.06)
     assert found.z == pytest.approx(0.06, rel=1e-9)
     assert found.period == pytest.approx(2.0 * math.pi / omega, rel=1e-9)
@@ -165,8 +165,8 @@ ANNEALING = LAWS["annealing-bed"]
 
 def test_a_small_swing_is_that_of_the_ordered_bed() -> None:
     """All of what order adds to the modulus, as it has had its time."""
-    found = small_swing(ANNEALING, values(ANNEALING), 0.06)
-    assert isinstance(found, SmallSwing)
+    found = small_oscillation(ANNEALING, values(ANNEALING), 0.06)
+    assert isinstance(found, SmallOscillation)
     omega = math.sqrt(9.8 * (2.5 + 0.3 * (1.0 + STIFFENING)) / 0.06)
     assert found.z == pytest.approx(0.06, rel=1e-9)
     assert found.period == pytest.approx(2.0 * math.pi / omega, rel=1e-9)

@@ -10,12 +10,12 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
-    NoSwing,
-    SmallSwing,
+    NoOscillation,
+    SmallOscillation,
     equation_rates,
     harmonic_cycles,
     law_rates,
-    small_swing,
+    small_oscillation,
 )
 
 MAXWELL = Law("maxwell", "z'' + k*z + f*w = g; w' = z' - w/tau")
@@ -30,8 +30,8 @@ CASES = {
 def test_a_small_swing_is_as_simulated(name: str) -> None:
     law, true = CASES[name]
     values = [true[key] for key in law.parameters]
-    found = small_swing(law, values, 0.1)
-    assert isinstance(found, SmallSwing)
+    found = small_oscillation(law, values, 0.1)
+    assert isinstance(found, SmallOscillation)
     field = compile_rates(law.equation, law.inputs, "numpy")
     time = np.linspace(0.0, 12.0 * found.period, 20_000)
 
@@ -65,15 +65,15 @@ def test_a_small_swing_is_as_simulated(name: str) -> None:
     ],
 )
 def test_where_there_is_no_swing(equation: str, values: list[float], reason: str) -> None:
-    found = small_swing(Law("mine", equation), values, 0.0)
-    assert isinstance(found, NoSwing)
+    found = small_oscillation(Law("mine", equation), values, 0.0)
+    assert isinstance(found, NoOscillation)
     assert reason in found.reason
 
 
 def test_dry_friction_leaves_level_and_period() -> None:
     """It jumps with the velocity alone, so that only the damping of small swings has no bound."""
-    found = small_swing(Law("mine", "z'' + f*sign(z') + c*z' + k*z = g"), [0.1, 0.2, 4.0, 2.0], 0.0)
-    assert isinstance(found, SmallSwing)
+    found = small_oscillation(Law("mine", "z'' + f*sign(z') + c*z' + k*z = g"), [0.1, 0.2, 4.0, 2.0], 0.0)
+    assert isinstance(found, SmallOscillation)
     assert found.z == pytest.approx(0.5, abs=1e-9)
     assert found.period == pytest.approx(np.pi)
     assert found.damping_ratio == np.inf

@@ -91,7 +91,7 @@ def test_discs_are_stiffer_and_a_design_is_made_of_them() -> None:
     walls = of_dipoles.effects.walls
     named = CoupledSystem.from_host_scene(found.scene.replace(**{"effects.walls": walls.to_plain()}))
     assert named.power > dipoles.power == 2.5
-    assert named.small_swing.omega > dipoles.small_swing.omega > discs.small_swing.omega
+    assert named.small_oscillation.omega > dipoles.small_oscillation.omega > discs.small_oscillation.omega
 
 
 @pytest.mark.parametrize(

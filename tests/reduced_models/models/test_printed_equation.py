@@ -15,14 +15,14 @@ from reduced_models import Parameter, ReducedModel, fit, load_model
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import HeightLine
 from reduced_models.laws.linearization import (
-    NoSwing,
+    NoOscillation,
     Rates,
-    SmallSwing,
+    SmallOscillation,
     equation_rates,
     harmonic_cycles,
     law_rates,
-    small_swing,
-    small_swing_of_equation,
+    small_oscillation,
+    small_oscillation_of_equation,
 )
 from reduced_models.laws.printing import mathml, mathml_of_rate, round_significant
 from reduced_models.models.at_rest import AtRest
@@ -55,7 +55,7 @@ def inside(model: ReducedModel, height: float, omega: float, damping: float) -> 
         assert low <= value <= high, name
 
 
-def damping_ratio(rest: AtRest, rates: Rates, swing: SmallSwing, hidden: int = 0) -> float:
+def damping_ratio(rest: AtRest, rates: Rates, swing: SmallOscillation, hidden: int = 0) -> float:
     """Of the printed law, at the amplitude that the fit's is of (no map has another scale here)."""
     if rest.equivalent is None:
         return swing.damping_ratio
@@ -128,7 +128,7 @@ def test_every_law_as_it_is_printed(name: str, made: Any) -> None:
     rest = model.at_rest
     digits = max(5, model.printed_digits)
     printed = HeightLine(*(round_significant(value, digits) for value in model.height_line))
-    swing = small_swing_of_equation(model.printed_equation, printed.coordinate(rest.height))
+    swing = small_oscillation_of_equation(model.printed_equation, printed.coordinate(rest.height))
     figures = {
         "height": printed.height(swing.z),
         "period": swing.period,
@@ -146,8 +146,8 @@ def assert_memory_as_printed(model: ReducedModel) -> None:
     law, rest = model.law, model.at_rest
     found = {key: re.search(rf"\b{key} {NUMBER} ", str(model)) for key in law.parameters}
     values = [float(match[1]) for match in found.values() if match is not None]
-    swing = small_swing(law, values, rest.height)
-    assert not isinstance(swing, NoSwing)
+    swing = small_oscillation(law, values, rest.height)
+    assert not isinstance(swing, NoOscillation)
     ratio = damping_ratio(rest, law_rates(law, values), swing, len(law.hidden))
     for key, value in {"height": swing.z, "period": swing.period, "damping_ratio": ratio}.items():
         low, high = rest.intervals[key]
