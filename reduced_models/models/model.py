@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
 from granular.records.record import PistonRecord
+from granular.shared.array_types import Float
 from granular.shared.blocks import Equation, Printout
 from granular.shared.errors import InputError, quote, sanitize
 from granular.shared.files import write_json
@@ -226,6 +227,43 @@ class ReducedModel(PrintedModel):
             ax, below = new_axes(2, height=4.6, sharex=True, height_ratios=(2, 1))
             prediction.plot_residuals(self, record.time, record.height - height, below)
         return prediction.plot_model(self, record.time, height, record.height, ax)
+
+    def rhs(
+        self,
+        t: float,
+        state: Float[np.ndarray, "s"],
+        inputs: Mapping[str, float | Callable[[float], float]] | None = None,
+    ) -> Float[np.ndarray, "s"]:
+        """Rates of all states, as `scipy.integrate.solve_ivp` calls them; they start at `initial_state`.
+
+        Parameters
+        ----------
+        t : float
+            Time since the start [s].
+        state : float64 (s,) or (s, k)
+            Height [m] and velocity [m/s], then the states in ``law.hidden`` in that order; k states at a
+            time with ``vectorized=True``.
+        inputs : mapping of str to float or callable, optional
+            Inputs of the law, in the units of the records' columns: each a number, or a function of the
+            time. ``solve_ivp(..., args=(inputs,))`` hands them over.
+
+        Returns
+        -------
+        float64 (s,) or (s, k)
+            Time derivatives of the states.
+
+        Raises
+        ------
+        InputError
+            If the law describes a force along a prescribed stroke, an input is missing, or the number of
+            states is wrong.
+        """
+        return prediction.state_rates(self, t, state, inputs or {})
+
+    @property
+    def initial_state(self) -> Float[np.ndarray, "s"]:
+        """States at the record's start, in the order that `rhs` takes."""
+        return prediction.initial_state(self)
 
     def __repr__(self) -> str:
         values = ", ".join(

@@ -17,6 +17,7 @@ import numpy as np
 from granular.records.record import DRAWN_UNITS, PistonRecord
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
+from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
     NoOscillation,
@@ -29,6 +30,7 @@ from reduced_models.laws.linearization import (
 )
 from reduced_models.models.at_rest import HarmonicCycle
 from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,6 +48,46 @@ class SteadyAmplitudes(NamedTuple):
     frequency: Float[np.ndarray, "n"]  # angular [rad/s]
     low: Float[np.ndarray, "n"]  # [m]
     high: Float[np.ndarray, "n"]  # [m]
+
+
+def initial_state(model: FittedLaw) -> Float[np.ndarray, "s"]:
+    """States at the record's start: height [m], velocity [m/s], then hidden ones."""
+    _refuse_prescribed_stroke(model)
+    hidden = [model.hidden.get(name, 0.0) for name in model.law.hidden]
+    return np.array([*model.initial, *hidden], dtype=np.float64)
+
+
+def state_rates(
+    model: FittedLaw,
+    t: float,
+    state: Float[np.ndarray, "s"],
+    inputs: Mapping[str, float | Callable[[float], float]],
+) -> Float[np.ndarray, "s"]:
+    """Rates of all states at a time [s], of one state (s,) or of several (s, k)."""
+    _refuse_prescribed_stroke(model)
+    law, states = model.law, np.asarray(state, dtype=np.float64)
+    if len(states) != 2 + len(law.hidden):
+        names = ", ".join(("height", "velocity", *law.hidden))
+        raise InputError(f"the state has {len(states)} entries; give {2 + len(law.hidden)}: {names}")
+    known = {TIME: t, **inputs}
+    missing = [name for name in law.inputs if name not in known]
+    if missing:
+        raise InputError(
+            f"the law {quote(law.name)} has the input {quote(missing[0])}; give inputs={{"
+            f"{quote(missing[0])}: a number or a function of the time}}, to solve_ivp as args=(inputs,)"
+        )
+    drive = [value(t) if callable(value) else value for value in (known[name] for name in law.inputs)]
+    rates = compile_rates(law.equation, law.inputs, "numpy")
+    slopes = (states[1], *rates(*states, *drive, *model.all_parameters.values()))
+    return np.stack([np.broadcast_to(slope, states.shape[1:]) for slope in slopes])
+
+
+def _refuse_prescribed_stroke(model: FittedLaw) -> None:
+    if model.law.prescribed:
+        raise InputError(
+            f"the law {quote(model.law.name)} describes the {model.observation or 'force'} along a "
+            "prescribed stroke, not a motion; take .simulate_signal(record)"
+        )
 
 
 def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
