@@ -36,10 +36,12 @@ from granular.run.work_precision import load_work_precision_scenes as prices
 from granular.schema.natural_units import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from granular.studies.silo import silo
-from reduced_models import fit, predict, whole_fall
+from reduced_models import Parameter, fit, predict, whole_fall
 from reduced_models.falls.predicted_law import lattice_at_rest
 from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.response import CoupledSystem, LinearSwing, solve_host_response
+from reduced_models.records.backbone import free_backbone
+from reduced_models.records.example_records import PLATFORM, platform_decay
 from research.published.judging import judged
 from research.published.results import committed
 from validation import convergence, exact_problem, hard_case_catalogue, run_hard_case
@@ -376,6 +378,35 @@ def draw_pendulum() -> None:
         axes.set(xlabel="time [s]", ylabel="angle [rad]")
         axes.legend()
         keep(drawing, "pendulum")
+
+
+def draw_decay_tests() -> None:
+    """Decay tests of the made platform with the fitted law, and the log decrement of each cycle."""
+    mass = PLATFORM["mass"]
+    records = [
+        PistonRecord(*platform_decay(amplitude, np.random.default_rng(seed)).values())
+        for seed, amplitude in enumerate((1, 2, 4), start=6)
+    ]
+    law = f"{mass:g}*z'' + B1*z' + B2*z'*Abs(z') + K*(z - rest) = 0"
+    models = fit(records, law, parameters={"rest": Parameter(per_record=True)})
+    with figure(1, 2, width=9.0, height=3.4) as (drawing, (left, right)):
+        for index, (record, model) in enumerate(zip(records, models, strict=True)):
+            left.plot(record.time, record.height, ".", color=GREY, markersize=1.5)
+            motion = model.simulate(record.time, z0=record.height[0], v0=0.0)
+            left.plot(motion.time, motion.height, color=COLOURS[index], label=f"from {2**index} m")
+            measured = free_backbone(record)
+            decrement, error = 2.0 * np.pi * measured.damping_ratio, 2.0 * np.pi * measured.damping_error
+            right.errorbar(measured.amplitude, decrement, error, fmt="o", color=COLOURS[index], markersize=3)
+        values = models[0].parameters
+        omega = math.sqrt(values["K"] / mass)
+        amplitudes = np.linspace(0.0, 4.0, 2)
+        line = np.pi * values["B1"] / (mass * omega) + 8.0 * values["B2"] / (3.0 * mass) * amplitudes
+        right.plot(amplitudes, line, color=GREY, label="p + q A, from B1 and B2")
+        left.set(xlabel="time [s]", ylabel="heave [m]")
+        right.set(xlabel="amplitude A [m]", ylabel="log decrement", ylim=(0.0, None))
+        left.legend()
+        right.legend()
+        keep(drawing, "decay-tests")
 
 
 def draw_limits() -> None:
@@ -996,6 +1027,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "studies": draw_studies,
     "record": draw_record,
     "pendulum": draw_pendulum,
+    "decay-tests": draw_decay_tests,
     "limits": draw_limits,
     "misprints": draw_misprints,
     "whole-fall": write_whole_falls,

@@ -110,6 +110,42 @@ def _force_stroke_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     return {"time [s]": time, "stroke [mm]": 1e3 * stroke, "load cell [lbf]": force / 4.4482216}
 
 
+PLATFORM = {"mass": 2.0e7, "B1": 2.4e5, "B2": 1.2e6, "period": 22.0}
+"""Made platform in heave: mass with added mass [kg], damping [N s/m, N s^2/m^2], period [s]."""
+
+
+def platform_decay(
+    amplitude: float, random: np.random.Generator, noise: float = 0.02
+) -> dict[str, np.ndarray]:
+    """Return time [s] and heave [m] of a decay test of the made platform, with noise and a drifting zero.
+
+    The noise is a fraction of the amplitude [m]; the zero drifts by 3 cm within a quarter of an hour.
+    """
+    from scipy.integrate import solve_ivp
+
+    mass, b1, b2, period = PLATFORM.values()
+    stiffness = mass * (2.0 * math.pi / period) ** 2
+
+    def rates(_time: float, state: np.ndarray) -> tuple[float, float]:
+        height, speed = state
+        return speed, -(b1 * speed + b2 * abs(speed) * speed + stiffness * height) / mass
+
+    time = np.arange(0.0, 240.0, 0.1)
+    heave = solve_ivp(rates, (0.0, 240.0), (amplitude, 0.0), t_eval=time, rtol=1e-9, atol=1e-12).y[0]
+    drift = 0.03 * np.sin(2.0 * math.pi * time / 900.0 + random.uniform(0.0, 2.0 * math.pi))
+    return {"time [s]": time, "heave [m]": heave + drift + random.normal(0.0, noise * amplitude, len(time))}
+
+
+def _platform_record(amplitude: float) -> ExampleRecord:
+    """Describe a decay test of the made platform from one amplitude [m]."""
+    return ExampleRecord(
+        lambda random: platform_decay(amplitude, random),
+        {},
+        f"heave of a platform released at {amplitude:g} m: 22 s, B1 = 2.4e5 N s/m, B2 = 1.2e6 N s^2/m^2, "
+        "2e7 kg with added mass",
+    )
+
+
 EXAMPLES = {
     "lvdt": ExampleRecord(
         _lvdt_columns,
@@ -146,5 +182,6 @@ EXAMPLES = {
         },
         "a real pendulum with dry friction, as it was published; the file names source and licence",
     ),
+    **{f"platform-{amplitude}m": _platform_record(amplitude) for amplitude in (1, 2, 4)},
 }
 """Examples by the names of their files."""

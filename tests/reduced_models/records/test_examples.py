@@ -12,8 +12,8 @@ import pytest
 
 from granular.records.options import ReadOptions, write_record_description
 from granular.shared.errors import InputError
-from reduced_models import fit, identify
-from reduced_models.records.example_records import EXAMPLES, write_example_records
+from reduced_models import Parameter, PistonRecord, fit, identify
+from reduced_models.records.example_records import EXAMPLES, PLATFORM, platform_decay, write_example_records
 from reduced_models.records.sources import read_record
 
 pytestmark = pytest.mark.filterwarnings("ignore::granular.shared.errors.RecordWarning")
@@ -245,3 +245,17 @@ def test_most_are_identified(tmp_path: Path) -> None:
         print("right " if good else "MISSED", said)
     assert sum(good for good, _ in outcomes) >= LEAST
     assert all("; [" in said and "; []" not in said for good, said in outcomes if not good)
+
+
+@pytest.mark.long
+def test_both_coefficients_of_decay_tests_lie_within_their_intervals() -> None:
+    law = f"{PLATFORM['mass']}*z'' + B1*z' + B2*z'*Abs(z') + K*(z - rest) = 0"
+    covered = dict.fromkeys(("B1", "B2"), 0)
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        records = [PistonRecord(*platform_decay(size, random).values()) for size in (1.0, 2.0, 4.0)]
+        model = fit(records, law, parameters={"rest": Parameter(per_record=True)})[0]
+        for name in covered:
+            low, high = model.intervals[name]
+            covered[name] += low <= PLATFORM[name] <= high
+    assert min(covered.values()) >= 18, covered
