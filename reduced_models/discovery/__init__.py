@@ -1,1 +1,1 @@
-"""From a record to equations that nobody wrote down before: sparse and symbolic regression."""
+"""Discovery of equations of motion from records: sparse and symbolic regression."""

@@ -1,4 +1,4 @@
-"""The last steps of every method: candidates are fitted through their equations, and one is chosen."""
+"""The last steps of every method: fit the candidates through their equations and choose one."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ if TYPE_CHECKING:
     import sympy
 
 
-_POOR = 2.0
+_POOR_FIT = 2.0  # residual over the record's noise
 _STRONG = 6.0
-"""Difference of criteria from which evidence is strong (Kass & Raftery 1995,
+"""Difference of criteria above which evidence is strong (Kass & Raftery 1995,
 doi:10.1080/01621459.1995.10476572); below it the simpler equation is chosen."""
-_MOST_TRIED = 20
-_PREFERRED, _MOST_PREFERRED = 0.25, 2
-"""Share of the random halves from which on a structure is fitted too, and how many such at most."""
-_HOPELESS = 15.0  # a criterion that is so much worse is not made good by fitting
+_MAXIMUM_FURTHER_FITS = 20
+_PREFERRED_FRACTION, _MAXIMUM_PREFERRED = 0.25, 2
+"""Structures that win this fraction of the random halves or more are fitted too, up to this number."""
+_HOPELESS_DIFFERENCE = 15.0  # fitting does not make up for a larger difference of criteria
 
 
 def polish_and_choose_candidate(
@@ -57,32 +57,32 @@ def polish_and_choose_candidate(
     *,
     integrated: bool = False,
 ) -> tuple[list[CandidateEquation], int]:
-    """Fit the best candidates, and with a seed those that halves prefer; choose the simplest sound one."""
-    # Of those that could be fitted, the one with the fewest numbers to which no other is strongly preferred:
-    # by 6 of the criterion (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
+    """Fit the best candidates and, with a seed, winners of random halves; choose the simplest good one."""
+    # The choice is the fitted candidate with the fewest parameters to which no other is strongly preferred,
+    # i.e. by 6 of the criterion (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
     candidates, scorer = proposed.candidates, proposed.scorer
     order = sorted(candidates, key=lambda candidate_: candidate_.criterion)
     near = list[CandidateEquation]()
     for item in order:
-        hopeless = item.criterion > order[0].criterion + _HOPELESS
+        hopeless = item.criterion > order[0].criterion + _HOPELESS_DIFFERENCE
         if len(near) < count and not hopeless and not _has_same_structure(item, near):
             near.append(item)
-    if integrated:  # their noise is not known, so the simplest ones of the front are fitted
+    if integrated:  # the noise is unknown, so the simplest candidates of the front are fitted
         near = pareto_front(candidates)[: count + 1] if count else []
     elif count and seed is not None:
         near += [item for item in _preferred_by_halves(order, scorer, seed) if item not in near]
     done = [polish(candidate_) for candidate_ in near]
     if count and not any(candidate_.models for candidate_ in done):
         further = [candidate_ for candidate_ in order if not _has_same_structure(candidate_, near)]
-        polished = (item for item in map(polish, further[:_MOST_TRIED]) if item.models)
+        polished = (item for item in map(polish, further[:_MAXIMUM_FURTHER_FITS]) if item.models)
         done += itertools.islice(polished, 1)
     done = _add_pruned_candidates(done, polish, proposed)
     fitted = [candidate_ for candidate_ in done if candidate_.models]
     if fitted:
         best = _simplest_candidate(fitted, _solution_criteria(fitted, scorer))
     else:
-        left = [*done, *order[len(done) :]]
-        best = _simplest_candidate(left, [candidate_.criterion for candidate_ in left])
+        unfitted = [*done, *order[len(done) :]]
+        best = _simplest_candidate(unfitted, [candidate_.criterion for candidate_ in unfitted])
     shown = done if best in done else [*done, best]
     rest = [
         candidate_
@@ -100,9 +100,9 @@ def _add_pruned_candidates(
     polish: Callable[[CandidateEquation], CandidateEquation],
     proposed: ProposedStructures,
 ) -> list[CandidateEquation]:
-    """Polished candidates, and what is left of them without the terms that may be zero."""
+    """Polished candidates, followed by their versions without the terms that may be zero."""
     candidates = list(done)
-    for candidate in candidates:  # which grows: what is left may have such terms as well
+    for candidate in candidates:  # the list grows: a pruned candidate may be pruned further
         needed = _needed_terms(candidate, proposed.scorer)
         if needed:
             simpler = proposed.study.candidate(candidate_from_terms(score_terms(proposed.scorer, needed)))
@@ -112,7 +112,7 @@ def _add_pruned_candidates(
 
 
 def _has_same_structure(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:
-    """Return true where one of some candidates is that one, or has its structure."""
+    """Return whether a list of candidates contains this candidate or one of the same structure."""
     return any(other is candidate or _structure(other) == _structure(candidate) for other in others)
 
 
@@ -123,51 +123,51 @@ def _structure(candidate: CandidateEquation) -> Collection[AnyTerm] | sympy.Expr
 
 
 def _needed_terms(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:
-    """Terms whose coefficients are surely not zero; else all but the one that is needed least."""
+    """Terms with 95 % intervals that exclude zero; if all do, the weakest term may be dropped."""
     rises = _rises_by_solution(candidate, scorer)
     if rises is None or candidate.model is None:
         return []
-    # The coefficients of a sum are named in the order of its terms.
+    # Coefficients are numbered in the order of the terms.
     intervals = [candidate.model.intervals[f"c{k}"] for k in range(len(rises))]
     sure = [term for term, (low, high) in zip(rises, intervals, strict=True) if not low <= 0.0 <= high]
-    least = min(rises, key=rises.__getitem__)
-    if len(sure) == len(rises) and rises[least] < _STRONG:
-        return [term for term in rises if term != least]
+    weakest = min(rises, key=rises.__getitem__)
+    if len(sure) == len(rises) and rises[weakest] < _STRONG:
+        return [term for term in rises if term != weakest]
     return sure
 
 
 def _rises_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> dict[AnyTerm, float] | None:
-    """Rise of the solution's criterion without each term, by its coefficient over its standard error."""
+    """Rise of the solution's criterion without each term, from the term's coefficient / standard error."""
     model = candidate.model
     if model is None or not candidate.terms:
         return None
     terms, count = sort_terms(candidate.terms), len(model.parameters)
     if any(f"c{k}" not in model.covariance_names for k in range(len(terms))):
         return None
-    price = scorer.information_criterion(0.0, count) - scorer.information_criterion(0.0, count - 1)
+    penalty = scorer.information_criterion(0.0, count) - scorer.information_criterion(0.0, count - 1)
     rises = {}
     for k, term in enumerate(terms):
         index = model.covariance_names.index(f"c{k}")
         variance = float(model.covariance[index, index])
-        rises[term] = model.parameters[f"c{k}"] ** 2 / max(variance, 1e-300) - price
+        rises[term] = model.parameters[f"c{k}"] ** 2 / max(variance, 1e-300) - penalty
     return rises
 
 
 def _preferred_by_halves(
     order: Sequence[CandidateEquation], scorer: EquationScorer, seed: int
 ) -> list[CandidateEquation]:
-    """Candidates that many random halves of the integrals prefer, the most frequent first."""
+    """Candidates that win many random halves of the integrals, the most frequent winner first."""
     sums = [candidate for candidate in order if candidate.terms]
     if len(sums) < 2:
         return []
     structures = [tuple(sort_terms(candidate.terms)) for candidate in sums if candidate.terms]
     fractions = _selection_fractions(scorer, structures, seed)
-    best = np.argsort(-fractions, kind="stable")[:_MOST_PREFERRED]
-    return [sums[k] for k in best if fractions[k] >= _PREFERRED]
+    best = np.argsort(-fractions, kind="stable")[:_MAXIMUM_PREFERRED]
+    return [sums[k] for k in best if fractions[k] >= _PREFERRED_FRACTION]
 
 
 def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[float]) -> CandidateEquation:
-    """One with the fewest numbers of those to which no other is strongly preferred."""
+    """Candidate with the fewest parameters among those whose criterion is within 6 of the best one."""
     limit = min(criteria) + _STRONG
     near = [
         (candidate, value) for candidate, value in zip(candidates, criteria, strict=True) if value <= limit
@@ -176,13 +176,13 @@ def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[floa
 
 
 def _parameter_count(candidate: CandidateEquation) -> int:
-    if candidate.models:  # numbers within terms, and a hidden state's, count too
+    if candidate.models:  # includes parameters inside terms and of a hidden state
         return sum(low < high for low, high in candidate.models[0].intervals.values())
     return len(replace_numbers_by_symbols(candidate.expression)[1])
 
 
 def _solution_criteria(fitted: list[CandidateEquation], scorer: EquationScorer) -> list[float]:
-    """Criterion with the residuals of the solutions instead of the weak ones."""
+    """Criterion of each candidate, from residuals of its solutions instead of the weak form."""
     weighing = dataclasses.replace(scorer, excess=1.0)
     squares = np.zeros(len(fitted))
     for k, motion in enumerate(scorer.weak.motions):
@@ -198,52 +198,52 @@ def _solution_criteria(fitted: list[CandidateEquation], scorer: EquationScorer) 
 
 
 def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple[str, ...]:
-    """Doubts about the chosen equation, in plain words."""
+    """Cautions about the chosen equation, in plain words."""
     notes = []
-    left = best.error
+    residual_ratio = best.error
     if best.models:
-        # The solution itself tells more than integrals with an estimate of z' in them.
+        # The solution is a stricter test than integrals that contain an estimate of z'.
         noises = [motion.noise for motion in scorer.weak.motions]
-        left = max(
+        residual_ratio = max(
             model.quality.residual / (noise * abs(model.height_line.scale))
             for model, noise in zip(best.models, noises, strict=True)
         )
-    if left > _POOR:
+    if residual_ratio > _POOR_FIT:
         notes.append(
-            f"the chosen equation leaves {format_factor(left)} times what the record's noise would: "
-            "the law is not among those searched, so read it as a summary of this record"
+            f"the residual of the chosen equation is {format_factor(residual_ratio)} times the record's "
+            "noise: the true law is not among the searched ones; read it as a summary of this record"
         )
     if best.model is None and best.note:
-        notes.append(f"the chosen equation was not polished: {best.note}")
+        notes.append(f"the chosen equation was not fitted to the record: {best.note}")
     return tuple(notes)
 
 
-# A share of `_LEAST_SHARE` is then known to 0.02.
+# A fraction of `_MINIMUM_FRACTION` then has a standard error of 0.02.
 _RESAMPLES = 200
-_LEAST_SHARE = 0.1
-"""Least share of the resamples: a structure that wins less often is no rival."""
+_MINIMUM_FRACTION = 0.1
+"""A structure that wins a smaller fraction of the resamples does not count as a rival."""
 
 
 class StructureEvidence(NamedTuple):
-    """Evidence for a structure: its terms by its criterion, and rivals by stability selection."""
+    """Evidence for a structure: the criterion's rise without each term, and rivals by stability selection."""
 
     criterion_increases: dict[str, float]  # without each term
-    fraction: float  # of random halves that choose it, or it with more terms
-    rivals: tuple[str, ...]  # that other halves choose, the most frequent first
+    fraction: float  # of the random halves that choose the structure, or it with more terms
+    rivals: tuple[str, ...]  # structures that other halves choose, the most frequent first
     refuted: tuple[tuple[str, float, float], ...] = ()  # text, fraction of halves, rise of the criterion
 
     @property
     def rival_note(self) -> str:
-        """Structures that other halves of the data choose, and why they are not taken; empty without any."""
+        """Structures chosen by other halves of the data, and why they are rejected; empty without rivals."""
         notes = []
         if self.rivals:
             notes.append(
-                f"the data cannot tell this structure from {' or '.join(self.rivals)}: of "
-                f"{_RESAMPLES} random halves of it {100 * self.fraction:.0f} % choose it"
+                f"the data cannot distinguish this structure from {' or '.join(self.rivals)}: "
+                f"{100 * self.fraction:.0f} % of {_RESAMPLES} random halves of the data choose it"
             )
         notes += [
-            f"integrals over random halves of the record choose {text} in {100 * fraction:.0f} %, but its "
-            f"solution misses the record by more (information criterion {rise:.0f} higher)"
+            f"{100 * fraction:.0f} % of random halves of the record's integrals choose {text}, but its "
+            f"solution fits the record worse (information criterion {rise:.0f} higher)"
             for text, fraction, rise in self.refuted
             if fraction > self.fraction
         ]
@@ -257,8 +257,8 @@ def weigh_structure_evidence(
     seed: int,
     fitted: Sequence[CandidateEquation] = (),
 ) -> StructureEvidence | None:
-    """Weigh the terms of a chosen sum by the criterion that chose it, and rivals by stability selection."""
-    # Stability selection: each random half of the integrals chooses among the structures (Meinshausen &
+    """Weigh the terms of the chosen sum by its criterion, and rival structures by stability selection."""
+    # Stability selection: each random half of the integrals votes for one structure (Meinshausen &
     # Buhlmann 2010, doi:10.1111/j.1467-9868.2010.00740.x).
     if chosen.terms is None or not chosen.terms:
         return None
@@ -281,8 +281,8 @@ def weigh_structure_evidence(
     fractions = _selection_fractions(scorer, structures, seed)
     order = np.argsort(-fractions[1:], kind="stable") + 1
     worse = _criteria_above(chosen, fitted, scorer)
-    # With a further term the structure holds as well: that is no other one.
-    others = [k for k in order if fractions[k] >= _LEAST_SHARE and not set(structures[k]) >= set(own)]
+    # A structure that contains all chosen terms confirms them, so it is not a rival.
+    others = [k for k in order if fractions[k] >= _MINIMUM_FRACTION and not set(structures[k]) >= set(own)]
     refuted = [k for k in others if worse.get(frozenset(structures[k]), 0.0) > _STRONG]
     fraction = sum(
         value for value, terms in zip(fractions, structures, strict=True) if set(terms) >= set(own)
@@ -301,7 +301,7 @@ def weigh_structure_evidence(
 def _criteria_above(
     chosen: CandidateEquation, fitted: Sequence[CandidateEquation], scorer: EquationScorer
 ) -> dict[frozenset[AnyTerm], float]:
-    """Criteria of fitted sums by their terms, above that of the chosen one, by their solutions."""
+    """Criteria of the fitted sums minus the chosen sum's, from their solutions, keyed by their terms."""
     sums = [item for item in fitted if item.terms and item.models]
     if chosen not in sums:
         return {}
@@ -313,7 +313,7 @@ def _criteria_above(
 def _selection_fractions(
     scorer: EquationScorer, structures: Sequence[tuple[AnyTerm, ...]], seed: int
 ) -> np.ndarray:
-    """Fraction of the resamples of the white integrals in which each structure is best."""
+    """Fraction of the resamples of the whitened integrals in which each structure is best."""
     union = sort_terms({term for terms in structures for term in terms})
     index = {term: k for k, term in enumerate(union)}
     columns, _ = normalise_columns(scorer.whitening @ scorer.weak.term_integral_matrix(union))
@@ -341,7 +341,7 @@ def _selection_fractions(
 
 
 def _gains_of_subsets(grams: np.ndarray, moments: np.ndarray, subsets: np.ndarray) -> np.ndarray:
-    """Decrease of each half's sum of squares by each of some subsets of one size (h, s)."""
+    """Decrease of the sum of squares of each half h by each subset s, all of one size: (h, s)."""
     inner = grams[:, subsets[:, :, None], subsets[:, None, :]] + 1e-12 * np.eye(subsets.shape[1])
     sides = moments[:, subsets]
     solved = np.linalg.solve(inner, sides[..., None])
@@ -349,11 +349,11 @@ def _gains_of_subsets(grams: np.ndarray, moments: np.ndarray, subsets: np.ndarra
 
 
 STARTS = 4
-_MOST_NUMBERS = 12
-_STEEPNESS = 100.0  # of tanh for sign(z'), in typical speeds
-# Of laws with it, in the steps of smooth ones: as `reduced_models.laws.coulomb` takes for its tanh.
+_MAXIMUM_PARAMETERS = 12
+_STEEPNESS = 100.0  # of the tanh that replaces sign(z'), per typical speed
+# Steps per step of a smooth law, as `reduced_models.laws.coulomb` needs for its tanh.
 _RESOLUTION = 4
-_MEMORY_RESOLUTION = 2  # of laws with a hidden state
+_MEMORY_RESOLUTION = 2  # for laws with a hidden state
 _LONGEST_NAME = 80  # characters
 _AS_IT_IS = Sensor("force", gain=1.0)
 _NONE_OPEN = ParametricTerms()
@@ -369,9 +369,10 @@ def polish_candidate(
 ) -> CandidateEquation:
     """Fit a candidate's numbers to the records themselves by `fit`; line [m]."""
     template, values = open_terms.with_symbols(candidate)
-    if len(values) > _MOST_NUMBERS:
+    if len(values) > _MAXIMUM_PARAMETERS:
         return dataclasses.replace(
-            candidate, note=f"has {len(values)} numbers, more than the {_MOST_NUMBERS} of a fit"
+            candidate,
+            note=f"it has {len(values)} parameters, more than the {_MAXIMUM_PARAMETERS} that a fit takes",
         )
     hidden_state = candidate.hidden_state
     if hidden_state is not None:
@@ -385,7 +386,7 @@ def polish_candidate(
         given = {}
     try:
         law = law_of_candidate(candidate, template, values, records, line, column)
-        with warnings.catch_warnings(action="ignore"):  # notes stand in the model
+        with warnings.catch_warnings(action="ignore"):  # the model keeps them as notes
             models = fit(
                 records,
                 law,
@@ -418,7 +419,7 @@ def law_of_candidate(
     line: HeightLine,
     column: str | None = None,
 ) -> Law:
-    """Law of a candidate with symbols for its numbers, whose fit starts near their values; line [m]."""
+    """Law of a candidate with symbols for its numbers, fitted from their values on; line [m]."""
     import sympy
 
     z, v, u = state_symbols()
@@ -437,7 +438,7 @@ def law_of_candidate(
         positive = hidden_state.kind.scales
         resolution = max(_MEMORY_RESOLUTION, resolution)
     if moving and line != HeightLine():
-        # As parameters, so that records of one kind share compiled code.
+        # Shift and scale are parameters, so that similar records share compiled code.
         equation += "; height = shift + scale*z"
         values = values | line._asdict()
     return Law(
@@ -452,13 +453,13 @@ def law_of_candidate(
 
 
 def name_candidate_law(candidate: CandidateEquation) -> str:
-    """Name of a candidate's law by its terms, such as "viscous + softening"."""
+    """Name of a candidate's law, composed from its terms, such as "viscous + softening"."""
     terms = candidate.terms
     if (
         candidate.left_side == "force"
         and sum(value for term, value in (terms or {}).items() if not term.is_speed_independent) > 0
     ):
-        # A force that moves has the sign of the speed, and not that of a resistance.
+        # An equation for the force counts damping positive along the velocity, one for z'' negative.
         terms = {term: -value for term, value in (terms or {}).items()}
     if candidate.hidden_state is not None:
         terms = {term: value for term, value in (terms or {}).items() if not term.has_input}
@@ -466,7 +467,9 @@ def name_candidate_law(candidate: CandidateEquation) -> str:
         return " + ".join(words)
     name = describe_law(terms) if terms else ""
     if not name or len(name) > _LONGEST_NAME:
-        return f"discovered formula of {len(replace_numbers_by_symbols(candidate.expression)[1])} numbers"
+        return (
+            f"discovered formula with {len(replace_numbers_by_symbols(candidate.expression)[1])} parameters"
+        )
     return name
 
 
@@ -474,7 +477,7 @@ _BY_SPEED = {1: "viscous", 2: "quadratic drag", 3: "cubic drag"}
 
 
 def describe_law(terms: Mapping[AnyTerm, float]) -> str:
-    """Describe a law in an engineer's words, by the terms of z'' and their coefficients."""
+    """Describe a law in an engineer's words, from the terms of z'' and their coefficients."""
     others = [term for term in sort_terms(terms) if not _is_spring_term(term)]
     others.sort(key=lambda term: isinstance(term, CustomTerm) or abs(term.speed - 1))
     words = [_damping_term_words(term, terms[term]) for term in others]
@@ -498,7 +501,7 @@ def _damping_term_words(term: AnyTerm, coefficient: float) -> str:
 
 
 def _spring_words(springs: Mapping[int, float]) -> list[str]:
-    """Word for a spring by its coefficients of powers of z; none where there is no spring."""
+    """Word for a spring from the coefficients of the powers of z; empty without a spring."""
     linear, curved = springs.get(1, 0.0), {power: value for power, value in springs.items() if power > 1}
     if not curved:
         return ["linear spring"] if linear else []
@@ -513,12 +516,12 @@ def _spring_words(springs: Mapping[int, float]) -> list[str]:
 def replace_sign_by_tanh(
     template: sympy.Expr, records: Sequence[PistonRecord], line: HeightLine
 ) -> sympy.Expr:
-    """Expression with a steep tanh(z') for sign(z'), which no solver can step across; line [m]."""
+    """Expression with sign(z'), at which solvers fail, replaced by a steep tanh(z'); line [m]."""
     import sympy
 
     _, v, _ = state_symbols()
     fastest = max(float(np.gradient(record.height, record.time).std()) for record in records)
     speed = fastest / abs(line.scale)
-    # A power of ten, so that records of one kind share compiled code.
+    # Rounded to a power of ten, so that similar records share compiled code.
     steepness = 10.0 ** round(math.log10(_STEEPNESS / speed))
     return template.subs(sympy.sign(v), sympy.tanh(sympy.Float(steepness, 4) * v))

@@ -53,8 +53,8 @@ from reduced_models.records.inputs import column_names
 Method = Literal["auto", "sindy", "pysindy", "operon", "pysr"]
 Target = Literal["acceleration", "force", "height"]
 SPARSE = ("sindy", "pysindy")
-"""Methods that choose among the terms of a library alone."""
-_GREATEST_SEED = 2**32 - 1  # that the programs for symbolic regression take
+"""Methods that only choose among the terms of a library."""
+_MAXIMUM_SEED = 2**32 - 1  # accepted by the programs for symbolic regression
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,21 +64,22 @@ class DiscoveryOptions:
     Parameters
     ----------
     height : str
-        Height as a straight line in z, in numbers, as a law's text has it: ``"0.06 + 1e-3*z"``, or ``"z"``.
-        With ``"auto"`` z is the height itself, or, where the equilibrium is farther from zero than the
-        motion is wide, the displacement from it in amplitudes; of the record that moves the furthest.
-        With own terms or another library, which mean something by z, it is the height itself.
+        Height as a linear function of z with numbers, as in the text of a law: ``"0.06 + 1e-3*z"``, or
+        ``"z"``. With ``"auto"``, z is the height itself if the equilibrium is within one amplitude of
+        zero. Otherwise z is the displacement from equilibrium in amplitudes, both taken from the
+        record with the largest amplitude. With user-defined terms or a library that gives z = 0 a
+        meaning, z is the height itself.
     polish : int
-        Greatest number of candidates, from 0 on, best first, that are fitted to the records by their
-        solutions; those whose criterion is hopeless next to the best one's are not. With 0 no
-        candidate has a model.
+        Maximum number of candidates, 0 or more, whose solutions are fitted to the records, best first.
+        Candidates whose criterion is hopelessly above the best one's are skipped. With 0 no candidate
+        has a model.
     functions : sequence of str
-        What symbolic regressions may use next to sums, differences and products:
+        Functions that symbolic regressions may use in addition to sums, differences and products:
         ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others.
     effort : float
-        Times the usual length of a symbolic regression, above 0.
+        Length of a symbolic regression relative to the default, above 0.
     progress : bool
-        True for a line on standard error that shows what is being done.
+        True to show the current step on a line on standard error.
 
     Raises
     ------
@@ -101,17 +102,17 @@ class DiscoveryOptions:
     def __post_init__(self) -> None:
         object.__setattr__(self, "functions", text_sequence("functions", self.functions))
         if not isinstance(self.polish, int) or self.polish < 0:
-            raise InputError(f"polish = {quote(self.polish)}; give an integer from 0 on")
+            raise InputError(f"polish = {quote(self.polish)}; give an integer >= 0")
         if not isinstance(self.effort, int | float) or not 0.0 < self.effort < math.inf:
             raise InputError(f"effort = {quote(self.effort)}; give a number above 0")
         _ = self.line
 
     @property
     def line(self) -> HeightLine | None:
-        """Line from z to the height; None if it is chosen by the records."""
+        """Line from z to the height; None if the records determine it."""
         if self.height == "auto":
             return None
-        wrong = f"height = {quote(self.height)}; give 'auto' or a straight line in z, as '0.06 + 1e-3*z'"
+        wrong = f"height = {quote(self.height)}; give 'auto' or a straight line in z, such as '0.06 + 1e-3*z'"
         if not isinstance(self.height, str) or not self.height.strip() or ";" in self.height:
             raise InputError(wrong)
         try:
@@ -134,30 +135,30 @@ def check_arguments(
     seed: object,
     line: HeightLine | None,
 ) -> None:
-    """Check that the arguments of `discover` are in their ranges, and go together."""
+    """Check that the arguments of `discover` are in range and compatible."""
     for name, value, valid in (("method", method, get_args(Method)), ("target", target, get_args(Target))):
         if value not in valid:
             raise InputError(f"{name} = {quote(value)}; give one of {', '.join(valid)}")
     if not isinstance(degree, int) or not 1 <= degree <= 5:
         raise InputError(f"degree = {quote(degree)}; give an integer from 1 to 5")
-    if not isinstance(seed, int) or not 0 <= seed <= _GREATEST_SEED:
-        raise InputError(f"seed = {quote(seed)}; give an integer from 0 to {_GREATEST_SEED}")
+    if not isinstance(seed, int) or not 0 <= seed <= _MAXIMUM_SEED:
+        raise InputError(f"seed = {quote(seed)}; give an integer from 0 to {_MAXIMUM_SEED}")
     if target == "height":
         if method in ("auto", *SPARSE):
             raise InputError("target = 'height' needs a symbolic method: give method 'operon' or 'pysr'")
         if terms or column is not None or line is not None or libraries != (AUTO,):
             raise InputError(
-                "target = 'height' is a formula of the time; leave out library, terms, input and height"
+                "target = 'height' searches a formula in the time; remove library, terms, input and height"
             )
     if libraries == (MEMORY,) and (column is not None or line not in (None, HeightLine())):
         raise InputError(
-            f"library = {MEMORY!r} is of z'' or the force of a bed that is not driven, by the height itself; "
-            "leave out input and height"
+            f"library = {MEMORY!r} needs an undriven bed, target z'' or force, and z = height; "
+            "remove input and height"
         )
 
 
 def text_sequence(name: str, texts: object) -> tuple[str, ...]:
-    """Texts, or a single one, as a tuple."""
+    """One text or several as a tuple."""
     result = (texts,) if isinstance(texts, str) else texts
     if not isinstance(result, Sequence) or not all(isinstance(text, str) for text in result):
         raise InputError(f"{name} = {quote(texts)}; give a text, or several in a list")
@@ -165,17 +166,17 @@ def text_sequence(name: str, texts: object) -> tuple[str, ...]:
 
 
 _NO_OPERON = (
-    "pyoperon is not installed, so sparse regression alone proposes structures: "
+    "pyoperon is not installed, so only sparse regression proposes structures: "
     "pip install 'granular-damper[discover]'"
 )
 _INTEGRATED = (
-    "terms were proposed from the integrated {0}, whose noise is not white: errors over the noise compare "
-    "candidates only; the model was fitted to the {0} itself"
+    "terms were proposed from the integrated {0}, whose noise is not white: errors over the noise only rank "
+    "candidates; the model was fitted to the {0} itself"
 )
-_UNUSED = "columns that were not used as an input: {0}; input=NAME (--input NAME) takes one as the drive"
-_LINE = 70  # characters of a formula that a line of progress shows
+_UNUSED = "columns not used as an input: {0}; input=NAME (--input NAME) takes one as the drive"
+_LINE = 70  # characters of a formula in a line of progress
 _LEFT_SIDES = {"acceleration": "z''", "force": "force", "height": "height"}
-_FORMULA = ("sin", "cos", "exp")  # that formulas of the time may have
+_FORMULA = ("sin", "cos", "exp")  # functions allowed in formulas of the time
 _DRIVE = ("sin(w*t)", "cos(w*t)")
 _DEFAULTS = DiscoveryOptions()
 
@@ -192,50 +193,51 @@ def discover(
     seed: int = 0,
     options: DiscoveryOptions = _DEFAULTS,
 ) -> Discovery:
-    """Discover the equation of motion z'' = f(z, z', input, t) of a record, or of several together.
+    """Discover the equation of motion z'' = f(z, z', input, t) of one record or of several together.
 
-    Every method proposes structures. All are weighed by the same white residuals of the weak form;
-    those that no simpler one beats make the Pareto front; the best of them are fitted through their
-    differential equation, and the simplest is chosen to which the information criterion does not
-    strongly prefer another (Bayesian information criterion; Schwarz 1978,
+    Every method proposes structures, and all are scored by the same whitened residuals of the weak
+    form. Structures that no simpler one beats form the Pareto front. The best of them are fitted
+    through their differential equation. The simplest fitted one is chosen to which the information
+    criterion does not strongly prefer another (Bayesian information criterion; Schwarz 1978,
     doi:10.1214/aos/1176344136; extended by the number of structures searched; Chen & Chen 2008,
     doi:10.1093/biomet/asn034).
 
     Parameters
     ----------
     records : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
-        Times [s] and heights [m], at least 20 samples each. Several obey the same equation, with
-        the same numbers, each from its own initial state.
+        Times [s] and heights [m], 20 or more samples each. Several records share one equation with
+        the same parameters; each has its own initial state.
     method : str
-        ``"auto"``: what ``"sindy"`` and, where pyoperon is installed, ``"operon"`` propose, side by
-        side. ``"sindy"``: a sparse sum of the terms of a library (Brunton, Proctor & Kutz 2016,
-        doi:10.1073/pnas.1517384113): all subsets, on integrals that need no derivative of the record
-        (but for drag and friction; Messenger & Bortz 2021, doi:10.1137/20M1343166). ``"pysindy"``:
-        sums that PySINDy's thresholded least squares find on smoothed derivatives, and what is left
-        of them term by term. ``"operon"``: symbolic regression in z, z', |z'| and sign(z') by
-        pyoperon. ``"pysr"``: sparse sums, and symbolic regression by PySR, which needs Julia.
+        ``"auto"``: candidates of ``"sindy"`` and, if pyoperon is installed, of ``"operon"``.
+        ``"sindy"``: a sparse sum of library terms (Brunton, Proctor & Kutz 2016,
+        doi:10.1073/pnas.1517384113). It tries all subsets, on integrals that need no derivative of
+        the record except for drag and friction (Messenger & Bortz 2021, doi:10.1137/20M1343166).
+        ``"pysindy"``: sums found by PySINDy's thresholded least squares on smoothed derivatives,
+        and the same sums pruned term by term. ``"operon"``: symbolic regression in z, z', |z'| and
+        sign(z') by pyoperon. ``"pysr"``: sparse sums, and symbolic regression by PySR, which needs
+        Julia.
     library : str, or a sequence of them
-        Which terms there are to choose from. ``"auto"``: those of the library that the record
-        speaks for, with a note why where it is not the physical one; where all libraries leave more
-        than the noise, also a drive sin(w*t), cos(w*t), whose w is found. Or one or more of
+        Terms to choose from. ``"auto"`` takes the library that fits the record best, with a note if
+        it is not the physical one. If the residuals of all libraries exceed the noise, ``"auto"``
+        also tries a drive sin(w*t), cos(w*t) and finds w. Or one or more of
         `reduced_models.discovery.term_libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
-        Symbolic regressions are given what of it is no product of powers as variables.
+        Symbolic regression gets the terms that are not products of powers as variables.
         ``"memory"``: for beds, powers of the height with and without a hidden state w, a strain
         that yields or relaxes (`reduced_models.discovery.structure_proposals`); for forces along a
         stroke about zero, a displacement that yields, as in the models of Bouc and Wen, and of Dahl.
     target : "acceleration", "force" or "height"
-        Z''; or the force that was measured along a prescribed stroke; or, for symbolic regression,
-        the height itself, by a formula of the time t.
+        Z''; or the force measured along a prescribed stroke; or, for symbolic regression, the
+        height itself as a formula of the time t.
     degree : int
-        Of the powers of z in the physical library, from 1 to 5. With ``library="auto"`` it is the
-        least one: it grows while the held-out error falls.
+        Highest power of z in the physical library, from 1 to 5. With ``library="auto"`` it is the
+        lowest degree tried: the degree grows while the held-out error falls.
     terms : sequence of str
-        Own terms next to the library's, in z, z', the input's column and the time t since the start:
-        ``"sin(z)"``, ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient; numbers
-        within it stay as they are, and names stand for numbers to be found: ``"max(0, z - d)"``,
-        ``"sin(w*t)"``. A sum is taken apart, and each of its terms gets a coefficient of its own, in
-        place of the number before it.
+        User-defined terms in addition to the library, in z, z', the input's column and the time t
+        since the start: ``"sin(z)"``, ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a
+        coefficient. Numbers inside a term stay fixed; names denote parameters to be found:
+        ``"max(0, z - d)"``, ``"sin(w*t)"``. A sum is split, and each of its terms gets a separate
+        coefficient in place of its numerical factor.
     input : str, optional
         Column of the records that drives the motion ("force", or an extra one).
     seed : int
@@ -246,16 +248,16 @@ def discover(
     Returns
     -------
     Discovery
-        Equations of the Pareto front and close rivals, the simplest first, with models [s, m] of
-        those that were polished, and which of them is chosen.
+        Equations of the Pareto front and close rivals, the simplest first; models [s, m] of the
+        polished ones; and the index of the chosen equation.
 
     Raises
     ------
     RecordError
-        If a table is no record, or a record is too short or does not move, holds no heights, or has
-        no such column or no force that ``target`` needs.
+        If a table is not a record, or a record is too short, does not move, holds no heights, or lacks
+        the input's column or the force that ``target`` needs.
     InputError
-        If there is no record, an argument is out of its range, arguments do not go together, a term or
+        If no record is given, an argument is out of range, arguments are incompatible, a term or
         function cannot be read, a term is not finite over the motion, or a program that the method
         needs is not installed.
     """
@@ -318,7 +320,7 @@ def _choose_terms(
     column: str | None,
     wanted: HeightLine | None,
 ) -> tuple[list[Study], HeightLine, str]:
-    """Terms of a library, own ones, and those whose numbers are to be found; their z; a note on both."""
+    """Studies with library, user-defined and parametric terms; the line of their z; a note on the choice."""
     left_side = _LEFT_SIDES[target]
 
     def integrals(line: HeightLine) -> WeakForm:
@@ -333,7 +335,7 @@ def _choose_terms(
         studies = hidden_state_studies(integrals(HeightLine()), texts, left_side)
         return studies, HeightLine(), ""
     plain, opened = split_parametric_terms(texts, column, column_names(records[0]))
-    # Own terms and libraries other than the usual mean the height.
+    # In user-defined terms and libraries other than the physical one, z is the height.
     automatic, usual = libraries == (AUTO,), not texts and libraries in ((AUTO,), (PHYSICAL,))
     line = wanted or (normalising_line(records) if usual else HeightLine())
     drive = OpenTerms() if "w" in opened.names else split_parametric_terms(_DRIVE, None, ())[1]
@@ -361,21 +363,21 @@ def _choose_terms(
 
 
 def _notes_on_records(
-    records: Sequence[PistonRecord], column: str | None, target: str, said: Sequence[str]
+    records: Sequence[PistonRecord], column: str | None, target: str, candidate_notes: Sequence[str]
 ) -> tuple[str, ...]:
-    """Collect notes on a chosen equation, on integrated noise, and on columns that drive nothing."""
+    """Collect notes on the candidate, or on integrated noise in their place, and on unused columns."""
     first = records[0]
-    if first.measured in ("velocity", "acceleration"):  # notes on noise say nothing of these
-        said = [_INTEGRATED.format(first.measured)]
+    if first.measured in ("velocity", "acceleration"):  # notes on noise do not hold for these
+        candidate_notes = [_INTEGRATED.format(first.measured)]
     others = [name for name in column_names(first) if name != first.measured]
     simulated = first.source is not None and bool(first.source.scene)
     if not others or column is not None or target != "acceleration" or simulated:
-        return tuple(said)
-    return (*said, _UNUSED.format(", ".join(map(sanitize, others))))
+        return tuple(candidate_notes)
+    return (*candidate_notes, _UNUSED.format(", ".join(map(sanitize, others))))
 
 
 def _installed_method(method: Method, functions: str | Sequence[str]) -> Method:
-    """Return the method, or what stands in for it where pyoperon is lacking."""
+    """Return the method, or its replacement if pyoperon is not installed."""
     if method == "pysr":
         require_pysr()
     if method != "auto" or is_operon_installed():
@@ -389,9 +391,9 @@ def _check_records_for_target(records: Sequence[PistonRecord], target: str) -> N
     if target != "force":
         refuse_prescribed_strokes(records, "discover")
     if not records:
-        raise InputError("there is no record to discover a law in; give at least one")
+        raise InputError("discover needs one or more records, got none")
     if target == "height" and len(records) > 1:
-        raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
+        raise InputError(f"target = 'height' takes one record, got {len(records)}; give one")
 
 
 def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
@@ -402,12 +404,12 @@ def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
                 low, high = motion.z.min(), motion.z.max()
                 raise InputError(
                     f"the term {quote(term.text)} {wrong} for z from {low:.3g} to "
-                    f"{high:.3g}; leave it out, or give DiscoveryOptions(height=...)"
+                    f"{high:.3g}; remove the term, or give DiscoveryOptions(height=...)"
                 )
 
 
 def _method_description(method: str, libraries: Sequence[str], target: str) -> str:
-    """Return the method in words."""
+    """Describe the method in words."""
     words = ["sindy and operon" if method == "auto" else method]
     words += ["with memory"] if libraries == (MEMORY,) else []
     return ", ".join([*words, *([] if target == "acceleration" else [f"of the {target}"])])

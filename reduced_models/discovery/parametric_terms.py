@@ -1,10 +1,10 @@
-"""Terms that hold numbers to be found, such as d in ``max(0, z - d)`` or w in ``sin(w*t)``.
+"""Terms with unknown parameters, such as d in ``max(0, z - d)`` or w in ``sin(w*t)``.
 
-A number within a function is no factor that least squares give. It is the one with which the term
-leaves least next to all terms of the library, on a grid over the sizes of the motion that is then
-refined; the frequency of a drive is looked for about the lines of the spectrum of the motion and of
-what the library leaves. The fit through the differential equation finds the number to its interval,
-and it costs what a factor costs.
+Linear least squares cannot find a parameter inside a function. Its value minimises the residual of
+the term together with all terms of the library: first on a grid over the scales of the motion, then
+refined. The frequency of a drive is sought near the peaks in the spectra of the motion and of the
+library's residual. The fit through the differential equation then gives the parameter and its
+interval. The information criterion counts it like a coefficient.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ from reduced_models.records.inputs import TIME
 if TYPE_CHECKING:
     import sympy
 
-_HEIGHTS, _SIZES = 41, 25  # of the grid: heights, and sizes of either sign over four decades
-_DRAWS = 3000  # of several numbers together
+_HEIGHTS, _SIZES = 41, 25  # grid points: heights, and sizes of either sign over four decades
+_DRAWS = 3000  # random points for several parameters together
 _ROUNDS = 3
-_SPANNED = 1e-8  # of a column: less of it is beyond the library
+_SPANNED = 1e-8  # a column with a smaller relative part outside the library counts as dependent
 _DIGITS = 9
-_ABOUT_LINE = np.linspace(-1.0, 1.0, 17)  # of a spectrum, in its resolution: frequencies to try
+_ABOUT_PEAK = np.linspace(-1.0, 1.0, 17)  # frequencies to try near a peak, in the spectrum's resolution
 
 
 class OpenTerms(NamedTuple):
-    """Terms with names for numbers to be found."""
+    """Term templates with the names of their unknown parameters."""
 
     templates: tuple[sympy.Expr, ...] = ()
     names: tuple[str, ...] = ()
@@ -57,7 +57,7 @@ class OpenTerms(NamedTuple):
 
 @dataclasses.dataclass
 class ParametricTerms:
-    """Terms whose numbers were found, by the templates that they come from."""
+    """Terms with fitted parameters, and the templates from which they come."""
 
     templates_by_term: dict[AnyTerm, tuple[sympy.Expr, Mapping[str, float]]] = dataclasses.field(
         default_factory=dict
@@ -66,10 +66,10 @@ class ParametricTerms:
     def fit_open_terms(
         self, open_terms: OpenTerms, weak: WeakForm, library: Sequence[AnyTerm]
     ) -> list[AnyTerm]:
-        """Terms with the values of their parameters that leave the least residual next to a library."""
-        # A number within a function has many valleys: each is tried over the sizes of the motion, several at
-        # random points, before they are refined one by one (Brent's bounded minimisation). Whitened for the
-        # noise of z'' alone, as the coefficients are not known yet.
+        """Terms at the parameter values that minimise the residual together with a library."""
+        # The residual has many local minima. So one parameter is tried on a grid over the scales of the
+        # motion, several at random points of their grids; then each is refined by itself (Brent's bounded
+        # minimisation). Whitening uses the noise of z'' alone, as the coefficients are not known yet.
         if not open_terms.names:
             return []
         residual = _LibraryResidual(weak, library, open_terms)
@@ -87,7 +87,7 @@ class ParametricTerms:
         return [term for term in terms if term is not None]
 
     def _remember_template(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
-        """Term of a template with numbers, whose template is remembered."""
+        """Term of a template with given parameters; stores the template under the term."""
         term = term_with_values(template, values)
         if term is not None:
             inner = {str(symbol) for symbol in template.free_symbols}
@@ -98,7 +98,7 @@ class ParametricTerms:
         return term
 
     def with_symbols(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]]:
-        """Expression with c0, c1 ... for numbers and names for those within open terms, and their values."""
+        """Expression with c0, c1 ... for coefficients and names for inner parameters, and their values."""
         import sympy
 
         terms = candidate.terms or {}
@@ -114,7 +114,7 @@ class ParametricTerms:
     def with_numbers(
         self, candidate: CandidateEquation, template: sympy.Expr, numbers: Mapping[str, float]
     ) -> sympy.Expr:
-        """Expression of `with_symbols` with numbers that a fit gave."""
+        """Expression of `with_symbols` with fitted values."""
         import sympy
 
         inner = self.inner_parameters(candidate)
@@ -131,7 +131,7 @@ class ParametricTerms:
         )
 
     def inner_parameters(self, candidate: CandidateEquation) -> set[str]:
-        """Names of the numbers within the terms of a candidate."""
+        """Names of the parameters inside the terms of a candidate."""
         if not self.templates_by_term:
             return set()
         terms = [term for term in candidate.terms or () if term in self.templates_by_term]
@@ -140,22 +140,25 @@ class ParametricTerms:
     def with_chosen_values(
         self, candidates: Sequence[CandidateEquation], chosen: CandidateEquation
     ) -> list[CandidateEquation]:
-        """Candidates whose terms take the parameter values that the chosen candidate's terms have."""
-        of_template = {
+        """Candidates with the inner parameter values of the chosen candidate."""
+        chosen_term_by_template = {
             self.templates_by_term[term][0]: term
             for term in chosen.terms or {}
             if term in self.templates_by_term
         }
-        same = {
-            term.expression: of_template[template].expression
+        replacements = {
+            term.expression: chosen_term_by_template[template].expression
             for term, (template, _) in self.templates_by_term.items()
-            if template in of_template
+            if template in chosen_term_by_template
         }
-        return [dataclasses.replace(item, expression=item.expression.xreplace(same)) for item in candidates]
+        return [
+            dataclasses.replace(item, expression=item.expression.xreplace(replacements))
+            for item in candidates
+        ]
 
 
 def term_with_values(template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
-    """Term of a template with given numbers; None where it is no single one, or not real."""
+    """Term of a template with given parameters; None if the result is not one real term."""
     import sympy
 
     exact = {sympy.Symbol(name): _exact(value) for name, value in values.items()}
@@ -168,7 +171,7 @@ def term_with_values(template: sympy.Expr, values: Mapping[str, float]) -> AnyTe
 
 
 def _exact(value: float) -> sympy.Rational:
-    """Return a number within a term, exact so that it is the same term, and the same key, everywhere."""
+    """Return a parameter as an exact rational, so that equal terms compare and hash equal."""
     import sympy
 
     return sympy.Rational(f"{value:.{_DIGITS}g}")
@@ -177,7 +180,7 @@ def _exact(value: float) -> sympy.Rational:
 def split_parametric_terms(
     texts: Sequence[str], column: str | None, columns: Sequence[str]
 ) -> tuple[list[str], OpenTerms]:
-    """Separate a user's terms with unknown parameters from those without."""
+    """Separate a user's terms with unknown parameters from terms without."""
     known = {"z", "z'", TIME, *(() if column is None else (INPUT, column))}
     plain, opened, names = list[str](), list[str](), dict[str, None]()
     for text in texts:
@@ -187,7 +190,7 @@ def split_parametric_terms(
             continue
         for name in free:
             if name in (INPUT, "v") or (name[0] == "c" and name[1:].isdigit()):
-                raise InputError(f"the term {quote(text)} names {name}, which is taken; rename it")
+                raise InputError(f"the term {quote(text)} uses the name {name}, which is reserved; rename it")
             refuse_suspicious_name(f"the term {quote(text)}", name, columns)
         opened.append(text)
         names |= dict.fromkeys(free)
@@ -196,17 +199,17 @@ def split_parametric_terms(
 
 
 def _free_names(text: str, known: set[str]) -> list[str]:
-    """Names of numbers in a term; none where it does not move, or cannot be read."""
+    """Names of unknown parameters in a term; empty if it is constant in time or cannot be read."""
     try:
         written = [name.text for name in formulas.variable_names(formulas.parse(text))]
     except (formulas.FormulaError, TypeError, AttributeError):
-        return []  # refused where all terms are read
+        return []  # `parse_term_expressions` reports it
     free = [name for name in dict.fromkeys(written) if name not in known and "'" not in name]
     return free if known & {*written} else []
 
 
 class _LibraryResidual:
-    """Remainder of a weak form beside a library, and how much of it open terms take."""
+    """Residual of a weak form after the fit of a library, and its reduction by open terms."""
 
     def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], open_terms: OpenTerms) -> None:
         self.weak, self.library, self.open_terms = weak, library, open_terms
@@ -215,18 +218,18 @@ class _LibraryResidual:
         columns = np.zeros((len(target), 0))
         if library:
             columns, _ = normalise_columns(self.whitening @ weak.term_integral_matrix(library))
-        left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-        self.basis = left[:, sizes > 1e-10 * sizes.max(initial=0.0)]
+        vectors, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        self.basis = vectors[:, sizes > 1e-10 * sizes.max(initial=0.0)]
         self.target = target - self.basis @ (self.basis.T @ target)
 
     def terms_at(self, values: np.ndarray) -> list[AnyTerm]:
-        """Return the terms with numbers (k,); none where one of them is no term."""
+        """Return the terms at parameter values (k,); an empty list if one is not a valid term."""
         numbers = dict(zip(self.open_terms.names, values.tolist(), strict=True))
         terms = [term_with_values(template, numbers) for template in self.open_terms.templates]
         return [] if None in terms else [term for term in terms if term is not None]
 
-    def squares_left(self, values: np.ndarray) -> float:
-        """Return the sum of squares that is left with numbers (k,); infinite where a term says nothing."""
+    def residual_squares(self, values: np.ndarray) -> float:
+        """Residual sum of squares at values (k,); infinite if a term is invalid or spanned by the library."""
         terms = self.terms_at(values)
         if not terms:
             return math.inf
@@ -239,31 +242,31 @@ class _LibraryResidual:
         if not (np.linalg.norm(columns, axis=0) > _SPANNED * sizes).all():
             return math.inf
         columns, _ = normalise_columns(columns)
-        left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
-        return float(left @ left)
+        residual = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
+        return float(residual @ residual)
 
     def is_sound(self, values: np.ndarray) -> bool:
-        """Return whether terms with numbers (k,) have no pole along the motions, nor another fault."""
+        """Return whether the terms at values (k,) are free of poles and other faults along the motions."""
         return not any(
             find_term_fault(motion, term) for motion in self.weak.motions for term in self.terms_at(values)
         )
 
 
 def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndarray:
-    """Numbers (k,) of the trials (s, k) that leave least, and make no pole."""
-    squares = np.array([residual.squares_left(row) for row in trials])
+    """Parameter values (k,) among trials (s, k) with the smallest residual and without a pole."""
+    squares = np.array([residual.residual_squares(row) for row in trials])
     for index in np.argsort(squares, kind="stable")[: np.isfinite(squares).sum()]:
         if residual.is_sound(trials[index]):
             return np.asarray(trials[index])
     raise InputError(
-        f"no numbers {', '.join(residual.open_terms.names)} make "
-        f"{quote(', '.join(map(str, residual.open_terms.templates)))} terms of their own along the record; "
-        "write others"
+        f"no values of {', '.join(residual.open_terms.names)} make "
+        f"{quote(', '.join(map(str, residual.open_terms.templates)))} finite along the record and "
+        "independent of the library; give other terms"
     )
 
 
 def _trial_values(residual: _LibraryResidual, name: str) -> np.ndarray:
-    """Numbers to try: heights within the motion, and sizes of it, of its speed, and of their inverses."""
+    """Values to try: heights within the motion, multiples of its size, its speed, and their inverses."""
     motions = residual.weak.motions
     if name in _drive_frequencies(residual.open_terms):
         return _trial_frequencies(max(motions, key=lambda motion: motion.time[-1]), residual.library)
@@ -276,7 +279,7 @@ def _trial_values(residual: _LibraryResidual, name: str) -> np.ndarray:
 
 
 def _drive_frequencies(open_terms: OpenTerms) -> set[str]:
-    """Names of factors of the time in a sine or a cosine."""
+    """Names of the factors of time in sines and cosines."""
     import sympy
 
     time = motion_symbols()[3]
@@ -285,20 +288,20 @@ def _drive_frequencies(open_terms: OpenTerms) -> set[str]:
 
 
 def _trial_frequencies(motion: SmoothedMotion, library: Sequence[AnyTerm]) -> np.ndarray:
-    """Angular frequencies [rad/s] about the lines of a motion, and of what a library leaves of z''."""
-    left = motion.acceleration
+    """Angular frequencies [rad/s] near spectral peaks of the motion and of a library's residual of z''."""
+    residual = motion.acceleration
     if library:
         columns, _ = normalise_columns(
             np.stack([term.values(motion.smooth_state) for term in library], axis=1)
         )
-        left = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-10)[0]
-    lines = np.concatenate([spectral_peaks(motion.time, values) for values in (left, motion.z)])
-    about = lines[:, None] + 2.0 * math.pi / motion.time[-1] * _ABOUT_LINE
-    return np.unique(about[about > 0.0])
+        residual = residual - columns @ np.linalg.lstsq(columns, residual, rcond=1e-10)[0]
+    peaks = np.concatenate([spectral_peaks(motion.time, values) for values in (residual, motion.z)])
+    frequencies = peaks[:, None] + 2.0 * math.pi / motion.time[-1] * _ABOUT_PEAK
+    return np.unique(frequencies[frequencies > 0.0])
 
 
 def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid: np.ndarray) -> np.ndarray:
-    """Numbers with one of them moved, between its neighbours on the grid, to where least is left."""
+    """Values with one of them moved between its neighbours on the grid to the minimum of the residual."""
     from scipy.optimize import minimize_scalar
 
     index = int(np.searchsorted(grid, best[k]))
@@ -308,8 +311,8 @@ def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid
         return np.concatenate([best[:k], [value], best[k + 1 :]])
 
     def squares(value: float) -> float:
-        left = residual.squares_left(moved_to(value))
-        return left if math.isfinite(left) else 1e300
+        value_or_infinity = residual.residual_squares(moved_to(value))
+        return value_or_infinity if math.isfinite(value_or_infinity) else 1e300
 
     solution = minimize_scalar(
         squares, bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low)}

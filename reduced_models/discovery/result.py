@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 
 _NEIGHBOURS = 4
-"""Candidates shown on either side of the chosen one."""
+"""Number of candidates shown on either side of the chosen one."""
 _EQUATION_COLUMNS = 82
-"""Columns shown of an equation that was not chosen."""
+"""Width in characters of equations that were not chosen."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,17 +46,17 @@ class CandidateEquation:
 
     @property
     def model(self) -> ReducedModel | None:
-        """Polished model of the first record, a ReducedModel; None where there is none."""
+        """Polished model of the first record, a ReducedModel; None if the candidate was not fitted."""
         return self.models[0] if self.models else None
 
     @functools.cached_property
     def terms(self) -> Mapping[AnyTerm, float] | None:
-        """Terms of the equation with their coefficients; None where it is no sum of terms."""
-        return split_terms(self.expression)  # once: that takes milliseconds a term
+        """Terms of the equation with their coefficients; None if the equation is not a sum of terms."""
+        return split_terms(self.expression)  # cached: it takes milliseconds per term
 
     @property
     def text(self) -> str:
-        """Text of the equation, such as "z'' = -39.5*z - 0.2*z'", its numbers cut to five digits."""
+        """Text of the equation, such as "z'' = -39.5*z - 0.2*z'", with numbers to five digits."""
         import sympy
 
         numbers = {atom: sympy.Float(atom, 5) for atom in self.expression.atoms(sympy.Float)}
@@ -67,22 +67,22 @@ class CandidateEquation:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Discovery:
-    """Equations that were discovered in a record, or in several.
+    """Equations discovered in one record or several.
 
     Attributes
     ----------
     method : str
     candidates : tuple of CandidateEquation
-        The Pareto front and close rivals that were polished, from the simplest on.
+        The Pareto front and close rivals that were polished, the simplest first.
     chosen : int
-        Place of the chosen one.
+        Index of the chosen candidate.
     line : HeightLine
-        How the height follows from z in the equations: shift and scale [m].
+        Height as a function of the equations' z: shift and scale [m].
     notes : tuple of str
-        What is to be doubted, in plain words.
+        Cautions in plain words.
     criterion_increases : mapping of str to float
-        By how much the information criterion rises where a term of the chosen sum is left out;
-        above about 10 the record calls for it. Empty where it is no sum of terms.
+        Rise of the information criterion when a term of the chosen sum is removed; above about 10
+        the record requires the term. Empty if the chosen equation is not a sum of terms.
     """
 
     method: str
@@ -115,12 +115,12 @@ class Discovery:
 
     def __str__(self) -> str:
         model = self.best.model
-        said = () if model is None else model.notes
+        printed_notes = () if model is None else model.notes
         lines = wrap_words(f"model: {self.best.text}; {self.line.text}", "")
         if model is not None:
             lines = str(model).splitlines()
         lines.append(
-            f"candidates by {self.method} (complexity, error over that of the record's noise; * is chosen):"
+            f"candidates by {self.method} (complexity, error relative to the record's noise; * is chosen):"
         )
         first, last = max(0, self.chosen - _NEIGHBOURS), self.chosen + _NEIGHBOURS + 1
         for k, candidate in enumerate(self.candidates[first:last], start=first):
@@ -129,13 +129,13 @@ class Discovery:
             if k != self.chosen:
                 text = textwrap.shorten(text, _EQUATION_COLUMNS, placeholder=" ...")
             lines.append(f" {mark} {candidate.complexity:3d}  {candidate.error:9.4g}  {text}")
-        if left_out := len(self.candidates) - len(self.candidates[first:last]):
-            lines.append(f"   and {left_out} more, which .candidates and --json tell")
-        increases = ", ".join(f"{name}: {price:.3g}" for name, price in self.criterion_increases.items())
+        if hidden_count := len(self.candidates) - len(self.candidates[first:last]):
+            lines.append(f"   and {hidden_count} more, listed by .candidates and --json")
+        increases = ", ".join(f"{name}: {rise:.3g}" for name, rise in self.criterion_increases.items())
         if increases:
-            words = "the extended Bayesian information criterion rises by so much without each term"
+            words = "rise of the extended Bayesian information criterion without each term"
             lines += wrap_words(f"{words} (10 is decisive): {increases}")
-        return "\n".join([*lines, *caution_lines([note for note in self.notes if note not in said])])
+        return "\n".join([*lines, *caution_lines([note for note in self.notes if note not in printed_notes])])
 
     def to_plain(self) -> dict[str, Any]:
         """Discovery as plain data (numbers, texts, lists)."""

@@ -1,9 +1,9 @@
 """Candidate structures: sparse sums of terms, also with a hidden state, and symbolic expressions.
 
-A hidden state is known along the record once its inner scales are: it follows from the heights
-before. So it enters the terms as an input would, and all that judges sums of terms judges these as
-well. The scales are those at which all terms together leave least, on a grid that is refined; each
-is paid for as a term's number is.
+A hidden state is known along the record once its inner scales are: it follows from the preceding
+heights. So it enters the terms like an input, and sums with it are scored like any other sum. The
+scales minimise the residual of all terms together, on a grid that is refined. The information
+criterion counts each scale like a coefficient.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from granular.shared.errors import InputError, import_extra
 from reduced_models.discovery.parametric_terms import ParametricTerms
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.subset_selection import (
-    MOST_TERMS,
+    MAXIMUM_TERMS,
     EquationScorer,
     ScoredTerms,
     all_index_subsets,
@@ -58,16 +58,16 @@ if TYPE_CHECKING:
     import sympy
 
 
-_THRESHOLDS = np.geomspace(1e-3, 0.5, 24)  # of a term's share, over the size of z''
+_THRESHOLDS = np.geomspace(1e-3, 0.5, 24)  # on a term's contribution, relative to the size of z''
 
 
 def find_supports_with_pysindy(
     motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]
 ) -> list[list[int]]:
-    """Find the terms, by their indices, that PySINDy keeps at each of its thresholds."""
-    # As in PySINDy's guide: states (z, z') with their derivatives, inputs, the terms as a library of its own
-    # making, sequentially thresholded least squares (Brunton, Proctor & Kutz 2016,
-    # doi:10.1073/pnas.1517384113), whose threshold is scanned.
+    """Find the indices of the terms that PySINDy keeps at each threshold."""
+    # As in PySINDy's guide: states (z, z') with their derivatives, inputs, the terms as a custom library, and
+    # sequentially thresholded least squares (Brunton, Proctor & Kutz 2016, doi:10.1073/pnas.1517384113). The
+    # threshold is scanned.
     pysindy = import_extra("pysindy", "method 'pysindy'", "discover")
     inner = [motion.inner for motion in motions]
     data = {
@@ -87,27 +87,27 @@ def find_supports_with_pysindy(
     for threshold in size * _THRESHOLDS:
         optimizer = pysindy.STLSQ(threshold=threshold, alpha=1e-8, normalize_columns=True)
         model = pysindy.SINDy(optimizer=optimizer, feature_library=library)
-        with warnings.catch_warnings(action="ignore"):  # that a high threshold leaves nothing
+        with warnings.catch_warnings(action="ignore"):  # a high threshold may remove all terms
             model.fit(**data)
         supports.append(np.flatnonzero(model.coefficients()[1]).tolist())
     return supports
 
 
 def _feature(term: AnyTerm) -> Callable[..., np.ndarray]:
-    # PySINDy counts the arguments.
+    # PySINDy inspects the number of arguments.
     return lambda z, v, u, t: term.values(MotionState(*map(np.asarray, (z, v, u, t))))
 
 
-_MOST_POINTS = 500  # of a symbolic regression
-_MOST_UNION = 120
+_MAXIMUM_POINTS = 500  # of a symbolic regression
+_MAXIMUM_UNION = 120
 
 
 class SymbolicSearch(NamedTuple):
-    """A symbolic regression by one of the programs for it."""
+    """Settings of a symbolic regression by pyoperon or PySR."""
 
     method: str
     functions: tuple[str, ...] = ()
-    effort: float = 1.0  # times the usual length of the search
+    effort: float = 1.0  # length of the search relative to the default
     seed: int = 0
 
     def find_expressions(
@@ -120,16 +120,16 @@ class SymbolicSearch(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Study:
-    """The integrals of some motions, and the terms that equations for them are made of."""
+    """Weak-form integrals of some motions, and the candidate terms of their equations."""
 
     weak: WeakForm
     terms: tuple[AnyTerm, ...]
     left_side: str = "z''"  # or "force", or "height" for a formula of the time
-    hidden_state: ScaledHiddenState | None = None  # that the terms have as their input
+    hidden_state: ScaledHiddenState | None = None  # enters the terms as their input
     open_terms: ParametricTerms = dataclasses.field(default_factory=ParametricTerms)
 
     def candidate(self, candidate: CandidateEquation) -> CandidateEquation:
-        """Candidate for these motions: numbers in its terms and its hidden state cost what others do."""
+        """Candidate for these motions, penalised for inner parameters and the hidden state's scales too."""
         scales = 0 if self.hidden_state is None else len(self.hidden_state.scales)
         count = scales + len(self.open_terms.inner_parameters(candidate))
         return dataclasses.replace(
@@ -142,7 +142,7 @@ class Study:
 
 
 class ProposedStructures(NamedTuple):
-    """Candidate equations, what scores them, and the best sums of each study."""
+    """Candidate equations with their scorer, and the best sums of each study."""
 
     candidates: list[CandidateEquation]
     scorer: EquationScorer
@@ -151,7 +151,7 @@ class ProposedStructures(NamedTuple):
 
     @property
     def others(self) -> list[CandidateEquation]:
-        """Sums of other studies on the common Pareto front, a list of CandidateEquation."""
+        """Sums of the other studies on the common Pareto front."""
         front = pareto_front([item for group in self.groups for item in group])
         return [item for item in front if item.hidden_state is not self.study.hidden_state]
 
@@ -159,8 +159,8 @@ class ProposedStructures(NamedTuple):
 def propose_structures(
     studies: Sequence[Study], method: str, search: SymbolicSearch | None
 ) -> ProposedStructures:
-    """Propose sums of terms and expressions of symbolic regression, all scored alike."""
-    # Of several studies sums of terms choose one, and symbolic regression goes on with that.
+    """Propose sums of terms and expressions of symbolic regression, all scored by one criterion."""
+    # The best sum of terms selects the study, and symbolic regression then searches in that study.
     groups, scorers = list[list[CandidateEquation]](), list[EquationScorer]()
     if search is None or len(studies) > 1:
         scored = [
@@ -195,7 +195,7 @@ def _sparse_subsets(study: Study, method: str) -> list[np.ndarray]:
 
 
 def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: Study) -> list[CandidateEquation]:
-    """Candidates of sums, the best one first; one without the hidden state is one without memory."""
+    """Candidates of sums, the best first; sums that omit the hidden state count as without memory."""
     candidates = [
         study.candidate(candidate_from_terms(item))
         for item in ranked
@@ -207,7 +207,7 @@ def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: Study) -> list[Can
 def _add_eliminated_supports(
     weak: WeakForm, terms: Sequence[AnyTerm], supports: Sequence[Sequence[int]]
 ) -> list[np.ndarray]:
-    """Supports, and all that backward elimination makes of them."""
+    """Supports, together with all steps of their backward elimination."""
     whitening = weak.whitening_matrix((), np.zeros(0))
     matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target
     paths = (path for support in supports if support for path in eliminate_backward(matrix, target, support))
@@ -217,14 +217,14 @@ def _add_eliminated_supports(
 def propose_symbolic_candidates(
     study: Study, search: SymbolicSearch, subsets: Sequence[np.ndarray] = (), excess: float | None = None
 ) -> tuple[list[CandidateEquation], EquationScorer]:
-    """Propose expressions of a symbolic regression, and what each is without some of its terms."""
+    """Propose expressions of a symbolic regression, and each of them pruned term by term."""
     weak, terms = study.weak, study.terms
     expressions = _find_motion_expressions(study, search)
     sums = [(expression, split_terms(expression)) for expression in expressions]
     union = sort_terms({term for _, parts in sums if parts is not None for term in parts})
-    if len(subsets) or not union or len(union) > _MOST_UNION:
+    if len(subsets) or not union or len(union) > _MAXIMUM_UNION:
         more = [term for term in union if term not in terms]
-        union = [*terms, *more][:_MOST_UNION]
+        union = [*terms, *more][:_MAXIMUM_UNION]
     index = {term: k for k, term in enumerate(union)}
     supports = [[index[term] for term in parts if term in index] for _, parts in sums if parts is not None]
     groups = [*subsets, *_add_eliminated_supports(weak, union, supports)] or all_index_subsets(1)
@@ -232,20 +232,22 @@ def propose_symbolic_candidates(
     if excess is not None:
         scorer = dataclasses.replace(scorer, excess=excess)
         ranked = score_again(ranked, scorer)
-    unique = {frozenset(item.terms): item for item in reversed(ranked)}  # two searches may propose one
+    unique = {frozenset(item.terms): item for item in reversed(ranked)}  # searches may propose the same sum
     best_first = sorted(unique.values(), key=lambda item: item.criterion)
     candidates = [candidate_from_terms(item) for item in best_first]
-    candidates += [left for item, parts in sums if parts is None for left in _prune_expression(item, scorer)]
+    candidates += [
+        pruned for item, parts in sums if parts is None for pruned in _prune_expression(item, scorer)
+    ]
     return candidates, scorer
 
 
 def _prune_expression(expression: sympy.Expr, scorer: EquationScorer) -> list[CandidateEquation]:
-    """Candidates of an expression that is no sum of terms, and of it with fewer addends."""
+    """Candidates of an expression that is not a sum of terms, in full and with fewer addends."""
     import sympy
 
     addends = sympy.Add.make_args(sympy.expand(expression))
     candidates = [_score_expression(expression, scorer)]
-    if not 1 < len(addends) <= MOST_TERMS:
+    if not 1 < len(addends) <= MAXIMUM_TERMS:
         return candidates
     columns = scorer.whitening @ np.stack(
         [scorer.weak.expression_integrals(item) for item in addends], axis=1
@@ -265,8 +267,8 @@ def _find_motion_expressions(study: Study, search: SymbolicSearch) -> list[sympy
 
     _, v, _ = state_symbols()
     motions = study.weak.motions
-    own = [term for term in study.terms if isinstance(term, CustomTerm)]
-    parts = [_search_samples(motion, study.left_side, len(motions), own) for motion in motions]
+    custom_terms = [term for term in study.terms if isinstance(term, CustomTerm)]
+    parts = [_search_samples(motion, study.left_side, len(motions), custom_terms) for motion in motions]
     samples = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     target = samples.pop("target")
     noise = math.sqrt(sum(motion.acceleration_noise**2 for motion in motions) / len(motions))
@@ -274,16 +276,16 @@ def _find_motion_expressions(study: Study, search: SymbolicSearch) -> list[sympy
         sympy.Symbol("speed", real=True): sympy.Abs(v),
         sympy.Symbol("direction", real=True): sympy.sign(v),
     }
-    replaced |= {sympy.Symbol(f"own{k}", real=True): item.expression for k, item in enumerate(own)}
+    replaced |= {sympy.Symbol(f"own{k}", real=True): item.expression for k, item in enumerate(custom_terms)}
     return [expression.xreplace(replaced) for expression in search.find_expressions(samples, target, noise)]
 
 
 def _search_samples(
-    motion: SmoothedMotion, left_side: str, motions: int, own: Sequence[CustomTerm]
+    motion: SmoothedMotion, left_side: str, motion_count: int, custom_terms: Sequence[CustomTerm]
 ) -> dict[str, np.ndarray]:
-    """Return the samples of one of so many motions for a symbolic regression, away from its ends."""
+    """Return one motion's share of the samples for a symbolic regression, away from the motion's ends."""
     motion = motion.inner
-    every = max(1, math.ceil(len(motion.time) * motions / _MOST_POINTS))
+    every = max(1, math.ceil(len(motion.time) * motion_count / _MAXIMUM_POINTS))
     samples = {"target": motion.acceleration}
     if left_side == "height":
         samples[TIME] = motion.time
@@ -296,7 +298,7 @@ def _search_samples(
         }
         if motion.drive is not None:
             samples["u"] = motion.drive
-        samples |= {f"own{k}": item.values(motion.smooth_state) for k, item in enumerate(own)}
+        samples |= {f"own{k}": item.values(motion.smooth_state) for k, item in enumerate(custom_terms)}
     return {name: values[::every] for name, values in samples.items()}
 
 
@@ -307,7 +309,7 @@ def candidate_from_terms(scored_terms: ScoredTerms) -> CandidateEquation:
 
 
 def _score_expression(expression: sympy.Expr, scorer: EquationScorer) -> CandidateEquation:
-    """Candidate that is no sum of terms, by the residuals of its present form."""
+    """Candidate that is not a sum of terms, scored by its residuals with its present numbers."""
     import sympy
 
     weak = scorer.weak
@@ -325,32 +327,31 @@ def _score_expression(expression: sympy.Expr, scorer: EquationScorer) -> Candida
 
 
 HIDDEN = "w"
-"""Name of the hidden state's fraction of the force in own terms."""
+"""Name of the hidden state in user-defined terms."""
 PLAIN_TERMS = ("1", "z**-2", "z**-2.5", "z**-3", "z'", "z'/z", "abs(z')*z'", "sign(z')*z**-2.5")
-"""Weight, the pressure of a bed that is squeezed, drag, and friction that grows with the pressure.
-"""
+"""Weight, the pressure of a squeezed bed, drag, and friction that grows with the pressure."""
 DAMPER_TERMS = ("1", "z", "z**3", "z'", "abs(z')*z'", "sign(z')")
 """Springs, drag and dry friction of a damper on a stroke about zero."""
 HIDDEN_TERMS = ("w", "w*z**-2", "w*z**-2.5", "w*z**-3")
 _CLEAR = 10.0
 """Difference of criteria that is decisive (Kass & Raftery 1995)."""
 _FAR = 10.0
-"""Noise levels left by all terms together, from which on they are not weighed by that noise."""
+"""Residual of all terms together, in noise levels, above which residuals are not weighted by that noise."""
 _FINER = 9
 """Values of each scale on the finer grids."""
 _SCALE_ROUNDS = 2
 
 
 def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -> list[Study]:
-    """Studies without a hidden state, and with each of them at the scales where all terms leave least."""
-    # z is the height [m] here, since strains are meant.
+    """Studies without a hidden state, and with each one at the scales that minimise the residual."""
+    # z is the height [m] here, because the states are strains.
     states: Sequence[HiddenState] = HIDDEN_STATES
     plain_texts: Sequence[str] = PLAIN_TERMS
     hidden_texts: Sequence[str] = HIDDEN_TERMS
     if any(motion.z.min() <= 0.0 for motion in weak.motions):
         if left_side != "force":
             raise InputError(
-                f"library = {MEMORY!r} is about strains of a bed, but a height is not above zero; give "
+                f"library = {MEMORY!r} uses strains of the bed, but a height is not above zero; give "
                 "heights above the floor"
             )
         states, plain_texts, hidden_texts = DAMPER_STATES, DAMPER_TERMS, (HIDDEN,)
@@ -366,7 +367,7 @@ def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -
 
 
 class _ScaleSearch:
-    """White columns of a weak form, of which those without a hidden state stay as they are."""
+    """Search for a hidden state's scales; the whitened columns without the state are computed once."""
 
     def __init__(self, weak: WeakForm, known: tuple[AnyTerm, ...], left_side: str) -> None:
         self.weak, self.known, self.left_side = weak, known, left_side
@@ -378,7 +379,7 @@ class _ScaleSearch:
         self.state_terms = [item for item in known if item.has_input]
 
     def best_scales(self, state: HiddenState, scales: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return those of the scales (k, s) that leave least, with all terms, and their misfit."""
+        """Return the scales among (k, s) with the smallest misfit of all terms, and that misfit."""
         squares = []
         for item in _weak_form_with_state(self.weak, state, scales):
             columns = np.hstack(
@@ -399,7 +400,7 @@ class _ScaleSearch:
         width = np.array([float((item[1:] / item[:-1]).max()) for item in values])
         for _ in range(_SCALE_ROUNDS):
             grid = best * width ** np.linspace(-1.0, 1.0, _FINER)[:, None]
-            for k in range(len(best)):  # one scale after the other
+            for k in range(len(best)):
                 scales = np.tile(best, (_FINER, 1))
                 scales[:, k] = np.clip(grid[:, k], lows[k], highs[k])
                 best, misfit = self.best_scales(state, scales)
@@ -424,22 +425,22 @@ def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray
 
 
 def memory_notes(groups: Sequence[Sequence[CandidateEquation]]) -> tuple[str, ...]:
-    """Gain by the hidden state, and others that do as well, by the best sums without one and with each."""
+    """Describe the gain by the hidden state and equally good states, from the best sum of each study."""
     lead = min((group[0] for group in groups), key=lambda item: item.criterion)
     if lead.hidden_state is None:
-        return ("no hidden state that was tried is worth its numbers: the law has no memory",)
+        return ("no hidden state tried improves the fit enough for its parameters: the law has no memory",)
     gain = groups[0][0].criterion - lead.criterion
     notes = [
         f"the force has memory: with a {lead.hidden_state.kind.name} the information criterion is "
-        f"{gain:.4g} below that of the best sum without"
+        f"{gain:.4g} lower than for the best sum without it"
     ]
-    alike = [
+    rivals = [
         group[0].hidden_state.kind.name
         for group in groups
         if group[0] is not lead
         and group[0].hidden_state is not None
         and group[0].criterion < lead.criterion + _CLEAR
     ]
-    if alike:
-        notes.append(f"the data cannot tell it from {', '.join(alike)}")
+    if rivals:
+        notes.append(f"the data cannot distinguish it from {', '.join(rivals)}")
     return tuple(notes)

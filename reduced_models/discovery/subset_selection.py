@@ -1,4 +1,4 @@
-"""Selection of terms: all subsets of a library, weighed by their weak residuals."""
+"""Selection of terms: all subsets of a library, scored by their weak-form residuals."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from granular.shared.array_types import Float
 from reduced_models.discovery.terms import AnyTerm
 from reduced_models.discovery.weak_form import WeakForm
 
-MOST_TERMS = 8
-_RETAINED = 3  # subsets of a size
-_ROUNDS = 3  # of the covariance, which depends on the coefficients
-# Their normal matrices of eight terms take 200 MB.
-_MOST_SUBSETS = 400_000
+MAXIMUM_TERMS = 8
+_RETAINED = 3  # subsets of each size
+_ROUNDS = 3  # updates of the covariance, which depends on the coefficients
+# The normal matrices of so many subsets of eight terms take 200 MB.
+_MAXIMUM_SUBSETS = 400_000
 
 
 @dataclasses.dataclass(frozen=True)
 class ScoredTerms:
-    """A subset of the terms, with what its weak residuals say."""
+    """A subset of the terms with its coefficients and scores."""
 
     terms: tuple[AnyTerm, ...]
     coefficients: Float[np.ndarray, "k"]
-    misfit: float  # rms residual over what the record's noise makes of it
-    criterion: float  # extended Bayesian (Chen & Chen 2008)
+    misfit: float  # rms residual relative to the residual that the record's noise causes
+    criterion: float  # extended Bayesian information criterion (Chen & Chen 2008)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EquationScorer:
-    """The white weak residuals of the records, which weigh any equation."""
+    """Score any equation by the whitened weak-form residuals of the records."""
 
     weak: WeakForm
     whitening: Float[np.ndarray, "q r"]
-    excess: float  # squares over the noise with all terms: above 1 if the law is not in it
+    excess: float  # squares over the noise with all terms: above 1 if the library lacks the law
     library_size: int
 
     def misfit_from_squares(self, squares: float, count: int) -> float:
@@ -45,21 +45,21 @@ class EquationScorer:
 
     def information_criterion(self, squares: float, count: int) -> float:
         """Compute the extended Bayesian information criterion of an equation."""
-        # squares/excess + k ln n + 2 ln C(p, k) for k numbers, n samples, p terms to choose from (Chen & Chen
-        # 2008, doi:10.1093/biomet/asn034), the excess as of a quasi-likelihood (Burnham & Anderson 2002).
+        # squares/excess + k ln n + 2 ln C(p, k) for k parameters, n samples, p terms to choose from (Chen &
+        # Chen 2008, doi:10.1093/biomet/asn034); excess as in a quasi-likelihood (Burnham & Anderson 2002).
         choices = math.log(math.comb(max(self.library_size, count), count))
         samples = math.log(self.weak.sample_count)
         return squares / self.excess + count * samples + 2.0 * choices
 
 
 def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationScorer]:
-    """Scorers with one excess, the least of theirs, so that their criteria can be compared."""
+    """Scorers that share the smallest of their excesses, so that their criteria can be compared."""
     excess = min(scorer.excess for scorer in scorers)
     return [dataclasses.replace(scorer, excess=excess) for scorer in scorers]
 
 
 def score_again(ranked: Iterable[ScoredTerms], scorer: EquationScorer) -> list[ScoredTerms]:
-    """Scored subsets by the criterion of a scorer in another unit, the best one first."""
+    """Subsets rescored by the criterion of another scorer, the best first."""
     again = []
     for item in ranked:
         count = len(item.terms)
@@ -69,18 +69,18 @@ def score_again(ranked: Iterable[ScoredTerms], scorer: EquationScorer) -> list[S
 
 
 def all_index_subsets(count: int) -> list[np.ndarray]:
-    """All subsets of so many terms, by their indices, as far as they can all be tried."""
+    """Index arrays of all subsets of ``count`` terms, up to the size at which all can be tried."""
     subsets, total = [], 0
-    for size in range(1, min(count, MOST_TERMS) + 1):
+    for size in range(1, min(count, MAXIMUM_TERMS) + 1):
         total += math.comb(count, size)
-        if total > _MOST_SUBSETS:
+        if total > _MAXIMUM_SUBSETS:
             break
         subsets.append(np.array(list(itertools.combinations(range(count), size))))
     return subsets
 
 
 def group_subsets_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
-    """Given subsets, each once, in an array (s, k) for each size k."""
+    """Group the distinct subsets into one array (s, k) for each size k."""
     groups: dict[int, set[tuple[int, ...]]] = {}
     for subset in subsets:
         chosen = tuple(sorted(set(subset)))
@@ -92,14 +92,14 @@ def group_subsets_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
 def score_subsets(
     weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> tuple[list[ScoredTerms], EquationScorer]:
-    """Score subsets of terms, an array (s, k) of indices for each size, by their whitened weak residuals."""
-    # The covariance of the residuals depends on the coefficients, so it is taken from the best equation so
-    # far, twice (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
+    """Score subsets of terms, one index array (s, k) per size, by their whitened weak-form residuals."""
+    # The covariance of the residuals depends on the coefficients, so it is recomputed twice from the best
+    # equation so far (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
     best: ScoredTerms | None = None
     matrix, every = weak.term_integral_matrix(terms), weak.term_integral_matrix(library)
     ranked: list[ScoredTerms] = []
     for _ in range(_ROUNDS):
-        # The first covariance is that of z'' alone; then that of the best equation so far.
+        # The first covariance is for z'' alone, the later ones for the best equation so far.
         known = ((), np.zeros(0)) if best is None else (best.terms, best.coefficients)
         scorer = _make_scorer(weak, every, weak.whitening_matrix(*known))
         ranked = _rank_subsets(scorer, matrix, terms, subsets)
@@ -141,7 +141,7 @@ def _rank_subsets(
         gains = (solved * moments).sum(axis=1)
         for k in np.argsort(-gains, kind="stable")[:_RETAINED]:
             chosen = group[k]
-            # From the residuals themselves: the difference of two large sums keeps no digits.
+            # Computed from the residuals: the difference of two large sums would lose all digits.
             left = target - columns[:, chosen] @ solved[k]
             squares = float(left @ left)
             scores.append(
@@ -158,16 +158,16 @@ def _rank_subsets(
 def eliminate_backward(
     white_columns: Float[np.ndarray, "q p"], target: Float[np.ndarray, "q"], start: Sequence[int]
 ) -> list[list[int]]:
-    """Eliminate terms backward: from a subset the least needed term goes, and so on."""
+    """Backward elimination: drop the weakest term of a subset until one is left; returns each step."""
     columns, _ = normalise_columns(white_columns)
     gram, moment = columns.T @ columns, columns.T @ target
-    left = list(start)
-    path = [list(left)]
-    while len(left) > 1:
-        # A term's worth is its coefficient squared over its variance.
-        inverse = np.linalg.pinv(gram[np.ix_(left, left)], rcond=1e-12, hermitian=True)
-        values = inverse @ moment[left]
-        worth = values**2 / np.maximum(np.diag(inverse), 1e-300)
-        left.pop(int(np.argmin(worth)))
-        path.append(list(left))
+    remaining = list(start)
+    path = [list(remaining)]
+    while len(remaining) > 1:
+        # The weakest term has the smallest squared coefficient over its variance.
+        inverse = np.linalg.pinv(gram[np.ix_(remaining, remaining)], rcond=1e-12, hermitian=True)
+        values = inverse @ moment[remaining]
+        significance = values**2 / np.maximum(np.diag(inverse), 1e-300)
+        remaining.pop(int(np.argmin(significance)))
+        path.append(list(remaining))
     return path

@@ -1,14 +1,10 @@
 """Symbolic regression by other programs: Operon and PySR.
 
-Symbolic regression by pyoperon.
+pyoperon is genetic programming with fitted constants (Burlacu, Kronberger & Kommenda 2020,
+doi:10.1145/3377929.3398099). PySR (Cranmer 2023, arXiv:2305.01582) needs Julia.
 
-Genetic programming with fitted numbers (Burlacu, Kronberger & Kommenda 2020,
-doi:10.1145/3377929.3398099).
-
-Symbolic regression by PySR (Cranmer 2023, arXiv:2305.01582), where Julia is there.
-
-Nothing is imported or downloaded before a probe has found Julia and PySR's Julia packages in
-place: importing PySR without them would fetch both.
+PySR is not imported before a probe has found Julia and PySR's Julia packages: importing PySR without
+them would download both.
 """
 
 from __future__ import annotations
@@ -40,16 +36,16 @@ if TYPE_CHECKING:
     import sympy
 
 
-_OPERON_ITERATIONS = 10  # of the least squares on the numbers of each new expression
-# A search ends by their number: one that ends by time cannot be repeated.
+_OPERON_ITERATIONS = 10  # of the least-squares fit of the constants of each new expression
+# A search ends after this number of evaluations: a search that ends by time cannot be repeated.
 _EVALUATIONS = 400_000
 _POPULATION = 1000
 _LENGTH = 30
-_GENERATIONS = 10_000  # more than the evaluations last for
+_GENERATIONS = 10_000  # the evaluations run out earlier
 
 
 def is_operon_installed() -> bool:
-    """Tell if pyoperon is installed, without importing it."""
+    """Return whether pyoperon is installed, without importing it."""
     return importlib.util.find_spec("pyoperon") is not None
 
 
@@ -62,8 +58,8 @@ def search_expressions_with_operon(
     seed: int = 0,
 ) -> list[sympy.Expr]:
     """Find expressions for a target by pyoperon's genetic programming."""
-    # The front of error against length, numbers by least squares (Burlacu, Kronberger & Kommenda 2020,
-    # doi:10.1145/3377929.3398099). Its default noise of 1 would pick too short expressions.
+    # Pareto front of error and length, constants by least squares (Burlacu, Kronberger & Kommenda 2020,
+    # doi:10.1145/3377929.3398099). pyoperon's default noise of 1 would select too short expressions.
     sklearn = import_extra("pyoperon.sklearn", "method 'operon'", "discover")
     samples = scale_samples(inputs, target)
     search = sklearn.SymbolicRegressor(
@@ -76,7 +72,7 @@ def search_expressions_with_operon(
         max_length=_LENGTH,
         uncertainty=[noise / samples.target_size],
         n_threads=1,
-        random_state=seed + 1,  # it takes 0 for no seed
+        random_state=seed + 1,  # pyoperon takes 0 for no seed
     ).fit(samples.matrix, samples.target)
     names = list(samples.names)
     texts = [search.get_model_string(item["tree"], 12, names) for item in search.pareto_front_]
@@ -85,7 +81,7 @@ def search_expressions_with_operon(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ScaledSamples:
-    """Samples as a search takes them: its numbers are drawn about 1."""
+    """Samples scaled to unit rms, since searches draw their constants near 1."""
 
     matrix: Float[np.ndarray, "n inputs"]
     target: Float[np.ndarray, "n"]
@@ -94,7 +90,7 @@ class ScaledSamples:
     target_size: float
 
     def parse_expressions(self, texts: Iterable[str]) -> list[sympy.Expr]:
-        """Expressions that a search wrote, in the variables' own names and units."""
+        """Parse expressions from a search, with the original names and units of the variables."""
         import sympy
 
         own = {
@@ -106,7 +102,7 @@ class ScaledSamples:
             with contextlib.suppress(FormulaError):
                 tree = parse(text)
                 if {item.name for item in variable_names(tree)} <= set(self.names):
-                    # By name, since searches differ in what they assume of their symbols.
+                    # Matched by name, since searches create symbols with different assumptions.
                     expression = sympy_expression(tree)
                     symbols = {symbol: own[symbol.name] for symbol in expression.free_symbols}
                     expressions.append(sympy.Float(self.target_size) * expression.xreplace(symbols))
@@ -114,7 +110,7 @@ class ScaledSamples:
 
 
 def scale_samples(inputs: Mapping[str, np.ndarray], target: Float[np.ndarray, "n"]) -> ScaledSamples:
-    """Divide samples by their rms values, as a search takes them."""
+    """Divide samples by their rms values for a search."""
     sizes = {name: _typical_size(values) for name, values in inputs.items()}
     matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)
     names = tuple(f"x{k}" for k in range(len(inputs)))
@@ -126,19 +122,19 @@ def _typical_size(values: np.ndarray) -> float:
 
 
 COMMANDS = ("pip install 'granular-damper[discover]'", 'python -c "import pysr"')
-"""The commands that install PySR, and then Julia with PySR's Julia packages."""
+"""Commands that install PySR, and then Julia with PySR's Julia packages."""
 
 _ENOUGH = 1.0
-"""Mean square error over that of the noise at which a search ends: the right expression comes to
-0.66 to 0.96 of it, since it follows a little of the noise."""
+"""Mean square error at which a search ends, relative to the mean square noise. The true expression
+reaches 0.66 to 0.96, since it fits a little of the noise."""
 
 _ITERATIONS = 60
 _BINARY = ("/", "max", "min")
-_MOST_NODES = 30
+_MAXIMUM_NODES = 30
 
 
 def require_pysr() -> None:
-    """Raise an error, with the commands that cure it, unless PySR and Julia can run."""
+    """Raise an error with the commands that install them unless PySR and Julia can run."""
     lack = missing_pysr_requirements()
     if lack is not None:
         raise InputError(
@@ -148,15 +144,15 @@ def require_pysr() -> None:
 
 
 def import_pysr_regressor() -> Any:
-    """Import the class ``pysr.PySRRegressor`` so that Ctrl-C still comes to Python."""
-    # Julia would take over the signals, and end the process; without them it may have one thread, as a search
-    # that can be repeated has anyway. The user's own settings stay.
+    """Import the class ``pysr.PySRRegressor`` so that Python still handles Ctrl-C."""
+    # Julia would handle the signals and end the process. Without signals it is limited to one thread, which
+    # a repeatable search has anyway. The user's settings take precedence.
     os.environ.setdefault("PYTHON_JULIACALL_HANDLE_SIGNALS", "no")
     os.environ.setdefault("PYTHON_JULIACALL_THREADS", "1")
     try:
         with warnings.catch_warnings(action="ignore"):  # PySR warns of either setting
             from pysr import PySRRegressor
-    except Exception as error:  # Julia's, juliapkg's and the network's are of no common kind
+    except Exception as error:  # errors of Julia, juliapkg and the network share no base class
         raise InputError(
             f"PySR could not be started: {type(error).__name__}: {quote(str(error))}; try {COMMANDS[1]}"
         ) from error
@@ -166,17 +162,17 @@ def import_pysr_regressor() -> Any:
 def pysr_regressor_settings(
     functions: Sequence[str] = (), effort: float = 1.0, seed: int = 0
 ) -> dict[str, Any]:
-    """Keywords of ``pysr.PySRRegressor`` for a search that a seed repeats."""
+    """Keywords of ``pysr.PySRRegressor`` for a search that is repeatable by its seed."""
     return {
         "binary_operators": ["+", "-", "*", *(name for name in functions if name in _BINARY)],
         "unary_operators": [name for name in functions if name not in _BINARY],
         "niterations": max(1, round(effort * _ITERATIONS)),
-        "maxsize": _MOST_NODES,
+        "maxsize": _MAXIMUM_NODES,
         "precision": 64,
         "deterministic": True,
         "parallelism": "serial",
         "random_state": seed,
-        "temp_equation_file": False,  # it would be left behind
+        "temp_equation_file": False,  # it would not be deleted
         "progress": False,
         "verbosity": 0,
         "input_stream": "devnull",
@@ -203,41 +199,41 @@ def search_expressions_with_pysr(
         search.fit(samples.matrix, samples.target, variable_names=list(samples.names))
         if getattr(search, "interrupted_", False):
             raise KeyboardInterrupt
-        # Not the column of SymPy's objects: PySR evaluates its texts to make them.
+        # The texts, not the column of SymPy objects: PySR makes those by eval.
         return samples.parse_expressions(search.equations_["equation"])
 
 
 EXE, PROJECT = "PYTHON_JULIACALL_EXE", "PYTHON_JULIACALL_PROJECT"
 _READS_BOTH = (0, 9, 28)
-"""The juliacall from which on a Julia and a project that both are named so are taken
-(PythonCall.jl's changelog); otherwise juliapkg finds them, and fetches what is not there."""
+"""First juliacall version that uses a Julia and a project if both variables are set (PythonCall.jl's
+changelog); otherwise juliapkg finds them and downloads the missing parts."""
 
 _PACKAGES = ("SymbolicRegression", "PythonCall")
 _MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")
 
 
 def missing_pysr_requirements() -> str | None:
-    """Return the requirement that PySR lacks here, in words; nothing is ever downloaded."""
+    """Return the missing requirement of PySR in words, None if all are met; downloads nothing."""
     if importlib.util.find_spec("pysr") is None:
         return "the package pysr is not installed"
     julia, project = os.environ.get(EXE), os.environ.get(PROJECT)
     if (julia or project) and _juliacall_version() >= _READS_BOTH:
-        return _missing_from_named_julia(julia, project)
+        return _find_fault_of_given_julia(julia, project)
     if _has_resolved_julia_packages():
         return None
     if julia or project:
-        return f"{EXE} and {PROJECT} are read by juliacall 0.9.28 and newer only"
-    return "Julia, or PySR's Julia packages, are not there"
+        return f"only juliacall 0.9.28 and newer reads {EXE} and {PROJECT}"
+    return "Julia or PySR's Julia packages are not installed"
 
 
-def _missing_from_named_julia(julia: str | None, project: str | None) -> str | None:
-    """Return what is missing of a Julia and a project that the user names."""
+def _find_fault_of_given_julia(julia: str | None, project: str | None) -> str | None:
+    """Return the fault of the Julia executable or project given by the user; None without fault."""
     if not julia or not project:
         return f"{EXE} and {PROJECT} must be set together"
     if shutil.which(julia) is None:
-        return f"there is no Julia at {quote(julia)}"
+        return f"found no Julia at {quote(julia)}"
     if not os.path.isdir(project):
-        return f"there is no Julia project at {quote(project)}"
+        return f"found no Julia project at {quote(project)}"
     installed = _julia_project_packages(Path(project))
     lack = [name for name in _PACKAGES if name not in installed]
     if lack:
@@ -246,7 +242,7 @@ def _missing_from_named_julia(julia: str | None, project: str | None) -> str | N
 
 
 def _julia_project_packages(project: Path) -> set[str]:
-    """Return the packages of a project's manifests: Julia takes the one of its version."""
+    """Return the packages of all manifests of a project; Julia reads the manifest for its version."""
     names: set[str] = set()
     for path in project.iterdir():
         if _MANIFEST.fullmatch(path.name):
@@ -254,13 +250,13 @@ def _julia_project_packages(project: Path) -> set[str]:
                 plain: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
             except (OSError, ValueError):
                 continue
-            packages = plain.get("deps", plain)  # a manifest of the first format has them on top
+            packages = plain.get("deps", plain)  # format 1 lists packages at the top level
             names |= set(packages) if isinstance(packages, dict) else set()
     return names
 
 
 def _juliacall_version() -> tuple[int, ...]:
-    """Version of juliacall; (0,) where there is none."""
+    """Version of juliacall; (0,) if it is not installed."""
     try:
         words = re.match(r"\d+(\.\d+)*", version("juliacall"))
     except PackageNotFoundError:
@@ -269,9 +265,9 @@ def _juliacall_version() -> tuple[int, ...]:
 
 
 def _has_resolved_julia_packages() -> bool:
-    """Return true where juliapkg has all in place; a dry run looks without installing."""
+    """Return whether juliapkg has installed everything, by a dry run that installs nothing."""
     logging.getLogger("juliapkg").setLevel(logging.ERROR)
     try:
         return bool(importlib.import_module("juliapkg").resolve(dry_run=True))
-    except Exception:  # whatever is wrong with it, PySR cannot run
+    except Exception:  # with any error of juliapkg, PySR cannot run
         return False

@@ -1,4 +1,4 @@
-"""Libraries of terms: by name, by faults along a motion, and the one that a record speaks for."""
+"""Libraries of terms: named libraries, checks of terms along a motion, and the choice for a record."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.laws.law import HeightLine
 
 PHYSICAL = "physical"
-"""The library without another name: see `reduced_models.discovery.terms.physical_library_terms`."""
+"""The default library: see `reduced_models.discovery.terms.physical_library_terms`."""
 
 MEMORY = "memory"
-"""The library with hidden states, judged by itself: see `reduced_models.discovery.structure_proposals`."""
+"""The library with hidden states, used alone: see `reduced_models.discovery.structure_proposals`."""
 
 _PLAIN = ("1", "z", "z'", "abs(z')*z'", "sign(z')")
 
@@ -57,7 +57,7 @@ LIBRARIES = MappingProxyType(
         ),
         "dry friction": (
             (*_PLAIN, "z**3", "z'**3", "z*sign(z')", "abs(z)*sign(z')"),
-            "friction, of constant force or of one that grows with the swing",
+            "friction with a constant force or a force that grows with the displacement",
         ),
         "contact": (
             (
@@ -71,62 +71,62 @@ LIBRARIES = MappingProxyType(
                 "max(0, z)*z'",
                 "max(0, -z)*z'",
             ),
-            "springs and stops that act on one side of z = 0",
+            "springs and stops that act only on one side of z = 0",
         ),
         "driven": (
             ("1", "z", "z**3", "z'", "abs(z')*z'", "u", "z*u", "z'*u", "u**2"),
-            "a force or a motion of the support, also where it changes the spring",
+            "a force or a motion of the support, which may also change the stiffness",
         ),
     }
 )
-"""Terms of each library, and what it is for."""
+"""Terms of each library and its purpose."""
 
 _OPERON = {"/": "div", "max": "fmax", "min": "fmin"}
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "min", "/")
-"""Functions of symbolic regressions besides sums, differences and products."""
+"""Functions of symbolic regressions in addition to sums, differences and products."""
 
 
 def library_terms(
     names: str | Sequence[str], texts: Sequence[str], degree: int, column: str | None
 ) -> tuple[AnyTerm, ...]:
-    """Terms of named libraries and of a user's texts, each once."""
+    """Distinct terms of the named libraries and of a user's texts."""
     terms: dict[AnyTerm, None] = {}
     for name in (names,) if isinstance(names, str) else names:
         if name not in LIBRARIES:
             if name == MEMORY:
-                raise InputError(f"library = {MEMORY!r} goes with no other; give it alone")
+                raise InputError(f"library = {MEMORY!r} cannot be combined with others; give it alone")
             raise InputError(
                 f"library = {quote(name)}; give one or more of {', '.join(LIBRARIES)}, or auto, "
-                f"or {MEMORY}, and own terms by terms="
+                f"or {MEMORY}, and further terms by terms="
             )
         if name == PHYSICAL:
             terms |= dict.fromkeys(physical_library_terms(degree, column is not None))
         elif name == "driven" and column is None:
-            raise InputError("library = 'driven' needs an input; name its column with input=")
+            raise InputError("library = 'driven' needs an input; give its column by input=")
         else:
             terms |= dict.fromkeys(parse_custom_terms(LIBRARIES[name][0], column))
     terms |= dict.fromkeys(parse_custom_terms(texts, column))
     if not terms:
-        raise InputError("there are no terms to choose from; give library= or terms=")
+        raise InputError("no terms to choose from; give library= or terms=")
     return tuple(sort_terms(terms))
 
 
 def parse_custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
-    """Terms that a user writes as texts."""
+    """Terms from a user's texts."""
     all_terms: list[AnyTerm] = []
     for text, expression in zip(texts, parse_term_expressions(texts, column), strict=True):
         terms = split_terms(expression)
         if terms is None:
-            raise InputError(f"the term {quote(text)} is no function of z and z' with exact numbers")
+            raise InputError(f"the term {quote(text)} is not a function of z and z' with exact numbers")
         all_terms += terms
     return all_terms
 
 
 def functions_known_to_program(names: Sequence[str], method: str) -> tuple[str, ...]:
-    """Functions by the names under which a method's program knows them."""
+    """Translate names of functions to the names in a method's program."""
     if names and method in ("sindy", "pysindy"):
         raise InputError(
-            f"functions belong to symbolic regression; give the method {method!r} whole terms by terms="
+            f"functions are for symbolic regression; for method {method!r} give whole terms by terms="
         )
     for name in names:
         if name not in FUNCTIONS:
@@ -135,15 +135,15 @@ def functions_known_to_program(names: Sequence[str], method: str) -> tuple[str, 
     return tuple(known.get(name, name) for name in names)
 
 
-_POLE = 1e3  # growth between samples from which on a term has a pole there
-_PEAKS = 100  # the greatest ones are looked into
-# By eight each: down to 1.5e-11 of the time between samples.
+_POLE_GROWTH = 1e3  # a term that grows by more between samples has a pole there
+_PEAKS = 100  # number of largest peaks examined
+# Each zooms in eightfold: down to 1.5e-11 of the time between samples.
 _ZOOMS = 12
-_GRID = np.linspace(-1.0, 1.0, 33)  # the next zoom holds two of its steps on either side
+_GRID = np.linspace(-1.0, 1.0, 33)  # the next zoom covers two of its steps on either side
 
 
 def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
-    """Fault of a term along a motion, in words."""
+    """Describe the fault of a term along a motion; empty if it has none."""
     for state in (motion.recorded_state, motion.smooth_state):
         if not np.isfinite(term.values(state)).all():
             return "is not finite"
@@ -155,20 +155,20 @@ def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
 
 
 def term_has_pole(term: AnyTerm, state: MotionState) -> bool:
-    """Tell if a term grows without bound between finite samples."""
-    # 1/z of a motion through zero is finite at every sample, and says only how near to zero one happens to
-    # be.
+    """Return whether a term grows without bound between finite samples."""
+    # 1/z of a motion through zero is finite at every sample; its maximum only shows how close to zero a
+    # sample happens to be.
     last = len(state.z) - 1
     sizes = np.abs(term.values(state))
     peaks = np.flatnonzero((sizes >= np.append(sizes[1:], 0.0)) & (sizes >= np.insert(sizes[:-1], 0, 0.0)))
     peaks = peaks[np.argsort(sizes[peaks])[-_PEAKS:]]
-    # A term that is zero at a peak, as one of a contact away from it, has grown by nothing there.
+    # A term that is zero at a peak, such as a contact term away from contact, has not grown there.
     usual = np.median(sizes[sizes > 0.0]) if sizes.any() else 1.0
     before = np.maximum(sizes[peaks], usual)
     centres, half = peaks.astype(float), 1.0
     first, end = np.clip((centres[:, None] - 1.0, centres[:, None] + 1.0), 0.0, float(last))
     samples = np.arange(last + 1.0)
-    greatest = before
+    maxima = before
     for _ in range(_ZOOMS):
         near = np.clip(centres[:, None] + half * _GRID, first, end)
         along = [None if value is None else np.interp(near, samples, value) for value in state]
@@ -177,13 +177,13 @@ def term_has_pole(term: AnyTerm, state: MotionState) -> bool:
             return True
         best = values.argmax(axis=1)
         rows = np.arange(len(peaks))
-        centres, greatest = near[rows, best], np.maximum(greatest, values[rows, best])
+        centres, maxima = near[rows, best], np.maximum(maxima, values[rows, best])
         half /= 8.0
-    return bool((greatest > _POLE * before).any())
+    return bool((maxima > _POLE_GROWTH * before).any())
 
 
 def _term_derivatives(motion: SmoothedMotion, term: AnyTerm) -> list[np.ndarray]:
-    """Return the derivatives by which the record's noise enters the term's integrals."""
+    """Return the derivatives that determine the effect of the record's noise on the term's integrals."""
     if term.is_total_derivative:
         return [term.height_factor(motion.z)]
     if term.is_speed_independent:
@@ -196,16 +196,16 @@ def _term_derivatives(motion: SmoothedMotion, term: AnyTerm) -> list[np.ndarray]
 
 AUTO = "auto"
 _CLEAR = 10.0
-"""Difference of criteria from which another library is proposed (decisive evidence: Kass & Raftery
+"""Difference of criteria above which another library is proposed (decisive evidence: Kass & Raftery
 1995, doi:10.1080/01621459.1995.10476572)."""
 _DEGREES = (3, 5)
 _BETTER = 0.5
-"""Error, over that of a lower degree or without a drive, up to which the degree grows, or there is one."""
-_UNEXPLAINED = 2.0  # noise levels that all libraries leave, from which on a drive is looked for
+"""Maximum error of a higher degree, or with a drive, relative to the error without, to be accepted."""
+_UNEXPLAINED = 2.0  # residual of all libraries, in noise levels, above which a drive is tried
 _OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
-"""Libraries that mean something by z = 0."""
+"""Libraries in which z = 0 has a meaning."""
 _WHY = {
-    "polynomial": "a spring or a drag of a higher power",
+    "polynomial": "a spring or drag of a higher power",
     "trigonometric": "a pendulum, whose height is an angle",
     "rational": "a force that grows as the height goes to zero",
     "dry friction": "friction or drag of another form",
@@ -215,14 +215,14 @@ _WHY = {
 
 
 class LibraryProposal(NamedTuple):
-    """A library for some records."""
+    """A library proposed for some records."""
 
     name: str
     terms: tuple[AnyTerm, ...]
-    line: HeightLine  # of the z that the terms mean
+    line: HeightLine  # from the terms' z to the height
     weak: WeakForm
     note: str = ""
-    driven: bool = False  # in the time
+    driven: bool = False  # by sin(w*t), cos(w*t)
 
 
 def propose_library(
@@ -235,9 +235,9 @@ def propose_library(
     coordinate_unit: str,
     drive_terms: Callable[[WeakForm, Sequence[AnyTerm]], Sequence[AnyTerm]],
 ) -> LibraryProposal:
-    """Library whose best sum of terms has the least information criterion along some motions."""
-    # Libraries that mean something by z = 0 only for angles, motions about it or a given line; negative
-    # powers only above zero.
+    """Library whose best sum of terms has the lowest information criterion along some motions."""
+    # Libraries in which z = 0 has a meaning are tried only for angles, motions about z = 0 or a given line,
+    # and negative powers only for z > 0.
     plain = usual_line == HeightLine() or line_is_given
     weak = weak_form_of(usual_line)
     usual = _physical_proposal(weak, column, degree)
@@ -259,7 +259,7 @@ def propose_library(
     sums = [_SumsOfLibrary.of(proposal) for proposal in proposals]
     excess = min(item.scorer.excess for item in sums)
     if excess > _UNEXPLAINED**2:
-        # The frequency beside a library that is wrong is off: of all, that which leaves least is taken.
+        # A wrong library biases the frequency, so the drive with the smallest held-out error is taken.
         drives = [drive_terms(proposal.weak, proposal.terms) for proposal in proposals]
         errors = [
             held_out_error_of_terms(proposal.weak, (*proposal.terms, *item))
@@ -277,7 +277,7 @@ def propose_library(
 
 
 class _SumsOfLibrary(NamedTuple):
-    """A library with its sums of terms, the best one first."""
+    """A library with its scored sums of terms, the best first."""
 
     proposal: LibraryProposal
     ranked: list[ScoredTerms]
@@ -291,16 +291,16 @@ class _SumsOfLibrary(NamedTuple):
 
 
 def cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequence[AnyTerm]) -> str:
-    """Terms of a library that the physical one lacks, and what they are of where the sum says so."""
+    """Chosen terms that the physical library lacks, with their physical cause if the sum implies it."""
     words = ", ".join(term.text for term in chosen if term not in usual)
-    # sin(z) next to z is no pendulum but a correction that any bent spring or friction calls for.
+    # sin(z) next to z is not a pendulum but a correction for some nonlinear spring or friction.
     if name == "trigonometric" and Term(1) in chosen:
         return words
     return f"{words}, {_WHY[name]}"
 
 
 def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
-    """LibraryProposal whose best sum has the least criterion, with a note why."""
+    """Proposal whose best sum has the lowest criterion, with a note on the reason."""
     proposals = [item.proposal for item in libraries]
     scorers = scorers_in_common_unit([item.scorer for item in libraries])
     sums = [score_again(item.ranked[:1], scorer)[0] for item, scorer in zip(libraries, scorers, strict=True)]
@@ -313,50 +313,50 @@ def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
     name, notes = proposals[best].name, list[str]()
     if proposals[best].driven:
         notes.append(
-            "all libraries leave more than the noise, but with a drive sin(w*t), cos(w*t) far less: the "
-            "record speaks for a drive that no column tells"
+            "the residuals of all libraries exceed the noise, but are much smaller with a drive sin(w*t), "
+            "cos(w*t): the record suggests a drive that no column gives"
         )
     if best:
         below = f"{gain:.0f}" if gain < 1e4 else "far"
         notes.append(
-            f"the terms are those of the library {name!r}: the record speaks for "
-            f"{cause_text(name, terms[best], proposals[0].terms)} (information criterion {below} below that "
-            f"of {PHYSICAL!r}); another library: library="
+            f"the terms come from the library {name!r}: the record suggests "
+            f"{cause_text(name, terms[best], proposals[0].terms)} (information criterion {below} below "
+            f"{PHYSICAL!r}); choose another library by library="
         )
         costs = [scorers[k].information_criterion(0.0, len(terms[k])) for k in (0, best)]
         if gain - (costs[0] - costs[1]) < _CLEAR:
             notes.append(
-                f"the data cannot tell whether it is that or {structure_text(terms[0])}, which fits "
-                f"as well with {len(terms[0])} numbers for {len(terms[best])}"
+                f"the data cannot exclude {structure_text(terms[0])}, which fits as well with "
+                f"{len(terms[0])} coefficients instead of {len(terms[best])}"
             )
-    alike = {
+    rivals = {
         structure_text(term): proposal.name
         for proposal, term, value in zip(proposals, terms, criteria, strict=True)
         if value < criteria[best] + _CLEAR and set(term) != set(terms[best]) and len(term) <= len(terms[best])
     }
-    if alike:
-        others = ", ".join(f"{text} ({library})" for text, library in alike.items())
+    if rivals:
+        others = ", ".join(f"{text} ({library})" for text, library in rivals.items())
         notes.append(
-            f"the data cannot tell {structure_text(terms[best])} of the library {name!r} from {others}"
+            f"the data cannot distinguish {structure_text(terms[best])} of the library {name!r} from {others}"
         )
     return proposals[best]._replace(note="; ".join(notes))
 
 
-def _physical_proposal(weak: WeakForm, column: str | None, least_degree: int) -> tuple[AnyTerm, ...]:
-    """Physical library; its degree grows while that makes the error less that is held out."""
+def _physical_proposal(weak: WeakForm, column: str | None, minimum_degree: int) -> tuple[AnyTerm, ...]:
+    """Terms of the physical library; the degree grows while that reduces the held-out error enough."""
     chosen: tuple[AnyTerm, ...] = ()
-    least = math.inf
-    for degree in (least_degree, *(degree for degree in _DEGREES if degree > least_degree)):
+    smallest_error = math.inf
+    for degree in (minimum_degree, *(degree for degree in _DEGREES if degree > minimum_degree)):
         terms = library_terms(PHYSICAL, (), degree, column)
         error = held_out_error_of_terms(weak, terms)
-        if chosen and error > _BETTER * least:
+        if chosen and error > _BETTER * smallest_error:
             break
-        chosen, least = terms, error
+        chosen, smallest_error = terms, error
     return chosen
 
 
 def held_out_error_of_terms(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
-    """Rms of every third whitened residual, with coefficients fitted to the others."""
+    """Rms of every third whitened residual, with coefficients fitted to the other two thirds."""
     whitening = weak.whitening_matrix((), np.zeros(0))
     matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target
     held = np.arange(len(target)) % 3 == 2

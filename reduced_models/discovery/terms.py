@@ -1,13 +1,14 @@
-"""The terms of a discovered equation, how it is written, and hidden states that a bed may carry.
+"""The terms of discovered equations, their texts, and hidden states of a bed.
 
-Each hidden state is a strain of the bed that starts at zero with the record: the logarithmic strain
-dz/z, minus its losses by yielding or in time. Inner scales say when these happen. The equations
+Each hidden state is a strain of the bed that is zero at the start of the record: the logarithmic
+strain dz/z minus its losses by yielding or relaxation. Inner scales set the yield strain and the
+relaxation time. The equations
 
     yielding:  w' = -(z' + |z'| |w| w/yield^2)/z
-    Dahl:      w' = -(z' + |z'| w/yield)/z            (Dahl 1968: it yields from the start on)
+    Dahl:      w' = -(z' + |z'| w/yield)/z            (Dahl 1968: it yields at any strain)
     relaxing:  w' = -z'/z - w/relaxation              (a Maxwell element: one relaxing mode)
 
-are solved exactly from sample to sample, on which the speed z'/z is taken as constant.
+are solved exactly from sample to sample for a strain rate z'/z that is constant between samples.
 """
 
 from __future__ import annotations
@@ -49,15 +50,15 @@ def motion_symbols() -> tuple[sympy.Symbol, ...]:
 
 
 def expression_text(expression: sympy.Expr) -> str:
-    """Text of an expression as a law writes it, with z' for v."""
+    """Text of an expression in the notation of laws, with z' for v."""
     return re.sub(r"\bv\b", "z'", str(expression))
 
 
-_LARGEST_DENOMINATOR = 100  # of a fraction that is printed as one
+_LARGEST_DENOMINATOR = 100  # of fractions printed as fractions
 
 
 def round_fractions_for_print(expression: sympy.Expr) -> sympy.Expr:
-    """Expression for print: fractions that stand for decimal numbers become five-digit ones."""
+    """Expression for printing: exact decimals with large denominators become five-digit numbers."""
     import sympy
 
     fractions = expression.atoms(sympy.Rational)
@@ -66,11 +67,11 @@ def round_fractions_for_print(expression: sympy.Expr) -> sympy.Expr:
     )
 
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact for degree 9 between samples
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact up to degree 9
 
 
 class MotionState(NamedTuple):
-    """Values that terms are functions of, along a motion."""
+    """Arguments of terms along a motion."""
 
     z: Float[np.ndarray, "n"]
     v: Float[np.ndarray, "n"]  # z'
@@ -80,18 +81,18 @@ class MotionState(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class CustomTerm:
-    """A function of z, z', the input and the time that is no product of powers, such as sin(z)."""
+    """A function of z, z', the input and the time other than a product of powers, such as sin(z)."""
 
     expression: sympy.Expr
 
     @functools.cached_property
     def text(self) -> str:
-        """Text of the term as a law writes it, such as "sin(z)"."""
+        """Text of the term in the notation of laws, such as "sin(z)"."""
         return expression_text(round_fractions_for_print(self.expression))
 
     @property
     def has_input(self) -> bool:
-        """True where the term holds the input."""
+        """True if the term contains the input."""
         return bool(self.expression.has(state_symbols()[2]))
 
     @property
@@ -101,7 +102,7 @@ class CustomTerm:
 
     @property
     def varies_with_speed(self) -> bool:
-        """True where the term changes with the speed z'."""
+        """True if the term depends on the velocity z'."""
         return not self.is_speed_independent
 
     @property
@@ -111,7 +112,7 @@ class CustomTerm:
 
     @functools.cached_property
     def _height_factor(self) -> sympy.Expr | None:
-        """G'(z), where the term is G'(z) z'; else None."""
+        """Factor G'(z) of a term G'(z) z'; None for other terms."""
         import sympy
 
         _, v, *others = motion_symbols()
@@ -123,8 +124,8 @@ class CustomTerm:
         return evaluate_expression(self.expression, state)
 
     def antiderivative(self, z: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """Antiderivative G(z) of a term G'(z) z', whose rate the term is, from the least sample on."""
-        # By quadrature: many a G has no formula, or one that takes minutes to find.
+        """Antiderivative G(z) of a term G'(z) z' = dG/dt, zero at the lowest z."""
+        # By quadrature: many antiderivatives have no closed form, or one that takes minutes to find.
         order = np.argsort(z)
         steps = np.diff(z[order], prepend=z[order[:1]])
         nodes = z[order, None] + steps[:, None] * (_NODES - 1.0) / 2.0
@@ -138,16 +139,16 @@ class CustomTerm:
         return evaluate_expression(self._height_factor, MotionState(z, z))
 
     def derivative_by_height(self, state: MotionState) -> Float[np.ndarray, "n"]:
-        """Compute the derivative of the term by z at samples; that of a jump is left out."""
+        """Compute the derivative of the term by z at samples, without delta functions at jumps."""
         return evaluate_expression(_term_derivative(self.expression, 0), state)
 
     def derivative_by_speed(self, state: MotionState) -> Float[np.ndarray, "n"]:
-        """Compute the derivative of the term by z' at samples; that of a jump is left out."""
+        """Compute the derivative of the term by z' at samples, without delta functions at jumps."""
         return evaluate_expression(_term_derivative(self.expression, 1), state)
 
 
 def _sort_operands(extreme: sympy.Expr) -> sympy.Expr:
-    """Maximum or minimum, each of its operands once, in one order."""
+    """Maximum or minimum with distinct operands in canonical order."""
     from sympy import default_sort_key
 
     pair = type(extreme)
@@ -164,7 +165,7 @@ def _sort_operands(extreme: sympy.Expr) -> sympy.Expr:
 def parse_term_expressions(
     texts: Sequence[str], column: str | None = None, numbers: Sequence[str] = ()
 ) -> list[sympy.Expr]:
-    """Expressions of terms as users write them, in z, z' and the input's column."""
+    """Parse users' terms in z, z', t and the input's column."""
     return [_read_term(text, column, numbers) for text in texts]
 
 
@@ -181,19 +182,19 @@ def _read_term(text: str, column: str | None, numbers: Sequence[str]) -> sympy.E
         strange = [name.text for name in formulas.variable_names(tree) if name.text not in named]
         if strange:
             known = "z, z', t and the input's column" if column is None else f"z, z', t, u and {column}"
-            more = "; name the input's column with input=" if column is None else ""
-            raise InputError(f"{term} names {strange[0]}; terms are of {known}{more}")
+            more = "; give the input's column by input=" if column is None else ""
+            raise InputError(f"{term} contains {strange[0]}; terms are functions of {known}{more}")
         formula = algebra.sympy_expression(tree, named)
     except formulas.FormulaError as error:
         raise InputError(f"{term} cannot be read: {error}") from None
     exact = formula.xreplace({atom: sympy.Rational(str(atom)) for atom in formula.atoms(sympy.Float)})
     if exact == 0:
-        raise InputError(f"{term} is zero; leave it out")
+        raise InputError(f"{term} is zero; remove it")
     return exact
 
 
 def _term_derivative(expression: sympy.Expr, index: int) -> sympy.Expr:
-    """Return the derivative by z (0) or z' (1); that of a jump is left out."""
+    """Return the derivative by z (0) or z' (1), without delta functions at jumps."""
     import sympy
 
     return sympy.diff(expression, state_symbols()[index]).replace(
@@ -214,7 +215,7 @@ def evaluate_expression(expression: sympy.Expr, state: MotionState) -> Float[np.
 
 
 class Term(NamedTuple):
-    """z^power |z'|^speed, times sign(z') where ``odd``, times the input where ``has_input``."""
+    """z^power |z'|^speed, times sign(z') if ``odd``, times the input if ``has_input``."""
 
     power: int
     speed: int = 0
@@ -233,12 +234,12 @@ class Term(NamedTuple):
 
     @property
     def varies_with_speed(self) -> bool:
-        """True where the term changes with the speed other than by its sign."""
+        """True if the term depends on the speed and not only on its sign."""
         return self.speed > 0
 
     @property
     def text(self) -> str:
-        """Text of the term as a law writes it, such as "z**2*z'"."""
+        """Text of the term in the notation of laws, such as "z**2*z'"."""
         return expression_text(self.expression)
 
     @property
@@ -288,7 +289,7 @@ AnyTerm = Term | CustomTerm
 
 
 def sort_terms(terms: Iterable[AnyTerm]) -> list[AnyTerm]:
-    """Terms in a fixed order: products of powers first, then a user's own by their texts."""
+    """Terms in a fixed order: products of powers first, then custom terms by their texts."""
     return sorted(terms, key=lambda term: (1, term.text) if isinstance(term, CustomTerm) else (0, *term))
 
 
@@ -305,7 +306,7 @@ def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     import sympy
 
     coefficients: dict[AnyTerm, float] = {}
-    # Of a root of a sum, (z - d)**1.5, SymPy would make a sum of roots.
+    # SymPy would expand a root of a sum, such as (z - d)**1.5, into a sum of roots.
     roots = {
         power: sympy.Dummy()
         for power in expression.atoms(sympy.Pow)
@@ -328,12 +329,12 @@ def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
 
 
 def _power_products(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
-    """Products of powers in an expression; None where it holds anything else."""
+    """Products of powers in an expression; None if it contains anything else."""
     import sympy
 
     z, v, u = state_symbols()
     modulus, sign = sympy.Symbol("modulus"), sympy.Symbol("sign")
-    # A polynomial with a real coefficient makes a field of reals of its own, which takes milliseconds.
+    # The factor is split off because SymPy takes milliseconds to set up a field for each real coefficient.
     factor, plain = expression.subs({sympy.Abs(v): modulus, sympy.sign(v): sign}).as_coeff_Mul()
     try:
         polynomial = sympy.Poly(sympy.expand(plain), z, v, modulus, sign, u)
@@ -344,7 +345,7 @@ def _power_products(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
         if not coefficient.is_number or not coefficient.is_real or driven > 1:
             return None
         odd = (first + signs) % 2 == 1
-        # sign(z')^2 is 1 wherever the piston moves.
+        # sign(z')^2 is 1 for a moving piston.
         term = Term(power, first + second, odd, bool(driven))
         coefficients[term] = coefficients.get(term, 0.0) + float(factor * coefficient)
     return coefficients
@@ -360,8 +361,7 @@ def linear_combination(terms: Sequence[AnyTerm], coefficients: Sequence[float]) 
 
 def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     """Expression with symbols c0, c1 ... for its numbers, and their values."""
-    # Coefficients come in the order of the sorted terms: the same structure is the same law, and compiled
-    # once.
+    # Coefficients follow the order of the sorted terms, so that equal structures are one law, compiled once.
     import sympy
 
     terms = split_terms(expression)
@@ -377,21 +377,21 @@ def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict
 
 
 def structure_text(terms: Sequence[AnyTerm]) -> str:
-    """Structure of a sum as a text, with a letter for each coefficient: "a*z' + b*sin(z)"."""
+    """Text of a sum with a letter for each coefficient: "a*z' + b*sin(z)"."""
     parts = zip("abcdefghijklmnopqrstuvwxyz", terms, strict=False)
     return " + ".join(name if term.text == "1" else f"{name}*{term.text}" for name, term in parts)
 
 
 def complexity(expression: sympy.Expr) -> int:
-    """Complexity of an expression: the number of nodes of its tree."""
+    """Complexity of an expression: the number of nodes in its tree."""
     import sympy
 
     return sum(1 for _ in sympy.preorder_traversal(expression))
 
 
 StateStep = Callable[[np.ndarray, float, float, np.ndarray], np.ndarray]
-"""Map from the state (k,), the step's strain -d(log z) and its duration to the next state, for each of
-the scales (k,)."""
+"""Function of the state (k,), the step's strain -d(log z), its duration and the scales (k,); returns
+the next state (k,)."""
 _NEAR_ONE = 1.0 - 1e-12
 
 
@@ -403,16 +403,16 @@ class HiddenState(NamedTuple):
 
     name: str
     rate_equations: str
-    step: StateStep  # of each state; with three scales there are two, the second one times the third scale
-    trial_scales: np.ndarray = _STRAINS  # (k, s), that are tried first
+    step: StateStep  # of each state; three scales mean two states, the second multiplied by the third scale
+    trial_scales: np.ndarray = _STRAINS  # (k, s), the first grid
     scales: tuple[str, ...] = ("yielding",)
-    force_variable: str = "w"  # the one variable of the rate equations that terms know
-    in_periods: bool = False  # trial scales are times, in periods of the motion
-    of_displacement: bool = False  # the state is a displacement, and not a strain
+    force_variable: str = "w"  # expression in the states that enters the terms
+    in_periods: bool = False  # trial scales are times in periods of the motion
+    of_displacement: bool = False  # the state is a displacement instead of a strain
 
     def values_along_motion(self, time: np.ndarray, height: np.ndarray, scales: np.ndarray) -> np.ndarray:
         """Values (k, n) along a motion, for each of the scales (k, s)."""
-        # The strain of these heights is the displacement.
+        # The logarithmic strain of these heights equals the displacement.
         heights = np.exp(-height) if self.of_displacement else height
         first = _integrate_states(self.step, time, heights, scales[:, 0])
         if scales.shape[1] == 1:
@@ -420,13 +420,13 @@ class HiddenState(NamedTuple):
         return np.asarray(first + scales[:, 2:] * _integrate_states(self.step, time, heights, scales[:, 1]))
 
     def substitute_into(self, equation: str) -> str:
-        """Equation with the state's force variable in place of the input, and the state's rate."""
+        """Equation with the force variable in place of the input, followed by the rate equations."""
         forces = re.sub(rf"\b{INPUT}\b", self.force_variable, equation)
         return f"{forces}; {self.rate_equations}"
 
 
 def _step_yielding_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
-    """Ds = dx (1 - |s| s sign(dx)/e^2): a tangent back to zero, a hyperbolic one from there on."""
+    """Solve ds = dx (1 - |s| s sign(dx)/e^2): a tangent up to s = 0, a hyperbolic tangent beyond."""
     sign = 1.0 if strain >= 0.0 else -1.0
     along, distance = sign * state / scale, abs(strain) / scale
     since = np.where(
@@ -449,7 +449,7 @@ def _step_relaxing_state(state: np.ndarray, strain: float, step: float, scale: n
 
 
 def _integrate_states(step: StateStep, time: np.ndarray, height: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Values (k, n) of a state with one scale (k,)."""
+    """Values (k, n) of a state along a motion, for each value (k,) of its one scale."""
     strains, steps = -np.diff(np.log(height)), np.diff(time)
     values = np.zeros((len(time), len(scale)))
     for k, (strain, value) in enumerate(zip(strains.tolist(), steps.tolist(), strict=True)):
@@ -502,17 +502,17 @@ DAMPER_STATES = (
         of_displacement=True,
     ),
 )
-"""Hidden states of a damper on a stroke about zero, in m: that of Bouc and Wen, and Dahl's."""
+"""Hidden states [m] of a damper on a stroke about zero: Bouc-Wen and Dahl."""
 
 
 class ScaledHiddenState(NamedTuple):
-    """A hidden state with numbers for its scales."""
+    """A hidden state with values of its scales."""
 
     kind: HiddenState
     scales: tuple[float, ...]
 
     def substitute_into(self, equation: str) -> str:
-        """Equation with the hidden state for its input, the state's rate, and numbers for the scales."""
+        """Equation with the hidden state in place of the input, the rate equations, and values of scales."""
         text = self.kind.substitute_into(equation)
         for name, value in zip(self.kind.scales, self.scales, strict=True):
             text = re.sub(rf"\b{name}\b", f"{value:.4g}", text)

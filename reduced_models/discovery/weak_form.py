@@ -1,11 +1,12 @@
 """The weak form of an equation of motion, and the noise in it.
 
-z'' = f(z, z', u) is multiplied by a smooth bump and integrated; integration by parts moves the
-derivatives from the data to the bump (Messenger & Bortz 2021, doi:10.1137/20M1343166). A spring
-needs z alone, and so does every damping G'(z) z', the rate of G(z); only drag and dry friction need
-an estimate of z'. The record's noise enters each integral linearly, with known weights; dividing by
-its covariance makes the residuals white, of unit variance (Bortz, Messenger & Dukic 2023,
-doi:10.1007/s11538-023-01208-6), so that their squares are a likelihood.
+z'' = f(z, z', u) is multiplied by a smooth test function ("bump") and integrated; integration by
+parts moves the derivatives from the data to the bump (Messenger & Bortz 2021,
+doi:10.1137/20M1343166). A spring needs z alone, and so does any damping G'(z) z' = dG/dt; only drag
+and dry friction need an estimate of z'. The record's noise enters each integral linearly, with known
+weights. Dividing by the square root of the covariance makes the residuals white with unit variance
+(Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6), so that their sum of squares gives a
+likelihood.
 """
 
 from __future__ import annotations
@@ -28,46 +29,46 @@ from reduced_models.records.inputs import input_column
 if TYPE_CHECKING:
     import sympy
 
-# Of a bump, in periods. Wider, it averages the motion itself away; narrower, its second derivative magnifies
-# the noise.
+# Of a bump, in periods. A wider bump averages out the motion; the second derivative of a narrower one
+# amplifies the noise.
 _HALF_WIDTH = 0.4
-_SPACING = 0.25  # of bumps, in half-widths
+_SPACING = 0.25  # between bumps, in half-widths
 _POWER = 6  # of the bump (1 - s^2)^p
-_LEAST_BUMPS, _MOST_BUMPS = 24, 600  # so that a library of a dozen terms is overdetermined
-_LEAST_SAMPLES = 8  # in a bump
-# Of the covariance's largest eigenvalue. Overlapping bumps are nearly dependent: below it is rounding, which
-# whitening would blow up.
+_MINIMUM_BUMPS, _MAXIMUM_BUMPS = 24, 600  # so that a library of a dozen terms is overdetermined
+_MINIMUM_SAMPLES = 8  # in a bump
+# Smallest eigenvalue kept, relative to the largest. Overlapping bumps are nearly dependent, so smaller
+# eigenvalues are rounding errors, which whitening would amplify.
 _RANK = 1e-10
 
-_EDGE = 0.02  # fraction of a record at each end where derivatives are poor
+_EDGE = 0.02  # fraction of a record at each end with poor derivatives
 
 
 class SmoothedMotion(NamedTuple):
-    """A recorded motion with estimates of its derivatives and noise, and what an equation gives of it."""
+    """A recorded motion with estimates of its derivatives and noise, and the target of its equation."""
 
     time: Float[np.ndarray, "n"]
     z: Float[np.ndarray, "n"]
     smooth: Float[np.ndarray, "n"]  # estimate of z
-    velocity: Float[np.ndarray, "n"]  # of z'
-    acceleration: Float[np.ndarray, "n"]  # of z'', or the force or the height that an equation gives
+    velocity: Float[np.ndarray, "n"]  # estimate of z'
+    acceleration: Float[np.ndarray, "n"]  # target: estimate of z'', or the measured force or height
     drive: Float[np.ndarray, "n"] | None
-    noise: float  # standard deviation of the white noise of z, or of the force
-    acceleration_noise: float  # and of what an equation gives
+    noise: float  # standard deviation of the white noise of z, or of a force or height target
+    acceleration_noise: float  # standard deviation of the target's noise
     period: float  # [s]
 
     @property
     def recorded_state(self) -> MotionState:
-        """The state with z as it was recorded."""
+        """The state with z as recorded."""
         return MotionState(self.z, self.velocity, self.drive, self.time)
 
     @property
     def smooth_state(self) -> MotionState:
-        """The state with the estimate of z."""
+        """The state with the smoothed z."""
         return MotionState(self.smooth, self.velocity, self.drive, self.time)
 
     @property
     def inner(self) -> SmoothedMotion:
-        """The motion without its ends, where derivatives are poor."""
+        """The motion without its ends, which have poor derivatives."""
         edge = int(_EDGE * len(self.time))
         rows = slice(edge, len(self.time) - edge)
         columns: Any = (value[rows] if isinstance(value, np.ndarray) else value for value in self)
@@ -82,9 +83,9 @@ class MotionIntegrals:
     ----------
     motion : SmoothedMotion
     bump, slope, curvature : sparse float64 (r, n)
-        Bumps and their derivatives at the samples, times the weights of the quadrature.
+        Bumps and their first and second derivatives at the samples, times the quadrature weights.
     target : float64 (r,)
-        The integrals of z''.
+        Integrals of z''.
     """
 
     motion: SmoothedMotion
@@ -97,7 +98,7 @@ class MotionIntegrals:
     def term_integrals(self, term: AnyTerm) -> Float[np.ndarray, "r"]:
         """Integrals of a term against the bumps.
 
-        A term G'(z) z' is integrated by parts, so that it needs no z' (Messenger & Bortz 2021,
+        A term G'(z) z' is integrated by parts, which avoids z' (Messenger & Bortz 2021,
         doi:10.1137/20M1343166).
 
         Parameters
@@ -117,7 +118,7 @@ class MotionIntegrals:
         return np.asarray(self.bump @ term.values(state))
 
     def expression_integrals(self, expression: sympy.Expr) -> Float[np.ndarray, "r"]:
-        """Integrals of any expression in z, z' and the input against the bumps.
+        """Integrals of an expression in z, z' and the input against the bumps.
 
         Parameters
         ----------
@@ -132,7 +133,7 @@ class MotionIntegrals:
         return np.asarray(self.bump @ evaluate_expression(expression, self.motion.smooth_state))
 
     def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]) -> Any:
-        """Compute the derivatives of an equation's weak residuals by the noise of each sample of z.
+        """Compute the derivatives of an equation's weak-form residuals by the noise of each sample of z.
 
         To first order in the noise (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
 
@@ -163,7 +164,7 @@ class MotionIntegrals:
         return weights
 
     def _speed_weights(self, term: AnyTerm) -> Any:
-        """Weights of a term that holds the speed otherwise than as z', by parts as well."""
+        """Noise weights of a term that is nonlinear in z', also integrated by parts."""
         state = self.motion.smooth_state
         by_speed = term.derivative_by_speed(state)
         rate = np.gradient(by_speed, self.motion.time) - term.derivative_by_height(state)
@@ -172,7 +173,7 @@ class MotionIntegrals:
     def whitening_matrix(
         self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]
     ) -> Float[np.ndarray, "q r"]:
-        """Matrix that makes the weak residuals of an equation white, of unit variance.
+        """Matrix that whitens the weak-form residuals of an equation to unit variance.
 
         Inverse square root of their covariance on its numerical range (Bortz, Messenger & Dukic 2023,
         doi:10.1007/s11538-023-01208-6).
@@ -180,14 +181,14 @@ class MotionIntegrals:
         Parameters
         ----------
         terms : sequence of terms
-            Terms of the equation; none for the noise of z'' alone.
+            Terms of the equation; empty for the noise of z'' alone.
         coefficients : float64 (p,)
             Coefficient of each.
 
         Returns
         -------
         float64 (q, r)
-            One row for each direction of the residuals that the noise reaches; q is r at most.
+            One row for each independent noisy combination of the residuals; q <= r.
         """
         weights = self.residual_noise_weights(terms, coefficients).tocsr()
         covariance = self.motion.noise**2 * (weights @ weights.T).toarray()
@@ -198,18 +199,18 @@ class MotionIntegrals:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WeakForm:
-    """The integrals of some motions against bumps, which one equation has to explain."""
+    """The integrals of several motions against bumps, to be explained by one equation."""
 
     parts: tuple[MotionIntegrals, ...]
 
     @property
     def motions(self) -> tuple[SmoothedMotion, ...]:
-        """Motions whose integrals these are, a tuple of SmoothedMotion."""
+        """Motions of the integrals."""
         return tuple(part.motion for part in self.parts)
 
     @property
     def sample_count(self) -> int:
-        """Number of samples of all motions together."""
+        """Total number of samples of all motions."""
         return sum(len(motion.time) for motion in self.motions)
 
     @property
@@ -223,14 +224,14 @@ class WeakForm:
         return np.stack(columns, axis=1)
 
     def expression_integrals(self, expression: sympy.Expr) -> Float[np.ndarray, "r"]:
-        """Integrals of any expression in z, z' and the input against the bumps of all motions."""
+        """Integrals of an expression in z, z' and the input against the bumps of all motions."""
         return np.concatenate([part.expression_integrals(expression) for part in self.parts])
 
     def whitening_matrix(
         self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]
     ) -> Float[np.ndarray, "q r"]:
-        """Matrix that makes the weak residuals of all motions white, of unit variance."""
-        # A block for each motion: their noises are independent.
+        """Matrix that whitens the weak-form residuals of all motions to unit variance."""
+        # Block-diagonal, since the noise of different motions is independent.
         from scipy.linalg import block_diag
 
         return np.asarray(block_diag(*(part.whitening_matrix(terms, coefficients) for part in self.parts)))
@@ -238,20 +239,20 @@ class WeakForm:
 
 def weak_form(*motions: SmoothedMotion) -> WeakForm:
     """Weak form of the equation of motion of some motions."""
-    # Bumps (1 - s^2)^6 of 0.4 periods to either side, a tenth of a period apart, but for very short and long
-    # records (Messenger & Bortz 2021, doi:10.1137/20M1343166).
+    # Bumps (1 - s^2)^6 with a half-width of 0.4 periods, a tenth of a period apart, except for very short or
+    # long records (Messenger & Bortz 2021, doi:10.1137/20M1343166).
     return WeakForm(tuple(map(_motion_integrals, motions)))
 
 
 def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
-    """Integrals of a motion, with bumps that overlap all along it."""
+    """Integrals of a motion against overlapping bumps that cover it."""
     from scipy.sparse import csr_array
 
     time = motion.time
     duration = float(time[-1] - time[0])
     half = min(_HALF_WIDTH * motion.period, duration / 4.0)
-    half = max(half, _LEAST_SAMPLES * duration / len(time))
-    count = int(np.clip(duration / (_SPACING * half), _LEAST_BUMPS, _MOST_BUMPS))
+    half = max(half, _MINIMUM_SAMPLES * duration / len(time))
+    count = int(np.clip(duration / (_SPACING * half), _MINIMUM_BUMPS, _MAXIMUM_BUMPS))
     centres = np.linspace(time[0] + half, time[-1] - half, count)
     quadrature = np.gradient(time)
     parts: list[list[np.ndarray]] = [[], [], []]
@@ -276,7 +277,7 @@ def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
     return MotionIntegrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
 
 
-_FLOOR = 1e-6  # least noise, in standard deviations of the record or the force: rounding
+_FLOOR = 1e-6  # smallest noise, relative to the standard deviation of the record or force: rounding
 
 
 def estimate_motion(record: PistonRecord, line: HeightLine, drive: str | None = None) -> SmoothedMotion:
@@ -284,7 +285,7 @@ def estimate_motion(record: PistonRecord, line: HeightLine, drive: str | None = 
     guess = first_guesses(record.time, record.height)
     smooth = derivatives(record)
     size = abs(line.scale)
-    swing = float(record.height.std())
+    deviation = float(record.height.std())
     return SmoothedMotion(
         time=record.time - record.time[0],
         z=np.asarray(line.coordinate(record.height)),
@@ -292,17 +293,17 @@ def estimate_motion(record: PistonRecord, line: HeightLine, drive: str | None = 
         velocity=smooth.velocity / line.scale,
         acceleration=smooth.acceleration / line.scale,
         drive=None if drive is None else input_column(record, drive),
-        noise=max(smooth.record_noise, _FLOOR * swing) / size,
-        acceleration_noise=max(smooth.acceleration_noise, _FLOOR * swing) / size,
+        noise=max(smooth.record_noise, _FLOOR * deviation) / size,
+        acceleration_noise=max(smooth.acceleration_noise, _FLOOR * deviation) / size,
         period=guess.period,
     )
 
 
 def normalising_line(records: Sequence[PistonRecord]) -> HeightLine:
-    """Line from z to the height, by the record of the largest amplitude."""
+    """Line from z to the height, from the record with the largest amplitude."""
     guesses = (first_guesses(record.time, record.height) for record in records)
     guess = max(guesses, key=lambda guess: guess.amplitude)
-    # Powers of a height that hardly changes could not be told apart.
+    # Powers of a nearly constant height would be indistinguishable.
     if abs(guess.rest) <= guess.amplitude:
         return HeightLine()
     return HeightLine(guess.rest, guess.amplitude)
@@ -312,15 +313,15 @@ def observed_weak_form(
     target: str, records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]
 ) -> WeakForm:
     """Weak form of the measured forces [N], or of the heights [m], of some motions."""
-    # Of a prescribed motion z'' says nothing and a force all: its integrals replace those of z'', its noise
-    # theirs.
+    # For a prescribed motion z'' carries no information. The integrals and noise of the force replace those
+    # of z''.
     parts = []
     for record, part in zip(records, weak_form(*motions).parts, strict=True):
         values = record.height if target == "height" else record.force
         if values is None:
             raise RecordError(
-                "target = 'force' needs a measured force, which the record does not have; give "
-                "one with a column force"
+                "target = 'force' needs a measured force, but the record has none; give "
+                "a record with a column force"
             )
         noise = max(noise_level(values, record.time), _FLOOR * float(values.std()))
         motion = part.motion._replace(acceleration=values, acceleration_noise=noise, noise=noise)
@@ -330,9 +331,9 @@ def observed_weak_form(
 
 
 def white_noise_weak_form(weak: WeakForm) -> WeakForm:
-    """Weak form of z'' whose errors are white noise of z'', as large as in its estimate."""
-    # Weights by the noise of heights count the quickest errors most. A simulated bed has no noise, and an
-    # equation that is off by more than it is weighed by something else.
+    """Weak form of z'' with errors taken as white noise of z'', with the noise level of its estimate."""
+    # Weights for noise of the height emphasise the fastest errors. A simulated bed has no such noise, so an
+    # equation whose error exceeds it needs other weights.
     return WeakForm(
         tuple(dataclasses.replace(part, white_noise=part.motion.acceleration_noise) for part in weak.parts)
     )

@@ -1,4 +1,4 @@
-"""Own terms, libraries by name and functions: what is outside powers of z and z'."""
+"""Custom terms, named libraries and functions other than powers of z and z'."""
 
 import dataclasses
 import re
@@ -69,7 +69,7 @@ def motion(name: str) -> np.ndarray:
     return moved(law, TIME, start, rtol=1e-9, atol=1e-11, max_step=0.05)
 
 
-def found_in(name: str, seed: int) -> set[str]:
+def discovered_terms(name: str, seed: int) -> set[str]:
     z, options = motion(name), SYSTEMS[name][2]
     record = noisy(TIME, z, 0.01 * z.std(), seed, extra={"push": FORCE})
     found = discover(record, "sindy", options=UNPOLISHED, **options)  # type: ignore[arg-type]  # by name
@@ -78,25 +78,25 @@ def found_in(name: str, seed: int) -> set[str]:
 
 @pytest.mark.parametrize(
     "name",
-    # quick: an input as a term of its own, in `test_discovery`
+    # an input as a separate term has a quick test in `test_discovery`
     [pytest.param(one, marks=pytest.mark.long if one == "driven spring" else ()) for one in SYSTEMS],
 )
-def test_the_structure_is_found_with_the_right_library(name: str) -> None:
-    assert found_in(name, 0) == SYSTEMS[name][3]
+def test_the_true_terms_are_found_with_the_right_library(name: str) -> None:
+    assert discovered_terms(name, 0) == SYSTEMS[name][3]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_the_structure_is_found_from_five_seeds(name: str) -> None:
-    found = sum(found_in(name, seed) == SYSTEMS[name][3] for seed in range(5))
+def test_the_true_terms_are_found_for_four_of_five_noise_seeds(name: str) -> None:
+    found = sum(discovered_terms(name, seed) == SYSTEMS[name][3] for seed in range(5))
     print(f"\n{name}: {found} of 5")
     assert found >= 4
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_symbolic_regression_without_the_library(name: str) -> None:
-    """It makes the powers that the library lacks; of a sine it finds the series."""
+def test_symbolic_regression_finds_powers_missing_from_the_library(name: str) -> None:
+    """A sine is approximated by its power series."""
     z, (_, _, options, right), exact = motion(name), SYSTEMS[name], 0
     for seed in range(5):
         record = noisy(TIME, z, 0.01 * z.std(), seed, extra={"push": FORCE})
@@ -109,8 +109,8 @@ def test_symbolic_regression_without_the_library(name: str) -> None:
 
 
 @pytest.mark.long
-def test_both_methods_stand_side_by_side() -> None:
-    """Cubic drag is outside the physical library: only symbolic regression proposes it."""
+def test_auto_also_tries_symbolic_regression() -> None:
+    """Cubic drag is not in the physical library: only symbolic regression proposes it."""
     z = motion("cubic drag")
     found = discover(noisy(TIME, z, 0.001 * z.std()), options=UNPOLISHED)
     assert found.method == "sindy and operon"
@@ -118,7 +118,7 @@ def test_both_methods_stand_side_by_side() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(LIBRARIES) - {"physical"}))
-def test_libraries_can_be_written_and_read(name: str) -> None:
+def test_library_terms_survive_conversion_to_sympy_and_back(name: str) -> None:
     terms = library_terms(name, (), 3, "force")
     assert len(set(terms)) == len(terms) == len(LIBRARIES[name][0])
     values = np.linspace(1.0, 2.0, len(terms))
@@ -127,11 +127,13 @@ def test_libraries_can_be_written_and_read(name: str) -> None:
     )
 
 
-OWN = ("sin(z)", "cos(2*z)*z'", "max(0, z)**1.5", "exp(-z)*abs(z')", "z'/z", "u*sin(z)", "tanh(z')")
+CUSTOM = ("sin(z)", "cos(2*z)*z'", "max(0, z)**1.5", "exp(-z)*abs(z')", "z'/z", "u*sin(z)", "tanh(z')")
 
 
-@given(st.sampled_from(OWN), st.floats(0.3, 2.0), st.floats(0.2, 2.0), st.floats(-2.0, 2.0))
-def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: float) -> None:
+@given(st.sampled_from(CUSTOM), st.floats(0.3, 2.0), st.floats(0.2, 2.0), st.floats(-2.0, 2.0))
+def test_derivatives_of_custom_terms_equal_finite_differences(
+    text: str, z: float, v: float, u: float
+) -> None:
     (term,) = split_terms(parse_term_expressions([text], "u")[0]) or ()
     assert isinstance(term, CustomTerm)
     h = 1e-6
@@ -160,8 +162,8 @@ def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: f
         "max(0, z)*z'",
     ],
 )
-def test_the_primitive_needs_no_formula(text: str) -> None:
-    """The integrals of G'(z) z' against bumps are those of G, though G be in no table."""
+def test_integration_by_parts_needs_no_closed_antiderivative(text: str) -> None:
+    """The integrals of G'(z) z' against bumps follow from G even if G has no closed form."""
     z, v = np.cos(TIME), -np.sin(TIME)
     (term,) = split_terms(parse_term_expressions([text])[0]) or ()
     assert term.is_total_derivative
@@ -170,15 +172,15 @@ def test_the_primitive_needs_no_formula(text: str) -> None:
     assert part.term_integrals(term) == pytest.approx(direct, abs=1e-4 * float(np.abs(direct).max()))
 
 
-def test_a_damping_over_negative_heights_is_found() -> None:
+def test_damping_over_height_is_found_at_negative_heights() -> None:
     z = moved(lambda t, z, v: -(z + 3.0) + 0.4 * v / z, TIME, -2.0)
     found = discover(PistonRecord(TIME, z), "sindy", library=(), terms=["1", "z", "z'/z"], options=UNPOLISHED)
     values = {term.text: value for term, value in (found.best.terms or {}).items()}
     assert values == pytest.approx({"1": -3.0, "z": -1.0, "z'/z": 0.4}, rel=1e-3)
 
 
-def test_noise_of_an_own_term_is_as_predicted() -> None:
-    """The white residuals of the true equation have unit variance, as with powers."""
+def test_whitened_residuals_with_a_custom_term_have_unit_variance() -> None:
+    """As with powers, for the true equation."""
     z = motion("pendulum")
     v, level = np.gradient(z, TIME), 0.01 * float(z.std())
     terms = tuple(split_terms(parse_term_expressions(["sin(z) + z'"])[0]) or ())
@@ -190,13 +192,13 @@ def test_noise_of_an_own_term_is_as_predicted() -> None:
     assert np.mean(misfits) == pytest.approx(1.0, abs=0.1)
 
 
-def test_a_number_within_a_term_is_found() -> None:
-    """Of a swing with 1 % noise whose spring is stiffer beyond 4 mm."""
+def test_a_parameter_inside_a_term_is_found() -> None:
+    """Of a decay with 1 % noise whose spring is stiffer beyond 4 mm."""
     time = np.linspace(0.0, 8.0, 700)
-    swing = moved(
+    decay = moved(
         lambda t, z, v: -0.3 * v - 30.0 * z - 400.0 * max(0.0, z - 0.004), time, 0.012, max_step=0.01
     )
-    record = noisy(time, swing, 0.01 * swing.std())
+    record = noisy(time, decay, 0.01 * decay.std())
     options: dict[str, Any] = {"library": "physical", "degree": 1, "terms": ["max(0, z - d)"]}
     found = discover(record, "sindy", options=UNPOLISHED, **options)
     assert len(found.best.terms or {}) == 3
@@ -209,15 +211,15 @@ def test_a_number_within_a_term_is_found() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"terms": ["sin(w)"]}, r"names w; terms are of z, z', t and"),
+        ({"terms": ["sin(w)"]}, r"contains w; terms are functions of z, z', t and"),
         ({"terms": ["sin(z"]}, r"cannot be read"),
-        ({"terms": ["z - z"]}, r"is zero; leave it out"),
+        ({"terms": ["z - z"]}, r"is zero; remove it"),
         ({"terms": ["__import__('os')"]}, r"cannot be read"),
         ({"terms": ["log(z)"]}, r"the term 'log\(z\)' is not finite for z from"),
         ({"terms": ["z'/z"]}, r"the term \"z'/z\" has a pole for z from"),
         ({"terms": ["z**-2"]}, r"the term 'z\*\*\(-2\)' has a pole for z from"),
         ({"terms": ["sqrt(max(0, z))"]}, r"has no finite slope for z from"),
-        ({"terms": "sin(w)"}, r"the term 'sin\(w\)' names w"),
+        ({"terms": "sin(w)"}, r"the term 'sin\(w\)' contains w"),
         ({"library": None}, r"library = None; give a text, or several"),
         ({"library": 3}, r"library = 3; give a text, or several"),
         ({"seed": -1}, r"seed = -1; give an integer from 0"),
@@ -228,7 +230,7 @@ def test_a_number_within_a_term_is_found() -> None:
         ({"library": ()}, r"no terms to choose from"),
     ],
 )
-def test_bad_terms_are_refused(options: dict[str, object], words: str) -> None:
+def test_invalid_terms_are_refused(options: dict[str, object], words: str) -> None:
     record = PistonRecord(TIME, np.round(np.cos(TIME), 2))
     with pytest.raises(InputError, match=words):
         discover(record, **{"method": "sindy", "library": "physical", **options})  # type: ignore[arg-type]  # by name
@@ -237,17 +239,17 @@ def test_bad_terms_are_refused(options: dict[str, object], words: str) -> None:
 @pytest.mark.parametrize(
     ("method", "functions", "words"),
     [
-        ("sindy", "sin", r"functions belong to symbolic regression"),
+        ("sindy", "sin", r"functions are for symbolic regression"),
         ("operon", "gamma", r"the function 'gamma' is unknown"),
         ("operon", ["gamma"], r"the function 'gamma' is unknown"),
     ],
 )
-def test_bad_functions_are_refused(method: Any, functions: Any, words: str) -> None:
+def test_unknown_functions_are_refused(method: Any, functions: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
         discover(PistonRecord(TIME, np.cos(TIME)), method, options=DiscoveryOptions(functions=functions))
 
 
-def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(
+def test_without_pyoperon_functions_are_refused_and_a_note_gives_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("reduced_models.discovery.discover.is_operon_installed", lambda: False)
@@ -258,39 +260,39 @@ def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(
     assert any("pyoperon is not installed" in note for note in found.notes)
 
 
-def test_the_terms_of_the_contact_library_are_independent() -> None:
+def test_the_terms_of_the_contact_library_are_linearly_independent() -> None:
     z, v = (each.ravel() for each in np.meshgrid(np.linspace(-1, 1, 20), np.linspace(-2, 2, 20)))
     terms = library_terms("contact", (), 3, None)
     columns = np.stack([term.values(MotionState(z, v)) for term in terms], axis=1)
     assert np.linalg.matrix_rank(columns) == len(terms)
 
 
-def test_operands_of_a_maximum_have_one_order() -> None:
+def test_maxima_with_permuted_or_repeated_operands_are_one_term() -> None:
     texts = ["max(0, z)", "max(z, 0)", "max(z, 0, z)", "max(0, max(0, z))"]
     assert len(library_terms((), texts, 3, None)) == 1
 
 
-def test_a_sum_is_taken_apart() -> None:
+def test_a_sum_is_split_into_its_terms() -> None:
     texts = [term.text for term in library_terms((), ["sin(z) + 0.1*z**3"], 3, None)]
     assert texts == ["z**3", "sin(z)"]
 
 
-def test_custom_terms_are_of_the_height_itself() -> None:
-    """Powers of the swing about rest would mean something else by z."""
+def test_in_libraries_with_a_meaning_of_zero_z_is_the_height_itself() -> None:
+    """In the physical library z is the displacement from equilibrium."""
     record = PistonRecord(TIME, 2.0 + 0.1 * np.cos(TIME))
     assert discover(record, "sindy", options=UNPOLISHED).line != HeightLine()
     assert discover(record, "sindy", library="rational", options=UNPOLISHED).line == HeightLine()
 
 
-def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
-    """The best few cannot be polished; one that comes later can."""
+def test_the_choice_has_a_model_if_any_candidate_has_one() -> None:
+    """The best candidates cannot be polished, but a later one can."""
     z, v, _ = state_symbols()
     wave, slope = np.cos(TIME), -np.sin(TIME)
     motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
     weak, library = weak_form(motion), physical_library_terms(1)
     _, scorer = score_subsets(weak, library, library, [np.array([[0]])])
     model = fit(PistonRecord(TIME, wave), "linear", starts=2, test_fraction=0.0)
-    wavy = sympy.sin(1.5 * z)  # no sum of terms, from which nothing is left out
+    wavy = sympy.sin(1.5 * z)  # not a sum of terms, so it cannot be pruned
     candidates = [CandidateEquation(wavy**k + v, 5 + k, 9.0 - k, 10.0 * k) for k in range(1, 8)]
 
     def polish(one: CandidateEquation) -> CandidateEquation:
@@ -315,7 +317,7 @@ def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
         ("-0.1*v - 2.0*sin(z) + 0.7*u", "viscous + u + sin(z)"),
     ],
 )
-def test_a_law_is_called_by_its_terms(equation: str, words: str) -> None:
+def test_a_law_is_named_after_its_terms(equation: str, words: str) -> None:
     z, v, u = state_symbols()
     names = {"z": z, "v": v, "u": u, "sign": sympy.sign, "Abs": sympy.Abs, "sin": sympy.sin}
     expression = sympy.sympify(equation, locals=names)

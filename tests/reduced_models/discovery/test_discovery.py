@@ -1,4 +1,4 @@
-"""Discovery: exact structures from noisy records, by every method, and honest results."""
+"""Discovery: the true terms are found in noisy records by every method; results and errors."""
 
 import functools
 import json
@@ -82,7 +82,7 @@ def coefficient_errors(found: Discovery, name: str) -> np.ndarray:
     "name",
     [pytest.param(one, marks=pytest.mark.long if one == "van-der-pol-like" else ()) for one in LAWS],
 )
-def test_sparse_regression_finds_the_structure(name: str) -> None:
+def test_sparse_regression_finds_the_true_terms(name: str) -> None:
     found = discovered(name)
     assert is_exact(found, name)
     assert found.best.error == pytest.approx(1.0, abs=0.3)
@@ -90,7 +90,7 @@ def test_sparse_regression_finds_the_structure(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["quadratic-drag", pytest.param("van-der-pol-like", marks=pytest.mark.long)])
-def test_symbolic_regression_finds_the_structure(name: str) -> None:
+def test_symbolic_regression_finds_the_true_terms(name: str) -> None:
     found = discover(made(name, 0), "operon", options=DiscoveryOptions(polish=0, effort=0.2))
     assert is_exact(found, name)
 
@@ -112,12 +112,12 @@ def coarse_duffing() -> PistonRecord:
     return PistonRecord(integer.time[::3], integer.height[::3])
 
 
-def test_pysindy_finds_the_structure_on_smoothed_derivatives(coarse_duffing: PistonRecord) -> None:
+def test_pysindy_finds_the_true_terms_on_smoothed_derivatives(coarse_duffing: PistonRecord) -> None:
     assert is_exact(discover(coarse_duffing, "pysindy", options=UNPOLISHED), "duffing")
 
 
 def pair() -> list[PistonRecord]:
-    """Small and large swing of the same spring, of half the usual length and at other times."""
+    """Oscillations of one spring with small and large amplitude, half as long, at other times."""
     records = []
     for seed, start in enumerate((0.1, 1.8)):
         z = moved(LAWS["duffing"][0], TIME[:1000], start)
@@ -129,19 +129,19 @@ def pair() -> list[PistonRecord]:
     "method",
     ["sindy", *(pytest.param(name, marks=pytest.mark.long) for name in ("pysindy", "operon"))],  # quick: one
 )
-def test_several_records_have_one_structure(method: Method) -> None:
-    """The spring stiffens in the large swing alone."""
+def test_several_records_give_one_common_structure(method: Method) -> None:
+    """The spring stiffens only at the large amplitude."""
     found = discover(pair(), method, options=UNPOLISHED)
     assert is_exact(found, "duffing")
     assert np.abs(coefficient_errors(found, "duffing")).max() < 0.1
-    with pytest.raises(InputError, match="no record"):
+    with pytest.raises(InputError, match="record"):
         discover([])
-    with pytest.raises(InputError, match="of one record, not of 2"):
+    with pytest.raises(InputError, match="takes one record, got 2"):
         discover(pair(), "operon", target="height")
 
 
 @pytest.mark.long
-def test_several_records_share_the_polished_numbers() -> None:
+def test_several_records_share_the_fitted_parameters() -> None:
     records = pair()
     found = discover(records, "sindy")
     assert is_exact(found, "duffing")
@@ -153,7 +153,7 @@ def test_several_records_share_the_polished_numbers() -> None:
         assert model.quality.samples == len(record)
 
 
-def test_a_seed_repeats_a_search() -> None:
+def test_searches_with_the_same_seed_give_the_same_result() -> None:
     from reduced_models.discovery.symbolic_search import search_expressions_with_operon
 
     z = clean("duffing")[::5]
@@ -178,7 +178,7 @@ def test_a_height_in_metres_is_centred_and_scaled() -> None:
     assert is_exact(given, "duffing")
 
 
-def test_an_input_is_a_term() -> None:
+def test_an_input_column_is_found_as_a_term() -> None:
     def base(t: Any) -> Any:
         return np.sin(1.7 * t) + 0.5 * np.sin(0.6 * t)
 
@@ -190,8 +190,8 @@ def test_an_input_is_a_term() -> None:
     assert found.best.terms[drive] == pytest.approx(0.7, rel=0.01)
 
 
-def test_noise_shares_the_weak_residuals_out_as_predicted() -> None:
-    """With the true law, the white residuals have unit variance, over 40 records."""
+def test_whitened_weak_residuals_of_the_true_law_have_unit_variance() -> None:
+    """On average over 40 records."""
     terms, z, squares = LAWS["van-der-pol-like"][2], clean("van-der-pol-like"), []
     values, v, sigma = np.array(list(terms.values())), np.gradient(z, TIME), 0.01 * z.std()
     for seed in range(40):
@@ -203,7 +203,7 @@ def test_noise_shares_the_weak_residuals_out_as_predicted() -> None:
     assert np.mean(squares) == pytest.approx(1.0, abs=0.1)
 
 
-def test_the_criterion_of_all_subsets_is_least_for_the_truth_without_noise() -> None:
+def test_without_noise_the_true_terms_have_the_lowest_criterion_of_all_subsets() -> None:
     terms = physical_library_terms(2)
     z = clean("van-der-pol")
     v = np.gradient(z, TIME)
@@ -213,7 +213,7 @@ def test_the_criterion_of_all_subsets_is_least_for_the_truth_without_noise() -> 
     assert scorer.excess < 1.5
 
 
-def test_terms_are_unique_and_go_there_and_back() -> None:
+def test_terms_are_distinct_and_survive_conversion_to_sympy_and_back() -> None:
     z, v, u = state_symbols()
     products = {
         v * sympy.sign(v): Term(0, 1),
@@ -234,14 +234,14 @@ def test_terms_are_unique_and_go_there_and_back() -> None:
     assert split_terms(sympy.sin(1.5 * z) + v) is None
 
 
-def test_the_pareto_front_holds_no_dominated_candidate() -> None:
+def test_the_pareto_front_has_no_dominated_candidate() -> None:
     z = state_symbols()[0]
     sizes = [(3, 2.0), (3, 1.5), (5, 1.6), (7, 1.0), (9, 1.0), (9, float("inf"))]
     front = pareto_front([CandidateEquation(z, *size, criterion=0.0) for size in sizes])
     assert [(one.complexity, one.error) for one in front] == [(3, 1.5), (7, 1.0)]
 
 
-def test_a_discovery_is_plain_data() -> None:
+def test_a_discovery_converts_to_plain_data() -> None:
     found = discovered("duffing")
     plain = json.loads(json.dumps(found.to_plain(), allow_nan=False))
     assert plain["candidates"][plain["chosen"]]["equation"] == found.best.text
@@ -251,15 +251,15 @@ def test_a_discovery_is_plain_data() -> None:
 
 
 @pytest.mark.long
-def test_a_law_outside_the_library_is_noted() -> None:
+def test_a_note_warns_of_a_law_outside_the_library() -> None:
     z = moved(lambda t, z, v: -0.1 * v - 4.0 * np.sin(3.0 * z), TIME, 0.9)
     found = discover(noisy(TIME, z, 1e-4), "sindy", degree=1, options=UNPOLISHED)
-    assert any("not among those searched" in note for note in found.notes)
+    assert any("not among the searched ones" in note for note in found.notes)
 
 
 @pytest.mark.long
 def test_symbolic_regression_finds_a_damped_cosine() -> None:
-    """The source's demonstration, z(t) itself."""
+    """As in the source's demonstration: a formula for z(t)."""
     height = damped_cosine(TIME, 1.3, 0.12, 1.7)
     record = noisy(TIME, height, 0.005)
     found = discover(record, "operon", target="height")
@@ -278,11 +278,11 @@ def test_symbolic_regression_finds_a_damped_cosine() -> None:
         ({"target": "speed"}, "acceleration, force, height"),
         ({"degree": 9}, "from 1 to 5"),
         ({"target": "height"}, "symbolic"),
-        ({"target": "height", "method": "operon", "library": "own"}, "leave out library, terms, input"),
+        ({"target": "height", "method": "operon", "library": "own"}, "remove library, terms, input"),
         ({"input": "wind"}, "wind"),
     ],
 )
-def test_bad_arguments_are_refused(arguments: dict[str, Any], words: str) -> None:
+def test_invalid_arguments_are_refused(arguments: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         discover(made("duffing", 0), **arguments)
 
@@ -290,7 +290,7 @@ def test_bad_arguments_are_refused(arguments: dict[str, Any], words: str) -> Non
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"polish": -1}, "from 0 on"),
+        ({"polish": -1}, "integer >= 0"),
         ({"height": "no"}, "straight line in z"),
         ({"height": "0.06 + 0*z"}, "straight line in z"),
         ({"height": "0.06 + scale*z"}, "straight line in z"),
@@ -302,21 +302,21 @@ def test_bad_arguments_are_refused(arguments: dict[str, Any], words: str) -> Non
         ({"functions": 3}, r"functions = 3; give a text, or several"),
     ],
 )
-def test_bad_options_are_refused(options: dict[str, Any], words: str) -> None:
+def test_invalid_options_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         DiscoveryOptions(**options)
 
 
-def test_bad_records_are_refused() -> None:
+def test_unsuitable_records_are_refused() -> None:
     for record in (PistonRecord(TIME[:10], np.cos(TIME[:10])), PistonRecord(TIME, np.full(len(TIME), 0.06))):
         with pytest.raises(RecordError):
             discover(record)
 
 
-def test_a_line_shows_what_is_done(
+def test_a_progress_line_shows_the_current_step(
     coarse_duffing: PistonRecord, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(progress_bars, "LINES_EVERY", 0.0)  # a log has a line a minute
+    monkeypatch.setattr(progress_bars, "LINES_EVERY", 0.0)  # by default one line per minute in a log
     discover(coarse_duffing, "sindy", degree=1, options=DiscoveryOptions(polish=0, progress=True))
     shown = capsys.readouterr().err
     for words in ("discover: libraries", "sparse sums of terms", "done"):

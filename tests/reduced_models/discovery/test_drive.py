@@ -1,4 +1,4 @@
-"""Discovery of terms with the time, of numbers within terms, and of laws with memory."""
+"""Discovery of time-dependent terms, of parameters inside terms, and of laws with memory."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ UNPOLISHED = DiscoveryOptions(polish=0)
 def driven(seed: int) -> PistonRecord:
     """Motion of z'' = 0.8 sin(1.7 t) - 0.15 z'^3 - 0.3 z z' - z with 1 % of noise."""
     z = moved(lambda t, z, v: 0.8 * np.sin(FREQUENCY * t) - 0.15 * v**3 - 0.3 * z * v - z, TIME, 0.5)
-    # A record may begin at any time of its clock: the drive is counted from the first sample.
+    # The time of the drive counts from the first sample, whatever the record's clock shows.
     return noisy(3.0 + TIME, z, 0.01 * z.std(), seed)
 
 
@@ -41,14 +41,14 @@ def assert_driven(found: Discovery) -> None:
     assert float(sine.text.removeprefix("sin(").split("*t")[0]) == pytest.approx(FREQUENCY, rel=1e-3)
 
 
-def test_a_drive_is_found_with_its_frequency() -> None:
-    """Nothing is named: neither the library, nor that there is a drive."""
+def test_a_drive_and_its_frequency_are_found_without_any_hint() -> None:
+    """Neither a library nor a drive is given."""
     found = discover(driven(0), "sindy", options=UNPOLISHED)
     assert_driven(found)
-    assert any("a drive that no column tells" in note for note in found.notes)
+    assert any("a drive that no column gives" in note for note in found.notes)
 
 
-@pytest.mark.long  # quick: without polishing
+@pytest.mark.long  # the quick test skips polishing
 @pytest.mark.parametrize("seed", range(6))
 def test_a_drive_is_polished(seed: int) -> None:
     found = discover(driven(seed), "sindy")
@@ -57,13 +57,13 @@ def test_a_drive_is_polished(seed: int) -> None:
     assert set((found.best.terms or {}).values()) <= set(found.model.parameters.values())
 
 
-def test_a_drive_may_be_named() -> None:
+def test_the_frequency_of_a_given_drive_is_found() -> None:
     terms = ["sin(w*t)", "cos(w*t)"]
     assert_driven(discover(driven(0), "sindy", library="polynomial", terms=terms, options=UNPOLISHED))
 
 
-def test_a_free_swing_has_no_drive() -> None:
-    """Though no library has its spring, and all leave five times the noise."""
+def test_no_drive_is_found_in_a_free_decay() -> None:
+    """Even though no library has its spring and the residuals of all are five times the noise."""
     time = TIME[::4]
     z = moved(lambda t, z, v: -0.05 * v - np.tanh(6.0 * z), time, 1.5)
     found = discover(noisy(time, z, 0.005 * z.std()), "sindy", options=UNPOLISHED)
@@ -86,8 +86,8 @@ FREE = PistonRecord(
 
 
 @pytest.mark.parametrize("term", ["1/(z - p)", "z'/(z - p)", "(z - p)**1.5", "sqrt(p)*sin(p*z)"])
-def test_a_number_that_makes_a_pole_is_dropped(term: str) -> None:
-    """Numbers within the record's range leave less than those outside, and are no terms."""
+def test_parameter_values_that_make_a_pole_are_rejected(term: str) -> None:
+    """Values within the record's range have smaller residuals than values outside, but make a pole."""
     motion = estimate_motion(FREE, HeightLine())
     library = split_terms(parse_term_expressions(["z + z'"])[0]) or {}
     _, opened = split_parametric_terms([term], None, ())
@@ -100,8 +100,8 @@ def test_a_number_that_makes_a_pole_is_dropped(term: str) -> None:
     assert set(texts(discover(FREE, "sindy", library="physical", degree=1, terms=[term], options=UNPOLISHED)))
 
 
-def test_a_term_without_any_sound_number_is_refused() -> None:
-    with pytest.raises(InputError, match="no numbers p make"):
+def test_a_term_without_any_valid_parameter_value_is_refused() -> None:
+    with pytest.raises(InputError, match="no values of p make"):
         discover(FREE, "sindy", library="physical", terms=["log(p)*z"], options=UNPOLISHED)
 
 
@@ -111,7 +111,7 @@ MASS = 7.5
 
 
 def forced(noise: float) -> PistonRecord:
-    """Force of a bed under two prescribed sines, with a fraction of noise."""
+    """Force of a bed under a prescribed sum of two sines, with relative noise."""
     time = np.linspace(0.0, 2.0, 800)
     values = [TRUE[name] for name in LAW.parameters]
     field = compile_rates(LAW.equation, (), "numpy")
@@ -138,7 +138,7 @@ def forced(noise: float) -> PistonRecord:
 
 
 @pytest.mark.parametrize("state", [one for one in HIDDEN_STATES if len(one.scales) == 1])
-def test_hidden_states_are_those_of_their_rates(state: HiddenState) -> None:
+def test_hidden_states_solve_their_rate_equations(state: HiddenState) -> None:
     time = np.linspace(0.0, 2.0, 4000)
     z, speed = 0.06 - 0.02 * np.sin(9.0 * time), 9.0
     rates = {
@@ -159,8 +159,8 @@ def test_hidden_states_are_those_of_their_rates(state: HiddenState) -> None:
     np.testing.assert_allclose(found, exact, atol=1e-4)
 
 
-def test_a_bed_that_yields_is_found_in_its_force() -> None:
-    """Pressure, drag and shear stress, and the strain at which it yields."""
+def test_the_law_of_a_yielding_bed_is_found_from_its_force() -> None:
+    """Pressure, drag, shear stress and the yield strain."""
     options = DiscoveryOptions(polish=0)
     best = discover(forced(0.01), "sindy", library="memory", target="force", options=options).best
     assert best.hidden_state.kind.name == "yielding strain"
@@ -176,12 +176,12 @@ def test_a_bed_that_yields_is_found_in_its_force() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"input": "force"}, "not driven"),
-        ({"library": ["memory", "rational"]}, "goes with no other"),
-        ({"terms": ["q*z"]}, "names q"),
+        ({"input": "force"}, "undriven bed"),
+        ({"library": ["memory", "rational"]}, "cannot be combined"),
+        ({"terms": ["q*z"]}, "contains q"),
     ],
 )
-def test_what_memory_cannot_do_is_refused(changes: dict[str, Any], said: str) -> None:
+def test_unsupported_arguments_of_the_memory_library_are_refused(changes: dict[str, Any], said: str) -> None:
     options: dict[str, Any] = {"method": "sindy", "library": "memory"} | changes
     with pytest.raises(InputError, match=said):
         discover(forced(0.01), **options)
@@ -196,8 +196,8 @@ def test_records_without_force_or_below_the_floor_are_refused() -> None:
 
 
 @pytest.mark.long
-def test_simulated_falls_show_the_structure_of_the_law() -> None:
-    """On the front of their forces; the drag is that of grains that follow the piston affinely."""
+def test_forces_of_simulated_falls_give_the_structure_of_the_law() -> None:
+    """The front contains it; the drag corresponds to grains that follow the piston affinely."""
 
     def fall(height: float) -> PistonRecord:
         stage = {"kind": "free", "name": "drop", "duration": 3.0}

@@ -1,4 +1,4 @@
-"""Libraries that a record speaks for, what a term buys, the choice by one criterion, and its print-out."""
+"""The library chosen for a record, the gain by each term, the choice by one criterion, the print-out."""
 
 import functools
 from collections.abc import Callable
@@ -34,7 +34,7 @@ UNPOLISHED = DiscoveryOptions(polish=0)
 
 
 def record(law: Callable[..., float], start: float, fraction: float) -> PistonRecord:
-    """Of z'' = law(t, z, z'), released at a height, with that fraction of noise."""
+    """Motion of z'' = law(t, z, z') released at a height, with noise of a fraction of its rms."""
     z = moved(law, TIME, start, rtol=1e-9, atol=1e-11, max_step=0.05)
     return noisy(TIME, z, fraction * z.std())
 
@@ -45,13 +45,13 @@ def stiffening(_: float, z: float, v: float) -> float:
 
 @functools.cache
 def spring_and_discovery() -> tuple[PistonRecord, Discovery]:
-    """A spring that stiffens, with 1 % noise."""
+    """Record of a stiffening spring with 1 % noise, and its discovery."""
     spring = record(stiffening, 1.5, 0.01)
     return spring, discover(spring, "sindy", options=UNPOLISHED)
 
 
-def test_a_pendulum_has_no_linear_spring() -> None:
-    """Friction that falls with the speed calls for sin(z) next to z, which is none."""
+def test_sin_z_without_a_linear_spring_is_described_as_a_pendulum() -> None:
+    """Friction that decreases with speed adds sin(z) to z; that is not a pendulum."""
     usual = physical_library_terms(3)
     (sine,) = parse_custom_terms(["sin(z)"], None)
     spring, friction = Term(1), Term(0, 0, True)
@@ -61,15 +61,15 @@ def test_a_pendulum_has_no_linear_spring() -> None:
     assert cause_text("trigonometric", (sine, friction, spring), usual) == "sin(z)"
 
 
-def test_a_record_speaks_for_its_library() -> None:
+def test_the_trigonometric_library_is_chosen_for_a_pendulum() -> None:
     swing = record(lambda t, z, v: -0.15 * v - 2.0 * np.sin(z), 2.5, 0.01)
     found = discover(swing, "sindy", options=UNPOLISHED)
     assert any("library 'trigonometric'" in note for note in found.notes)
     assert {term.text for term in found.best.terms or ()} == {"sin(z)", "z'"}
 
 
-def test_a_plain_swing_speaks_for_no_other_library() -> None:
-    """Nor does one about a level far from zero, which is then seen from its rest."""
+def test_the_physical_library_is_kept_for_a_linear_oscillation() -> None:
+    """Also for an equilibrium far from zero; z is then the displacement from it."""
     plain, found = spring_and_discovery()
     assert {term.text for term in found.best.terms or ()} == {"z", "z'", "z**3"}
     assert not any("library" in note for note in found.notes)
@@ -79,20 +79,19 @@ def test_a_plain_swing_speaks_for_no_other_library() -> None:
     assert {"z", "z'", "z**3"} <= {term.text for term in found.best.terms or ()}
 
 
-def test_custom_terms_mean_the_height_beside_the_proposed_library() -> None:
+def test_in_custom_terms_z_is_the_height_whichever_library_is_proposed() -> None:
     time = TIME[:400]
     lifted = PistonRecord(time, 5.0 + 0.1 * np.cos(time))
     found = discover(lifted, "sindy", terms=["sin(3*z)"], options=UNPOLISHED)
     assert found.line == HeightLine()
 
 
-def test_terms_have_their_price() -> None:
-    """The more a term does, the more it costs to leave it out."""
+def test_the_criterion_rises_most_without_the_most_important_term() -> None:
     found = spring_and_discovery()[1]
     assert set(found.criterion_increases) == {"z", "z'", "z**3"}
     assert min(found.criterion_increases.values()) > 10.0
     assert max(found.criterion_increases, key=lambda name: found.criterion_increases[name]) == "z"
-    assert "rises by so much without each term" in str(found)
+    assert "information criterion without each term" in str(found)
     blurred = discover(record(stiffening, 1.5, 0.1), "sindy", options=UNPOLISHED)
     assert blurred.criterion_increases["z"] < found.criterion_increases["z"]
 
@@ -102,14 +101,14 @@ SPRING, DRAG, CUBE = Term(1), Term(0, 1, True), Term(3)
 
 @pytest.fixture(scope="module")
 def linear_decay() -> PistonRecord:
-    """Linear decay under 5 % of noise."""
+    """Decay of a linear oscillator with 5 % noise."""
     height = np.exp(-0.05 * TIME) * np.cos(1.05 * TIME)
     return PistonRecord(TIME, height + np.random.default_rng(0).normal(0.0, 0.02, len(TIME)))
 
 
 @pytest.fixture(scope="module")
 def scorer(linear_decay: PistonRecord) -> EquationScorer:
-    """Scorer of the record's integrals."""
+    """Scorer from the record's integrals."""
     weak = weak_form(estimate_motion(linear_decay, HeightLine()))
     library = physical_library_terms(3)
     return score_subsets(weak, library, library, [np.array([[0]])])[1]
@@ -119,10 +118,10 @@ def polished(linear_decay: PistonRecord, candidate: CandidateEquation) -> Candid
     return polish_candidate(candidate, [linear_decay], HeightLine())
 
 
-def test_no_term_is_chosen_that_the_printed_criterion_does_not_call_for(
+def test_terms_not_required_by_the_printed_criterion_are_removed(
     linear_decay: PistonRecord, scorer: EquationScorer
 ) -> None:
-    """A sum with a term too many is fitted without it as well, and its rise is that of the solution."""
+    """A sum with an excess term is also fitted without it; the rise comes from the solution."""
     rich = candidate_from_terms(score_terms(scorer, [DRAG, SPRING, CUBE]))
     proposed = ProposedStructures([rich], scorer, Study(scorer.weak, physical_library_terms(3)))
     front, chosen = polish_and_choose_candidate(proposed, lambda one: polished(linear_decay, one), 1)
@@ -130,25 +129,25 @@ def test_no_term_is_chosen_that_the_printed_criterion_does_not_call_for(
     evidence = weigh_structure_evidence(front[chosen], [rich], scorer, 0, front)
     assert min(evidence.criterion_increases.values()) > 10.0
     model = front[chosen].model
-    # By the likelihood of the solution: the coefficient over its standard error, squared, less its price.
+    # Likelihood of the solution: squared ratio of coefficient and standard error, minus the penalty.
     low, high = model.intervals["c0"]
     wald = (model.parameters["c0"] / ((high - low) / 3.92)) ** 2
     assert next(iter(evidence.criterion_increases.values())) == pytest.approx(wald, rel=0.1)
 
 
-def test_the_reason_why_a_rival_of_the_integrals_is_not_taken() -> None:
+def test_a_note_says_why_the_winner_of_most_halves_is_rejected() -> None:
     evidence = StructureEvidence({"z": 50.0}, 0.0, (), (("a*z + b*z**3", 0.9, 31.0),))
     assert evidence.rival_note == (
-        "integrals over random halves of the record choose a*z + b*z**3 in 90 %, but its solution misses the "
-        "record by more (information criterion 31 higher)"
+        "90 % of random halves of the record's integrals choose a*z + b*z**3, but its solution fits the "
+        "record worse (information criterion 31 higher)"
     )
     assert StructureEvidence({"z": 50.0}, 0.95, (), (("a*z + b*z**3", 0.05, 31.0),)).rival_note == ""
 
 
-def test_a_rival_that_its_solution_refutes_is_no_tie(
+def test_a_structure_with_a_poor_solution_does_not_count_as_a_rival(
     linear_decay: PistonRecord, scorer: EquationScorer
 ) -> None:
-    """Without drag the decay is missed, whatever the halves of the integrals say."""
+    """Without drag the solution misses the decay, whichever structure the integrals prefer."""
     sums = [candidate_from_terms(score_terms(scorer, terms)) for terms in ([DRAG, SPRING], [SPRING])]
     fitted = [polished(linear_decay, candidate) for candidate in sums]
     evidence = weigh_structure_evidence(fitted[0], sums, scorer, 0, fitted)
@@ -157,7 +156,7 @@ def test_a_rival_that_its_solution_refutes_is_no_tie(
 
 
 def test_a_long_front_is_printed_on_one_screen() -> None:
-    """The chosen equation is never cut, nor counted among those left out."""
+    """The chosen equation is printed in full and not counted among the hidden ones."""
     z = sympy.Symbol("z", real=True)
     front = [
         CandidateEquation(sum(1.5 * z**power for power in range(1, terms + 1)), terms, 1.0, 0.0)
@@ -171,13 +170,13 @@ def test_a_long_front_is_printed_on_one_screen() -> None:
     assert any(line.startswith("   and 20 more") for line in lines)
 
 
-SWING = PistonRecord(TIME, np.exp(-0.02 * TIME) * np.cos(TIME))
+DECAY = PistonRecord(TIME, np.exp(-0.02 * TIME) * np.cos(TIME))
 
 
 @pytest.mark.parametrize("library", ["contact", "trigonometric", "dry friction", "polynomial"])
 def test_terms_that_are_zero_for_a_while_have_no_pole(library: str) -> None:
-    """As those of a contact have on the other side of z = 0."""
-    motion = estimate_motion(SWING, HeightLine())
+    """Contact terms vanish on one side of z = 0."""
+    motion = estimate_motion(DECAY, HeightLine())
     assert not [
         find_term_fault(motion, term)
         for term in library_terms(library, (), 3, None)
@@ -185,7 +184,7 @@ def test_terms_that_are_zero_for_a_while_have_no_pole(library: str) -> None:
     ]
 
 
-def test_a_power_below_zero_has_one() -> None:
-    motion = estimate_motion(SWING, HeightLine())
+def test_a_negative_power_has_a_pole() -> None:
+    motion = estimate_motion(DECAY, HeightLine())
     faults = {one.text: find_term_fault(motion, one) for one in library_terms((), ["1/z", "z'/z"], 3, None)}
     assert set(faults.values()) == {"has a pole"}

@@ -1,4 +1,4 @@
-"""The adapter of PySR without Julia: the probe, the error, the settings, the way back to SymPy."""
+"""The PySR adapter, tested without Julia: probe, error, settings, conversion to SymPy."""
 
 import os
 import subprocess
@@ -26,8 +26,8 @@ TIME = np.linspace(0.0, 20.0, 400)
 RECORD = PistonRecord(TIME, np.cos(TIME))
 
 
-@pytest.mark.skipif(symbolic_search.missing_pysr_requirements() is None, reason="Julia is here")
-def test_absent_julia_is_one_line_with_two_commands() -> None:
+@pytest.mark.skipif(symbolic_search.missing_pysr_requirements() is None, reason="Julia is installed")
+def test_missing_julia_gives_a_one_line_error_with_two_commands() -> None:
     with pytest.raises(InputError) as caught:
         discover(RECORD, "pysr")
     text = str(caught.value)
@@ -36,7 +36,7 @@ def test_absent_julia_is_one_line_with_two_commands() -> None:
 
 
 def python(code: str, **environment: str) -> str:
-    """What a fresh Python prints, in which a warning is an error."""
+    """Output of a new Python process that turns warnings into errors."""
     kept = {key: value for key, value in os.environ.items() if "JULIACALL" not in key}
     words, surroundings = [sys.executable, "-W", "error", "-c", code], kept | environment
     done = subprocess.run(words, capture_output=True, text=True, check=False, env=surroundings)
@@ -44,7 +44,7 @@ def python(code: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
-def test_the_probe_imports_no_pysr_and_downloads_nothing() -> None:
+def test_the_probe_neither_imports_pysr_nor_downloads() -> None:
     code = (
         "import socket, sys\n"
         "def refuse(*a, **k): raise SystemExit('the network was used')\n"
@@ -58,19 +58,19 @@ def test_the_probe_imports_no_pysr_and_downloads_nothing() -> None:
 PLACES = [
     ("0.9.36", "python", "full", None),
     ("0.9.28", "python", "full", None),
-    ("0.9.27", "python", "full", "0.9.28 and newer only"),
+    ("0.9.27", "python", "full", "only juliacall 0.9.28 and newer"),
     ("0.9.36", "python", "", "must be set together"),
     ("0.9.36", "", "full", "must be set together"),
     ("0.9.36", "/nowhere/julia", "full", "no Julia at '/nowhere/julia'"),
     ("0.9.36", "python", "/nowhere", "no Julia project at '/nowhere'"),
     ("0.9.36", "python", "empty", "lacks SymbolicRegression and PythonCall"),
     ("0.9.36", "python", "broken", "lacks SymbolicRegression and PythonCall"),
-    ("0.9.36", "", "", "are not there"),
+    ("0.9.36", "", "", "are not installed"),
 ]
 
 
 @pytest.mark.parametrize(("juliacall", "julia", "project", "lack"), PLACES)
-def test_given_julia_is_looked_at_and_not_run(
+def test_a_given_julia_is_inspected_without_running_it(
     juliacall: str,
     julia: str,
     project: str,
@@ -98,7 +98,7 @@ def test_given_julia_is_looked_at_and_not_run(
     assert found is None if lack is None else lack in str(found)
 
 
-def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_failed_import_gives_a_one_line_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "pysr.py").write_text("raise Exception('no package\\nin this project')")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "pysr", raising=False)
@@ -108,7 +108,7 @@ def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 
 class SymbolicSearch:
-    """A search that knows the answer, and notes its settings."""
+    """A fake search that returns the answer and stores its settings."""
 
     settings: ClassVar[dict[str, Any]] = {}
     interrupted_ = False
@@ -128,13 +128,13 @@ class SymbolicSearch:
 
 @pytest.fixture
 def search(monkeypatch: pytest.MonkeyPatch) -> type[SymbolicSearch]:
-    """Search that stands in for PySR's."""
+    """Replace PySR's search."""
     monkeypatch.setattr(symbolic_search, "missing_pysr_requirements", lambda: None)
     monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
     return SymbolicSearch
 
 
-def test_a_search_ends_at_the_noise_and_leaves_nothing(search: type[SymbolicSearch]) -> None:
+def test_a_search_stops_at_the_noise_level_and_removes_its_files(search: type[SymbolicSearch]) -> None:
     x = np.linspace(-1.0, 1.0, 50)
     assert symbolic_search.search_expressions_with_pysr({"x": x}, 3.0 * x, noise=0.03)
     assert search.settings["early_stop_condition"] == pytest.approx((0.03 / np.std(3.0 * x)) ** 2)
@@ -143,7 +143,7 @@ def test_a_search_ends_at_the_noise_and_leaves_nothing(search: type[SymbolicSear
     assert not Path(search.settings["output_directory"]).exists()
 
 
-def test_ctrl_c_that_julia_took_is_heeded(
+def test_an_interrupt_caught_by_julia_is_raised_in_python(
     search: type[SymbolicSearch], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(search, "interrupted_", True)
@@ -152,8 +152,8 @@ def test_ctrl_c_that_julia_took_is_heeded(
 
 
 @pytest.mark.usefixtures("search")
-def test_a_search_is_brought_back_to_the_record_s_units() -> None:
-    """The same call and result for PySR as for the others."""
+def test_a_search_gives_coefficients_in_the_units_of_the_record() -> None:
+    """Call and result have the same form as for the other methods."""
     record = noisy(TIME, damped_cosine(TIME, 0.7, 0.05, 1.4), 0.003)
     found = discover(record, "pysr", options=DiscoveryOptions(polish=0))
     assert found.method == "pysr"
@@ -163,10 +163,9 @@ def test_a_search_is_brought_back_to_the_record_s_units() -> None:
 
 @pytest.mark.long
 @pytest.mark.skipif(
-    symbolic_search.missing_pysr_requirements() is not None, reason="there is no Julia with PySR's packages"
+    symbolic_search.missing_pysr_requirements() is not None, reason="Julia with PySR's packages is missing"
 )
-def test_a_real_search() -> None:
-    """A damped swing with 1 % noise, wherever Julia is."""
+def test_pysr_finds_a_damped_oscillation_with_one_percent_noise() -> None:
     time = np.linspace(0.0, 40.0, 2000)
     height = np.exp(-0.05 * time) * np.cos(1.4 * time)
     noise = np.random.default_rng(0).normal(0.0, 0.01 * height.std(), len(time))
@@ -183,8 +182,8 @@ import warnings; warnings.warn("of PySR, at these settings")
 
 
 @pytest.mark.parametrize(("given", "seen"), [({}, ["no", "1"]), ({"THREADS": "4"}, ["no", "4"])])
-def test_ctrl_c_stays_with_python(given: dict[str, str], seen: list[str], tmp_path: Path) -> None:
-    """The settings stand before PySR is imported, which imports Julia; the user's own go first."""
+def test_python_keeps_handling_ctrl_c(given: dict[str, str], seen: list[str], tmp_path: Path) -> None:
+    """The settings precede the import of PySR, which imports Julia; the user's settings take priority."""
     (tmp_path / "pysr.py").write_text(PROBE)
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
@@ -194,21 +193,24 @@ def test_ctrl_c_stays_with_python(given: dict[str, str], seen: list[str], tmp_pa
     assert python(code, **{f"PYTHON_JULIACALL_{name}": value for name, value in given.items()}) == str(seen)
 
 
-def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pytest.MonkeyPatch) -> None:
-    """PySR was seen to choose eight terms, with |z'|, for the four of a Van der Pol-like law."""
+def test_a_sum_with_excess_terms_is_pruned_and_competes_with_sparse_sums(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """PySR once chose eight terms, some with |z'|, for the four of a Van der Pol-like law."""
     time = np.linspace(0.0, 30.0, 1500)
-    swing = moved(lambda t, z, v: -(z**2 - 1.0) * v * 0.8 - z - 0.2 * z**3, time, 2.0)
+    oscillation = moved(lambda t, z, v: -(z**2 - 1.0) * v * 0.8 - z - 0.2 * z**3, time, 2.0)
     z, v, speed = (sympy.Symbol(name, real=True) for name in ("z", "v", "speed"))
     crowded = 0.78 * v - 0.79 * z**2 * v - 0.98 * z - 0.21 * z**3
     crowded += 0.013 * speed - 0.011 * z * speed + 0.004 * z**2 - 0.006 * v * speed
     monkeypatch.setattr(symbolic_search, "missing_pysr_requirements", lambda: None)
     place = "reduced_models.discovery.structure_proposals.search_expressions_with_pysr"
     monkeypatch.setattr(place, lambda *_: [crowded])
-    found = discover(noisy(time, swing, 0.01 * swing.std()), "pysr", options=DiscoveryOptions(polish=0))
+    record = noisy(time, oscillation, 0.01 * oscillation.std())
+    found = discover(record, "pysr", options=DiscoveryOptions(polish=0))
     assert {term.text for term in found.best.terms} == {"z", "z**3", "z'", "z'*z**2"}
 
 
-def test_addends_that_hold_numbers_are_pruned_too() -> None:
+def test_addends_with_inner_numbers_are_pruned_too() -> None:
     weak = weak_form(estimate_motion(RECORD, HeightLine()))
     library = physical_library_terms(1)
     _, scorer = score_subsets(weak, library, library, all_index_subsets(2))

@@ -326,7 +326,7 @@ def test_a_force_that_discovery_does_not_use_is_named() -> None:
     time = np.linspace(0.0, 2.0, 2000)
     record = PistonRecord(time, damped_cosine(time), force=np.sin(5.0 * time))
     found = discover(record, "sindy", library="physical", degree=1, options=DiscoveryOptions(polish=0))
-    assert "columns that were not used as an input: force; input=NAME (--input NAME) takes one" in str(found)
+    assert "columns not used as an input: force; input=NAME (--input NAME) takes one" in str(found)
 
 
 def test_one_line_while_checks_run_has_no_uncertain_digit(spring: tuple[Identification, Path]) -> None:
