@@ -43,7 +43,7 @@ def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = Fal
     return _call_hooks(hook, rest, slice(None, None, -1 if backward else 1), empty)
 
 
-def greatest_of_hooks(hook: str, rest: str) -> Kernel:
+def maximum_of_hooks(hook: str, rest: str) -> Kernel:
     """Make a kernel as of `sum_of_hooks`, for the greatest value; 0 where no law has the hook."""
     return _call_hooks(hook, rest, slice(None), 0.0, max, _emit_maximum)
 

@@ -1,5 +1,5 @@
-"""The physical effects, one law a file.
+"""Physical effects, one law per file.
 
-Each file holds the law's parameters in SI with their source, and its force and energy in natural
-units (see `granular.schema.natural_units`). A scene names the effects that act; the others cost nothing.
+Each file has the law's parameters in SI with their source, and its force and energy in natural
+units (see `granular.schema.natural_units`). A scene lists the effects that act; the others cost nothing.
 """

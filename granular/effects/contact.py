@@ -1,4 +1,4 @@
-"""Contact of two grains: Hertz's law with a dashpot, for distances below the sum of the radii.
+"""Contact of two grains: Hertz's law with a dashpot, at distances below the sum of the radii.
 
 With the overlap d, the force is k d^(3/2), k = (4/3) E* sqrt(R*), R* = R1 R2/(R1 + R2), and the
 energy (2/5) k d^(5/2) (Johnson, Contact Mechanics, 1985). The dashpot
@@ -6,8 +6,8 @@ eta = alpha sqrt(m* k) d^(1/4) acts on the normal velocity;
 alpha = -sqrt(5) ln e / sqrt(ln(e)^2 + pi^2) gives the restitution e at every speed of impact
 (Antypov and Elliott 2011, doi:10.1209/0295-5075/94/50004).
 
-The dashpots are solved pair by pair, each exactly, with the positions standing still; the second
-half of a step takes them in the opposite order, so that the step stays symmetric.
+The dashpots are solved pair by pair, each exactly, at fixed positions; the second half of a step
+applies them in reverse order, so that the step stays symmetric.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from granular.shared.array_types import Float
 
 
 class Contact(ForceEffect, DissipativeEffect):
-    """Hertzian contact between grains; off unless named.
+    """Hertzian contact between grains; off unless the scene has it.
 
     Attributes
     ----------
     modulus : float
-        E*, the effective modulus of the pair [Pa]. Real magnets have some 1e11; a softer contact
-        allows longer steps.
+        E*, the effective modulus of the pair [Pa]. Real magnets have about 1e11; a softer contact
+        allows longer time steps.
     restitution : float
-        e, relative speed after an impact over that before.
+        Coefficient of restitution e: relative speed after an impact over the relative speed before it.
     """
 
     key = "contact"
     rank = 1
     periodic = True
     example: ClassVar[Any] = {"modulus": "1 MPa", "restitution": 0.8}
-    dry = True  # its dashpots are solved pair by pair
+    dry = True  # the dashpots are solved pair by pair
     energy_record = energy_variable("contact_energy", "energy of the contacts")
     loss_record = energy_variable("contact_loss", "energy lost in contacts")
 
@@ -69,7 +69,7 @@ class Contact(ForceEffect, DissipativeEffect):
 
 
 def _magnetic_energy_at_touch(context: EffectContext, diameters: Float[np.ndarray, "s"]) -> float:
-    """Least energy of two alike grains that touch, over their squared moment [F* D]; 0 without dipoles."""
+    """Minimum energy of two equal grains in contact, over their squared moment [F* D]; 0 without dipoles."""
     if "dipole" not in context.effects:
         return 0.0
     discs = discs_unless_dipoles(context.grains, context.scales.length)
@@ -89,8 +89,8 @@ class ContactLaw(NamedTuple):
     alpha: float
     radius: Float[Array, "n"]  # [D]
     widest: float  # [D]
-    barrier: float  # magnetic energy where grains touch, over the squared moment [F* D]
-    periods: tuple[float, float] | None  # sides of a periodic cell [D]
+    barrier: float  # magnetic energy at contact, over the squared moment [F* D]
+    periods: tuple[float, float] | None  # side lengths of a periodic cell [D]
 
     def workspace(self, size: int, count: int) -> NearList:
         """Make the near list of the grains that may touch."""
@@ -136,7 +136,7 @@ class ContactLaw(NamedTuple):
                 if overlap > 0.0:
                     spring = hertz_spring_constant(law, law.radius[i], law.radius[j])
                     total += hertz_energy(spring, overlap)
-                    # A row sum of the Hessian has the pair's block twice: on the diagonal and beside it
+                    # A row sum of the Hessian has the pair's block twice: once on the diagonal, once off it
                     # (Gershgorin).
                     slope = 2.0 * _hertz_stiffness(spring, overlap)
                     stiffness[i] += slope / value_or_one(masses, i)
@@ -152,7 +152,7 @@ class ContactLaw(NamedTuple):
         """Apply the dashpots to the normal velocities of grains in contact; dt [tau]."""
         grains = bed.constants.grains
         for turn in range(grains):
-            # In the opposite order when a step closes: dashpots that share a grain do not commute.
+            # In reverse order when a step closes: dashpots that share a grain do not commute.
             i = turn if opens_step else grains - 1 - turn
             begin, end = near.starts[i], near.starts[i + 1]
             for passed in range(end - begin):
@@ -167,14 +167,14 @@ class ContactLaw(NamedTuple):
     ) -> float:
         """Squared highest angular frequency in an impact of two grains [1/tau^2]; speed [D/tau]."""
         reduced = 0.5 * constants.least_mass
-        # Both grains move at ``speed``, so the relative one is twice that: (1/2) m* (2 v)^2 in their centre
-        # of mass.
-        left = 2.0 * reduced * speed * speed - law.barrier * constants.least_moment**2
-        if left <= 0.0:
+        # Both grains move at ``speed``, so the relative speed is twice as high: the kinetic energy in the
+        # centre-of-mass frame is (1/2) m* (2 v)^2.
+        remaining = 2.0 * reduced * speed * speed - law.barrier * constants.least_moment**2
+        if remaining <= 0.0:
             return 0.0
         k = hertz_spring_constant(law, 0.5 * law.widest, 0.5 * law.widest)
-        # The largest overlap d follows from (2/5) k d^(5/2) = left.
-        return _hertz_stiffness(k, (2.5 * left / k) ** 0.4) / reduced
+        # The maximum overlap d follows from (2/5) k d^(5/2) = remaining.
+        return _hertz_stiffness(k, (2.5 * remaining / k) ** 0.4) / reduced
 
 
 @compiled(inline=True)
@@ -198,13 +198,13 @@ def _damp_pair(law: ContactLaw, near: NearList, index: int, dt: float, bed: Bed,
         spring = hertz_spring_constant(law, law.radius[i], law.radius[j])
         nx, ny = dx / r, dy / r
         speed = (state.vx[i] - state.vx[j]) * nx + (state.vy[i] - state.vy[j]) * ny
-        left = dashpot_decay_factor(law, spring, overlap, mass, dt)
-        impulse = mass * (left - 1.0) * speed
+        decay = dashpot_decay_factor(law, spring, overlap, mass, dt)
+        impulse = mass * (decay - 1.0) * speed
         state.vx[i] += impulse / first * nx
         state.vy[i] += impulse / first * ny
         state.vx[j] -= impulse / second * nx
         state.vy[j] -= impulse / second * ny
-        state.ledger[LOSSES + index] += 0.5 * mass * speed * speed * (1.0 - left * left)
+        state.ledger[LOSSES + index] += 0.5 * mass * speed * speed * (1.0 - decay * decay)
 
 
 @compiled
@@ -233,7 +233,7 @@ def _hertz_stiffness(k: float, overlap: float) -> float:
 
 @compiled
 def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
-    """Fraction of the normal velocity after dt [tau] of dashpot; k [F*/D^(3/2)], overlap [D], mass [m]."""
-    # eta/m* with eta = alpha sqrt(m* k) d^(1/4) (Antypov and Elliott 2011): the head of this file.
+    """Fraction of the normal velocity after dt [tau] of damping; k [F*/D^(3/2)], overlap [D], mass [m]."""
+    # eta/m* with eta = alpha sqrt(m* k) d^(1/4) (Antypov and Elliott 2011).
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)

@@ -1,4 +1,4 @@
-"""Effects and laws of walls of a user's own: classes with static functions, and a decorator.
+"""User-defined effects and wall laws: classes with static functions, and a decorator.
 
     from granular import effect, quantity
 
@@ -21,46 +21,46 @@
         def stiffness(p, grain, time):
             return p.k
 
-From then on a scene may say ``effects.spring = { k = "10 N/m" }``, with units, limits and checks.
-The functions are compiled into the loop, so they hold what Numba compiles: arithmetic, `math`, and
-functions that are compiled themselves. They see the parameters ``p`` and a ``grain`` with its
+A scene can then use ``effects.spring = { k = "10 N/m" }``, with units, limits and checks.
+The functions are compiled into the loop, so they may only contain code that Numba compiles: arithmetic,
+`math`, and other compiled functions. Their arguments are the parameters ``p`` and a ``grain`` with
 ``x``, ``y``, ``mass`` and ``moment``, in natural units, in which any formula with consistent units
-reads as it does in SI. There may be, each with what belongs to it:
+has the same form as in SI. Functions, some of which require others:
 
 ``energy(p, grain, time)``, ``force(p, grain, time) -> (fx, fy)``
-    Of a grain; the force is minus the gradient of the energy.
+    For one grain; the force is minus the gradient of the energy.
 ``stiffness(p, grain, time)``
-    A bound of the force's slope, which the automatic step follows.
+    Upper bound of the slope of the force, which sets the automatic time step.
 ``power(p, grain, time)``
-    d(energy)/d(time) at a fixed position, where the energy depends on time: work from outside.
+    d(energy)/d(time) at a fixed position if the energy depends on time: the external power.
 ``flow(p, grain, vx, vy, dt) -> (vx, vy)``
-    Velocity after ``dt`` under a dissipative effect alone, exactly, for either sign of ``dt``.
-    What it takes is entered in the ledger.
+    Exact velocity after ``dt`` under a dissipative effect alone, for either sign of ``dt``.
+    The energy lost is entered in the ledger.
 ``pair_energy(p, r, first, second)``
-    Of two grains at the distance r, each with ``mass``, ``moment`` and ``diameter`` of its species. It is
-    called in plain Python and tabulated, `granular.effects.pair_law`; the force is the table's derivative.
-    A ``pair_force`` and a ``pair_stiffness``, if there are any, are compared with it, and no more.
+    For two grains at distance r, each with ``mass``, ``moment`` and ``diameter`` of its species. It is
+    called in plain Python and tabulated (`granular.effects.pair_law`); the force is the derivative of the
+    table. A ``pair_force`` and a ``pair_stiffness`` are only compared with it.
 ``tail(p, first, second)``
-    Its coefficient of 1/r^3 far away, if it has one; summed over all pairs as that of the dipoles is.
+    Coefficient of 1/r^3 at large distances, if any; summed over all pairs, like the dipoles.
 ``reach(p)``
-    Distance from which on a pair does nothing, but for its tail; without it, where the energy has ended.
+    Cut-off distance, beyond which only the tail acts; by default the distance at which the energy vanishes.
 ``frequency(p)``
-    Highest angular frequency with which it changes in time, for the step.
+    Highest angular frequency of its change in time, for the time step.
 
-A law of a wall is decorated with `wall_law` and has, of a grain of the first species at the
-distance w (others feel it in the ratio of their moments):
+A wall law is decorated with `wall_law` and has, for a grain of the first species at the
+distance w (for other species they scale with the moments):
 
 ``energy(p, w)``, ``force(p, w)``, ``stiffness(p, w)``
-    Force away from the wall, minus the slope of the energy; and minus its own slope.
+    The force, away from the wall, is minus the slope of the energy; the stiffness is minus the slope of
+    the force.
 
-A scene names it as ``effects.walls.left = { law = "soft", k = "9 N/m", reach = "1 cm" }``. Either
-can be a formula as well: `granular.effects.formula`, `granular.effects.formula`,
-and of the distance ``w`` of a wall:
+A scene uses it as ``effects.walls.left = { law = "soft", k = "9 N/m", reach = "1 cm" }``. Effects and wall
+laws can also be formulas (`granular.effects.formula`); the formula of a wall depends on the distance ``w``:
 ``effects.walls.left = { energy = "a*(l/w)**3", a = "1 uJ", l = "6 mm" }``.
 
-What is not there costs nothing. Compiled code is kept under a digest of the functions and of all
-that they use of their file, so a second process starts as fast as with a built-in effect, and an
-edited one is compiled anew.
+Functions that are not defined cost nothing. Compiled code is cached under a digest of the functions and of
+everything in their file that they use: a second process starts as fast as with a built-in effect, and
+edited functions are compiled again.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from granular.effects.custom_law import Definition, Grain, OwnEffectLaw, OwnLaw, OwnWallLaw
+from granular.effects.custom_law import CustomEffectLaw, CustomLaw, CustomWallLaw, Definition, Grain
 from granular.effects.effect import (
     EFFECTS,
     WALL_LAWS,
@@ -94,10 +94,10 @@ from granular.shared.errors import InputError, quote, unknown_word_message
 from granular.shared.function_digest import functions_digest
 from granular.shared.user_file import UserFile, user_definitions
 
-# Far above the error of the difference quotient, some 1e-11, and far below that of a wrong factor.
+# Far above the error of the difference quotient, about 1e-11, and far below the error of a wrong factor.
 CLOSE = 1e-5
-"""Relative difference between a derivative and what a function says."""
-# Fourth-order differences at this step err by 1e-16 by truncation and 1e-12 by rounding.
+"""Allowed relative difference between a numerical derivative and the user's function."""
+# Fourth-order differences with this step have a truncation error of 1e-16 and a rounding error of 1e-12.
 _STEP = 1e-4
 # Neither round nor symmetric, lest a wrong function be right by chance; a zero crossing hides an error.
 _POINTS, _TIMES = ((0.31, 0.17), (0.52, 0.83), (0.77, 0.44)), (0.0, 0.37, 1.9)
@@ -123,7 +123,7 @@ def check_effect_functions(definition: Definition, p: Any, context: EffectContex
 
 
 def check_pair_functions(definition: Definition, p: Any, species: Sequence[Species]) -> None:
-    """Check that a pair law's functions are numbers, and that a given force is the slope of the energy."""
+    """Check that a pair law's functions return numbers, and that a force is minus the energy's slope."""
     trial = _Trial(definition, p)
     for first, second in itertools.combinations_with_replacement(species, 2):
         for r in _DISTANCES:
@@ -151,7 +151,7 @@ class _Trial(NamedTuple):
     p: Any
 
     def call(self, name: str, *arguments: Any, count: int = 1) -> Any:
-        """Call one of the functions, which is to return so many numbers."""
+        """Call one of the functions, which must return ``count`` numbers."""
         try:
             result = self.definition.functions[name](self.p, *arguments)
             numbers = [float(value) for value in ((result,) if count == 1 else tuple(result))]
@@ -162,24 +162,24 @@ class _Trial(NamedTuple):
         return numbers[0] if count == 1 else numbers
 
     def refusal(self, words: str) -> InputError:
-        """Make the error of functions that do not fit."""
+        """Make the error for inconsistent functions."""
         return InputError(f"{self.definition.display_name}: {words}")
 
     def compare(
         self, name: str, result: float, energy: Callable[[float], float], at: float, size: float
     ) -> None:
-        """Compare what a function gives with the slope of an energy."""
+        """Compare the result of a function with the slope of an energy."""
         slope = _numerical_derivative(energy, at)
         if not (math.isfinite(result) and math.isfinite(slope)):
-            return  # a position where it cannot be evaluated says nothing
+            return  # a position at which it cannot be evaluated is no evidence
         if abs(result - slope) > CLOSE * max(abs(slope), abs(result), size):
             raise self.refusal(
-                f"{name!r} gives {result:.6g} where its energy asks for {slope:.6g} (natural units); "
+                f"{name!r} gives {result:.6g}, but the energy requires {slope:.6g} (natural units); "
                 "correct one of them"
             )
 
     def check_slope(self, force: str, energy: str, distance: float, *others: Any) -> None:
-        """Check that a function of a distance is minus the slope of another one."""
+        """Check that one function of a distance is minus the slope of another."""
         result = self.call(force, distance, *others)
         size = 1e-6 * abs(self.call(energy, distance, *others))
         self.compare(force, result, lambda r: -self.call(energy, r, *others), distance, size)
@@ -188,8 +188,8 @@ class _Trial(NamedTuple):
         """Check that the force is minus the gradient, and the power the rate of change, of the energy."""
         fx, fy = self.call("force", grain, time, count=2)
         size = 1e-6 * abs(self.call("energy", grain, time))
-        # One part in 1e3 of the other component counts as size: near a zero of this one, rounding of both
-        # remains.
+        # The scale includes 1e-3 of the other component: near a zero of this component, the rounding errors
+        # of both remain.
         for axis, component, other in (("x", fx, fy), ("y", fy, fx)):
             self.compare(
                 "force",
@@ -204,71 +204,71 @@ class _Trial(NamedTuple):
             self.call("stiffness", grain, time)
 
     def check_flow(self, grain: Grain) -> None:
-        """Check that the flow takes energy, and is exact."""
+        """Check that the flow dissipates energy and is exact."""
         for vx, vy, dt in ((0.3, -0.2, 0.1), (0.0, 0.5, 0.02)):
             wx, wy = self.call("flow", grain, vx, vy, dt, count=2)
-            # 1e-12: what rounding may add to a flow that takes nothing, a rotation for example.
+            # 1e-12 allows for rounding in a flow that conserves energy, such as a rotation.
             if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
-                raise self.refusal("'flow' makes a grain faster; it may only take energy")
-            # Half a step before and half behind the drift must be a whole one, or the splitting loses its
-            # order.
+                raise self.refusal("'flow' makes a grain faster; it may only dissipate energy")
+            # Half a step before the drift and half a step after it must make one whole step, or the splitting
+            # loses its order.
             twice = self.call("flow", grain, wx, wy, dt, count=2)
             total = self.call("flow", grain, vx, vy, 2.0 * dt, count=2)
             if not np.allclose(twice, total, rtol=1e-9, atol=1e-14):
                 raise self.refusal(
-                    "'flow' over two spans is not that over both together; solve it exactly, as "
+                    "'flow' over dt applied twice differs from 'flow' over 2*dt; solve it exactly, as "
                     "v*exp(-rate*dt)"
                 )
 
 
 def _numerical_derivative(function: Callable[[float], float], at: float) -> float:
-    """Return the derivative, to the fourth order in the step."""
+    """Return the derivative by central differences of fourth order."""
     h = _STEP * max(1.0, abs(at))
     near = function(at + h) - function(at - h)
     far = function(at + 2.0 * h) - function(at - 2.0 * h)
     return (8.0 * near - far) / (12.0 * h)
 
 
-class OwnPart(Section):
-    """Base of what has a user's functions: written as a class, or derived from a formula."""
+class CustomPart(Section):
+    """Base class of sections with user-defined functions: from a class or from a formula."""
 
-    law_base: ClassVar[type[OwnLaw] | None] = None
+    law_base: ClassVar[type[CustomLaw] | None] = None
 
     @property
     def parameters(self) -> list[tuple[float, str]]:
-        """Numbers of the parameters and their SI units, in the order of the definition's."""
+        """Values of the parameters with their SI units, in the order of the definition."""
         raise NotImplementedError
 
     def natural_law(self, scales: Scales) -> Any:
-        """Parameters in natural units, as the user's functions and the loop take them."""
+        """Parameters in natural units, for the user's functions and the loop."""
         definition: Definition = self.definition  # type: ignore[attr-defined]
         return definition.law(*(float(value) / scales.natural_unit(unit) for value, unit in self.parameters))
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digest of its functions, for the run's settings; those of the package have a version."""
+        """Digest of the functions, for the run's settings; built-in functions have the package's version."""
         return () if is_built_in(type(self)) else (self.definition.digest,)  # type: ignore[attr-defined]
 
 
-class OwnSection(OwnPart):
-    """Base of what is made of a user's class.
+class CustomSection(CustomPart):
+    """Base class of sections made from a user's class.
 
     Attributes
     ----------
-    what : str
-        What it is called in messages.
+    noun : str
+        Noun for it in messages.
     partners : mapping of str to str or None
-        Functions that the class may have, and for each the one without which it means nothing.
+        Functions that the class may have, each with the function that it requires.
     needed : tuple of str
         Functions of which the class must have one.
     definition : Definition
     user_class : type
         The class as it was written.
     origin : UserFile or None
-        The file that it came from, where the command line named one.
+        File that defines it, if the command line gave one.
     """
 
-    what: ClassVar[str]
+    noun: ClassVar[str]
     partners: ClassVar[Mapping[str, str | None]]
     needed: ClassVar[tuple[str, ...]]
     definition: ClassVar[Definition]
@@ -277,22 +277,22 @@ class OwnSection(OwnPart):
 
     @classmethod
     def class_attributes(cls, key: str, user_class: type) -> dict[str, Any]:
-        """Attributes of the made class that follow from the user's."""
+        """Attributes of the new class that follow from the user's class."""
         return {}
 
     @classmethod
     def register_class(cls) -> None:
-        """Let scenes name it; an own one of the same name is replaced."""
+        """Make it known to scenes, replacing a custom class of the same name."""
         raise NotImplementedError
 
     @property
     def parameters(self) -> list[tuple[float, str]]:
-        """Numbers of the parameters and their SI units, in the order of the fields."""
+        """Values of the parameters with their SI units, in the order of the fields."""
         kinds = [(field.name, field.metadata["kind"]) for field in dataclasses.fields(self)]
         return [(getattr(self, name), getattr(kind, "unit", "1")) for name, kind in kinds]
 
     def __reduce__(self) -> Any:
-        """Any process can have it so: by the file's text, or by the class as it was written."""
+        """Pickle by the file's text or by the class as it was written, so that any process can load it."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if self.origin is not None:
             return _unpickle, (self.origin, self.definition.key, values)
@@ -301,7 +301,7 @@ class OwnSection(OwnPart):
         return _unpickle, (type(self).__base__, self.user_class, values)
 
 
-def _unpickle(origin: UserFile | type[OwnSection] | None, made: Any, values: dict[str, Any]) -> Any:
+def _unpickle(origin: UserFile | type[CustomSection] | None, made: Any, values: dict[str, Any]) -> Any:
     if isinstance(origin, UserFile):
         made = load_user_sections(origin)[made]
     elif origin is not None:
@@ -309,12 +309,12 @@ def _unpickle(origin: UserFile | type[OwnSection] | None, made: Any, values: dic
     return made(**values)
 
 
-class OwnEffect(OwnSection, ForceEffect, DissipativeEffect):
-    """Base of the effects that `effect` makes."""
+class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
+    """Base class of the effects made by `effect`."""
 
     rank = 1
-    what = "effect"
-    law_base = OwnEffectLaw
+    noun = "effect"
+    law_base = CustomEffectLaw
     needed = ("force", "pair_energy", "flow")
     partners: ClassVar[Mapping[str, str | None]] = {
         "energy": "force",
@@ -347,17 +347,17 @@ class OwnEffect(OwnSection, ForceEffect, DissipativeEffect):
 
     @classmethod
     def register_class(cls) -> None:
-        """Let scenes name it; an own one of the same name is replaced, a built-in one refused."""
-        if not is_built_in(cls):  # which the registry names itself
+        """Make it known to scenes; it replaces a custom effect of the same name, never a built-in one."""
+        if not is_built_in(cls):  # built-in effects are in the registry already
             EFFECTS.register(cls.key, cls)
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """The effect of its functions of a grain, and that of its functions of a pair."""
+        """Effect of the functions of a grain, and effect of the functions of a pair."""
         names = set(self.definition.names)
         if "pair_energy" not in names:
             return (self,)
-        return (self, _OwnPairLaw(self)) if names & {"force", "flow"} else (_OwnPairLaw(self),)
+        return (self, _CustomPairLaw(self)) if names & {"force", "flow"} else (_CustomPairLaw(self),)
 
     def make_kernel_law(self, context: EffectContext) -> Any:
         """Law in natural units."""
@@ -371,15 +371,15 @@ class OwnEffect(OwnSection, ForceEffect, DissipativeEffect):
         return 0.0 if result is None else abs(float(result(self.natural_law(scales))))
 
 
-class _OwnPairLaw(PairLawEffect):
-    """Pair law of an own effect."""
+class _CustomPairLaw(PairLawEffect):
+    """Pair law of a custom effect."""
 
-    def __init__(self, owner: OwnEffect) -> None:
+    def __init__(self, owner: CustomEffect) -> None:
         for name, value in (("owner", owner), ("key", owner.key), ("energy_record", owner.energy_record)):
             object.__setattr__(self, name, value)
 
     if TYPE_CHECKING:
-        owner: OwnEffect
+        owner: CustomEffect
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
@@ -400,11 +400,11 @@ class _OwnPairLaw(PairLawEffect):
         )
 
 
-class OwnWall(OwnSection):
-    """Base of the wall laws that `wall_law` makes."""
+class CustomWall(CustomSection):
+    """Base class of the wall laws made by `wall_law`."""
 
-    what = "wall law"
-    law_base = OwnWallLaw
+    noun = "wall law"
+    law_base = CustomWallLaw
     needed = ("force",)
     partners: ClassVar[Mapping[str, str | None]] = {
         "energy": "force",
@@ -414,7 +414,7 @@ class OwnWall(OwnSection):
 
     @classmethod
     def register_class(cls) -> None:
-        """Let walls name it; an own one of the same name is replaced."""
+        """Make it known to walls, replacing a custom law of the same name."""
         WALL_LAWS.register(cls.definition.key, cls)
 
     def make_kernel_law(self, scales: Scales) -> Any:
@@ -425,74 +425,75 @@ class OwnWall(OwnSection):
 
 
 def effect(user_class: type) -> Any:
-    """Make a class an effect that scenes can name; see the head of this file.
+    """Turn a class into an effect for scenes; the functions are described at the top of this file.
 
     Parameters
     ----------
     user_class : type
-        A class with parameters (`quantity`) and static functions. Its name in small letters is what
-        a scene calls it: ``LeafSpring`` is ``leaf_spring``. An own one of that name is replaced.
+        A class with parameters (`quantity`) and static functions. Scenes use its name in lower case:
+        ``LeafSpring`` is ``leaf_spring``. A custom effect of that name is replaced.
 
     Returns
     -------
     type
-        An `OwnEffect` with the class's parameters, known to scenes by its name.
+        A `CustomEffect` with the class's parameters, known to scenes by its name.
 
     Raises
     ------
     InputError
-        If the class has no ``force``, ``flow`` or ``pair_energy``, lacks the partner that a function needs
-        (an ``energy`` for a force), has an unknown or a not static function, a parameter that is no
-        `quantity`, or the name of a built-in effect. Functions with other arguments, that do not
-        compile, or a force that is not minus the gradient of its energy, fail when a run begins.
+        If the class has no ``force``, ``flow`` or ``pair_energy``; if a function lacks the function that it
+        requires (an ``energy`` for a force); if a function is unknown or not static; if a parameter is not
+        a `quantity`; or if a built-in effect has the same name. Functions with wrong arguments, functions
+        that do not compile, and a force that is not minus the gradient of its energy are reported at the
+        start of a run.
     """
-    return make_section_class(user_class, OwnEffect)
+    return make_section_class(user_class, CustomEffect)
 
 
 def wall_law(user_class: type) -> Any:
-    """Make a class a law that scenes can name for a wall; see the head of this file.
+    """Turn a class into a wall law for scenes; the functions are described at the top of this file.
 
     Parameters
     ----------
     user_class : type
         Class with parameters (`quantity`) and static functions ``energy``, ``force`` and ``stiffness`` of
-        the parameters and the distance. Its name in small letters is what a wall calls it; an own one
-        of that name is replaced, and a built-in law keeps its name.
+        the parameters and the distance. Walls use its name in lower case; a custom law of that name is
+        replaced, a built-in law keeps its name.
 
     Returns
     -------
     type
-        An `OwnWall` with the class's parameters, known to walls by its name.
+        A `CustomWall` with the class's parameters, known to walls by its name.
 
     Raises
     ------
     InputError
-        If the class lacks one of the three, has an unknown or a not static function, or a parameter that
-        is no `quantity`. Functions that do not compile, or a force that is not minus the slope of its
-        energy, fail when a run begins.
+        If the class lacks one of the three functions, has an unknown or non-static function, or a parameter
+        that is not a `quantity`. Functions that do not compile, and a force that is not minus the slope of
+        its energy, are reported at the start of a run.
     """
-    return make_section_class(user_class, OwnWall)
+    return make_section_class(user_class, CustomWall)
 
 
-def make_section_class(user_class: type, base: type[OwnSection]) -> Any:
-    """Make a subclass of ``base`` with the class's parameters and functions, which scenes know."""
+def make_section_class(user_class: type, base: type[CustomSection]) -> Any:
+    """Make a subclass of ``base`` with the class's parameters and functions, known to scenes."""
     written = {
         name: value for name, value in vars(user_class).items() if name not in ("__dict__", "__weakref__")
     }
     key = scene_key_of_class(user_class)
     functions = {name: value.__func__ for name, value in written.items() if isinstance(value, staticmethod)}
     more = base.class_attributes(key, user_class)
-    _check_class(f"{base.what} {key!r}", written, functions, base, more)
+    _check_class(f"{base.noun} {key!r}", written, functions, base, more)
     content = {name: value for name, value in written.items() if name not in functions}
     made = type(user_class.__name__, (base,), content | more | {"user_class": user_class})
     fields = [field for field in dataclasses.fields(made) if field.name not in base.key_names()]
     for field in fields:
         if not isinstance(field.metadata.get("kind"), QuantityKind | IntegerKind):
-            raise InputError(f"{base.what} {key!r}: {field.name} must be a number; give quantity(unit)")
+            raise InputError(f"{base.noun} {key!r}: {field.name} must be a number; give quantity(unit)")
     names = tuple(field.name for field in fields)
     digest = f"{key}_{functions_digest(functions, names)}"
     made.definition = Definition(  # type: ignore[attr-defined]
-        base.what, key, digest, names, tuple(functions), lambda: functions, base.law_base
+        base.noun, key, digest, names, tuple(functions), lambda: functions, base.law_base
     )
     made.register_class()  # type: ignore[attr-defined]
     return made
@@ -502,7 +503,7 @@ def _check_class(
     who: str,
     written: Mapping[str, Any],
     functions: Mapping[str, Callable[..., Any]],
-    base: type[OwnSection],
+    base: type[CustomSection],
     more: Mapping[str, Any],
 ) -> None:
     """Check the names of a user's class."""
@@ -514,20 +515,20 @@ def _check_class(
             raise InputError(f"{who}: {unknown_word_message(name, tuple(base.partners), 'function')}")
         partner = base.partners[name]
         if partner is not None and partner not in functions:
-            raise InputError(f"{who} has no {partner!r}; give it, as a static method")
+            raise InputError(f"{who} has no {partner!r}; add it as a static method")
     reserved = {*dir(base), *dir(base.law_base), *getattr(base.law_base, "extra_fields", ())} - set(more)
     for name, value in written.items():
         if not name.startswith("_") and name not in functions and name in reserved:
-            raise InputError(f"{who}: {quote(name)} has a meaning of its own; rename it")
+            raise InputError(f"{who}: {quote(name)} is reserved; rename it")
         if isinstance(value, python_types.FunctionType):
             raise InputError(f"{who}: {name!r} must be static; write @staticmethod above")
 
 
-def load_user_sections(file: UserFile) -> dict[str, type[OwnSection]]:
-    """Load the effects, wall laws and stages that a user's file defines; they know the file then."""
+def load_user_sections(file: UserFile) -> dict[str, type[CustomSection]]:
+    """Load the effects, wall laws and stages of a user's file, and store the file as their origin."""
     result = {}
     for content in list(user_definitions(file).values()):
-        own = isinstance(content, type) and issubclass(content, OwnSection)
+        own = isinstance(content, type) and issubclass(content, CustomSection)
         if own and content.__module__ == file.module_name:
             content.origin = file
             result[content.definition.key] = content
@@ -535,7 +536,7 @@ def load_user_sections(file: UserFile) -> dict[str, type[OwnSection]]:
 
 
 def is_built_in(made: type) -> bool:
-    """Return whether a class is defined in a file of the package's effects."""
+    """Return True if a class is defined among the package's effects."""
     return made.__module__.rpartition(".")[0] == __name__.rpartition(".")[0]
 
 

@@ -1,7 +1,7 @@
-"""Laws of a user's own as the loop takes them: named tuples whose hooks call the user's functions.
+"""User-defined laws for the loop: named tuples whose hooks call the user's functions.
 
-An own law is a named tuple of its parameters in natural units: it is the ``p`` of the user's functions. Its
-class is made of a `Definition` and has the name of its digest, by which compiled code is kept. Its hooks
+A custom law is a named tuple of its parameters in natural units, the ``p`` of the user's functions. Its
+class is made from a `Definition` and is named by its digest, under which compiled code is cached. Its hooks
 are made when a loop is compiled, since SymPy takes half a second to derive the functions of a formula.
 """
 
@@ -29,7 +29,7 @@ Functions = Mapping[str, Any]
 
 
 class Grain(NamedTuple):
-    """A grain as the functions of an own effect see it: x, y [D]; mass, moment over the first species'."""
+    """A grain for a custom effect's functions: x, y [D]; mass and moment relative to the first species."""
 
     x: float
     y: float
@@ -39,35 +39,35 @@ class Grain(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Definition:
-    """Functions of an own part, under a digest."""
+    """Functions of a custom effect, law or stage, under a digest."""
 
-    what: str
+    noun: str
     key: str
     digest: str
     parameters: tuple[str, ...]
     names: tuple[str, ...]  # of the functions
-    make_functions: Callable[[], Functions]  # when one of them is asked for first
-    law_base: type[OwnLaw] | None  # None for what is no law of the loop
+    make_functions: Callable[[], Functions]  # called when a function is first needed
+    law_base: type[CustomLaw] | None  # None without a law in the loop
 
     @property
     def display_name(self) -> str:
         """Name in messages."""
-        return f"{self.what} {self.key!r}"
+        return f"{self.noun} {self.key!r}"
 
     def error(self, words: str, error: BaseException) -> InputError:
-        """Make the error of a user's code, in one line."""
+        """Make a one-line error for a failure in the user's code."""
         return InputError(
             f"{self.display_name}: {words}: {type(error).__name__}: {one_line(error)}; correct it"
         )
 
     @functools.cached_property
     def functions(self) -> Functions:
-        """The functions in plain Python."""
+        """Functions in plain Python."""
         return self.make_functions()
 
     @functools.cached_property
     def hooks(self) -> Functions:
-        """Kernels of the law, by the names of the loop's hooks."""
+        """Kernels of the law, by the names of the hooks."""
         assert self.law_base is not None
         return self.law_base.make_hooks(
             {name: _compile_user_function(self, name, function) for name, function in self.functions.items()}
@@ -75,7 +75,7 @@ class Definition:
 
     @functools.cached_property
     def law(self) -> Any:
-        """Class of the law, the same one for the same digest."""
+        """Class of the law; one class per digest."""
         assert self.law_base is not None
         if not hasattr(Laws, self.digest):
             extra = self.law_base.extra_fields
@@ -88,67 +88,67 @@ class Definition:
 
 
 class Laws:
-    """Classes of own laws, by their digests: compiled code that is read from disk finds them here."""
+    """Classes of custom laws, by their digests, for compiled code that is read from disk."""
 
 
 class _LawClass(type):
-    """Type of the laws' classes: a hook is there once the compiler asks for it."""
+    """Type of the laws' classes: makes a hook when the compiler first needs it."""
 
     _definition: Definition
 
     def __getattr__(cls, name: str) -> Any:
         base: Any = cls
         if name.startswith("_") or name not in base.hook_names(base._definition.names):
-            raise AttributeError(f"an own law has no {name!r}")
+            raise AttributeError(f"a custom law has no {name!r}")
         return base._definition.hooks[name]
 
 
-class OwnLaw(metaclass=_LawClass):
-    """Base of the laws."""
+class CustomLaw(metaclass=_LawClass):
+    """Base class of the laws."""
 
-    extra_fields: ClassVar[Mapping[str, Any]] = {}  # besides the parameters, with their values
+    extra_fields: ClassVar[Mapping[str, Any]] = {}  # in addition to the parameters, with default values
 
     @staticmethod
     def hook_names(names: tuple[str, ...]) -> tuple[str, ...]:
-        """Names of the hooks of a law with functions of these names."""
+        """Names of the hooks of a law, from the names of its functions."""
         raise NotImplementedError
 
     @staticmethod
     def make_hooks(user: Functions) -> Functions:
-        """Make the hooks, of kernels by the names of the user's functions."""
+        """Make the hooks from the user's compiled functions, by name."""
         raise NotImplementedError
 
     def __getattr__(self, name: str) -> Any:
-        """Return the hook of the class, where plain Python asks for it."""
+        """Return a hook of the class, for calls from plain Python."""
         return getattr(type(self), name)
 
 
 class UserKernel(CPUDispatcher):  # type: ignore[misc]  # Numba is not typed
-    """A user's function, compiled."""
+    """A compiled user function."""
 
     name_in_messages = ""
 
     def compile(self, sig: Any) -> Any:
-        """Compile it, or say in one line why that fails."""
+        """Compile the function, or raise a one-line error."""
         try:
             return super().compile(sig)
         except NumbaError as error:
             raise InputError(
-                f"{self.name_in_messages} does not compile: {_main_error_line(error)}; take "
-                "arithmetic, math, and functions that are compiled themselves"
+                f"{self.name_in_messages} does not compile: {_main_error_line(error)}; use only "
+                "arithmetic, math and compiled functions"
             ) from None
 
 
 def _compile_user_function(definition: Definition, name: str, function: Callable[..., Any]) -> Any:
     kernel = numba.njit(**OPTIONS)(function)
-    if isinstance(kernel, CPUDispatcher):  # a plain function where compiling is switched off
+    if isinstance(kernel, CPUDispatcher):  # a plain function if compilation is disabled
         kernel.__class__ = UserKernel
         kernel.name_in_messages = f"{definition.display_name}: {name!r}"
     return kernel
 
 
 def _main_error_line(error: BaseException) -> str:
-    """Line of the compiler's message that tells the most."""
+    """Most informative line of the compiler's message."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
     shown = [line for line in lines if line and not line.startswith(("Failed in", "During", "File"))]
     return one_line(shown[0] if shown else type(error).__name__)
@@ -161,7 +161,7 @@ def _return_zero(*arguments: Any) -> int:
 
 @compiled(inline=True)
 def make_grain(state: State, constants: Constants, i: int) -> Grain:
-    """Grain as the user's functions see it: x, y [D], and mass and moment over the first species'."""
+    """Grain for the user's functions: x, y [D]; mass and moment relative to the first species."""
     mass, moment = value_or_one(constants.masses, i), value_or_one(relative_moments(constants), i)
     return Grain(state.x[i], state.y[i], mass, moment)
 
@@ -172,11 +172,11 @@ _HOOKS = {
     "power": "record_external_work",
     "flow": "damp_velocities",
 }
-"""The hook that calls a user's function."""
+"""Hook that calls each of the user's functions."""
 
 
 def _make_grain_hooks(user: Functions) -> Functions:
-    """Make the hooks of an effect, of kernels by the names of the user's functions."""
+    """Make the hooks of an effect from the user's compiled functions, by name."""
     force, energy, stiffness, power, flow = (
         user.get(name, _return_zero) for name in ("force", "energy", "stiffness", "power", "flow")
     )
@@ -226,26 +226,26 @@ def _make_grain_hooks(user: Functions) -> Functions:
     return {_HOOKS[name]: hook for name, hook in zip(_HOOKS, hooks, strict=True) if name in user}
 
 
-class OwnEffectLaw(OwnLaw):
-    """Base of the laws of own effects."""
+class CustomEffectLaw(CustomLaw):
+    """Base class of the laws of custom effects."""
 
-    # What the energy and force of each grain are multiplied by.
+    # Factor of each grain's energy and force.
     extra_fields: ClassVar[Mapping[str, Any]] = {"species_factor": None}
 
     @staticmethod
     def hook_names(names: tuple[str, ...]) -> tuple[str, ...]:
-        """Names of the hooks of a law with functions of these names."""
+        """Names of the hooks of a law, from the names of its functions."""
         return tuple(_HOOKS[name] for name in names if name in _HOOKS)
 
     make_hooks = staticmethod(_make_grain_hooks)
 
 
 NEAREST, FARTHEST = 1e-4, 1e3
-"""Distances [D] between which a grain's turning point is looked for."""
+"""Range of distances [D] in which a grain's turning point is searched."""
 
 
-class OwnWallLaw(OwnLaw):
-    """Base of the laws of own walls: three of their hooks are the user's functions."""
+class CustomWallLaw(CustomLaw):
+    """Base class of the laws of custom walls: three of their hooks are the user's functions."""
 
     @staticmethod
     def hook_names(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -254,7 +254,7 @@ class OwnWallLaw(OwnLaw):
 
     @staticmethod
     def make_hooks(user: Functions) -> Functions:
-        """Make the hooks, of kernels by the names of the user's functions."""
+        """Make the hooks from the user's compiled functions, by name."""
         energy, stiffness = user["energy"], user["stiffness"]
 
         @compiled

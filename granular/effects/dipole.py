@@ -1,8 +1,8 @@
-"""Repulsion of two magnetic dipoles whose moments are normal to the plane.
+"""Repulsion of two magnetic dipoles with moments normal to the plane.
 
 Force on i from j: (3/4) q_i q_j / r^4 along the line of centres; energy q_i q_j / (4 r^3), in
-natural units, with q the moment over that of the first species [D, eq. 2.7; Yung, Landecker and
-Villani 1998, doi:10.1155/1998/79537]. The formula printed as [D, eq. 2.6] has 1/r; it is 1/r^4.
+natural units, where q is the moment relative to the first species [D, eq. 2.7; Yung, Landecker and
+Villani 1998, doi:10.1155/1998/79537]. [D, eq. 2.6] is misprinted with 1/r; the correct power is 1/r^4.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from granular.schema.apparatus import Grains
 
 
 class Dipole(ForceEffect):
-    """Dipole repulsion between all grains. It has no parameters: the grains' moments fix it."""
+    """Dipole repulsion between all grains. It has no parameters: the moments of the grains determine it."""
 
     key = "dipole"
     periodic = True
@@ -21,11 +21,11 @@ class Dipole(ForceEffect):
 
 
 def discs_unless_dipoles(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Disc of each species where the grains are cylinders; none of dipoles; length [m]."""
+    """Disc of each species if the grains are cylinders; empty for dipoles; length [m]."""
     return () if grains.magnets == "dipoles" else species_discs(grains, length)
 
 
 def species_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Magnet within a grain of each species, as a disc; length [m]."""
+    """Magnet inside a grain of each species, as a disc; length [m]."""
     magnets = grains.magnets_in_species()
     return tuple(Disc(0.5 * magnet.diameter / length, magnet.thickness / length) for magnet in magnets)

@@ -1,22 +1,23 @@
 """Viscous drag, and the motion of a grain under a force, drag and friction.
 
-The liquid shears between the faces of a grain and the plates, so a grain of the diameter D_s feels
-gamma (D_s/D_1)^2. Of one material and thickness, that is gamma times the mass ratio [D, eq. 4.16]:
-the acceleration is -(gamma/m) v for every species. A denser or thicker one is slowed down less.
+The liquid is sheared between the faces of a grain and the plates, so the drag coefficient of a grain of
+diameter D_s is gamma (D_s/D_1)^2. For species of one material and thickness this is gamma times the mass
+ratio [D, eq. 4.16], and the acceleration is -(gamma/m) v for every species. Denser or thicker species
+decelerate less.
 
-Drag dissipates and is not smuggled into a kick as one more force, which would cost the second
-order: kick and drag are solved together, exactly, while the positions stand still. With the
-acceleration a and the rate c,
+Drag is not added to the forces of a kick, since the method would then fall below second order: kick and
+drag are solved together, exactly, at fixed positions. With the acceleration a and the rate c,
 
     v(s) = e^(-c s) v + (1 - e^(-c s))/c a,
     energy lost per mass = integral of c v^2 = A v^2 + B v a + C a^2,
 
 which holds for any c s: an overdamped grain moves at its terminal velocity a/c.
 
-With dry friction as a third, the solution along a line is exact: what slides may stop within the duration,
-stays while the force is at most that of static friction, and is set off by a larger one for the time that
-remains. In a plane, friction acts against the mean direction of the motion. One after the other, force and
-friction would stop for good what is pushed on, and give what creeps more energy in each step than it has.
+With dry friction in addition, the solution along a line is exact. A sliding grain may stop within the
+time step; it stays while the force does not exceed static friction; a larger force sets it in motion for
+the rest of the step. In a plane, friction acts against the mean direction of the motion. Applied one after
+the other, force and friction would stop a pushed grain permanently, and would give a creeping grain more
+energy in each step than it has.
 """
 
 from __future__ import annotations
@@ -42,15 +43,15 @@ from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 
 Flow = tuple[float, float, float, float, float]
-"""The values of `granular.effects.drag.drag_flow_coefficients`."""
+"""Values of `drag_flow_coefficients`."""
 
 Slide = tuple[float, float, float, float]
-"""Velocity x, y [D/tau]; energies lost to drag and to friction [F* D]."""
+"""Velocity x, y [D/tau], and energies lost to drag and to friction [F* D]."""
 
 
 @compiled(inline=True)
 def vector_length(x: float, y: float) -> float:
-    """Length of a vector. `math.hypot`, which guards against overflow, took a third of a step."""
+    """Length of a vector. `math.hypot`, which guards against overflow, took a third of a step's time."""
     return math.sqrt(x * x + y * y)
 
 
@@ -66,20 +67,20 @@ def slide(
     dynamic: float,
     load: float,
 ) -> Slide:
-    """Slide for dt [tau]; rate [1/tau], mass [m], velocity [D/tau], force and load [F*]."""
+    """Move for dt [tau] under force, drag, friction; rate [1/tau], mass [m], velocity [D/tau], load [F*]."""
     vx, vy = velocity
     fx, fy = force
     speed = vector_length(vx, vy)
     if speed == 0.0:
-        return _set_off(rate, dt, flow, mass, force, static, dynamic, load)
+        return _slide_from_rest(rate, dt, flow, mass, force, static, dynamic, load)
     against = -(vx * fx + vy * fy)
-    # It must not be carried through rest to the other side: dynamic friction would release it there, though
+    # The velocity must not pass through zero: dynamic friction would then let the grain slide back, although
     # static friction holds it.
     stops = against > 0.0 and speed * mass <= dt * (against / speed + dynamic * load)
     if not (stops and vector_length(fx, fy) <= static * load):
         decay, gain = flow[:2]
         ax, ay = fx / mass, fy / mass
-        # Direction of v before plus v after. If they cancel, it turns within dt, so it stops on the way.
+        # Direction of v before plus v after. If they cancel, the grain turns round, and stops, within dt.
         ux, uy = (1.0 + decay) * vx + gain * ax, (1.0 + decay) * vy + gain * ay
         length = vector_length(ux, uy)
         if length > 0.0:
@@ -93,16 +94,16 @@ def slide(
     against = -(vx * fx + vy * fy) / speed
     brake = (dynamic * load + against) / mass
     path = _stopping_distance(rate, speed, brake)
-    left = max(dt - _stopping_time(rate, speed, brake), 0.0)
+    remaining = max(dt - _stopping_time(rate, speed, brake), 0.0)
     dragged = 0.5 * mass * speed * speed - mass * brake * path
-    vx, vy, later, rubbed = _set_off(
-        rate, left, drag_flow_coefficients(rate, left), mass, force, static, dynamic, load
+    vx, vy, later, rubbed = _slide_from_rest(
+        rate, remaining, drag_flow_coefficients(rate, remaining), mass, force, static, dynamic, load
     )
     return vx, vy, dragged + later, dynamic * load * path + rubbed
 
 
 @compiled
-def _set_off(
+def _slide_from_rest(
     rate: float,
     dt: float,
     flow: Flow,
@@ -112,7 +113,7 @@ def _set_off(
     dynamic: float,
     load: float,
 ) -> Slide:
-    """Slide from rest along the force, if that is above static friction."""
+    """Motion from rest along the force, if the force exceeds static friction."""
     size = vector_length(force[0], force[1])
     if size <= static * load:
         return 0.0, 0.0, 0.0, 0.0
@@ -132,13 +133,13 @@ def move_with_drag(flow: Flow, vx: float, vy: float, ax: float, ay: float) -> tu
 
 @entry
 def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float, float, float]:
-    """Decay, gain [tau], A, B [tau] and C [tau^2] of the exact flow of kick and drag over dt [tau]."""
+    """Decay, gain [tau], A, B [tau] and C [tau^2] of the exact solution of kick and drag over dt [tau]."""
     z = rate * dt
     decay = math.exp(-z)
     gain = -math.expm1(-z) / rate if z != 0.0 else dt
     a = -0.5 * math.expm1(-2.0 * z)
     b = rate * gain * gain
-    # Series of C: at 1e-2 it errs by 1e-12, the closed form by up to 1.4e-11, and more below (2e-9 at 1e-3).
+    # Series of C: its error is 1e-12 at 1e-2; the closed form has up to 1.4e-11 there, and 2e-9 at 1e-3.
     if abs(z) < 1e-2:
         bent = 1.0 / 3.0 - z * (1.0 / 4.0 - z * (7.0 / 60.0 - z * (1.0 / 24.0 - z * 31.0 / 2520.0)))
         c = rate * dt * dt * dt * bent
@@ -150,7 +151,7 @@ def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float,
 @compiled
 def _displacement(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
     """Displacement under drag and a push [D]; rate [1/tau], dt, gain [tau], speed [D/tau], push [D/tau^2]."""
-    # Below, rate dt/3 < 4e-7 of it is neglected; above, the difference keeps nine digits.
+    # Below 1e-6, a fraction rate dt/3 < 4e-7 is neglected; above it, the difference keeps nine digits.
     bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
     return gain * speed + bend * push
 
@@ -158,7 +159,7 @@ def _displacement(rate: float, dt: float, gain: float, speed: float, push: float
 @compiled
 def _stopping_distance(rate: float, speed: float, brake: float) -> float:
     """Distance to rest under drag and a brake [D]; rate [1/tau], speed [D/tau], brake [D/tau^2]."""
-    # Neglects 7e-7 of it at most; above, the difference with the logarithm keeps nine digits.
+    # Neglects a fraction of at most 7e-7; above it, the difference with the logarithm keeps nine digits.
     if rate * speed <= 1e-6 * brake:
         return 0.5 * speed * speed / brake
     if brake <= 0.0:
@@ -181,26 +182,26 @@ class Drag(DissipativeEffect):
     Attributes
     ----------
     coefficient : float
-        gamma [kg/s] of a grain of the first species; of others it goes with the area of a face. If it is
-        not given it follows from the liquid (`granular.parts.liquids`), and is 0.1 kg/s without one.
+        gamma [kg/s] of a grain of the first species; for other species it scales with the face area.
+        Default: computed from the liquid (`granular.parts.liquids`), or 0.1 kg/s without a liquid.
     liquid : str or None
-        Liquid in the cell by name, such as ``"silicone oil 350 cSt"``, at ``grains.temperature``.
+        Name of the liquid in the cell, such as ``"silicone oil 350 cSt"``, at ``grains.temperature``.
     viscosity : float or None
         Viscosity of the liquid [Pa s], instead of its name.
     offset : float
         Distance of the grains' mid-planes from the middle of the gap [m].
     packing : float or None
-        Area fraction of grains that move together, between which the liquid flows back; without, nothing
-        flows back.
+        Area fraction of grains that move together while the liquid flows back between them; None: no
+        counter-flow.
     """
 
     key = "drag"
     periodic = True
     damps = True
-    takes_along = ()
+    solved_together_with = ()
     loss_record = energy_variable("drag_loss", "energy lost to viscous drag")
 
-    follows: ClassVar[bool] = False  # from the liquid: the coefficient
+    is_from_liquid: ClassVar[bool] = False  # whether the coefficient is computed from the liquid
 
     coefficient: float = quantity("kg/s", default=None, least=0.0, optional=True)
     liquid: str | None = text_field(default=None, optional=True)
@@ -209,7 +210,7 @@ class Drag(DissipativeEffect):
     packing: float | None = quantity("1", default=None, least=0.0, most=0.9, optional=True)
 
     def validate(self) -> None:
-        """Check that keys do not contradict each other; set the default of a drag without a liquid."""
+        """Check that the keys are consistent; set the default without a liquid."""
         if self.liquid is not None and self.viscosity is not None:
             raise FieldError("give liquid or viscosity, not both")
         lone = self.liquid is None and self.viscosity is None
@@ -218,19 +219,19 @@ class Drag(DissipativeEffect):
             raise FieldError("offset and packing give the drag by a liquid; give liquid or viscosity alone")
         if lone and self.coefficient is None:
             object.__setattr__(self, "coefficient", 0.1)
-        object.__setattr__(self, "follows", self.coefficient is None)
+        object.__setattr__(self, "is_from_liquid", self.coefficient is None)
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`, without what follows from the liquid."""
+        """Plain data as from `Section.to_plain`, without values computed from the liquid."""
         plain = super().to_plain()
         if self.liquid is not None:
             plain.pop("viscosity", None)
-        if self.follows:
+        if self.is_from_liquid:
             plain.pop("coefficient", None)
         return plain
 
     def resolve_parts(self, grains: Grains, cell: Cell) -> Drag:
-        """Return the drag of a disc in its liquid, with its viscosity and coefficient."""
+        """Return the drag with viscosity and coefficient of a disc in its liquid."""
         viscosity = self.viscosity
         if self.liquid is not None:
             celsius = grains.liquid_temperature
@@ -240,31 +241,31 @@ class Drag(DissipativeEffect):
             return self
         result = copy.copy(self)
         object.__setattr__(result, "viscosity", viscosity)
-        if self.follows:
+        if self.is_from_liquid:
             area = 0.25 * math.pi * grains.species[0].diameter ** 2
             alone = disc_drag(viscosity, area, self.films(grains, cell))
             object.__setattr__(result, "coefficient", alone * self.packing_factor(grains, cell))
         return result
 
     def packing_factor(self, grains: Grains, cell: Cell) -> float:
-        """Factor of a disc's drag by the liquid that flows back between discs; 1 without a packing."""
+        """Factor of a disc's drag due to the counter-flow between discs; 1 without a packing."""
         if self.packing is None:
             return 1.0
         thickness = float(grains.species_values("thickness")[0])
         return counter_flow_factor(self.packing, thickness, self.films(grains, cell))
 
     def films(self, grains: Grains, cell: Cell) -> tuple[float, float]:
-        """Thickness of the liquid on both faces of a grain [m]."""
+        """Thickness of the liquid film on each face of a grain [m]."""
         thickness = grains.species_values("thickness")
         if (thickness != thickness[0]).any():
             raise FieldError(
-                "grains of several thicknesses have no common film; give the coefficient", "effects", "drag"
+                "grains of different thicknesses have no common film; give the coefficient", "effects", "drag"
             )
         middle, offset = 0.5 * (cell.separation - float(thickness[0])), self.offset or 0.0
         if not middle > offset:
             raise FieldError(
-                f"{cell.separation:g} m leaves no film on grains of {thickness[0]:g} m that are "
-                f"{offset:g} m off its middle; give a wider gap",
+                f"a gap of {cell.separation:g} m leaves no liquid film on grains {thickness[0]:g} m thick "
+                f"and {offset:g} m off its middle; give a wider gap",
                 "cell",
                 "separation",
             )
@@ -281,16 +282,16 @@ class Drag(DissipativeEffect):
     def grain_decay_rates(self, context: EffectContext) -> tuple[Array | None, DragRateTable]:
         """Decay rates of all grains, as the fields of `DragLaw` [1/tau]."""
         rate, grains = self.decay_rate(context.scales), context.grains
-        # gamma goes with the area of a grain's face [D, eq. 4.16].
-        slower = grains.face_area_ratios() / grains.mass_ratios()
-        if (slower == 1.0).all():
+        # gamma scales with the area of a grain's face [D, eq. 4.16].
+        rate_ratios = grains.face_area_ratios() / grains.mass_ratios()
+        if (rate_ratios == 1.0).all():
             return None, DragRateTable(np.array([rate]))
-        distinct, kinds = np.unique(slower, return_inverse=True)
+        distinct, kinds = np.unique(rate_ratios, return_inverse=True)
         return pad_values(kinds[context.species]), DragRateTable(rate * distinct)
 
 
-def drag_taken_along(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
-    """Fields of `DragLaw` of a scene, and the index in the ledger of its loss; without drag a rate of 0."""
+def drag_solved_together(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
+    """Return the fields of `DragLaw`, and the ledger index of its loss; a rate of 0 without drag."""
     drag = context.effects.get(Drag.key)
     if drag is None:
         return None, DragRateTable(np.zeros(1)), None
@@ -298,25 +299,25 @@ def drag_taken_along(context: EffectContext) -> tuple[Array | None, DragRateTabl
 
 
 class DragRateTable(NamedTuple):
-    """Different decay rates of the grains."""
+    """Distinct decay rates of the grains."""
 
     values: Float[np.ndarray, "k"]  # [1/tau]
 
 
 class DragFlowCache(NamedTuple):
-    """The flow over the last ``dt``."""
+    """Coefficients for the last ``dt``."""
 
     values: Float[np.ndarray, "k 7"]  # per rate: dt [tau], `drag_flow_coefficients`, exp(-c dt) - 1
 
 
 class DragLaw(NamedTuple):
-    """Drag as the kernels take it."""
+    """Drag in natural units, for the kernels."""
 
-    kind: Float[Array, "m"] | None  # index of each grain's rate in ``rates``; None: all have the same
+    kind: Float[Array, "m"] | None  # index of each grain's rate in ``rates``; None: one rate for all
     rates: DragRateTable
 
     def workspace(self, size: int, count: int) -> DragFlowCache:
-        """Make the buffer of the last flow: steps of equal length share it, and exponentials take long."""
+        """Make the cache of the last coefficients, since exponentials are slow and most steps equal."""
         return DragFlowCache(np.full((len(self.rates.values), 7), np.nan))
 
     @staticmethod
@@ -324,7 +325,7 @@ class DragLaw(NamedTuple):
     def kick(
         law: DragLaw, workspace: DragFlowCache, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Kick the grains by their forces and the drag together, exactly; enter the energy lost; dt [tau]."""
+        """Kick the grains by forces and drag together, exactly; enter the energy lost; dt [tau]."""
         for k in range(len(law.rates.values)):
             _kick_with_drag(bed.state.rounding, workspace.values[k], law, k, dt, bed)
         bed.state.ledger[LOSSES + index] += reproducible_sum(bed.state.scratch)
@@ -357,12 +358,12 @@ def _kick_with_drag(rounding: Array | None, last: Array, law: DragLaw, k: int, d
 
 @compiled(inline=True)
 def is_of_drag_kind(kind: Float[Array, "m"] | None, i: int, k: int) -> bool:
-    """Return whether a grain has the decay rate with the index ``k``."""
+    """Return True if a grain has the decay rate with index ``k``."""
     return True if kind is None else kind[i] == k
 
 
 @compiled(inline=True)
 def record_drag_loss(entry: int | None, state: State, energy: float) -> None:
-    """Enter the energy that the drag takes; without drag that is the rounding of zero; energy [F* D]."""
+    """Enter the energy lost to drag [F* D]; without drag it is only rounding error."""
     if entry is not None:
         state.ledger[entry] += energy

@@ -1,14 +1,14 @@
-"""Eddy-current drag: a magnet that moves along a conducting plate is slowed down by it.
+"""Eddy-current drag: a conducting plate brakes a magnet that moves along it.
 
-A dipole normal to a thin plate of conductivity s and thickness d, at the height h above it, feels
-at speeds well below 2/(mu0 s d) the drag [Reitz 1970, doi:10.1063/1.1659172]
+A dipole normal to a thin plate of conductivity s and thickness d, at height h above it, is subject to the
+drag [Reitz 1970, doi:10.1063/1.1659172], at speeds well below 2/(mu0 s d),
 
     F = -(3 mu0^2 s d mu^2)/(128 pi h^4) v.
 
-It grows with the square of the moment, unlike viscous drag, and slows grains of another moment at
-another rate. The flow of a lone grain is exact: v exp(-c_i t) with c_i = c_1 q_i^2/m_i.
+Unlike viscous drag, it is proportional to the square of the moment, so grains of different moments slow
+down at different rates. The solution for a lone grain is exact: v exp(-c_i t) with c_i = c_1 q_i^2/m_i.
 
-The currents that a neighbour's motion makes act on a grain too: `granular.effects.mutual_eddy_drag`.
+The eddy currents of moving neighbours act on a grain too: `granular.effects.mutual_eddy_drag`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from granular.schema.sections import choice_field, flag_field, integer_field, qu
 from granular.shared.array_types import Float
 
 SPACING = 1.375
-"""Spacing of the lattice by which `Eddy.mutual` is decided [D]: the packaged damper's at rest."""
+"""Lattice spacing for the default of `Eddy.mutual` [D], as in the packaged damper at rest."""
 
 TENTH = 0.1
 
@@ -55,18 +55,18 @@ class Eddy(DissipativeEffect):
     thickness : float
         d of a plate [m].
     distance : float
-        h of the grains' middle from the middle of a plate [m].
+        h, from the mid-plane of the grains to the mid-plane of a plate [m].
     plates : int
         1 or 2.
     plate : str
-        ``"thin"``: all currents flow in the middle of the plate, as in the formula above; or
-        ``"thick"``: they flow all through it. Nearer parts count more: a plate of 2 mm, 4 mm away,
-        brakes by 24 % more.
+        ``"thin"``: all currents flow in the mid-plane of the plate, as in the formula above; or
+        ``"thick"``: they flow throughout the plate. Nearer parts contribute more: a 2 mm plate at
+        4 mm brakes 24 % more.
     mutual : bool or None
-        Count the currents that other grains make. None: where there are other grains, and a
-        triangular lattice of spacing 1.375 D that moves as one body feels a drag that differs by
-        more than a tenth from that of lone grains. It is summed over all pairs, of large beds over those
-        within a reach, four times a step.
+        Include the eddy currents of the other grains. None: include them if the drag of a triangular
+        lattice of spacing 1.375 D moving as one body differs by more than 10 % from the drag of lone
+        grains. The sum runs over all pairs (in large beds over pairs within a cut-off), four times
+        per step.
     """
 
     key = "eddy"
@@ -85,11 +85,11 @@ class Eddy(DissipativeEffect):
     mutual: bool | None = flag_field(default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that a thick plate does not reach the grains' middle."""
+        """Check that a thick plate does not reach the mid-plane of the grains."""
         if self.plate == "thick" and self.thickness >= 2.0 * self.distance:
             raise FieldError(
-                f"{self.thickness:g} m reaches the grains' middle, {self.distance:g} m from the "
-                "middle of the plate; give a thinner plate or a larger distance",
+                f"a plate {self.thickness:g} m thick reaches the grains' mid-plane, {self.distance:g} m from "
+                "the mid-plane of the plate; give a thinner plate or a larger distance",
                 "thickness",
             )
 
@@ -97,12 +97,12 @@ class Eddy(DissipativeEffect):
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
         """Check that discs do not reach into the plate."""
-        # A thin plate lies at ``distance`` as a sheet, whatever its thickness.
+        # A thin plate is a sheet at ``distance``, whatever its thickness.
         half = 0.5 * self.thickness if self.plate == "thick" else 0.0
         tallest = 0.5 * float(grains.species_values("thickness").max())
         if grains.magnets == "cylinders" and self.distance <= half + tallest:
             raise FieldError(
-                f"{self.distance:g} m must be above {half + tallest:g} m, where discs touch the "
+                f"{self.distance:g} m must be above {half + tallest:g} m, at which discs touch the "
                 "plate; give a larger distance",
                 "effects",
                 "eddy",
@@ -113,7 +113,7 @@ class Eddy(DissipativeEffect):
         return Plate(self.distance / scales.length, thickness / scales.length)
 
     def includes_mutual_currents(self, count: int, scales: Scales) -> bool:
-        """Return whether others' currents count; by default if they change a lattice's drag by a tenth."""
+        """Return True if currents of other grains count; default: if they change a lattice's drag by 10 %."""
         if self.mutual is not None or count < 2:
             return bool(self.mutual) and count > 1
         return abs(lattice_drag_factor(self._plate_in_natural_units(scales), SPACING) - 1.0) > TENTH
@@ -122,7 +122,7 @@ class Eddy(DissipativeEffect):
         """Drag coefficient of a grain of the first species, as a dipole over the plates [kg/s]."""
         moment = scales.current * scales.length**2
         sheet = self.plates * self.conductivity * self.thickness
-        # Reitz 1970, doi:10.1063/1.1659172: the head of this file.
+        # Reitz 1970, doi:10.1063/1.1659172.
         strength = 3.0 * scales.permeability**2 * sheet * moment**2
         thin = strength / (128.0 * math.pi * self.distance**4)
         return thin * self._plate_in_natural_units(scales).thickness_drag_factor()
@@ -145,17 +145,17 @@ class Eddy(DissipativeEffect):
 
 
 class EddyLaw(NamedTuple):
-    """Eddy-current drag as the kernels take it."""
+    """Eddy-current drag in natural units, for the kernels."""
 
     rate: float  # [1/tau], of a dipole of the first species
-    factors: Float[Array, "m"] | None  # drag of each disc over a dipole's; None of dipoles
+    factors: Float[Array, "m"] | None  # drag of each disc over a dipole's; None for dipoles
 
     @staticmethod
     @compiled(inline=True)
     def damp_velocities(
         law: EddyLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Let the velocities decay by the eddy currents; enter the energy lost; dt [tau]."""
+        """Damp the velocities by the eddy currents; enter the energy lost; dt [tau]."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, relative_moments(constants), 0.0
         for i in range(constants.grains):
@@ -164,7 +164,7 @@ class EddyLaw(NamedTuple):
             exponent = -rate * moment * moment / mass * dt
             vx, vy = state.vx[i], state.vy[i]
             lost -= 0.5 * mass * math.expm1(2.0 * exponent) * (vx * vx + vy * vy)
-            left = math.exp(exponent)
-            state.vx[i], state.vy[i] = left * vx, left * vy
+            decay = math.exp(exponent)
+            state.vx[i], state.vy[i] = decay * vx, decay * vy
         state.ledger[LOSSES + index] += lost
         return 0

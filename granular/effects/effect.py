@@ -1,63 +1,62 @@
-"""Interface of an effect: one file that holds all that the scene, the loop and the run need.
+"""Interface of an effect: one file defines everything that the scene, the loop and the run need.
 
-An effect is a section of the scene: its fields are its parameters, with units and limits. Once a
-run it makes its *law*: a named tuple of numbers in natural units, and of arrays with one value for
-each grain, which follow a grain that leaves. (Arrays that are something else stand in a tuple of
-their own within the law.) The law's class has kernels as static methods, the *hooks* of the loop.
-What is not there costs nothing; ``law, workspace, index`` come before the others' arguments.
+An effect is a section of the scene; its fields are its parameters, with units and limits. At the start of
+a run it makes its *law*: a named tuple of numbers in natural units and of arrays with one value per grain.
+When a grain leaves, its entries are removed from these arrays. (Arrays of any other length belong in a
+nested tuple within the law.) The static methods of the law's class are kernels, the *hooks* of the loop.
+A hook that is not defined costs nothing. The first arguments of every hook are ``law, workspace, index``.
 
-An effect is of one of three kinds, or of two, and subclasses what it is:
+An effect subclasses one or two of three base classes:
 
-- a force, `ForceEffect`: it has an energy, and is minus its gradient;
-- a flow, `DissipativeEffect`: it takes energy, and is solved exactly;
-- a frame, `MovingFrameEffect`: it acts on everything, the piston too.
+- a force, `ForceEffect`: minus the gradient of an energy;
+- dissipation, `DissipativeEffect`: removes energy, and is solved exactly;
+- a moving frame, `MovingFrameEffect`: acts on all bodies, including the piston.
 
-``workspace(size, count)``, where the law has it, makes the scratch arrays that the loop hands
-over as ``workspace``; its field ``persistent``, if it has one, is part of the run's state.
+If the law has a method ``workspace(size, count)``, it makes the scratch arrays that the loop passes as
+``workspace``. A field ``persistent`` of the workspace is part of the run's state.
 
-Where a grain, a pair or a wall's distance is all that counts, the loops over grains need not be
-written: a class with the functions of one of them, decorated with
-`granular.effects.custom.effect` as a user's own, becomes an effect of this form, and so does a
-formula. `granular.effects.magnetic_gradient` is written so. The file's own test aside, nothing else has to
-be touched but the table `EFFECTS`.
+An effect that depends only on one grain, one pair or the distance from a wall needs no loops over grains:
+a class with functions of one grain, decorated with `granular.effects.custom.effect` like a user's effect,
+becomes an effect of this form, and so does a formula. `granular.effects.magnetic_gradient` is an example.
+Apart from its test, a new built-in effect needs one entry in the table `EFFECTS` and nothing else.
 
-A flow: it takes energy, and is solved exactly. `granular.effects.eddy_drag` is a short one.
+**Dissipation.** `granular.effects.eddy_drag` is a short example.
 
-Its velocities after a duration are exact at fixed positions: as a force it would cost the second
-order. What it takes is entered in ``state.ledger[LOSSES + index]``. Hooks of its law, behind
+The velocities after a time step are exact at fixed positions. Treated as a force, dissipation would reduce
+the method below second order. The energy lost is entered in ``state.ledger[LOSSES + index]``. Hooks, after
 ``law, workspace, index``:
 
 ``damp_velocities(..., dt, bed, opens_step) -> int``
-    Velocities after ``dt`` under this effect alone; forward behind the kick that opens a step,
-    backward before the one that closes it.
+    Velocities after ``dt`` under this effect alone. The effects act in forward order after the kick that
+    opens a step, in reverse order before the kick that closes it.
 ``kick(..., dt, bed, opens_step) -> int``
-    Velocities after ``dt`` under all forces, instead of the plain kick, for what must be solved
-    together with them; the last effect that has one gives it, and must take along what others do.
+    Velocities after ``dt`` under all forces, replacing the plain kick, for effects that must be solved
+    together with the forces. The last effect that has this hook provides it, and must include the others.
 
-A force: it has an energy, and is minus its gradient. `granular.effects.gravity` is a short one.
+**Forces.** `granular.effects.gravity` is a short example.
 
-Hooks of its law, behind ``law, workspace, index``:
+Hooks, after ``law, workspace, index``:
 
 ``add_forces(..., bed, time) -> int``
-    Add the forces on the grains; how many grains are where they cannot be.
+    Add the forces on the grains; return the number of grains at impossible positions.
 ``measure_energy_and_stiffness(..., bed, time, stiffness, energies) -> int``
-    Enter the energy at ``energies[index]``; add to ``stiffness`` a bound of each grain's stiffness
-    over its mass, which the automatic step follows.
+    Enter the energy at ``energies[index]``; add to ``stiffness`` an upper bound of each grain's stiffness
+    over its mass, which sets the automatic time step.
 ``record_external_work(..., dt, bed, time) -> int``
-    Enter in ``state.ledger[WORK]`` what a force that depends on time does.
+    Enter in ``state.ledger[WORK]`` the work of a time-dependent force.
 ``squared_head_on_impact_frequency(..., speed, constants) -> float``
-    Greatest stiffness over mass that a grain of this speed meets.
+    Maximum stiffness over mass that a grain of this speed encounters.
 
-A frame: it acts on everything, the piston too. `granular.effects.shaking` is a short one.
+**Moving frames.** `granular.effects.shaking` is a short example.
 
-A host moves grains and piston by their forces, so the loop itself moves it: `granular.engine.bodies`.
-Hooks of its law, behind ``law, workspace, index``, next to those of a force that it may have:
+A host moves grains and piston by their forces, so the loop itself moves the host: `granular.engine.bodies`.
+Hooks, after ``law, workspace, index``, in addition to the hooks of a force:
 
 ``upward_acceleration(..., time) -> float``
-    Upward acceleration of all that has a mass.
+    Upward acceleration of every mass.
 ``drift(..., dt, bed) -> int``
-    Positions after ``dt``, instead of the plain drift, and velocities that change in its middle, as
-    a heat bath wants it; for Störmer-Verlet's coefficients alone.
+    Positions after ``dt``, replacing the plain drift, with velocities that change halfway through it, as a
+    heat bath requires; only with the coefficients of Störmer-Verlet.
 """
 
 from __future__ import annotations
@@ -77,13 +76,13 @@ from granular.shared.registry import Registry
 
 
 class RecordedVariable(NamedTuple):
-    """A variable of the run that an effect brings.
+    """A variable that an effect adds to the run's records.
 
     Attributes
     ----------
     name, unit, meaning : str
     scale : str
-        The natural unit it is in, an attribute of `Scales`.
+        Natural unit of the values, the name of an attribute of `Scales`.
     """
 
     name: str
@@ -94,7 +93,7 @@ class RecordedVariable(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EffectContext:
-    """Context in which an effect makes its law.
+    """Scene data from which an effect makes its law.
 
     Attributes
     ----------
@@ -109,7 +108,7 @@ class EffectContext:
         Index of each effect in the tuple of laws.
     piston : Piston or None
     cut_off : float or None
-        Distance at which all pairs end [D]; None: they do not.
+        Cut-off distance of all pair sums [D]; None: no cut-off.
     """
 
     grains: Grains
@@ -123,38 +122,37 @@ class EffectContext:
 
     @property
     def periods(self) -> tuple[float, float] | None:
-        """Sides of a periodic cell [D]; None of a closed one."""
+        """Side lengths of a periodic cell [D]; None if the cell is not periodic."""
         sides, length = self.cell.periods, self.scales.length
         return None if sides is None else (sides[0] / length, sides[1] / length)
 
 
 class Effect(Section):
-    """Base of the effects.
+    """Base class of effects.
 
     Attributes
     ----------
     key : str
         Name of the effect in a scene.
     rank : int
-        The loop takes effects in the order of their ranks, and of their names: 0 for what acts on
-        each grain alone, 1 for pairs, 2 for walls.
+        The loop applies effects by rank, then by name: 0 for single grains, 1 for pairs, 2 for walls.
     dry : bool
-        Whether it stops grains at a threshold, and cannot be undone backward in time.
+        True if the effect stops grains at a threshold, so that it cannot be reversed in time.
     damps : bool
-        Whether it takes energy wherever grains move.
+        True if the effect dissipates energy whenever grains move.
     drifts : bool
-        Whether it has a ``drift``.
+        True if the law has a hook ``drift``.
     periodic : bool
-        Whether it is the same at a grain and at all images of it, and meets the nearest images of
-        other grains: it can act in a periodic cell.
-    takes_along : tuple of str or None
-        Of an effect with a ``kick``: those of the others with a ``kick`` that are solved with it.
+        True if the effect can act in a periodic cell: it is the same for a grain and all its images, and
+        uses the nearest images of other grains.
+    solved_together_with : tuple of str or None
+        For an effect with a ``kick``: keys of the other effects with a ``kick`` that it includes.
     energy_record, loss_record : RecordedVariable or None
-        Records of its energy and its loss; those of the same name are added up.
+        Records of the energy and of the energy lost; records of the same name are added.
     grain_records : tuple of RecordedVariable
-        Records with a value for each grain.
+        Records with one value per grain.
     example : plain data
-        Parameters as a scene may have them, for the reference and for the test of all effects.
+        Example parameters as in a scene, for the reference and for the test of all effects.
     """
 
     key: ClassVar[str] = ""
@@ -163,7 +161,7 @@ class Effect(Section):
     damps: ClassVar[bool] = False
     drifts: ClassVar[bool] = False
     periodic: ClassVar[bool] = False
-    takes_along: ClassVar[tuple[str, ...] | None] = None
+    solved_together_with: ClassVar[tuple[str, ...] | None] = None
     energy_record: ClassVar[RecordedVariable | None] = None
     loss_record: ClassVar[RecordedVariable | None] = None
     grain_records: ClassVar[tuple[RecordedVariable, ...]] = ()
@@ -171,26 +169,26 @@ class Effect(Section):
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """The effects that it is made of, each with a law."""
+        """Effects that make up this one, each with a law."""
         return (self,)
 
     @property
     def extra_records(self) -> tuple[RecordedVariable, ...]:
-        """Series that the effect records, besides its energy and its loss."""
+        """Series that the effect records in addition to its energy and its loss."""
         return ()
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digests of a user's functions and texts in it, for the run's settings."""
+        """Digests of the user's functions and formulas in it, for the run's settings."""
         return ()
 
     @property
     def dissipates(self) -> bool:
-        """True where it, or an effect that it is made of, takes energy."""
+        """True if the effect, or one of its components, dissipates energy."""
         return any(part.damps or part.dry for part in self.component_effects)
 
     def make_kernel_law(self, context: EffectContext) -> Any:
-        """Make the law that the compiled loop takes, in natural units.
+        """Make the law for the compiled loop, in natural units.
 
         Parameters
         ----------
@@ -200,7 +198,7 @@ class Effect(Section):
         Returns
         -------
         named tuple or None
-            None for what is no law of its own.
+            None if the effect has no law in the loop.
 
         Raises
         ------
@@ -210,7 +208,7 @@ class Effect(Section):
         raise NotImplementedError
 
     def resolve_parts(self, grains: Grains, cell: Cell) -> Effect:
-        """Return the effect with the numbers that follow from the parts of grains and cell."""
+        """Return the effect with the values that follow from grains and cell."""
         return self
 
     def check_compatibility(
@@ -225,18 +223,18 @@ class Effect(Section):
         cell : Cell
             Cell of the scene.
         piston : Piston or None
-            Piston of the scene; None where there is none.
+            Piston of the scene; None without a piston.
         others : Mapping[str, Effect]
             All effects that act, by their keys.
 
         Raises
         ------
         FieldError
-            If it does not; with the path of the key from the scene.
+            If the effect is not compatible; the error has the path of the key in the scene.
         """
 
     def normal_load_weights(self, context: EffectContext) -> Float[np.ndarray, "m"] | None:
-        """Weights of the grains in the sums over 1/r^3 that the pass over pairs also makes.
+        """Weights of the grains in the sums of 1/r^3 that are computed along with the pair forces.
 
         Parameters
         ----------
@@ -246,17 +244,17 @@ class Effect(Section):
         Returns
         -------
         float64 (m,) or None
-            Weights, in units of D^3 F*; None where the effect needs no such sums.
+            Weights, in units of D^3 F*; None if the effect needs no such sums.
         """
         return None
 
     def grain_record_values(self, law: Any, state: Any) -> dict[str, np.ndarray]:
-        """Values of the effect's `grain_records` at the present moment.
+        """Return the present values of the effect's `grain_records`.
 
         Parameters
         ----------
         law : object
-            Law that the effect made.
+            Law made by the effect.
         state : object
             State of the run.
 
@@ -268,7 +266,7 @@ class Effect(Section):
         return {}
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Angular frequency of a drive, which a step is to resolve.
+        """Angular frequency of a drive, which the time step must resolve.
 
         Parameters
         ----------
@@ -289,10 +287,10 @@ def energy_variable(name: str, meaning: str) -> RecordedVariable:
 
 
 class DissipativeEffect(Effect):
-    """Base of the effects that take energy."""
+    """Base class of dissipative effects."""
 
     def decay_rate(self, scales: Scales) -> float:
-        """Rate of a linear decay of the velocities, which a step is to resolve up to a limit.
+        """Linear decay rate of the velocities, which the time step resolves up to a limit.
 
         Parameters
         ----------
@@ -302,16 +300,16 @@ class DissipativeEffect(Effect):
         Returns
         -------
         float
-            [1/tau]; 0 where the effect has none.
+            [1/tau]; 0 if the effect has no linear decay.
         """
         return 0.0
 
 
 class ForceEffect(Effect):
-    """Base of the effects that have an energy."""
+    """Base class of effects with an energy."""
 
     def downward_acceleration(self, scales: Scales) -> float:
-        """Downward acceleration that never changes, which can make grains faster.
+        """Constant downward acceleration, which can speed grains up.
 
         Parameters
         ----------
@@ -321,16 +319,16 @@ class ForceEffect(Effect):
         Returns
         -------
         float
-            [D/tau^2]; 0 where the effect has none.
+            [D/tau^2]; 0 if the effect has none.
         """
         return 0.0
 
 
 class MovingFrameEffect(Effect):
-    """Base of the effects that carry grains and piston together."""
+    """Base class of effects that move grains and piston together."""
 
-    def greatest_imparted_speed(self, scales: Scales) -> float:
-        """Greatest speed that the effect lends to all grains.
+    def maximum_imparted_speed(self, scales: Scales) -> float:
+        """Maximum speed that the effect gives to the grains.
 
         Parameters
         ----------
@@ -340,7 +338,7 @@ class MovingFrameEffect(Effect):
         Returns
         -------
         float
-            [D/tau]; 0 where it lends none.
+            [D/tau]; 0 if it gives none.
         """
         return 0.0
 
@@ -380,4 +378,4 @@ WALL_LAWS = Registry[type[Section]](
     "a law of that name made by granular.wall_law",
     from_files=True,
 )
-"""Laws of walls, but for those that `granular.effects.walls` has itself."""
+"""Wall laws in addition to the built-in laws of `granular.effects.walls`."""

@@ -1,4 +1,4 @@
-"""Excitation of a host: a force on it, or an acceleration of its base, as a function of time."""
+"""Excitation of a host: a force on it or an acceleration of its base, as a function of time."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from granular.shared.errors import RecordError, quote
 
 SINE, SWEEP, IMPULSE, TABLE = range(4)
 
-# The cubic between such knots errs by (2 pi/24)^4/384 = 1.2e-5 of a sine.
-KNOTS_A_PERIOD = 24
-"""Knots of the tabled noise in a period of its highest frequency."""
-MOST_LINES, MOST_KNOTS = 2048, 2**20
-LEAST_ROWS = 4
-"""Fewest rows of a table."""
+# The cubic interpolation error of a sine is then (2 pi/24)^4/384 = 1.2e-5 of its amplitude.
+KNOTS_PER_PERIOD = 24
+"""Knots of tabulated noise per period of its highest frequency."""
+MAXIMUM_LINES, MAXIMUM_KNOTS = 2048, 2**20
+MINIMUM_ROWS = 4
+"""Minimum number of rows of a table."""
 _KEYS = {
     "sine": ("frequency",),
     "sweep": ("frequency", "to", "duration"),
@@ -40,24 +40,24 @@ _KEYS = {
     "table": ("times", "values"),
     "record": ("file",),
 }
-"""Keys of each kind besides those that all kinds have."""
+"""Keys of each kind, in addition to the keys of all kinds."""
 _AMPLITUDES = ("force", "acceleration", "displacement")
 
 
 class Excitation(Section):
     """A force on a body of the chain, or a motion of the base, upwards.
 
-    One of ``force``, ``acceleration`` and ``displacement`` is given. It is the amplitude of a sine
-    and of a sweep, the peak of an impulse, the rms value of noise, and what the numbers of a table
-    or a record are multiplied by.
+    Exactly one of ``force``, ``acceleration`` and ``displacement`` is given. It is the amplitude of a sine
+    or a sweep, the peak of an impulse, the rms value of noise, and the factor of the values of a table or
+    a record.
 
     Attributes
     ----------
     kind : str
         ``"sine"``; ``"sweep"``, a sine whose frequency grows exponentially; ``"impulse"``, half a
-        sine; ``"noise"``, with all frequencies of a band alike; ``"table"``; or ``"record"``, a
-        table in a file with a time and a number in each line, which is read as a laboratory record
-        is: numbers with a unit behind their name are converted to N, or to m/s^2.
+        sine; ``"noise"``, white in a frequency band; ``"table"``; or ``"record"``, a table in a file
+        with a time and a value in each line. The file is read like a laboratory record: columns with
+        a unit after their name are converted to N, or to m/s^2.
     force : float or None
         On the body [N].
     acceleration : float or None
@@ -69,7 +69,7 @@ class Excitation(Section):
     to : float or None
         The highest frequency [Hz].
     start : float
-        Time of its begin, since the start of the run [s].
+        Start time, from the start of the run [s].
     duration : float or None
         Duration of a sweep, an impulse or noise [s].
     seed : int
@@ -78,7 +78,7 @@ class Excitation(Section):
         Times of a table [s], increasing, counted from ``start``.
     values : tuple of float
     file : str or None
-        File of a record, which becomes a table of the scene.
+        File of a record, which is stored as a table in the scene.
     """
 
     kind: str = choice_field("sine", "sweep", "impulse", "noise", "table", "record", default="sine")
@@ -95,14 +95,15 @@ class Excitation(Section):
     file: str | None = text_field(default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that one amplitude and all that the kind needs are given; read a record's file."""
+        """Check that one amplitude and all keys of the kind are given; read a record's file."""
         given = [name for name in _AMPLITUDES if getattr(self, name) is not None]
         if len(given) != 1:
             raise FieldError(f"give one of {', '.join(_AMPLITUDES)}, not {len(given)}")
         self._check_keys_of_kind()
         if self.displacement is not None and self.kind not in ("sine", "sweep"):
             raise FieldError(
-                f"only a sine or a sweep has one; {quote(self.kind)} takes an acceleration", "displacement"
+                f"only a sine or a sweep has a displacement; give {quote(self.kind)} an acceleration",
+                "displacement",
             )
         if self.kind in ("sweep", "noise") and not (self.to or 0.0) > (self.frequency or 0.0):
             raise FieldError(f"{self.to:g} Hz must be above {self.frequency:g} Hz", "to")
@@ -114,16 +115,16 @@ class Excitation(Section):
             _noise_knot_count(self)
 
     def _check_keys_of_kind(self) -> None:
-        """Check that the keys of the kind are given, and those of the other kinds are not."""
-        own = _KEYS[self.kind]
+        """Check that the keys of the kind are given, and no keys of other kinds."""
+        keys_of_kind = _KEYS[self.kind]
         for field in dataclasses.fields(self):
             given = getattr(self, field.name) != field.default
-            if field.name in own and getattr(self, field.name) is None:
+            if field.name in keys_of_kind and getattr(self, field.name) is None:
                 raise FieldError(f"must be given for {quote(self.kind)}", field.name)
-            if given and field.name not in (*own, *_AMPLITUDES, "kind", "start"):
+            if given and field.name not in (*keys_of_kind, *_AMPLITUDES, "kind", "start"):
                 raise FieldError(
-                    f"has no meaning for {quote(self.kind)}, which has {', '.join(own)} and start; "
-                    "leave it out",
+                    f"has no meaning for {quote(self.kind)}, which has {', '.join(keys_of_kind)} and start; "
+                    "remove it",
                     field.name,
                 )
 
@@ -133,10 +134,9 @@ class Excitation(Section):
         unit = "N" if self.acceleration is None else "m/s^2"
         with at_key("file", errors=RecordError):
             times, values = read_time_series(Path(str(self.file)), unit)
-        if len(times) < LEAST_ROWS:
+        if len(times) < MINIMUM_ROWS:
             raise FieldError(
-                f"{quote(self.file)} holds {len(times)} times with a number; give at least {LEAST_ROWS}",
-                "file",
+                f"{quote(self.file)} has {len(times)} rows with numbers; give {MINIMUM_ROWS} or more", "file"
             )
         table = {"times": tuple((times - times[0]).tolist()), "values": tuple(values.tolist())}
         for name, value in {"kind": "table", "file": None, **table}.items():
@@ -144,20 +144,20 @@ class Excitation(Section):
 
     def _check_table(self) -> None:
         if len(self.times) != len(self.values):
-            raise FieldError(f"holds {len(self.values)} numbers for {len(self.times)} times", "values")
-        if len(self.times) < LEAST_ROWS or (np.diff(self.times) <= 0.0).any():
-            raise FieldError("must increase, with at least four values", "times")
+            raise FieldError(f"has {len(self.values)} numbers for {len(self.times)} times", "values")
+        if len(self.times) < MINIMUM_ROWS or (np.diff(self.times) <= 0.0).any():
+            raise FieldError("must be 4 or more increasing values", "times")
         _table_point_count(self)
 
     @property
     def is_base_motion(self) -> bool:
-        """True where the base moves; otherwise a force acts."""
+        """True if the base moves; otherwise a force acts."""
         return self.force is None
 
     def highest_frequency(self) -> float:
-        """Highest frequency that a step has to resolve [Hz]."""
+        """Highest frequency that the time step must resolve [Hz]."""
         if self.kind == "table":
-            # Ten rows a period: the cubic between fewer does not resolve a sine.
+            # Ten rows per period: with fewer, cubic interpolation does not resolve a sine.
             return 0.1 / float(np.diff(self.times).min())
         if self.kind == "impulse":
             # A half sine of this duration is half a period.
@@ -165,10 +165,10 @@ class Excitation(Section):
         return self.to or self.frequency or 0.0
 
     def make_kernel_law(self, scales: Scales) -> ExcitationLaw:
-        """Make the excitation that the compiled loop takes, in natural units."""
+        """Make the excitation for the compiled loop, in natural units."""
         tau = scales.time
         kind = {"sine": SINE, "sweep": SWEEP, "impulse": IMPULSE}.get(self.kind, TABLE)
-        size, swings = self._amplitude_in_natural_units(scales)
+        size, is_displacement = self._amplitude_in_natural_units(scales)
         start, duration = self.start, math.inf if self.duration is None else self.duration
         times, values, slopes = np.zeros(2), np.zeros(2), np.zeros(2)
         if kind == TABLE:
@@ -179,9 +179,9 @@ class Excitation(Section):
             times = times - times[0]
         return ExcitationLaw(
             kind=kind,
-            base=self.is_base_motion,
+            moves_base=self.is_base_motion,
             size=size,
-            swings=swings,
+            is_displacement=is_displacement,
             omega=math.tau * (self.frequency or 0.0) * tau,
             ratio=math.log(self.to / self.frequency) if self.to and self.frequency else 0.0,
             start=start / tau,
@@ -200,12 +200,12 @@ class Excitation(Section):
 
 
 class ExcitationLaw(NamedTuple):
-    """An excitation as the kernels take it."""
+    """Excitation in natural units, for the kernels."""
 
     kind: int
-    base: bool  # whether it is an acceleration of the base [D/tau^2]; otherwise a force [F*]
-    size: float  # amplitude [F*, D/tau^2], or [D] with ``swings``
-    swings: bool  # whether ``size`` is that of a displacement [D]
+    moves_base: bool  # whether it is an acceleration of the base [D/tau^2]; otherwise a force [F*]
+    size: float  # amplitude [F*, D/tau^2], or [D] with ``is_displacement``
+    is_displacement: bool  # whether ``size`` is the amplitude of a displacement [D]
     omega: float  # first angular frequency [1/tau]
     ratio: float  # log(last frequency/first)
     start: float  # [tau]
@@ -217,21 +217,21 @@ class ExcitationLaw(NamedTuple):
 
 @compiled
 def evaluate_excitation(drive: ExcitationLaw, time: float) -> float:
-    """Force on the host, or the acceleration of the base, at a time [F*, D/tau^2]; time [tau]."""
+    """Force on the host, or acceleration of the base, at a time [F*, D/tau^2]; time [tau]."""
     t = time - drive.start
     return _value_during_excitation(drive, t) if 0.0 <= t <= drive.duration else 0.0
 
 
 @compiled
 def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_step: bool) -> float:
-    """Drive for a kick from time [tau] over dt, or to it where it closes a step [F*, D/tau^2]."""
+    """Drive in a kick that starts at a time, or ends there if it closes a step [F*, D/tau^2]; dt [tau]."""
     t = time - drive.start
     other = t + dt if opens_step else t - dt
     first, last = min(t, other), max(t, other)
     if first >= 0.0 and last <= drive.duration:
         return _value_during_excitation(drive, t)
-    # Begin and end, where the drive may jump, can fall within a kick. It counts for its part of the kick: all
-    # or nothing would cost the second order.
+    # The drive may jump at its start and end, within a kick. It acts for its fraction of the kick, or the
+    # method would fall below second order.
     fraction = (min(last, drive.duration) - max(first, 0.0)) / (last - first)
     if not fraction > 0.0:
         return 0.0
@@ -240,7 +240,7 @@ def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_s
 
 @compiled
 def _value_during_excitation(drive: ExcitationLaw, t: float) -> float:
-    """Value at a time since its begin [tau]."""
+    """Value at a time from its start [tau]."""
     if drive.kind == TABLE:
         return drive.size * evaluate_cubic_spline(drive.values, drive.slopes, drive.times[1], t)[0]
     if drive.kind == IMPULSE:
@@ -251,29 +251,29 @@ def _value_during_excitation(drive: ExcitationLaw, t: float) -> float:
         rate = drive.ratio / drive.duration
         omega *= math.exp(rate * t)
         phase, gain = (omega - drive.omega) / rate, omega * rate
-    if drive.swings:
+    if drive.is_displacement:
         return drive.size * (gain * math.cos(phase) - omega * omega * math.sin(phase))
     return drive.size * math.sin(phase)
 
 
 Knots = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Times [s], values, and slopes [1/s]."""
+"""Times [s], values and slopes [1/s]."""
 
 
 def _table_point_count(excitation: Excitation) -> int:
     spacing = float(np.diff(excitation.times).min())
     count = round((excitation.times[-1] - excitation.times[0]) / spacing) + 1
-    if count > MOST_KNOTS:
+    if count > MAXIMUM_KNOTS:
         raise FieldError(
-            f"the least distance, {spacing:g} s, makes {count} knots, {MOST_KNOTS} is the limit; "
-            "take times that are equally far from each other",
+            f"the smallest spacing, {spacing:g} s, requires {count} knots, the limit is {MAXIMUM_KNOTS}; "
+            "give equally spaced times",
             "times",
         )
     return count
 
 
 def _resample_by_spline(excitation: Excitation) -> Knots:
-    """Cubic spline through the table, on times that are equally far from each other."""
+    """Cubic spline through the table, at equally spaced times."""
     from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(excitation.times, excitation.values)
@@ -282,26 +282,26 @@ def _resample_by_spline(excitation: Excitation) -> Knots:
 
 
 def _noise_band(excitation: Excitation) -> tuple[float, float, float]:
-    """Return the lowest and the highest frequency [Hz], and the duration [s]."""
+    """Lowest and highest frequency [Hz], and duration [s]."""
     return excitation.frequency or 0.0, excitation.to or 0.0, excitation.duration or 0.0
 
 
 def _noise_knot_count(excitation: Excitation) -> int:
     _, highest, duration = _noise_band(excitation)
-    count = math.ceil(duration * highest * KNOTS_A_PERIOD) + 1
-    if count > MOST_KNOTS:
+    count = math.ceil(duration * highest * KNOTS_PER_PERIOD) + 1
+    if count > MAXIMUM_KNOTS:
         raise FieldError(
-            f"{duration:g} s of noise up to {highest:g} Hz has {count} knots, "
-            f"{MOST_KNOTS} is the limit; shorten it",
+            f"{duration:g} s of noise up to {highest:g} Hz requires {count} knots, "
+            f"the limit is {MAXIMUM_KNOTS}; give a shorter duration",
             "duration",
         )
     return count
 
 
 def _sum_noise_sines(excitation: Excitation) -> Knots:
-    """Sines of one amplitude and random phases, the lines of a period as long as the noise."""
+    """Sum of sines of equal amplitude and random phase, whose spectral lines are 1/duration apart."""
     lowest, highest, duration = _noise_band(excitation)
-    lines = int(min(max((highest - lowest) * duration, 1.0), MOST_LINES))
+    lines = int(min(max((highest - lowest) * duration, 1.0), MAXIMUM_LINES))
     omega = math.tau * (lowest + (highest - lowest) * (np.arange(lines) + 0.5) / lines)
     phases = np.random.default_rng(excitation.seed).uniform(0.0, math.tau, lines)
     times = np.linspace(0.0, duration, _noise_knot_count(excitation))

@@ -1,22 +1,21 @@
-"""Energies that are written as formulas: each writes an own part, with the functions derived from it.
+"""Effects and wall laws given by formulas of their energy, from which all functions are derived.
 
-A text is read by `granular.formulas`, never run. Its names are variables, which the kind of
-formula fixes, and parameters, which stand next to it with their units; the units must make joules.
-Force, stiffness and the rate of change in time are derived from it, so that the force is minus the
-gradient of the energy.
+The text is parsed by `granular.formulas`, never executed. It contains variables, which depend on the kind
+of formula, and parameters, which are given next to it with units; the result must be in joules.
+Force, stiffness and rate of change in time are derived from the energy, so the force is exactly minus its
+gradient.
 
 Fields act on every grain:
 ``effects.field = [{ energy = "k*y**2/2 + a*sin(x/l)", k = "10 N/m", a = "1 uJ", l = "3 mm" }]``.
-Their variables are the position ``x``, ``y``, the time ``t``, and a grain's ``mass`` and magnetic
-``moment``. Where ``t`` is in it, the work from outside is derived too.
+The variables are the position ``x``, ``y``, the time ``t``, and the grain's ``mass`` and magnetic
+``moment``. If the formula contains ``t``, the external work is derived as well.
 
-Pair laws whose energies are written as formulas of the distance.
-
-``effects.pair_law = [{ energy = "a*exp(-r/l)", a = "1 mJ", l = "2 mm" }]``. It acts along with the
-dipoles, or instead of them where the scene names none. The variables are the distance ``r`` of the
-centres and the grains' moments ``q1`` and ``q2`` over that of the first species; see
-`granular.effects.formula`. Both grains must be treated alike. A law that falls off as 1/r^3 says with
-which coefficient: ``{ energy = "c*q1*q2/r**3*(1 + (l/r)**4)", tail = "c*q1*q2", ... }``.
+Pair laws are formulas of the distance:
+``effects.pair_law = [{ energy = "a*exp(-r/l)", a = "1 mJ", l = "2 mm" }]``. They act in addition to the
+dipoles, or instead of them if the scene has none. The variables are the distance ``r`` of the centres and
+the moments ``q1`` and ``q2`` relative to the first species. The formula must be symmetric in the two
+grains. For a law that falls off as 1/r^3, give the coefficient:
+``{ energy = "c*q1*q2/r**3*(1 + (l/r)**4)", tail = "c*q1*q2", ... }``.
 """
 
 from __future__ import annotations
@@ -30,8 +29,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from granular.effects.custom import OwnPart
-from granular.effects.custom_law import Definition, Functions, OwnEffectLaw, OwnWallLaw
+from granular.effects.custom import CustomPart
+from granular.effects.custom_law import CustomEffectLaw, CustomWallLaw, Definition, Functions
 from granular.effects.effect import Effect, EffectContext, ForceEffect, energy_variable
 from granular.effects.pair_law import PairFunctions, PairLawEffect, Species
 from granular.formulas import parse, variable_names
@@ -45,10 +44,10 @@ from granular.schema.sections import SectionWithFormula, quantity, section_field
 from granular.shared.errors import InputError, quote, unknown_word_message
 
 _FORM = "2"
-"""Part of the digest, to be raised with any change of what is derived from a text."""
+"""Part of the digest; increase it whenever the derived functions change."""
 
 
-class EnergyFormula(SectionWithFormula, OwnPart):
+class EnergyFormula(SectionWithFormula, CustomPart):
     """An energy as a formula.
 
     Attributes
@@ -56,9 +55,9 @@ class EnergyFormula(SectionWithFormula, OwnPart):
     energy : str
         [J]
     arguments : tuple of str, or of tuples of str
-        Arguments of the derived functions behind the parameters: variables, and tuples of them.
+        Arguments of the derived functions after the parameters: variables, and tuples of variables.
     function_names : tuple of str
-        Names of the derived functions; one of the time has the ``power`` besides.
+        Names of the derived functions; a time-dependent formula also has ``power``.
     """
 
     formula_key: ClassVar[str] = "energy"
@@ -70,18 +69,18 @@ class EnergyFormula(SectionWithFormula, OwnPart):
 
     @staticmethod
     def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Derive SymPy's expressions of the functions, by their names, from the energy's."""
+        """Derive the SymPy expressions of the functions, by name, from the energy."""
         raise NotImplementedError
 
     @property
     def definition(self) -> Definition:
-        """The derived functions; the same ones for the same text."""
+        """Derived functions; cached by the text of the formula."""
         kind: Any = type(self)
         return _make_definition(kind, self.energy, tuple(name for name, _ in self.values))
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digest of what is derived, for the run's settings."""
+        """Digest of the derived functions, for the run's settings."""
         return (self.definition.digest,)
 
 
@@ -103,14 +102,14 @@ def _derive_functions(
     from granular.formulas.algebra import compile_formula
 
     assert kind.law_base is not None
-    # In the functions of a class ``p`` is the law, with all its fields.
+    # In a class's functions, ``p`` is the law with all its fields.
     p = (*parameters, *(f"law.{name}" for name in kind.law_base.extra_fields))
     made = compile_formula(energy, parameters, (p, *kind.arguments), kind.derive_functions)
     return {name: made[name] for name in names}
 
 
 class FormulaList(ForceEffect):
-    """Base of an effect that a scene gives as a list of tables, or as one table."""
+    """Base class of effects that a scene gives as one table or as a list of tables."""
 
     if TYPE_CHECKING:
         fields: tuple[Any, ...]
@@ -125,12 +124,12 @@ class FormulaList(ForceEffect):
             raise FieldError(error.reason, *error.path[1:]) from None
 
     def to_plain(self) -> Any:
-        """Formulas as a list of tables; `from_plain` makes an equal effect of it."""
+        """Formulas as a list of tables, which `from_plain` turns back into an equal effect."""
         return [part.to_plain() for part in self.component_effects]
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """The formulas, each an effect with a law of its own, (k,)."""
+        """Formulas, each an effect with a separate law, (k,)."""
         return self.fields
 
     def check_compatibility(
@@ -143,7 +142,7 @@ class FormulaList(ForceEffect):
 
 @dataclasses.dataclass(frozen=True)
 class _SpeciesFactors(FieldKind):
-    """A number for each species that has another one than 1, by their names."""
+    """Factor of each species whose factor differs from 1, by name."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
         if not isinstance(value, Mapping | tuple):
@@ -152,7 +151,7 @@ class _SpeciesFactors(FieldKind):
             result = {str(name): float(number) for name, number in dict(value).items()}
             return tuple(sorted(result.items()))
         except (TypeError, ValueError):
-            raise FieldError(f"{quote(value)} holds something that is not a number") from None
+            raise FieldError(f"{quote(value)} contains a value that is not a number") from None
 
     def to_plain(self, value: Any) -> Any:
         return dict(value)
@@ -164,9 +163,9 @@ class FieldFormula(EnergyFormula, ForceEffect):
     Attributes
     ----------
     factor : pairs of str and float
-        Species, and what its energy is multiplied by; 1 for those that are not named.
+        Species, and the factor of its energy; 1 for species that are not listed.
     frequency : float
-        Highest frequency at which it changes in time [Hz], for the step.
+        Highest frequency of its change in time [Hz], for the time step.
     """
 
     rank = 1
@@ -179,14 +178,14 @@ class FieldFormula(EnergyFormula, ForceEffect):
         "moment": MOMENT,
     }
     arguments = (("x", "y", "mass", "moment"), "t")
-    law_base = OwnEffectLaw
+    law_base = CustomEffectLaw
 
     factor: tuple[tuple[str, float], ...] = section_field(_SpeciesFactors(), default=())
     frequency: float = quantity("Hz", default=0.0, least=0.0)
 
     @staticmethod
     def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Derive the functions; the stiffness is the row sum of the second derivatives."""
+        """Derive the functions; the stiffness is the largest row sum of the absolute second derivatives."""
         import sympy
 
         from granular.formulas.algebra import magnitude, maximum
@@ -203,14 +202,14 @@ class FieldFormula(EnergyFormula, ForceEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that ``factor`` names species of the scene."""
+        """Check that all keys of ``factor`` are species of the scene."""
         known = tuple(specy.name for specy in grains.species)
         for name, _ in self.factor:
             if name not in known:
                 raise FieldError(unknown_word_message(name, known, "species"), "effects", "field", "factor")
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Highest angular frequency at which the field changes in time [1/tau]."""
+        """Highest angular frequency of the field's change in time [1/tau]."""
         return 2.0 * math.pi * self.frequency * scales.time
 
     def make_kernel_law(self, context: EffectContext) -> Any:
@@ -223,7 +222,7 @@ class FieldFormula(EnergyFormula, ForceEffect):
 
 
 class ForceFields(FormulaList):
-    """Fields of force from their energies; see the head of this file.
+    """Force fields given by formulas of their energy.
 
     Attributes
     ----------
@@ -240,11 +239,11 @@ class ForceFields(FormulaList):
 
 
 class WallFormula(EnergyFormula):
-    """A law of a wall as a formula of the distance ``w``."""
+    """A wall law as a formula of the distance ``w``."""
 
     variables: ClassVar[Mapping[str, Dimension]] = {"w": LENGTH}
     arguments = ("w",)
-    law_base = OwnWallLaw
+    law_base = CustomWallLaw
 
     @staticmethod
     def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
@@ -263,18 +262,18 @@ class PairFormula(EnergyFormula, PairLawEffect):
     Attributes
     ----------
     reach : float or None
-        Distance from which on it does nothing [m], but for its tail; if not given, where the energy has
-        ended. The energy counts from its value there.
+        Cut-off distance [m], beyond which only the tail acts; by default the distance at which the energy
+        vanishes. The energy is shifted to zero there.
     tail : str or None
-        Coefficient of 1/r^3 far away [J m^3], as a formula of ``q1``, ``q2`` and the parameters of the
-        energy; it is summed over all pairs as that of the dipoles is. None if not given.
+        Coefficient of 1/r^3 at large distances [J m^3], as a formula of ``q1``, ``q2`` and the parameters
+        of the energy; it is summed over all pairs, like the dipoles. None if not given.
     """
 
     energy_record = energy_variable("pair_law_energy", "energy of the pair laws")
     variables: ClassVar[Mapping[str, Dimension]] = {"r": LENGTH, "q1": NONE, "q2": NONE}
     arguments = ("r", ("first.mass", "q1", "first.diameter"), ("second.mass", "q2", "second.diameter"))
     function_names = ("pair_energy",)
-    law_base = OwnEffectLaw
+    law_base = CustomEffectLaw
 
     reach: float | None = quantity("m", above=0.0, default=None, optional=True)
     tail: str | None = text_field(default=None, optional=True)
@@ -294,7 +293,7 @@ class PairFormula(EnergyFormula, PairLawEffect):
 
     @staticmethod
     def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Take the energy; its slope is looked at alone, for jumps."""
+        """Take the energy; its slope is only checked for jumps."""
         return {"pair_energy": energy, "slope": energy.diff(symbols["r"])}
 
     def pair_functions(self, context: EffectContext) -> PairFunctions:
@@ -321,7 +320,7 @@ class PairFormula(EnergyFormula, PairLawEffect):
 
 
 class PairLaws(FormulaList):
-    """Forces between grains from their energies; see the head of this file.
+    """Pair forces given by formulas of the pair energy.
 
     Attributes
     ----------

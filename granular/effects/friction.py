@@ -1,28 +1,27 @@
 """Dry Coulomb friction of the grains on the glass plates.
 
-A grain tilts between the plates until they hold it against the magnetic torque of the others, so
-the plates bear on it with the normal force N_i = q_i sum_j q_j K_ij / r_ij^3 [D, eqs. 2.15, 4.11]:
+The magnetic torque of the other grains tilts a grain until the plates hold it. The plates then press on it
+with the normal force N_i = q_i sum_j q_j K_ij / r_ij^3 [D, eqs. 2.15, 4.11]:
 
     K_ij = (3/4) D_1 cos(th_i) sin(th_j) / (cos(ph_i + th_i) sqrt(D_i^2 + eps^2)),
     ph = atan(eps/D),   th = asin(E/sqrt(D^2 + eps^2)) - ph
 
-with the thickness eps and the plates' distance E. [D, eq. 4.10] lacks the "- ph"; without it N is
-some forty times too large, and the mono-disperse formula is not its limit. To second order in the
-torque [D, eq. 3.2] 2 cos(th_i) sin(th_j) becomes 2 cos(th_i) sin(th_j) + (2/3) sin(th_j).
+where eps is the thickness and E the distance of the plates. [D, eq. 4.10] lacks the "- ph"; without it N
+is about forty times too large, and does not tend to the mono-disperse formula. To second order in the
+torque [D, eq. 3.2], 2 cos(th_i) sin(th_j) becomes 2 cos(th_i) sin(th_j) + (2/3) sin(th_j).
 
-The sum adds magnitudes: it is an upper bound. With small tilts t, vectors in the plane, the torque on a
-dipole is sum q_i q_j (t_i - t_j + 3 (t_j . e) e)/r^3, e the direction to the neighbour. All round, e e is
-1/2 in the mean: (3/2) t_j for ``aligned`` tilts, t_i - t_j being zero as in the source, and t_i for
-``independent`` ones, whose t_j is zero in the mean. Of discs the first is exact too; the second is within
-2 % from 1.2 D on for 6 x 3 mm.
+The sum adds magnitudes, so it is an upper bound. For small tilts t, vectors in the plane, the torque on a
+dipole is sum q_i q_j (t_i - t_j + 3 (t_j . e) e)/r^3, where e is the direction to the neighbour. With
+neighbours all round, the mean of e e is 1/2. The torque is then (3/2) t_j for ``aligned`` tilts, with
+t_i - t_j = 0 as in the source, and t_i for ``independent`` tilts, with a mean t_j of zero. For discs the
+first result is exact too; the second is accurate to 2 % beyond 1.2 D for 6 x 3 mm.
 
-Two schemes. ``velocity`` (default) solves kick and friction while the positions stand still, each
-exactly where the grain is fast, and together where it creeps: a sliding grain loses mu_d N/m of its
-speed per time until it stops, a grain at rest stays at rest, to the last bit, while the force on it
-is at most mu_s N.
-``regularised`` is de Paula's law [D, eq. 4.5], a force: minus the other forces below a
-threshold speed and mu_s N, otherwise mu_d N against the velocity. It does positive work below the
-threshold, and chatters unless the step is very small.
+There are two schemes. ``velocity`` (default) solves kick and friction at fixed positions: each exactly if
+the grain is fast, both together if it creeps. A sliding grain decelerates at mu_d N/m until it stops; a
+grain at rest stays exactly at rest while the force on it does not exceed mu_s N.
+``regularised`` is de Paula's force law [D, eq. 4.5]: below a threshold speed and mu_s N, minus the other
+forces; otherwise mu_d N against the velocity. It does positive work below the threshold, and chatters
+unless the time step is very small.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from granular.effects import drag
 from granular.effects.drag import (
     Flow,
     drag_flow_coefficients,
-    drag_taken_along,
+    drag_solved_together,
     move_with_drag,
     slide,
     vector_length,
@@ -70,26 +69,26 @@ class Friction(DissipativeEffect):
     static, dynamic : float
         mu_s and mu_d.
     torque : str
-        ``"first"`` or ``"second"`` order in the torque; the second adds one magnitude more to the bound.
+        ``"first"`` or ``"second"`` order in the torque; the second adds another magnitude to the bound.
     tilt : str
-        Directions in which the grains are taken to tilt: ``"bound"`` (default, the source's), each pair
-        in the plane of its axes, so that the magnitudes of torques add up; ``"aligned"``, all grains in
-        one direction; ``"independent"``, each grain in its own. With neighbours all round, the load is
-        1/2 of the bound for aligned tilts, and 1/3 for independent ones.
+        Assumed tilt directions of the grains: ``"bound"`` (default, as in the source), each pair in the
+        plane of its axes, so that the magnitudes of the torques add; ``"aligned"``, all grains in one
+        direction; ``"independent"``, each grain in a different direction. With neighbours all round, the
+        load is 1/2 of the bound for aligned tilts, and 1/3 of it for independent tilts.
     scheme : str
         ``"velocity"`` or ``"regularised"``.
     threshold : float
         Threshold speed of the regularised law [m/s]; de Paula's 1e-6 D/T is 1.5e-10 m/s for its
         compression of 39.6 s.
     load : float
-        A constant normal force on every grain, besides the torque's [N].
+        A constant normal force on every grain, in addition to the load due to the torque [N].
     """
 
     key = "friction"
     periodic = True
     dry = True
     damps = True
-    takes_along = ("drag",)
+    solved_together_with = ("drag",)
     unwritten_defaults = ("tilt",)
     loss_record = energy_variable("friction_loss", "energy lost to dry friction")
     grain_records = (RecordedVariable("normal_load", "N", "normal force on the plates", "force"),)
@@ -103,42 +102,42 @@ class Friction(DissipativeEffect):
     load: float = quantity("N", default=0.0, least=0.0)
 
     def validate(self) -> None:
-        """Check that the dynamic coefficient is at most the static one, and that torque and tilt fit."""
+        """Check that the dynamic coefficient does not exceed the static one, and that torque and tilt fit."""
         if self.dynamic > self.static:
             raise FieldError(
                 f"{self.dynamic:g} must be at most the static coefficient, {self.static:g}", "dynamic"
             )
         if self.torque == "second" and self.tilt != "bound":
             raise FieldError(
-                f"'second' is an order of the bound, not of tilt = '{self.tilt}'; take 'first'", "torque"
+                f"'second' order exists only for the bound, not for tilt = '{self.tilt}'; take 'first'",
+                "torque",
             )
 
     def normal_force_factors(self, grains: Grains, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
-        """Per species, A_i (s,) and B_j (s,) of the normal force, with q_i q_j K_ij = A_i B_j."""
+        """Factors A_i (s,) and B_j (s,) of the normal force per species, with q_i q_j K_ij = A_i B_j."""
         diameter = np.array([specy.diameter for specy in grains.species])
         thickness, gap = grains.species_values("thickness"), cell.separation
         if gap < thickness.max():
             raise FieldError(
-                f"{gap:g} m must be at least the grains' thickness, {thickness.max():g} m",
+                f"{gap:g} m must not be below the grains' thickness, {thickness.max():g} m",
                 "cell",
                 "separation",
             )
         diagonal = np.hypot(diameter, thickness)
         if (diagonal <= gap).any():
             # D^2 + eps^2 = E^2: the diagonal fits upright between the plates.
-            least = math.sqrt(gap**2 - thickness[diagonal <= gap][0] ** 2)
+            minimum = math.sqrt(gap**2 - thickness[diagonal <= gap][0] ** 2)
             raise FieldError(
-                f"{diameter[diagonal <= gap][0]:g} m must be above {least:.3g} m, or the grain "
-                "falls over between the plates and has no angle of tilt",
+                f"{diameter[diagonal <= gap][0]:g} m must be above {minimum:.3g} m, or the grain "
+                "falls over between the plates and has no tilt angle",
                 "grains",
                 "species",
             )
-        # [D, eqs. 2.15, 4.11], without the misprint of [D, eq. 4.10]: the head of this file.
+        # [D, eqs. 2.15, 4.11], without the misprint of [D, eq. 4.10].
         moments = grains.moment_ratios()
         lean = np.arctan(thickness / diameter)
         tilt = np.arcsin(gap / diagonal) - lean
-        # (1/3) of sin(th_j): half of the (2/3) by which the second-order torque [D, eq. 3.2] exceeds the
-        # first.
+        # 1/3: half of the coefficient 2/3 of the additional second-order torque [D, eq. 3.2].
         arm = np.cos(tilt) + (1.0 / 3.0 if self.torque == "second" else 0.0)
         own = moments * 0.75 * diameter[0] * arm / (np.cos(lean + tilt) * diagonal)
         if self.tilt == "independent":
@@ -148,13 +147,13 @@ class Friction(DissipativeEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that the grains fit between the plates, and tilt there."""
+        """Check that the grains fit between the plates and tilt there."""
         self.normal_force_factors(grains, cell)
 
     def make_kernel_law(self, context: EffectContext) -> FrictionLaw:
-        """Make the law that the compiled loop takes; it takes the drag along."""
+        """Make the law for the compiled loop; it includes the drag."""
         scales = context.scales
-        kind, rates, drag_entry = drag_taken_along(context)
+        kind, rates, drag_entry = drag_solved_together(context)
         own, _ = self.normal_force_factors(context.grains, context.cell)
         threshold = self.threshold / scales.velocity if self.scheme == "regularised" else None
         return FrictionLaw(
@@ -181,22 +180,22 @@ class Friction(DissipativeEffect):
 
 
 class FrictionLaw(NamedTuple):
-    """Friction as the kernels take it."""
+    """Friction in natural units, for the kernels."""
 
     static: float
     dynamic: float
-    threshold: float | None  # [D/tau], of the regularised law; None: the velocity scheme
+    threshold: float | None  # [D/tau], for the regularised law; None: velocity scheme
     load: float  # constant normal force [F*]
     factor: Float[Array, "m"]  # N_i = load + factor_i sum_j weight_j / r_ij^3 [F* D^3]
-    kind: Float[Array, "m"] | None  # of the drag that is solved along, as in `DragLaw`
+    kind: Float[Array, "m"] | None  # of the drag that is solved together, as in `DragLaw`
     rates: drag.DragRateTable
-    entry: int  # index in the ledger of the loss to friction
-    drag: int | None  # index in the ledger of the loss to drag
+    entry: int  # ledger index of the loss to friction
+    drag: int | None  # ledger index of the loss to drag
 
     @staticmethod
     @compiled(inline=True)
     def kick(law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
-        """Kick the grains by force, drag and friction together; see `granular.effects.friction`; dt [tau]."""
+        """Kick the grains by force, drag and friction together; dt [tau]."""
         for k in range(len(law.rates.values)):
             _kick_by_scheme(law.threshold, law, k, dt, bed, opens_step)
         return 0
@@ -204,42 +203,42 @@ class FrictionLaw(NamedTuple):
 
 @compiled
 def plate_normal_force(law: FrictionLaw, load: Float[Array, "m"], i: int) -> float:
-    """Return the normal force of the plates on a grain, from its sum over 1/r^3 [F*]."""
+    """Return the normal force of the plates on a grain, from its sum of 1/r^3 [F*]."""
     return law.load + law.factor[i] * load[i]
 
 
 @compiled
 def velocity_factor_after_friction(speed: float, loss: float) -> float:
-    """Factor that shortens a velocity which loses ``loss`` of its magnitude; speed, loss [D/tau]."""
+    """Factor of a velocity whose magnitude decreases by ``loss``; speed, loss [D/tau]."""
     return 1.0 - loss / speed if speed > loss else 0.0
 
 
-# Kicks: velocities after a time ``dt``, while all positions stand still. Force and drag are solved
-# together, exactly, and friction exactly after or before them, in opposite order in the kick that
-# opens a step and in the one that closes it. On grains that friction would stop within a few such
-# kicks it acts together with force and drag, along one mean direction.
+# Kicks give the velocities after a time ``dt`` at fixed positions. Force and drag are solved together,
+# exactly; friction is solved exactly after them in the kick that opens a step, and before them in the kick
+# that closes it. For grains that friction would stop within a few kicks, all three are solved together,
+# along one mean direction.
 
 
 @compiled(inline=True)
 def _kick_fast_grain(
     flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opens_step: bool
 ) -> tuple[float, float, float, float]:
-    """Kick and drag, then friction, or in the reverse order in the kick that closes a step."""
+    """Kick and drag, then friction; in reverse order in the kick that closes a step."""
     rubbed = 0.0
     if not opens_step:
-        vx, vy, rubbed = _rub(vx, vy, loss)
+        vx, vy, rubbed = _apply_friction(vx, vy, loss)
     vx, vy, dragged = move_with_drag(flow, vx, vy, ax, ay)
     if opens_step:
-        vx, vy, rubbed = _rub(vx, vy, loss)
+        vx, vy, rubbed = _apply_friction(vx, vy, loss)
     return vx, vy, dragged, rubbed
 
 
 @compiled(inline=True)
-def _rub(vx: float, vy: float, loss: float) -> tuple[float, float, float]:
-    """Velocity after friction, and the energy that it takes of a mass of 1."""
+def _apply_friction(vx: float, vy: float, loss: float) -> tuple[float, float, float]:
+    """Velocity after friction, and the energy lost per unit mass."""
     speed = vector_length(vx, vy)
-    left = velocity_factor_after_friction(speed, loss)
-    return vx * left, vy * left, 0.5 * speed * speed * (1.0 - left * left)
+    factor = velocity_factor_after_friction(speed, loss)
+    return vx * factor, vy * factor, 0.5 * speed * speed * (1.0 - factor * factor)
 
 
 @compiled
@@ -247,7 +246,7 @@ def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_ste
     state, constants, rate = bed.state, bed.constants, law.rates.values[k]
     assert state.load is not None
     flow = drag_flow_coefficients(rate, dt)
-    # Apart from the ledger, where each sum would wait for the one before it.
+    # Local sums: in the ledger, each addition would have to wait for the previous one.
     dragged, rubbed = 0.0, 0.0
     for i in range(constants.grains):
         if not drag.is_of_drag_kind(law.kind, i, k):
@@ -259,8 +258,8 @@ def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_ste
         against = max(-(vx * fx + vy * fy), 0.0)
         friction = law.dynamic * load
         if (speed * mass - 2.0 * dt * friction) * speed > dt * against:
-            # The force and twice the friction would not stop it. (Else they must act together, or
-            # a grain that is pushed on would be stopped for good by the greater static friction.)
+            # The force and twice the friction would not stop it. (Otherwise they must act together, or the
+            # larger static friction would permanently stop a grain that the force pushes on.)
             loss = friction * dt / mass
             state.vx[i], state.vy[i], by_drag, by_friction = _kick_fast_grain(
                 flow, loss, vx, vy, fx / mass, fy / mass, opens_step

@@ -1,4 +1,4 @@
-"""Weight of the grains, and of a piston that has a mass and is free."""
+"""Weight of the grains, and of a free piston with a mass."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from granular.shared.array_types import Float
 
 
 class Gravity(ForceEffect):
-    """Uniform gravity, downwards; towards the piston, where a host carries it below the cell.
+    """Uniform gravity, downwards; towards the piston if a host carries the piston below the cell.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class GravityLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the sum of m g y over the grains, zero at the bottom [F* D]."""
+        """Enter the sum of m g y over the grains, which is zero at the bottom [F* D]."""
         state, constants, total = bed.state, bed.constants, 0.0
         for i in range(constants.grains):
             total += law.pull * value_or_one(constants.masses, i) * state.y[i]

@@ -1,16 +1,14 @@
 """Bodies on springs and dashpots: a machine that shakes and carries the cell, and further pistons.
 
-The bodies of a machine follow one another from a base upwards, each on a spring and a dashpot, and move up
-and down. The last of them carries the cell, or the piston, and feels all forces of what it carries. Their
-displacements X are counted from where all is at rest, with the damper aboard: the springs hold all
-weights, and move the more slowly for them. Further pistons move in the cell, and may be its bottom; springs
-join any two bodies, or one and the base. See `granular.engine.bodies` for the equations.
+The bodies of a machine form a vertical chain from the base upwards, each on a spring and a dashpot. The last
+body carries the cell, or the piston, and is subject to all forces of its load. Displacements X are measured
+from static equilibrium with the damper mounted: the springs carry all weights, and the added mass lowers the
+natural frequencies. Further pistons move in the cell, and one may be its bottom. Springs join any two
+bodies, or a body and the base. `granular.engine.bodies` has the equations.
 
-Bodies that move up and down besides the grains, as the kernels take them.
-
-Row `CELL` of a state's bodies is the cell, whose height is its displacement over the base; row `PISTON` is
-the piston; behind them follow all others. All but the cell are seen from the cell, as the grains are.
-A link joins two of them, or one and the base: a spring with a dashpot, or a stop.
+In the kernels, row `CELL` of a state's bodies is the cell, whose height is its displacement over the base;
+row `PISTON` is the piston; all others follow. All bodies except the cell are described in the frame of the
+cell, like the grains. A link joins two bodies, or a body and the base: a spring with a dashpot, or a stop.
 """
 
 from __future__ import annotations
@@ -52,26 +50,26 @@ from granular.shared.errors import unknown_word_message
 
 
 class BodyRows(NamedTuple):
-    """Numbers of each body; of the cell mass and record alone."""
+    """Properties of each body; only masses and start apply to the cell."""
 
-    masses: Float[np.ndarray, "b"]  # [m]; of the cell what is fixed to it
-    weights: Float[np.ndarray, "b"]  # that no spring holds [F*]
-    rates: Float[np.ndarray, "b"]  # decay rates by drag in its guide [1/tau]
-    frictions: Float[np.ndarray, "b"]  # Coulomb friction in its guide [F*]
-    start: Float[np.ndarray, "b"]  # height of which displacements are counted [D]
+    masses: Float[np.ndarray, "b"]  # [m]; for the cell, including all that is fixed to it
+    weights: Float[np.ndarray, "b"]  # not carried by springs [F*]
+    rates: Float[np.ndarray, "b"]  # decay rates by drag in the guide [1/tau]
+    frictions: Float[np.ndarray, "b"]  # Coulomb friction in the guide [F*]
+    start: Float[np.ndarray, "b"]  # height from which displacements are measured [D]
 
 
 class Links(NamedTuple):
     """Springs, dashpots and stops."""
 
-    signs: Float[np.ndarray, "l b"]  # of each body in the distance of the ends; first: of the cell in it
+    signs: Float[np.ndarray, "l b"]  # sign of each body's height in the distance of the ends; cell first
     stiffness: Float[np.ndarray, "l"]  # [F*/D]
     damping: Float[np.ndarray, "l"]  # [F* tau/D]
     preload: Float[np.ndarray, "l"]  # force that pushes the ends apart at the start [F*]
-    gap: Float[np.ndarray, "l"]  # way after which a stop acts [D]; -inf of a spring
+    gap: Float[np.ndarray, "l"]  # approach at which a stop engages [D]; -inf for a spring
 
 
-class Shown(NamedTuple):
+class RecordedBodies(NamedTuple):
     """Bodies whose motion is recorded."""
 
     rows: Int[np.ndarray, "k"]
@@ -79,39 +77,39 @@ class Shown(NamedTuple):
 
 
 class BodyScratch(NamedTuple):
-    """Scratch of a kick."""
+    """Scratch arrays of a kick."""
 
-    forces: Float[np.ndarray, "b"]  # on each body in the cell, without inertia [F*]
+    forces: Float[np.ndarray, "b"]  # on each body in the cell, without inertial forces [F*]
     drags: Float[np.ndarray, "b"]  # mean forces of dashpots [F*]
     guides: Float[np.ndarray, "b"]  # mean forces of guides [F*]
-    changes: Float[np.ndarray, "b"]  # of speeds, without guides [D/tau]
+    changes: Float[np.ndarray, "b"]  # changes of speed, without guides [D/tau]
     matrix: Float[np.ndarray, "b b"]  # [m]
     before: Float[np.ndarray, "b"]  # speeds before the kick [D/tau]
     speeds: Float[np.ndarray, "2 m"]  # velocities x, y of the grains before a kick [D/tau]
-    push: Float[np.ndarray, "m"]  # vertical forces on the grains, without inertia [F*]
+    push: Float[np.ndarray, "m"]  # vertical forces on the grains, without inertial forces [F*]
     ledger: Float[np.ndarray, "k"]
 
 
 class BodyLaw(NamedTuple):
-    """The bodies as the kernels take them."""
+    """Bodies and links in natural units, for the kernels."""
 
-    moves: bool  # whether the cell moves; else it stands on the base
-    dashed: bool  # whether a link has a dashpot
+    moves_cell: bool  # whether the cell moves; otherwise it is fixed to the base
+    has_dashpots: bool  # whether a link has a dashpot
     rows: BodyRows
     links: Links
-    chain: int  # number of the machine's links, which come first
-    shown: Shown
+    chain_length: int  # number of links of the machine, which come first
+    recorded: RecordedBodies
     drive: ExcitationLaw
-    driven: bool  # something shakes bodies or base
-    excited: int  # row that the force acts on
+    is_driven: bool  # whether bodies or base are excited
+    excited: int  # row of the body on which the force acts
     bed_mass: float  # [m]
-    recoil: float  # velocity that the cell loses over that which its drive gives the piston
-    passes: int  # kicks until reactions of what dissipates are known
-    entry: int  # index in the ledger of the loss to dashpots and further guides
-    laws: int  # number of laws, this one among them
+    recoil: float  # velocity lost by the cell over the velocity that its drive gives to the piston
+    pass_count: int  # repetitions of a kick until the reactions of dissipative forces are known
+    entry: int  # ledger index of the loss to dashpots and further guides
+    law_count: int  # number of laws, including this one
 
     def workspace(self, size: int, count: int) -> BodyScratch:
-        """Make the scratch of the kicks."""
+        """Make the scratch arrays of the kicks."""
         bodies = len(self.rows.masses)
         forces, drags, guides, changes, before = np.zeros((5, bodies))
         return BodyScratch(
@@ -123,7 +121,7 @@ class BodyLaw(NamedTuple):
             before=before,
             speeds=np.zeros((2, size)),
             push=np.zeros(size),
-            ledger=np.zeros(LOSSES + self.laws),
+            ledger=np.zeros(LOSSES + self.law_count),
         )
 
     @staticmethod
@@ -137,7 +135,7 @@ class BodyLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the energy of bodies and links, and what the cell's motion adds to that of all [F* D]."""
+        """Enter the energy of bodies and links, and the kinetic energy due to the cell's motion [F* D]."""
         bodies, masses = bed.state.bodies, law.rows.masses
         total = 0.0
         for link in range(law.links.stiffness.size):
@@ -145,7 +143,7 @@ class BodyLaw(NamedTuple):
         for b in range(PISTON + 1, masses.size):
             total += 0.5 * masses[b] * bodies[b, SPEED] * bodies[b, SPEED]
             total += law.rows.weights[b] * bodies[b, HEIGHT]
-        if law.moves:
+        if law.moves_cell:
             frame = bodies[CELL, SPEED]
             total += 0.5 * (masses[CELL] + law.bed_mass) * frame * frame + frame * bed_momentum(bed)
             for b in range(PISTON, masses.size):
@@ -156,7 +154,7 @@ class BodyLaw(NamedTuple):
 
 @compiled
 def _stretch(law: BodyLaw, state: State, link: int) -> float:
-    """Way by which the ends of a link have moved apart since the start [D]."""
+    """Increase of the distance between the ends of a link since the start [D]."""
     signs, bodies = law.links.signs, state.bodies
     total = signs[link, CELL] * bodies[CELL, HEIGHT]
     for b in range(PISTON, bodies.shape[0]):
@@ -166,7 +164,7 @@ def _stretch(law: BodyLaw, state: State, link: int) -> float:
 
 @compiled
 def link_force(law: BodyLaw, state: State, link: int) -> float:
-    """Force of a spring or a stop that pushes its ends apart [F*]."""
+    """Repulsive force of a spring or a stop between its ends [F*]."""
     links, stretch = law.links, _stretch(law, state, link)
     if links.gap[link] >= 0.0:
         return links.stiffness[link] * max(-stretch - links.gap[link], 0.0)
@@ -193,11 +191,12 @@ def bed_momentum(bed: Bed) -> float:
 
 
 RESOLVED = 4.0
-"""Steps in a host's period over those in the bed's stiffest one: most of the energy is the host's."""
+"""Steps per period of the host over steps per period of the bed's stiffest mode, since most of the energy
+is in the host."""
 
 
 class HostBody(Section):
-    """A body of the chain, on a spring and a dashpot to the one before, or the base.
+    """A body of the chain, on a spring and a dashpot to the previous body or the base.
 
     Attributes
     ----------
@@ -215,16 +214,16 @@ class HostBody(Section):
 
 
 class FurtherPiston(Section):
-    """A body that a guide in the cell lets move up and down; its height is 0 at the start.
+    """A body that a guide in the cell allows to move vertically; its height is 0 at the start.
 
     Attributes
     ----------
     name : str
-        For springs and records.
+        Name for springs and records.
     mass : float
         [kg]
     side : str or None
-        Side of the cell that moves with it, such as ``"bottom"``, by its name.
+        Name of the side of the cell that moves with it, such as ``"bottom"``.
     drag : float
         Viscous drag in its guide [kg/s].
     friction : float
@@ -244,16 +243,17 @@ class Spring(Section):
     Attributes
     ----------
     upper, lower : str
-        What it joins: ``"base"``, ``"cell"``, ``"piston"``, a further piston's name, or ``"body_0"``,
-        ``"body_1"`` ... for the bodies of the machine below the last one.
+        The bodies at its ends: ``"base"``, ``"cell"``, ``"piston"``, the name of a further piston, or
+        ``"body_0"``, ``"body_1"`` ... for the bodies of the machine below the last one.
     stiffness : float
         [N/m]
     damping : float
         Coefficient of the dashpot [kg/s].
     preload : float
-        Force at the start, which pushes both apart [N].
+        Repulsive force at the start [N].
     gap : float or None
-        Way by which both approach before they touch [m]: a stop, which pushes alone.
+        Distance by which the ends approach before they touch [m]; makes the spring a stop, which only
+        pushes.
     """
 
     upper: str = text_field()
@@ -266,12 +266,12 @@ class Spring(Section):
     def validate(self) -> None:
         """Check that a stop has neither preload nor dashpot, which act at any distance."""
         if self.gap is not None and (self.preload or self.damping):
-            raise FieldError("a stop has neither preload nor damping; leave them out, or the gap", "gap")
+            raise FieldError("a stop has neither preload nor damping; remove them, or the gap", "gap")
         if self.upper == self.lower:
-            raise FieldError("must join two bodies, or one and the base", "lower")
+            raise FieldError("must join two different bodies, or a body and the base", "lower")
 
     def push(self, stretch: float) -> float:
-        """Force that pushes both apart [N], for how much they moved apart since the start [m]."""
+        """Repulsive force between the ends [N]; stretch since the start [m]."""
         if self.gap is not None:
             return self.stiffness * max(-stretch - self.gap, 0.0)
         return self.preload - self.stiffness * stretch
@@ -282,25 +282,25 @@ class BodyTable:
     """All bodies of a scene, in SI; the first two are the cell and the piston."""
 
     names: tuple[str, ...]
-    masses: Float[np.ndarray, "b"]  # [kg]; of a cell on the base without meaning
-    springs: tuple[Spring, ...]  # those of the chain first
+    masses: Float[np.ndarray, "b"]  # [kg]; meaningless for a cell on the base
+    springs: tuple[Spring, ...]  # springs of the chain first
     chain: tuple[str, ...]  # names of the machine's bodies, from the base upwards
-    carrying_mass: float  # of the machine's last body [kg]
+    carrying_mass: float  # mass of the machine's last body [kg]
     pistons: tuple[FurtherPiston, ...]
 
     def row(self, name: str) -> int:
-        """Index of a body by its name."""
+        """Index of a body, by name."""
         return self.names.index(name)
 
     @property
-    def shown(self) -> list[tuple[str, str, int, bool]]:
-        """Name and meaning of each record of a displacement, its row, and whether it is over the base."""
+    def recorded(self) -> list[tuple[str, str, int, bool]]:
+        """Name, meaning and row of each recorded displacement, and whether it is relative to the base."""
         result = [("host", "the last body", self.row(name), True) for name in self.chain[-1:]]
         result += [(name, name.replace("_", " "), self.row(name), True) for name in self.chain[:-1]]
         return result + [(other.name, other.name, self.row(other.name), False) for other in self.pistons]
 
     def natural_rows(self, piston: Piston | None, weight: float, gravity: float, scales: Scales) -> BodyRows:
-        """Numbers of the bodies; weight on the piston [F*], gravity [D/tau^2]."""
+        """Properties of the bodies; weight on the piston [F*], gravity [D/tau^2]."""
         count = len(self.names)
         weights, drags, frictions, start = np.zeros((4, count))
         weights[PISTON] = weight
@@ -323,7 +323,7 @@ class BodyTable:
         signs = np.zeros((len(springs), len(self.names)))
         for k, spring in enumerate(springs):
             for name, sign in ((spring.upper, 1.0), (spring.lower, -1.0)):
-                # All but the base move with the cell, too.
+                # All bodies except the base also move with the cell.
                 signs[k, CELL] += sign * (name != "base")
                 if name not in ("base", "cell"):
                     signs[k, self.row(name)] += sign
@@ -342,17 +342,17 @@ class Host(MovingFrameEffect):
     Attributes
     ----------
     mount : str
-        ``"cell"``: the last body carries the cell, and the piston is free. ``"piston"``: it carries
-        the piston, the cell stands on it upside down, with the bed between, and is free: heights
-        are counted downwards from its end, and ``piston.mass`` adds to the body. ``"base"``: the
-        cell stands on the base itself, and the piston is the load that is to be left in peace.
+        ``"cell"``: the last body carries the cell, and the piston is free. ``"piston"``: the last body
+        carries the piston; the cell rests on it upside down, with the bed in between, and is free.
+        Heights are then measured downwards from the end of the cell, and ``piston.mass`` is added to the
+        body. ``"base"``: the cell is fixed to the base, and the piston is the load to be isolated.
     bodies : tuple of HostBody
         From the base upwards; none with ``mount = "base"``.
     cell_mass : float or None
         Mass of the free cell [kg], with ``mount = "piston"``.
     excitation : Excitation or None
     excited : int or None
-        Index of the body that the force acts on, from 0; the last one if not given.
+        Index of the body on which the force acts, from 0; the last one if not given.
     pistons : tuple of FurtherPiston
     springs : tuple of Spring
     """
@@ -365,7 +365,8 @@ class Host(MovingFrameEffect):
         "excitation": {"kind": "sine", "force": "0.1 N", "frequency": "3 Hz"},
     }
     energy_record = energy_variable(
-        "host_energy", "energy of bodies and springs, and what their motion adds to that of grains and piston"
+        "host_energy",
+        "energy of bodies and springs, and the kinetic energy that their motion adds to grains and piston",
     )
     loss_record = energy_variable("host_loss", "energy lost to dashpots and the guides of further pistons")
 
@@ -379,29 +380,29 @@ class Host(MovingFrameEffect):
 
     @property
     def moves_cell(self) -> bool:
-        """True where the cell moves over the base."""
+        """True if the cell moves relative to the base."""
         return self.mount != "base"
 
     def bodies_of_sides(self) -> dict[str, int]:
-        """Row of the further piston that a side of the cell moves with, by the side's name."""
+        """Row of the further piston that moves each side of the cell, by the side's name."""
         return {other.side: self.table(None).row(other.name) for other in self.pistons if other.side}
 
     @property
-    def damps(self) -> bool:  # type: ignore[override]  # of these dashpots
-        """True where a body has a dashpot, or a further piston a guide that resists."""
+    def damps(self) -> bool:  # type: ignore[override]  # depends on the dashpots
+        """True if a body has a dashpot, or a further piston has a guide with drag or friction."""
         resists = any(other.drag > 0.0 or other.friction > 0.0 for other in self.pistons)
         return resists or any(spring.damping > 0.0 for spring in self.table(None).springs)
 
     @property
-    def dry(self) -> bool:  # type: ignore[override]  # of these guides
-        """True where a further piston rubs."""
+    def dry(self) -> bool:  # type: ignore[override]  # depends on the guides
+        """True if a further piston has dry friction."""
         return any(other.friction > 0.0 for other in self.pistons)
 
     @property
     def extra_records(self) -> tuple[RecordedVariable, ...]:
-        """Displacements and velocities of bodies; the drive."""
+        """Displacements and velocities of bodies, and the excitation."""
         result = []
-        for name, words, _, _ in self.table(None).shown:
+        for name, words, _, _ in self.table(None).recorded:
             result += [
                 RecordedVariable(f"{name}_displacement", "m", f"displacement of {words}", "length"),
                 RecordedVariable(f"{name}_velocity", "m/s", f"velocity of {words}", "velocity"),
@@ -416,24 +417,26 @@ class Host(MovingFrameEffect):
         return tuple(result)
 
     def validate(self) -> None:
-        """Check that bodies, mount, free cell and excitation fit each other, and that springs have ends."""
+        """Check that bodies, mount, free cell and excitation are consistent, and that springs have ends."""
         if (self.mount == "base") == bool(self.bodies):
             raise FieldError(
-                "a cell on the base has no bodies" if self.bodies else "give at least one body", "bodies"
+                "a cell on the base has no bodies" if self.bodies else "give one or more bodies", "bodies"
             )
         if (self.mount == "piston") != (self.cell_mass is not None):
-            raise FieldError("is to be given where the cell is free (mount = 'piston')", "cell_mass")
+            raise FieldError(
+                "must be given if, and only if, the cell is free (mount = 'piston')", "cell_mass"
+            )
         if self.mount == "base" and self.excitation is not None and not self.excitation.is_base_motion:
-            raise FieldError("a base is moved by an acceleration or a displacement", "excitation")
+            raise FieldError("a base needs an acceleration or a displacement, not a force", "excitation")
         if self.excited is not None and not self.excited < len(self.bodies):
-            raise FieldError(f"{self.excited} is no body; there are {len(self.bodies)}", "excited")
+            raise FieldError(f"{self.excited} is not a body; there are {len(self.bodies)}", "excited")
         if self.mount == "piston" and self.pistons:
-            raise FieldError("a cell upside down has none (mount = 'piston')", "pistons")
+            raise FieldError("a cell upside down (mount = 'piston') cannot have further pistons", "pistons")
         known = self.table(None).names
         for index, other in enumerate(self.pistons):
             if known.count(other.name) > 1 or other.name in ("base", "host"):
                 raise FieldError(
-                    "names another body already; give another name", "pistons", str(index), "name"
+                    "is already the name of another body; give another name", "pistons", str(index), "name"
                 )
         for index, spring in enumerate(self.springs):
             for key in ("upper", "lower"):
@@ -445,17 +448,16 @@ class Host(MovingFrameEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that nothing else moves the cell, and that what mount and springs need is there."""
+        """Check that nothing else moves the cell, and that the piston for mount and springs exists."""
         if "shaking" in others:
             raise FieldError(
-                "the cell is shaken already; take effects.shaking away, or move the host's base",
+                "the cell is shaken already; remove effects.shaking, or move the host's base",
                 "effects",
                 self.key,
             )
         if "bath" in others:
             raise FieldError(
-                "cannot act together with 'bath', which takes no notice of what carries the cell; "
-                "take one of them away",
+                "cannot act together with 'bath', which ignores the host of the cell; remove one of them",
                 "effects",
                 self.key,
             )
@@ -465,7 +467,7 @@ class Host(MovingFrameEffect):
             if other.side is not None and other.side not in sides:
                 raise FieldError(unknown_word_message(other.side, tuple(sides), "side of the cell"), *path)
             if other.side is not None and [further.side for further in self.pistons].count(other.side) > 1:
-                raise FieldError("moves with another one already; give another side", *path)
+                raise FieldError("moves with another further piston already; give another side", *path)
             line = next((line for line in cell.lines if line.name == other.side), None)
             if line is not None and not line.is_level:
                 _check_inclined_side(line.name, others, *path)
@@ -474,19 +476,19 @@ class Host(MovingFrameEffect):
             raise FieldError("cannot carry a cell with a gap", "effects", self.key)
         holds_piston = any("piston" in (spring.upper, spring.lower) for spring in self.springs)
         if (self.mount == "piston" or holds_piston) and (piston is None or piston.mass is None):
-            raise FieldError("must be given: the host carries the piston, or a spring", "piston", "mass")
+            raise FieldError("must be given: the host or a spring carries the piston", "piston", "mass")
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Highest angular frequency of bodies on springs or of the excitation, times `RESOLVED` [1/tau]."""
+        """Highest angular frequency of the chain or of the excitation, times `RESOLVED` [1/tau]."""
         drive = 0.0 if self.excitation is None else self.excitation.highest_frequency()
         masses = [body.mass for body in self.bodies]
         stiffness = [body.stiffness for body in self.bodies] + [0.0]
-        # Row sums of the chain's stiffness over the masses bound its squared frequencies (Gershgorin).
+        # Row sums of the chain's stiffness matrix over the masses bound its squared frequencies (Gershgorin).
         rows = [2.0 * (stiffness[k] + stiffness[k + 1]) / mass for k, mass in enumerate(masses)]
         return RESOLVED * max(math.tau * drive, math.sqrt(max(rows, default=0.0))) * scales.time
 
     def without_machine(self) -> dict[str, Any] | None:
-        """Return further pistons and springs in the cell alone, as plain data, on the base; None without."""
+        """Return a host on the base with only the pistons and springs in the cell, as plain data, or None."""
         cell = ("base", "cell", "piston", *(other.name for other in self.pistons))
         springs = [spring for spring in self.springs if {spring.upper, spring.lower} <= {*cell}]
         if not (self.pistons or springs):
@@ -494,17 +496,17 @@ class Host(MovingFrameEffect):
         return Host(mount="base", pistons=self.pistons, springs=tuple(springs)).to_plain()
 
     def weight_on_piston(self, grains: Grains, scales: Scales, gravity: float) -> float | None:
-        """Weight that presses the bed against the piston, where the cell is free [F*]; gravity [D/tau^2]."""
+        """Weight that presses the bed against the piston, if the cell is free [F*]; gravity [D/tau^2]."""
         if self.cell_mass is None:
             return None
         return (self.cell_mass + float(grains.masses().sum())) / scales.mass * gravity
 
     def moving_piston_mass(self, mass: float) -> float:
-        """Mass of what moves as the piston: with the body that carries it, if one does [kg]; mass [kg]."""
+        """Return the mass that moves with the piston, including a body that carries it [kg]; mass [kg]."""
         return mass + self.bodies[-1].mass if self.mount == "piston" else mass
 
     def table(self, piston: Piston | None) -> BodyTable:
-        """Return all bodies and springs."""
+        """Table of all bodies and springs."""
         own = 0.0 if piston is None or piston.mass is None else piston.mass
         below = tuple(f"body_{k}" for k in range(len(self.bodies) - 1))
         chain = (*below, self.mount) if self.bodies else ()
@@ -529,40 +531,40 @@ class Host(MovingFrameEffect):
             weight = float(table.masses[PISTON]) / scales.mass * gravity
         rows, links = table.natural_rows(piston, weight, gravity, scales), table.natural_links(scales)
         carrier, moving = float(rows.masses[CELL]), float(rows.masses[PISTON])
-        rubs, dashed = bool(rows.rates.any() or rows.frictions.any()), bool(links.damping.any())
-        # Whatever dissipates in the cell reacts on it.
+        rubs, has_dashpots = bool(rows.rates.any() or rows.frictions.any()), bool(links.damping.any())
+        # Dissipative forces in the cell react on it.
         inside = rubs or any(effect.dissipates for effect in context.effects.values() if effect is not self)
-        reacts = self.moves_cell and (dashed or inside)
-        shown = table.shown
-        over = np.array([float(over) for *_, over in shown])
+        reacts = self.moves_cell and (has_dashpots or inside)
+        recorded = table.recorded
+        over = np.array([float(over) for *_, over in recorded])
         excited = len(table.chain) - 1 if self.excited is None else self.excited
         return BodyLaw(
-            moves=self.moves_cell,
-            dashed=dashed,
+            moves_cell=self.moves_cell,
+            has_dashpots=has_dashpots,
             rows=rows,
             links=links,
-            chain=len(table.chain),
-            shown=Shown(np.array([row for _, _, row, _ in shown], np.int64), over),
+            chain_length=len(table.chain),
+            recorded=RecordedBodies(np.array([row for _, _, row, _ in recorded], np.int64), over),
             drive=(self.excitation or Excitation(force=0.0, frequency=1.0)).make_kernel_law(scales),
-            driven=self.excitation is not None,
+            is_driven=self.excitation is not None,
             excited=table.row(table.chain[excited]) if table.chain else CELL,
             bed_mass=float(context.grains.masses().sum()) / scales.mass,
             recoil=moving / (carrier + moving) if self.moves_cell else 0.0,
-            passes=3 if reacts or (dashed and rubs) else 1,
+            pass_count=3 if reacts or (has_dashpots and rubs) else 1,
             entry=LOSSES + context.indices[self.key],
-            laws=1 + max(context.indices.values()),
+            law_count=1 + max(context.indices.values()),
         )
 
 
 def _check_inclined_side(side: str, others: Mapping[str, Effect], *path: str) -> None:
-    """Refuse forces along a side that moves with a further piston, which its balance does not have."""
+    """Reject forces along a side that moves with a further piston: its force balance excludes them."""
     walls: Any = others.get("walls")
     wall = None if walls is None else walls.wall_of(side)
     if wall is not None and (wall.own is not None or wall.law in ("slab", "discs")):
         raise FieldError(
-            f"is not level, and its wall {wall.law!r} pushes along itself; take 'infinite' or "
+            f"is not level, and its wall {wall.law!r} has a tangential force; take 'infinite' or "
             "'experimental', or a level side",
             *path,
         )
     if "wall_friction" in others:
-        raise FieldError("is not level, and nothing may rub at it; take effects.wall_friction away", *path)
+        raise FieldError("is not level, so it must be frictionless; remove effects.wall_friction", *path)

@@ -1,19 +1,18 @@
-"""A Langevin bath: each grain is slowed down and kicked so that all have one temperature.
+"""Langevin bath: drag and random kicks on each grain, which keep a given temperature.
 
     m dv = F dt - m g v dt + sqrt(2 m g T) dW
 
-with the rate g and the temperature T, an energy. A step is BAOAB (Leimkuhler and Matthews 2013,
-doi:10.1093/amrx/abs010), which is half a kick, half a drift, the Ornstein-Uhlenbeck process over
-the whole step, which is solved exactly,
+with the rate g and the temperature T in units of energy. A step is BAOAB (Leimkuhler and Matthews 2013,
+doi:10.1093/amrx/abs010): half a kick, half a drift, the exact Ornstein-Uhlenbeck process over the whole step,
 
-    v becomes exp(-g h) v + sqrt((1 - exp(-2 g h)) T/m) R,
+    v -> exp(-g h) v + sqrt((1 - exp(-2 g h)) T/m) R,
 
-half a drift, half a kick. Places have the right distribution up to h^2, and in a harmonic field
-exactly.
+half a drift, half a kick. The distribution of positions is correct to order h^2, and exact in a harmonic
+potential.
 
-The normal numbers R are functions of the seed, the number of the step and the grain, by the
-counter-based generator Philox 4x32-10 (Salmon et al., SC'11, doi:10.1145/2063384.2063405) and Box
-and Muller's transform: threads, the order of the grains and interruptions do not change them.
+The normal random numbers R are functions of the seed, the step number and the grain, by the
+counter-based generator Philox 4x32-10 (Salmon et al., SC'11, doi:10.1145/2063384.2063405) and the
+Box-Muller transform. They do not depend on threads, on the order of the grains or on interruptions.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ class Bath(MovingFrameEffect, DissipativeEffect):
     temperature : float
         T = k_B times the temperature [J]: the mean kinetic energy per degree of freedom is T/2.
     rate : float
-        g, at which velocities are forgotten [1/s].
+        Relaxation rate g of the velocities [1/s].
     seed : int
         Seed of the random numbers.
     """
@@ -69,29 +68,29 @@ class Bath(MovingFrameEffect, DissipativeEffect):
     damps = True
     drifts = True
     example: ClassVar[Any] = {"temperature": "2 uJ", "rate": "5 1/s"}
-    loss_record = energy_variable("bath_heat", "heat given to the bath; negative where it heats")
+    loss_record = energy_variable("bath_heat", "heat given to the bath; negative if the bath heats")
 
     temperature: float = quantity("J", least=0.0)
     rate: float = quantity("1/s", above=0.0)
     seed: int = integer_field(default=1)
 
     def decay_rate(self, scales: Scales) -> float:
-        """Rate at which velocities are forgotten, in natural units [1/tau]."""
+        """Relaxation rate of the velocities, in natural units [1/tau]."""
         return self.rate * scales.time
 
-    def greatest_imparted_speed(self, scales: Scales) -> float:
-        """Speed that a grain of a few hundred has now and then [D/tau]."""
-        # Four standard deviations of a component: in one state of twenty, one grain of 368 is faster.
+    def maximum_imparted_speed(self, scales: Scales) -> float:
+        """Speed that is rarely exceeded among a few hundred grains [D/tau]."""
+        # Four standard deviations of a component: in one of twenty states, one grain of 368 is faster.
         return 4.0 * math.sqrt(self.temperature / scales.energy)
 
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Raise unless nothing rubs: a grain at rest would be kicked loose at each step."""
+        """Check that there is no dry friction: the bath would set grains at rest in motion at each step."""
         for other in others.values():
             if other.dry:
                 raise FieldError(
-                    f"kicks grains that {other.key!r} holds at rest; leave one of them out", "effects", "bath"
+                    f"kicks grains that {other.key!r} holds at rest; remove one of them", "effects", "bath"
                 )
 
     def make_kernel_law(self, context: EffectContext) -> BathLaw:
@@ -100,7 +99,7 @@ class Bath(MovingFrameEffect, DissipativeEffect):
 
 
 class BathLaw(NamedTuple):
-    """The bath as the kernels take it."""
+    """Bath in natural units, for the kernels."""
 
     rate: float  # [1/tau]
     temperature: float  # [F* D]
@@ -111,7 +110,7 @@ class BathLaw(NamedTuple):
     def drift(law: BathLaw, workspace: None, index: int, dt: float, bed: Bed) -> int:
         """Half a drift, the Ornstein-Uhlenbeck process over ``dt``, half a drift; dt [tau]."""
         state, constants = bed.state, bed.constants
-        left = math.exp(-law.rate * dt)
+        decay = math.exp(-law.rate * dt)
         spread = -math.expm1(-2.0 * law.rate * dt) * law.temperature
         half, step = 0.5 * dt, np.uint64(state.clock[STEPS])
         seed = np.uint64(law.seed)
@@ -120,7 +119,7 @@ class BathLaw(NamedTuple):
             vx, vy = state.vx[i], state.vy[i]
             along, across = draw_normal_pair(seed, step, np.uint64(state.label[i]))
             width = math.sqrt(spread / mass)
-            new_x, new_y = left * vx + width * along, left * vy + width * across
+            new_x, new_y = decay * vx + width * along, decay * vy + width * across
             state.x[i] += half * (vx + new_x)
             state.y[i] += half * (vy + new_y)
             state.vx[i], state.vy[i] = new_x, new_y
@@ -133,7 +132,7 @@ class BathLaw(NamedTuple):
 def philox_random_words(
     seed: np.uint64, step: np.uint64, label: np.uint64
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    """Four words of 32 random bits of a step and a grain."""
+    """Four random words of 32 bits for a step and a grain."""
     a, b, c, d = step & LOW, step >> HALF, label & LOW, label >> HALF
     k, m = seed & LOW, seed >> HALF
     for _ in range(_ROUNDS):
@@ -147,9 +146,9 @@ def philox_random_words(
 def draw_normal_pair(seed: np.uint64, step: np.uint64, label: np.uint64) -> tuple[float, float]:
     """Draw two independent normal numbers of mean 0 and variance 1."""
     a, b, c, d = philox_random_words(seed, step, label)
-    # Above 0 and up to 1, by 53 bits: 27 of one word, 26 of another.
+    # In (0, 1], with 53 bits: 27 of one word, 26 of another.
     first = (float((a >> _TOP) << np.uint64(26)) + float(b >> _REST) + 1.0) * _SCALE
     second = (float((c >> _TOP) << np.uint64(26)) + float(d >> _REST)) * _SCALE
-    # Box and Muller, Ann. Math. Stat. 29 (1958) 610; log(0) is excluded by the + 1 above.
+    # Box and Muller, Ann. Math. Stat. 29 (1958) 610; the + 1 above excludes log(0).
     size, turn = math.sqrt(-2.0 * math.log(first)), 2.0 * math.pi * second
     return size * math.cos(turn), size * math.sin(turn)

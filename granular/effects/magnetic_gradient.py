@@ -1,4 +1,4 @@
-"""The gradient of an external magnetic field, which pulls at moments normal to the plane.
+"""Gradient of an external magnetic field, which pulls on moments normal to the plane.
 
 A dipole mu along z in a field B_z = g_x x + g_y y has the energy -mu B_z and feels the force
 mu (g_x, g_y) [Jackson, Classical Electrodynamics (1999), 5.7]. A uniform field does nothing.
@@ -15,7 +15,7 @@ from granular.schema.sections import quantity
 
 @effect
 class Gradient:
-    """A uniform gradient of the field along the moments."""
+    """Uniform gradient of the field component along the moments."""
 
     example: ClassVar[Any] = {"x": "0.05 T/m", "y": "-0.1 T/m"}
 

@@ -1,31 +1,30 @@
-"""Eddy-current drag with the currents of all other grains, as a flow of second order.
+"""Eddy-current drag including the currents of all other grains.
 
-The velocities obey m_i dv_i/dt = -sum_j q_i q_j T_ij v_j while the positions stand still, with T of
-`granular.effects.mutual_eddy_drag`. With A = dt M^(-1) T, a step is v - A v + A^2 v/2: of second order
-in ``dt``, and never a gain of energy while no eigenvalue of A exceeds 2, as T is positive; longer
-steps are cut. The loss is that of the kinetic energy, to the last bit.
-
-Of a large bed only pairs within a reach are summed, from a near list; a drag on each grain, as large as
-what the others could give, then keeps the sum from giving energy. In a periodic cell the list holds the
-images, and those beyond its reach count as an even density of magnets that move with the mean velocity.
-
-The tensor of each pair is stored for all products at the same positions. Without a reach, that of dipoles
-over a thin plate is computed at each of them instead, which is as fast.
-
-Eddy-current drag between two magnets that move along a plate, as a tensor of their distance.
-
-At low speed the currents in each sheet of the plate follow the field of the magnets without delay,
-and a magnet feels those of all others. The force on the magnet i is -sum_j T_ij v_j with
+The drag between two magnets that move along a plate is a tensor that depends on their displacement. At low
+speed the currents in each sheet of the plate follow the field of the magnets without delay, and a magnet is
+subject to the currents of all others. The force on magnet i is -sum_j T_ij v_j with
 
     T_ij = (gamma H^4/3) Int_0^inf k^3 w(k) [J1(kr)/(kr) - J2(kr) e e^T] dk,   H = 2h,
 
-where gamma is the drag of a lone dipole over a thin plate, r e the displacement, and w(k) the mean
-of exp(-2kz) over the plate: two exponentials of the distance, of field and of reaction. As the
-Fourier transform of k k^T w(k) >= 0 it never gives energy. Of a thin plate, w = exp(-kH),
+where gamma is the drag coefficient of a lone dipole over a thin plate, r e the displacement, and w(k) the
+mean of exp(-2kz) over the plate: one factor exp(-kz) for the field, one for the reaction. As the Fourier
+transform of k k^T w(k) >= 0, T is positive and never adds energy. For a thin plate, w = exp(-kH),
 
-    T_ij = gamma (H^2/s)^(5/2) [1 - 5 r r^T/s],   s = r^2 + H^2:
+    T_ij = gamma (H^2/s)^(5/2) [1 - 5 r r^T/s],   s = r^2 + H^2,
 
-two receding images [Maxwell 1872; Reitz 1970, doi:10.1063/1.1659172].
+which is two receding images [Maxwell 1872; Reitz 1970, doi:10.1063/1.1659172].
+
+At fixed positions the velocities obey m_i dv_i/dt = -sum_j q_i q_j T_ij v_j. With A = dt M^(-1) T, a step
+is v - A v + A^2 v/2. It has second order in ``dt``, and never gains energy while no eigenvalue of A exceeds
+2, as T is positive; longer steps are subdivided. The recorded loss is exactly the loss of kinetic energy.
+
+In a large bed only pairs within a cut-off distance are summed, from a near list. An additional drag on each
+grain, as large as the neglected terms could be, then keeps the sum from adding energy. In a periodic cell
+the list contains the images; images beyond the cut-off count as a uniform density of magnets that move with
+the mean velocity.
+
+The tensor of each pair is stored for all products at the same positions. The exception is dipoles over a
+thin plate without a cut-off: computing the tensor at each product is then as fast.
 """
 
 from __future__ import annotations
@@ -48,27 +47,27 @@ from granular.pairs.near_list import NearList, near_list_workspace, pair_displac
 from granular.pairs.piecewise import PiecewiseTable, Samples, find_piece, piece_value, tabulate_values
 from granular.shared.array_types import Float, Int
 
-# 1e-13 holds if the face of a thick plate is 0.17 D or farther from the grains' middle; 4e-8 at 0.1 D.
+# 1e-13 holds if the face of a thick plate is >= 0.17 D from the grains' mid-plane; 4e-8 at 0.1 D.
 ORDER = 64
-"""Coefficients of each series: hold the tensor to 1e-13 of a lone grain's drag."""
+"""Number of coefficients of each series; the error of the tensor is 1e-13 of a lone grain's drag."""
 
 FARTHEST = 30.0
-"""Distance [D] up to which the series are fitted, and reach in a periodic cell: a grain farther away brakes
-by less than 1e-5."""
+"""Distance [D] up to which the series are fitted, and cut-off in a periodic cell: the relative drag of a
+grain farther away is below 1e-5."""
 
-# A cosine over this phase is integrated to 1e-14, over 40 to 3e-13.
+# A cosine over this phase is integrated to 1e-14; over a phase of 40, to 3e-13.
 _PANEL = 20.0
-"""Phase that 24 nodes of Gauss's rule resolve to the last digit."""
+"""Phase that 24 Gauss nodes integrate to rounding error."""
 
 
 class Plate(NamedTuple):
     """A plate below the grains."""
 
-    distance: float  # [D], from the grains' middle to the plate's
+    distance: float  # [D], from the grains' mid-plane to the plate's
     thickness: float  # [D]; 0: a thin plate
 
     def thickness_drag_factor(self) -> float:
-        """Drag of a lone dipole over that along a thin plate of the same sheet conductance."""
+        """Drag of a lone dipole relative to a thin plate of the same sheet conductance."""
         h, half = self.distance, 0.5 * self.thickness
         if half == 0.0:
             return 1.0
@@ -78,11 +77,11 @@ class Plate(NamedTuple):
 def drag_tensor(
     plate: Plate, r: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Isotropic and radial part (n,) of the drag tensor, over a lone dipole's along a thin plate; r [D]."""
+    """Isotropic and radial part (n,) of the tensor, relative to a lone dipole over a thin plate; r [D]."""
     from scipy.special import j0, j1
 
     h, half = plate.distance, 0.5 * plate.thickness
-    # exp(-45) = 3e-20: what the integral has beyond is below rounding.
+    # exp(-45) = 3e-20: the rest of the integral is below rounding.
     longest = 45.0 / (2.0 * (h - half) - 0.5 * sum(disc.height for disc in discs))
     panels = 8 + math.ceil(longest * float(np.max(r, initial=1.0)) / _PANEL)
     nodes, weights = np.polynomial.legendre.leggauss(24)
@@ -97,7 +96,7 @@ def drag_tensor(
     for index, distance in enumerate(r):
         phase = k * distance
         first = np.where(phase > 1e-6, j1(phase) / np.maximum(phase, 1e-6), 0.5)
-        # J2 = 2 J1/x - J0 cancels below; x^2/8 is its series to 1e-7.
+        # Below 1e-3, J2 = 2 J1/x - J0 cancels; its series x^2/8 is accurate to 1e-7.
         second = np.where(phase > 1e-3, 2.0 * first - j0(phase), phase * phase / 8.0)
         isotropic[index], radial[index] = density @ first, -(density @ second)
     return isotropic, radial
@@ -105,7 +104,7 @@ def drag_tensor(
 
 @cache
 def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
-    """Drag of a lone disc over that of a dipole along a thin plate."""
+    """Drag of a lone disc relative to a dipole over a thin plate."""
     return float(drag_tensor(plate, np.zeros(1), (disc, disc))[0][0])
 
 
@@ -113,19 +112,19 @@ def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
 def _fit_drag_tensor(plate: Plate, discs: tuple[Disc, ...]) -> tuple[Chebyshev, Chebyshev]:
     """Series P, Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s."""
     square = 4.0 * plate.distance**2
-    least = square / (square + FARTHEST**2)
-    u = least + (1.0 - least) * 0.5 * (np.polynomial.chebyshev.chebpts1(ORDER) + 1.0)
+    smallest = square / (square + FARTHEST**2)
+    u = smallest + (1.0 - smallest) * 0.5 * (np.polynomial.chebyshev.chebpts1(ORDER) + 1.0)
     r = np.sqrt(square / u - square)
     isotropic, radial = drag_tensor(plate, r, discs)
     across, along = isotropic / u**2.5, -radial * square / (5.0 * r * r * u**3.5)
-    domain = [least, 1.0]
+    domain = [smallest, 1.0]
     return Chebyshev.fit(u, across, ORDER - 1, domain), Chebyshev.fit(u, along, ORDER - 1, domain)
 
 
 def drag_tensor_of_squares(
     plate: Plate, squares: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Isotropic part (n,) of the drag tensor, and the radial one over r^2 [1/D^2]; squares r^2 [D^2]."""
+    """Isotropic part (n,) of the drag tensor, and radial part over r^2 [1/D^2]; squares r^2 [D^2]."""
     square = 4.0 * plate.distance**2
     u = square / (square + squares)
     p, q = np.ones_like(u), np.ones_like(u)
@@ -136,70 +135,70 @@ def drag_tensor_of_squares(
 
 @cache
 def lattice_drag_factor(plate: Plate, spacing: float) -> float:
-    """Drag of a triangular lattice that moves as one body, per grain, over a lone grain's; spacing [D]."""
-    # The rest, about pi rho H^5/R^3, is 1e-4 for the packaged damper's spacing and H = 4/3 D.
+    """Drag per grain of a triangular lattice moving as one body, over a lone grain's drag; spacing [D]."""
+    # The truncated sum, about pi rho H^5/R^3, is 1e-4 for the packaged damper's spacing and H = 4/3 D.
     reach = 40
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-reach, reach + 1))
     r = spacing * np.hypot(i + 0.5 * j, math.sqrt(0.75) * j).ravel()
     r = r[r < reach * spacing * math.sqrt(0.75)]
     across, along = drag_tensor_of_squares(plate, r * r)
-    # Averaged over directions, e e^T is one half.
+    # The mean of e e^T over directions is 1/2.
     return float((across + 0.5 * r * r * along).sum()) / plate.thickness_drag_factor()
 
 
-LEFT_OUT = 0.01
-"""Drag of a lone dipole, at most, that grains beyond the reach take or add."""
+NEGLECTED_DRAG = 0.01
+"""Upper bound of the drag due to grains beyond the cut-off, over a lone dipole's drag."""
 
 PAIRS_PER_LISTED = 2.5
-"""Pairs of a bed, over those within the reach, from which on a list is faster."""
+"""Ratio of all pairs to pairs within the cut-off above which a list is faster."""
 
 CLOSEST, END = 2.0**-10, 2.0**20
-"""Squared distances between which the tensor is tabulated [D^2]; beyond, it is below 1e-13."""
+"""Range of squared distances in which the tensor is tabulated [D^2]; beyond it, it is below 1e-13."""
 
-# 2/sqrt(3), and that over 1.375^2 (see `granular.effects.eddy_drag.SPACING`).
+# 2/sqrt(3), and the same over 1.375^2 (see `granular.effects.eddy_drag.SPACING`).
 DENSEST, USUAL = 1.155, 0.61
-"""Grains per D^2 that touch each other, and at the packaged damper's spacing."""
+"""Grains per D^2 in contact, and at the packaged damper's spacing."""
 
-# 1 - A + A^2/2 is off by 0.019 at 0.5; from 2 on a step would gain energy.
-LONGEST = 0.5
-"""Largest eigenvalue of A in a step: the error of its exponential is 2 % there."""
+# The error of 1 - A + A^2/2 is 0.019 at 0.5; a step would gain energy from 2 on.
+LARGEST_EIGENVALUE = 0.5
+"""Largest eigenvalue of A in a step: the error of the exponential is then 2 %."""
 
 PX, PY, INPUT_X, INPUT_Y, OUTPUT_X, OUTPUT_Y, FIRST_X, FIRST_Y = range(8)
-"""Rows of the workspace: positions of the stored tensors, what a product multiplies, what comes out, and
-the first order of the step."""
+"""Rows of the workspace: positions of the stored tensors, input and output of a product, and the first-order
+term of the step."""
 
 
 class PairDragTable(NamedTuple):
-    """Drag of a grain's own currents, and the tensor of each pair of kinds of grains."""
+    """Drag of a grain by its own currents, and tensor of each pair of kinds of grains."""
 
-    own: Float[np.ndarray, "k"]  # with the drag for those beyond the reach
-    parts: PiecewiseTable | None  # isotropic and radial part in turn by pairs; None: thin plate, dipoles
+    own: Float[np.ndarray, "k"]  # including the additional drag for grains beyond the cut-off
+    parts: PiecewiseTable | None  # isotropic and radial part of each pair in turn; None: thin plate, dipoles
 
 
 class EddyWorkspace(NamedTuple):
-    """Scratch of the sums."""
+    """Scratch arrays of the sums."""
 
-    rows: Float[np.ndarray, "8 m"]  # see `PX` and the others [D, D/tau]
-    counted: Int[np.ndarray, "1"]  # number of grains whose positions these are
+    rows: Float[np.ndarray, "8 m"]  # indices `PX` to `FIRST_Y` [D, D/tau]
+    counted: Int[np.ndarray, "1"]  # number of grains with stored positions
     near: NearList | None  # None: all pairs count
     tensors: Float[np.ndarray, "3 p"] | None  # xx, xy and yy of each pair; None: computed at each product
 
 
 class MutualEddyLaw(NamedTuple):
-    """Eddy-current drag of all grains as the kernels take it."""
+    """Eddy-current drag of all grains in natural units, for the kernels."""
 
-    rate: float  # [1/tau], of a lone dipole of the first species along a thin plate
+    rate: float  # [1/tau], of a lone dipole of the first species over a thin plate
     square: float  # H^2 [D^2]
-    reach: float  # [D]
-    periods: tuple[float, float] | None  # sides of a periodic cell [D]
-    mean: float  # part of each grain's motion that images beyond the reach put on every grain
-    stiffest: float  # bound of the eigenvalues of M^-1 T, over ``rate``
-    kinds: int  # 1 of dipoles; of discs one per species
-    kind: Float[Array, "m"] | None  # kind of each grain; None of one kind
+    reach: float  # cut-off distance [D]
+    periods: tuple[float, float] | None  # side lengths of a periodic cell [D]
+    mean: float  # coefficient of each grain's velocity in the drag due to images beyond the cut-off
+    eigenvalue_bound: float  # upper bound of the eigenvalues of M^-1 T, over ``rate``
+    kind_count: int  # 1 for dipoles; number of species for discs
+    kind: Float[Array, "m"] | None  # kind of each grain; None if there is only one
     table: PairDragTable
 
     def workspace(self, size: int, count: int) -> EddyWorkspace:
-        """Make the scratch arrays of the sums over pairs."""
+        """Make the scratch arrays of the pair sums."""
         near, pairs = None, count * (count - 1) // 2
         if math.isfinite(self.reach):
             near = near_list_workspace(count, self.reach, periods=self.periods)
@@ -213,12 +212,12 @@ class MutualEddyLaw(NamedTuple):
     def damp_velocities(
         law: MutualEddyLaw, workspace: EddyWorkspace, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Let the velocities decay by the eddy currents; enter the energy lost; dt [tau]."""
+        """Damp the velocities by the eddy currents; enter the energy lost; dt [tau]."""
         state, constants, rows = bed.state, bed.constants, workspace.rows
         masses, moments, count, lost = constants.masses, relative_moments(constants), constants.grains, 0.0
         near, tensors = workspace.near, workspace.tensors
         _refresh_pair_tensors(law, near, tensors, workspace, bed)
-        steps = 1 + int(law.rate * law.stiffest * abs(dt) / LONGEST)
+        steps = 1 + int(law.rate * law.eigenvalue_bound * abs(dt) / LARGEST_EIGENVALUE)
         h = law.rate * dt / steps
         for _ in range(steps):
             for i in range(count):
@@ -250,13 +249,13 @@ def _grain_kind(kinds: Array | None, grain: int) -> int:
 
 @compiled(inline=True)
 def _tensor_parts(parts: PiecewiseTable | None, row: int, r2: float, square: float) -> tuple[float, float]:
-    """Isotropic part of the tensor, and the radial one over r^2."""
+    """Isotropic part of the tensor, and radial part over r^2."""
     if parts is None:
         u = square / (r2 + square)
         power = u * u * math.sqrt(u)
         return power, -5.0 / square * u * power
     r2 = min(r2, END)
-    # No piece is halved, so both parts have theirs at the same place of their tables.
+    # No piece is halved, so both parts have the same pieces.
     k = find_piece(parts, 2 * row, r2)
     return piece_value(parts, k, r2), piece_value(parts, k + np.uint64(parts.length), r2)
 
@@ -265,7 +264,7 @@ def _tensor_parts(parts: PiecewiseTable | None, row: int, r2: float, square: flo
 def _refresh_pair_tensors(
     law: MutualEddyLaw, near: NearList | None, tensors: Array | None, workspace: EddyWorkspace, bed: Bed
 ) -> None:
-    """Take the positions and store the tensor of each pair, unless they are those of before."""
+    """Store the positions and the tensor of each pair, unless the positions are unchanged."""
     x, y, count, moved = workspace.rows[PX], workspace.rows[PY], bed.constants.grains, 0
     for i in range(count):
         moved += not (x[i] == bed.state.x[i] and y[i] == bed.state.y[i])
@@ -278,15 +277,15 @@ def _refresh_pair_tensors(
         return
     at = 0
     for i in range(count):
-        own = _grain_kind(law.kind, i) * law.kinds
+        first_row = _grain_kind(law.kind, i) * law.kind_count
         begin, end = partner_range(near, i, count)
         for k in range(begin, end):
             j = partner_at(near, k)
             dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
             r2 = dx * dx + dy * dy
-            row = own + _grain_kind(law.kind, j)
+            row = first_row + _grain_kind(law.kind, j)
             across, along = _tensor_parts(law.table.parts, row, r2, law.square)
-            # What the list holds besides, in its skin, depends on when it was made.
+            # Further pairs, in the list's skin, depend on when the list was made.
             if r2 >= law.reach * law.reach:
                 across, along = 0.0, 0.0
             tensors[0, at] = across + along * dx * dx
@@ -299,7 +298,7 @@ def _refresh_pair_tensors(
 def _multiply_by_drag_tensor(
     law: MutualEddyLaw, near: NearList | None, tensors: Array | None, rows: Array, count: int
 ) -> None:
-    """Multiply the input by T."""
+    """Multiply the input rows by T."""
     vx, vy, sum_x, sum_y = rows[INPUT_X], rows[INPUT_Y], rows[OUTPUT_X], rows[OUTPUT_Y]
     total_x, total_y = 0.0, 0.0
     for i in range(count):
@@ -330,7 +329,7 @@ def _multiply_by_drag_tensor(
 
 @compiled
 def _add_drag_of_dipole(x: Array, y: Array, sum_x: Array, sum_y: Array, moving: Array, square: float) -> None:
-    """Add what the motion of a dipole over a thin plate does to all, itself included."""
+    """Add the drag on all grains due to the motion of one dipole over a thin plate, including itself."""
     at_x, at_y, vx, vy = moving[PX], moving[PY], moving[INPUT_X], moving[INPUT_Y]
     for i in range(len(x)):
         dx, dy = x[i] - at_x, y[i] - at_y
@@ -343,28 +342,28 @@ def _add_drag_of_dipole(x: Array, y: Array, sum_x: Array, sum_y: Array, moving: 
 def make_mutual_eddy_law(
     rate: float, plate: Plate, discs: tuple[Disc, ...], context: EffectContext
 ) -> MutualEddyLaw:
-    """Make the law of the drag with mutual currents, for a bed; rate [1/tau]."""
+    """Make the drag law with the currents of all grains; rate [1/tau]."""
     count, periods = context.grains.count, context.periods
     square = 4.0 * plate.distance**2
     mean, spare = 0.0, 0.0
     if periods is not None:
         reach = FARTHEST
-        # Averaged over directions T ~ -(3/2) H^5/r^5; over all beyond R, pi rho H^5/R^3.
+        # The mean over directions is T ~ -(3/2) H^5/r^5; its sum beyond R is pi rho H^5/R^3.
         mean = -math.pi * square**2.5 / (reach**3 * periods[0] * periods[1])
     else:
-        # Far away |T| ~ 4 H^5/r^5. Over all grains farther than R that is (8 pi/3) rho H^5/R^3.
-        reach = (8.0 / 3.0 * math.pi * USUAL * square**2.5 / LEFT_OUT) ** (1.0 / 3.0)
-        spare = LEFT_OUT
+        # At large distances |T| ~ 4 H^5/r^5; its sum beyond R is (8 pi/3) rho H^5/R^3.
+        reach = (8.0 / 3.0 * math.pi * USUAL * square**2.5 / NEGLECTED_DRAG) ** (1.0 / 3.0)
+        spare = NEGLECTED_DRAG
         if count < PAIRS_PER_LISTED * math.pi * USUAL * reach**2:
             reach, spare = math.inf, 0.0
     thin = plate.thickness == 0.0 and not discs
     pairs: list[tuple[Disc, ...]] = [(disc, other) for disc in discs for other in discs] or [()]
-    # Smooth: without a tolerance no piece is halved, which `_tensor_parts` relies on.
+    # Without a tolerance no piece is halved, which `_tensor_parts` relies on.
     parts = [partial(_sample_tensor, plate, two, part) for two in pairs for part in (0, 1)]
-    alike = pairs[:: len(discs) + 1]
-    alone = [drag_tensor_of_squares(plate, np.zeros(1), two)[0][0] + spare for two in alike]
-    # The products that are computed, not stored, have a dipole's own part with them.
-    own = np.zeros(1) if thin and math.isinf(reach) else np.array(alone)
+    equal_pairs = pairs[:: len(discs) + 1]
+    self_drag = [drag_tensor_of_squares(plate, np.zeros(1), pair)[0][0] + spare for pair in equal_pairs]
+    # Products that are computed instead of stored include the self term of a dipole.
+    own = np.zeros(1) if thin and math.isinf(reach) else np.array(self_drag)
     factor = max(
         (lone_disc_drag_factor(plate, disc) for disc in discs), default=plate.thickness_drag_factor()
     )
@@ -377,10 +376,10 @@ def make_mutual_eddy_law(
         reach=reach,
         periods=periods,
         mean=mean,
-        # 1 for grains far apart, rho H^2 for dense ones. Touching, with H = 4/3 D, 3.05 bounds 2.47 (summed
-        # over the lattice).
-        stiffest=heaviest * factor * (1.0 + DENSEST * square),
-        kinds=len(alike),
+        # 1 for grains far apart, rho H^2 for dense beds. At contact with H = 4/3 D the bound is 3.05, the
+        # lattice sum 2.47.
+        eigenvalue_bound=heaviest * factor * (1.0 + DENSEST * square),
+        kind_count=len(equal_pairs),
         kind=pad_values(context.species) if discs else None,
         table=PairDragTable(own, None if thin else tabulate_values(parts, CLOSEST, END, math.inf)),
     )

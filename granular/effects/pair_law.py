@@ -1,11 +1,11 @@
-"""Laws of pairs of grains from their energy alone, beside or instead of the dipoles.
+"""Pair laws defined by their energy, in addition to the dipoles or instead of them.
 
-Such a law gives the energy of two grains at a distance, for each pair of species; the force is the
-derivative of a table of it (`granular.pairs.piecewise`). A law that falls off as 1/r^3 gives its tail
-besides, the coefficient, which is summed over all pairs as that of the dipoles is: by the direct sum, the
-cut-off or the mesh. The tails of all laws and the dipoles are one sum, so they must be a product of one
-number a grain. A scatter of the moments multiplies the energy if it is proportional to both moments, and
-leaves it if it depends on neither.
+A pair law gives the energy of two grains at a distance, for each pair of species; the force is the
+derivative of its table (`granular.pairs.piecewise`). A law that falls off as 1/r^3 also gives the
+coefficient of this tail, which is summed over all pairs like the dipoles: by direct sum, cut-off or mesh.
+The tails of all laws and the dipoles are one sum, so the coefficient must be a product of one number per
+grain. Scatter of the moments multiplies the energy if it is proportional to both moments, and leaves it
+unchanged if it depends on neither.
 """
 
 from __future__ import annotations
@@ -45,23 +45,23 @@ from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 NEAREST, FARTHEST = 2.0**-6, 2.0**20
-"""Distances [D] between which a law is tabulated: below, it goes on as the last polynomial."""
+"""Range of distances [D] in which a law is tabulated; below it, the last polynomial is extrapolated."""
 
 _TABLE_ERROR = 2e-14
-"""Error of a table over the energy: of the force below 1e-10 of itself, where the law is smooth."""
+"""Relative error of the tabulated energy; for a smooth law the relative error of the force is below 1e-10."""
 
-_NOTHING = 1e-15
-"""Part of its energies beyond 1 D below which a law without a reach has ended."""
+_NEGLIGIBLE = 1e-15
+"""Fraction of the maximum energy beyond 1 D below which a law without a reach counts as zero."""
 
-_NOTHING_BESIDE_TAIL = 1e-12
-"""The same beside a tail: what falls off by a higher power would go on for hundreds of diameters."""
+_NEGLIGIBLE_WITH_TAIL = 1e-12
+"""The same for a law with a tail: terms of a higher power would extend over hundreds of diameters."""
 
-_PROPORTIONAL = 1e-9
+_EQUALITY_TOLERANCE = 1e-9
 """Relative difference up to which numbers count as equal."""
 
 
 class Species(NamedTuple):
-    """A species as the functions of a pair law see it; over those of the first species."""
+    """Species for a pair law's functions; mass and moment relative to the first species, diameter [D]."""
 
     mass: float
     moment: float
@@ -70,19 +70,19 @@ class Species(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PairFunctions:
-    """A pair law as it was given, in natural units; of the same key, the same law."""
+    """Functions of a pair law, in natural units; equal keys mean equal laws."""
 
     key: Hashable
-    reach: float  # infinite: none is given [D]
+    reach: float  # cut-off distance [D]; infinite if not given
     name: str = dataclasses.field(compare=False)  # in messages
     energy: Callable[[float, Species, Species], float] = dataclasses.field(compare=False)
     tail: Callable[[Species, Species], float] | None = dataclasses.field(compare=False)  # of 1/r^3 [F* D^4]
 
 
 class PairLaw(NamedTuple):
-    """A pair law as the kernels take it: the same code for all of them."""
+    """A pair law for the kernels; all pair laws share the same code."""
 
-    factor: Float[np.ndarray, "m"] | None  # as in ``near``; arrays of the grains stand here, too
+    factor: Float[np.ndarray, "m"] | None  # as in ``near``; repeated here as an array with a value per grain
     species: Int[np.ndarray, "m"] | None
     near: NearLaw
 
@@ -93,7 +93,7 @@ class PairLaw(NamedTuple):
     @staticmethod
     @compiled
     def add_forces(law: PairLaw, near: NearList | None, index: int, bed: Bed, time: float) -> int:
-        """Add the forces between the grains [F*]; time [tau]."""
+        """Add the pair forces [F*]; time [tau]."""
         state, grains = bed.state, bed.constants.grains
         return add_near_forces(law.near, near, grains, state.x, state.y, state.fx, state.fy)
 
@@ -120,18 +120,18 @@ class PairLaw(NamedTuple):
     def squared_head_on_impact_frequency(
         law: PairLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Squared highest angular frequency as two grains meet head-on [1/tau^2]; speed [D/tau]."""
+        """Squared maximum angular frequency in a head-on impact of two grains [1/tau^2]; speed [D/tau]."""
         return squared_collision_frequency(law.near, speed)
 
 
 class PairLawEffect(ForceEffect):
-    """Base of the effects that are pair laws."""
+    """Base class of pair-law effects."""
 
     rank = 1
     periodic = True
 
     def pair_functions(self, context: EffectContext) -> PairFunctions:
-        """Return the law as it was given, in natural units."""
+        """Return the functions of the law, in natural units."""
         raise NotImplementedError
 
     def make_kernel_law(self, context: EffectContext) -> PairLaw:
@@ -142,7 +142,7 @@ class PairLawEffect(ForceEffect):
         return _make_pair_law(functions, context)
 
     def tails(self, context: EffectContext) -> Float[np.ndarray, "k k"] | None:
-        """Part of each pair of species in the sum over all pairs, over two dipoles' of the first."""
+        """Coefficient of 1/r^3 for each pair of species, relative to two dipoles of the first species."""
         functions, species = self.pair_functions(context), species_of_scene(context)
         if functions.tail is None:
             return None
@@ -160,23 +160,24 @@ def species_of_scene(context: EffectContext) -> list[Species]:
 def grain_charges(
     tails: Sequence[np.ndarray], context: EffectContext, *, dipoles: bool
 ) -> Float[np.ndarray, "n"] | None:
-    """Charge of each grain in the sum over all pairs, a product of which all tails are; None: its moment."""
+    """Charge of each grain: the product of two charges is the total tail of a pair; None: its moment."""
     if not tails:
         return None
     if dipoles and context.grains.magnets != "dipoles":
         raise InputError(
-            "a pair law with a tail cannot act beside grains.magnets = 'cylinders', which are summed by "
-            "another law; take 'dipoles', leave effects.dipole out, or give a reach and no tail"
+            "a pair law with a tail cannot act together with grains.magnets = 'cylinders', which are summed "
+            "differently; take 'dipoles', remove effects.dipole, or give a reach and no tail"
         )
     moments = context.grains.moment_ratios()
     total = np.sum(tails, axis=0) + (np.outer(moments, moments) if dipoles else 0.0)
-    own = np.sqrt(np.maximum(np.diag(total), 0.0))
-    if not (own > 0.0).all() or not np.allclose(total, np.outer(own, own), rtol=_PROPORTIONAL, atol=0.0):
+    charges = np.sqrt(np.maximum(np.diag(total), 0.0))
+    products = np.outer(charges, charges)
+    if not (charges > 0.0).all() or not np.allclose(total, products, rtol=_EQUALITY_TOLERANCE, atol=0.0):
         raise InputError(
-            "the tails of the pair laws, with those of the dipoles, are no products of one positive number "
-            "a species; give tails as c*q1*q2, leave effects.dipole out, or give a reach and no tail"
+            "the tails of the pair laws plus the dipoles are not products of one positive number per "
+            "species; give tails as c*q1*q2, remove effects.dipole, or give a reach and no tail"
         )
-    return np.asarray(own[context.species] * context.grains.moment_spread_factors())
+    return np.asarray(charges[context.species] * context.grains.moment_spread_factors())
 
 
 def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
@@ -185,21 +186,21 @@ def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
     periods = context.periods
     if periods is not None and np.isinf(tables.pairs[:, END]).any():
         raise InputError(
-            f"{functions.name} does not end within {1e-3 * FARTHEST:.0f} diameters: in a cell with periodic "
-            "sides give it a reach, or a tail if it falls off as 1/r^3"
+            f"{functions.name} does not vanish within {1e-3 * FARTHEST:.0f} diameters: in a cell with "
+            "periodic sides give it a reach, or a tail if it falls off as 1/r^3"
         )
     factor = _scatter_factors(functions, species, context)
     if context.grains.spread > 0.0 and factor is None and tables.pairs[:, TAIL].any():
         raise InputError(
-            f"{functions.name}: moments that scatter (grains.spread) are charges of a tail; make the energy "
-            "proportional to q1*q2, or take no tail"
+            f"{functions.name}: a tail is proportional to the scattered moments (grains.spread); make the "
+            "energy proportional to q1*q2, or give no tail"
         )
     diameters = [kind.diameter for kind in species]
     near = make_near_law(tables, diameters, context.species, factor, 1.0, periods)
     return PairLaw(factor, near.species, near)
 
 
-# A law is tabulated by tens of thousands of calls; a study asks for the same one again and again.
+# A table needs tens of thousands of calls; a study uses the same law again and again.
 @functools.lru_cache(maxsize=32)
 def _tabulate(functions: PairFunctions, species: tuple[Species, ...], dipoles: bool) -> NearTables:
     indices, rows = species_pairs(len(species))
@@ -207,8 +208,8 @@ def _tabulate(functions: PairFunctions, species: tuple[Species, ...], dipoles: b
     _check_symmetry(functions, pairs)
     tails = [0.0 if functions.tail is None else functions.tail(*pair) for pair in pairs]
     energies = [_near_energy(functions, *pair, tail) for pair, tail in zip(pairs, tails, strict=True)]
-    nothing = _NOTHING_BESIDE_TAIL if any(tails) else _NOTHING
-    reach = min(functions.reach, max(_decay_distance(energy, nothing) for energy in energies))
+    negligible = _NEGLIGIBLE_WITH_TAIL if any(tails) else _NEGLIGIBLE
+    reach = min(functions.reach, max(_decay_distance(energy, negligible) for energy in energies))
     _check_finite(functions, pairs, reach)
     end, sampled = min(reach, FARTHEST), [_truncate(energy, reach) for energy in energies]
     return NearTables(
@@ -220,7 +221,7 @@ def _tabulate(functions: PairFunctions, species: tuple[Species, ...], dipoles: b
 
 
 def _evaluate(functions: PairFunctions, first: Species, second: Species, r: Samples) -> Samples:
-    """Energies at distances (n,); not a number at those where the function fails."""
+    """Energies at distances (n,); NaN if the function fails."""
     result = np.full(len(r), np.nan)
     for k, distance in enumerate(r.tolist()):
         try:
@@ -231,7 +232,7 @@ def _evaluate(functions: PairFunctions, first: Species, second: Species, r: Samp
 
 
 def _near_energy(functions: PairFunctions, first: Species, second: Species, tail: float) -> Sampled:
-    """Energy of a pair without its tail, and the magnitudes of both, of distances (n,)."""
+    """Energy of a pair without its tail, and sum of both magnitudes, as a function of distances (n,)."""
 
     def sampled(r: Samples) -> tuple[Samples, Samples]:
         total, part = _evaluate(functions, first, second, r), tail / r**3
@@ -240,25 +241,26 @@ def _near_energy(functions: PairFunctions, first: Species, second: Species, tail
     return sampled
 
 
-def _decay_distance(energy: Sampled, nothing: float) -> float:
-    """Distance at which an energy has ended by itself [D]; infinite if it does not by `FARTHEST`/1000."""
+def _decay_distance(energy: Sampled, negligible: float) -> float:
+    """Distance beyond which an energy is negligible [D]; infinite if above `FARTHEST`/1000."""
     r = np.geomspace(1.0, 1e-3 * FARTHEST, 400)
     value, magnitude = energy(r)
     size = np.abs(value)
-    # What rounding leaves of a difference is nothing, too.
-    there = size > np.maximum(nothing * np.nanmax(size), 8.0 * np.finfo(np.float64).eps * magnitude)
-    last = int(np.flatnonzero(there).max(initial=0))
+    # The rounding error of the difference is negligible, too.
+    rounding = 8.0 * np.finfo(np.float64).eps * magnitude
+    relevant = size > np.maximum(negligible * np.nanmax(size), rounding)
+    last = int(np.flatnonzero(relevant).max(initial=0))
     return math.inf if last == len(r) - 1 else float(r[last + 1])
 
 
 def _truncate(energy: Sampled, reach: float) -> Sampled:
-    """Energy of squared distances (n,), less what it is at the reach and 0 from there on."""
-    left = float(energy(np.array([reach]))[0][0]) if math.isfinite(reach) else 0.0
+    """Energy of squared distances (n,), shifted to be zero at the reach and beyond."""
+    shift = float(energy(np.array([reach]))[0][0]) if math.isfinite(reach) else 0.0
 
     def sampled(u: Samples) -> tuple[Samples, Samples]:
         inside = u < reach * reach
         value, magnitude = energy(np.sqrt(np.where(inside, u, 1.0)))
-        return np.where(inside, value - left, 0.0), magnitude + abs(left)
+        return np.where(inside, value - shift, 0.0), magnitude + abs(shift)
 
     return sampled
 
@@ -268,23 +270,24 @@ def _collisions(
 ) -> Float[np.ndarray, "2 n"]:
     r = np.geomspace(NEAREST, min(end, 40.0), 400)
     energy = np.nan_to_num(_evaluate(functions, kind, kind, r))
-    # Dipoles turn grains before such a law does.
+    # Dipoles reverse the grains before such a law does.
     return collision_stiffness(r, energy + dipoles * ENERGY * kind.moment**2 / r**3, kind.mass)
 
 
 _TRIALS = np.geomspace(0.05, 50.0, 120)
-"""Distances [D] at which a law is tried: a law that is nothing at all of them is nothing."""
+"""Distances [D] at which a law is tested: a law that is zero at all of them counts as zero."""
 
 
 def _check_symmetry(functions: PairFunctions, pairs: Sequence[tuple[Species, Species]]) -> None:
-    """Check that both grains of a pair are treated alike."""
+    """Check that the energy is symmetric in the two grains of a pair."""
     for first, second in pairs:
-        here, there = (_evaluate(functions, *pair, _TRIALS) for pair in ((first, second), (second, first)))
-        wrong = ~np.isclose(here, there, rtol=_PROPORTIONAL, atol=0.0, equal_nan=True)
+        orders = (first, second), (second, first)
+        given, exchanged = (_evaluate(functions, *pair, _TRIALS) for pair in orders)
+        wrong = ~np.isclose(given, exchanged, rtol=_EQUALITY_TOLERANCE, atol=0.0, equal_nan=True)
         if wrong.any():
             raise InputError(
-                f"{functions.name}: the energy is {here[wrong][0]:.6g} and, with the grains exchanged, "
-                f"{there[wrong][0]:.6g}; a pair must pull and push equally"
+                f"{functions.name}: the energy is {given[wrong][0]:.6g} and, with the grains exchanged, "
+                f"{exchanged[wrong][0]:.6g}; the energy of a pair must be symmetric"
             )
 
 
@@ -293,32 +296,32 @@ def _check_finite(functions: PairFunctions, pairs: Sequence[tuple[Species, Speci
     for first, second in pairs:
         contact = 0.5 * (first.diameter + second.diameter)
         r = np.geomspace(0.5 * contact, min(max(reach * (1.0 - 1e-12), contact), 100.0), 300)
-        odd = r[~np.isfinite(_evaluate(functions, first, second, r))]
-        if len(odd):
+        invalid = r[~np.isfinite(_evaluate(functions, first, second, r))]
+        if len(invalid):
             raise InputError(
-                f"{functions.name}: the energy is no number at {odd[0]:.4g} diameters; give it a reach below "
-                "that, or correct it"
+                f"{functions.name}: the energy is not a number at {invalid[0]:.4g} diameters; give a smaller "
+                "reach, or correct it"
             )
 
 
 def _scatter_factors(
     functions: PairFunctions, species: Sequence[Species], context: EffectContext
 ) -> Float[np.ndarray, "m"] | None:
-    """Factor of each grain in the energy where the moments scatter; None: 1."""
+    """Factor of each grain in the energy if the moments scatter; None: 1."""
     if context.grains.spread == 0.0:
         return None
     ratios = np.zeros(0)
     for first, second in itertools.combinations_with_replacement(species, 2):
         stronger = first._replace(moment=1.25 * first.moment), second._replace(moment=1.5 * second.moment)
         before, after = (_evaluate(functions, *pair, _TRIALS) for pair in ((first, second), stronger))
-        there = np.isfinite(before) & np.isfinite(after) & (np.abs(before) > np.finfo(np.float64).tiny)
-        ratios = np.append(ratios, after[there] / before[there])
-    if np.allclose(ratios, 1.0, rtol=_PROPORTIONAL):
+        valid = np.isfinite(before) & np.isfinite(after) & (np.abs(before) > np.finfo(np.float64).tiny)
+        ratios = np.append(ratios, after[valid] / before[valid])
+    if np.allclose(ratios, 1.0, rtol=_EQUALITY_TOLERANCE):
         return None
-    if np.allclose(ratios, 1.25 * 1.5, rtol=_PROPORTIONAL):
+    if np.allclose(ratios, 1.25 * 1.5, rtol=_EQUALITY_TOLERANCE):
         return pad_values(context.grains.moment_spread_factors())
     raise InputError(
-        f"{functions.name} is neither proportional to both moments nor independent of them, so no table "
-        "holds it for moments that scatter (grains.spread); write it as q1*q2 times a function of r, or take "
+        f"{functions.name} is neither proportional to both moments nor independent of them, so it cannot be "
+        "tabulated for scattered moments (grains.spread); write it as q1*q2 times a function of r, or use "
         "species"
     )

@@ -1,9 +1,8 @@
-"""A cell that is shaken: seen from the cell, gravity swings.
+"""Shaking of the cell: in the frame of the cell, an oscillating inertial force.
 
-The cell moves as X sin(2 pi f t) along a direction; in its frame every mass feels the acceleration
+The cell moves as X sin(2 pi f t) along a direction; in its frame every mass has the additional acceleration
 +X (2 pi f)^2 sin(2 pi f t) along it. The force has the time-dependent energy -m A(t) . r, whose
-change with time is the work done by the shaker. Drag and friction act on the velocity relative to
-the cell.
+rate of change is the power of the shaker. Drag and friction act on the velocity relative to the cell.
 """
 
 from __future__ import annotations
@@ -41,17 +40,17 @@ class Shaking(MovingFrameEffect):
     frequency: float = quantity("Hz", above=0.0)
     angle: float = quantity("1", default=math.pi / 2.0)
 
-    def greatest_imparted_speed(self, scales: Scales) -> float:
-        """Greatest speed of the cell [D/tau]."""
-        swing = self._acceleration_in_natural_units(scales)
-        return math.hypot(swing.x, swing.y) / swing.omega
+    def maximum_imparted_speed(self, scales: Scales) -> float:
+        """Maximum speed of the cell [D/tau]."""
+        law = self._acceleration_in_natural_units(scales)
+        return math.hypot(law.x, law.y) / law.omega
 
     def drive_angular_frequency(self, scales: Scales) -> float:
         """Angular frequency of the motion [1/tau]."""
         return self._acceleration_in_natural_units(scales).omega
 
     def make_kernel_law(self, context: EffectContext) -> ShakingLaw:
-        """Make the apparent acceleration that the compiled loop takes, in natural units."""
+        """Make the inertial acceleration for the compiled loop, in natural units."""
         return self._acceleration_in_natural_units(context.scales)
 
     def _acceleration_in_natural_units(self, scales: Scales) -> ShakingLaw:
@@ -61,7 +60,7 @@ class Shaking(MovingFrameEffect):
 
 
 class ShakingLaw(NamedTuple):
-    """Apparent acceleration (x, y) sin(omega t), in natural units."""
+    """Inertial acceleration (x, y) sin(omega t), in natural units."""
 
     x: float  # [D/tau^2]
     y: float  # [D/tau^2]
@@ -70,7 +69,7 @@ class ShakingLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def add_forces(law: ShakingLaw, workspace: None, index: int, bed: Bed, time: float) -> int:
-        """Add the apparent forces m A(t) on the grains [F*]; time [tau]."""
+        """Add the inertial forces m A(t) on the grains [F*]; time [tau]."""
         state, constants, phase = bed.state, bed.constants, math.sin(law.omega * time)
         ax, ay = law.x * phase, law.y * phase
         for i in range(constants.grains):
@@ -102,10 +101,9 @@ class ShakingLaw(NamedTuple):
     def record_external_work(
         law: ShakingLaw, workspace: None, index: int, dt: float, bed: Bed, time: float
     ) -> int:
-        """Enter the work that the shaking does on grains and piston in ``dt`` [F* D]; dt, time [tau]."""
+        """Enter the work of the shaking on grains and piston in ``dt`` [F* D]; dt, time [tau]."""
         state, constants = bed.state, bed.constants
-        # The energy -m A(t) . r depends on time: the work from outside is its rate at fixed positions, -m
-        # A'(t) . r.
+        # The external power is the rate of change of the energy -m A(t) . r at fixed positions, -m A'(t) . r.
         phase = law.omega * math.cos(law.omega * time)
         rx, ry = law.x * phase, law.y * phase
         mx, my = _mass_moment(bed)
@@ -117,7 +115,7 @@ class ShakingLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def upward_acceleration(law: ShakingLaw, workspace: None, index: int, time: float) -> float:
-        """Upward part of the apparent acceleration [D/tau^2]; time [tau]."""
+        """Upward component of the inertial acceleration [D/tau^2]; time [tau]."""
         return law.y * math.sin(law.omega * time)
 
 

@@ -1,15 +1,15 @@
-"""A wall of discs: an endless row of upright magnets like the grains, side by side.
+"""A wall of discs: an infinite row of upright magnets like the grains.
 
-The row's middle line lies one radius behind the wall's face, so that a grain that touches the face
+The centre line of the row lies one radius behind the wall's face, so that a grain in contact with the face
 touches a magnet. With W the distance from that line and x along it, the energy is the sum over the row
-of that of two discs (`granular.pairs.disc_law`), below their contact with the force that goes on. It
-repeats with the pitch p, and so is a series
+of the energy of two discs (`granular.pairs.disc_law`), with a continuous force below contact. It is periodic
+with the pitch p, hence a Fourier series
 
     E(x, W) = A_0(W) + sum_m A_m(W) cos(2 pi m x / p),
 
-whose terms fall as exp(-2 pi m W / p) (Poisson's sum): the row is summed once, for each species, and
-the few terms that count where a grain touches are kept, as tables of W^2 A_m in 1/W. Far away A_0 is
-the infinite wall's energy over p/D. Forces are slopes of the tables, so that energy is conserved.
+whose terms decay as exp(-2 pi m W / p) (Poisson summation). The row is summed once per species. The few
+terms that matter at contact are stored as tables of W^2 A_m in 1/W. At large distances A_0 is the infinite
+wall's energy over p/D. Forces are derivatives of the tables, so energy is conserved.
 """
 
 from __future__ import annotations
@@ -35,30 +35,30 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.shared.array_types import Float, Int
 
 PIECES, PHASES, SUMMED = 300, 64, 60.0
-"""Pieces of a table in 1/W; places along the pitch at which the row is summed, and the distance along
-the row up to which this is done one by one [D]."""
+"""Number of pieces of a table in 1/W; number of positions along the pitch at which the row is summed;
+distance along the row up to which magnets are summed individually [D]."""
 
-LEFT_OUT, NOTHING = 1e-7, 1e-8
-"""Greatest energy of the terms that are left out where a grain touches, and of those that are skipped
-far away, over the mean one."""
+NEGLECTED_AT_CONTACT, NEGLECTED_FAR_AWAY = 1e-7, 1e-8
+"""Maximum energy of the neglected terms over the mean energy: of terms that are never stored (at contact),
+and of stored terms that are skipped at large distances."""
 
 
 class DiscWallTables(NamedTuple):
-    """The row as each species sees it."""
+    """Energy of the row for each species."""
 
-    pieces: Float[Array, "kinds terms PIECES 6"]  # W^2 A_m: powers of the part of a piece [F* D^3]
+    pieces: Float[Array, "kinds terms PIECES 6"]  # W^2 A_m: powers of the fraction of a piece [F* D^3]
     per_piece: float  # pieces per 1/W [D]
-    smooth: Float[Array, "kinds"]  # 1/W below which the first term alone counts [1/D]
+    smooth: Float[Array, "kinds"]  # 1/W below which only the first term counts [1/D]
     wave: float  # 2 pi/pitch [1/D]
-    depth: float  # distance of the row's line behind the face [D]
-    turning: Float[Array, "2 n"]  # squared speeds [D^2/tau^2], rising; largest stiffness up to there
+    depth: float  # distance of the row's centre line behind the face [D]
+    turning: Float[Array, "2 n"]  # increasing squared speeds [D^2/tau^2]; maximum stiffness up to there
 
 
 @compiled(inline=True)
 def _find_spline_piece(tables: DiscWallTables, kind: int, w: float) -> tuple[float, int, float, int]:
-    """1/W, the piece, the fraction of it that is passed, and the terms that count."""
+    """Return 1/W, the piece, the position in it (0 to 1), and the number of terms that count."""
     gap = w + tables.depth
-    # Behind the face, or at no number, where the grain is reported to be.
+    # A grain behind the face, or at NaN, is reported elsewhere.
     if not gap > 0.5 * tables.depth:
         gap = 0.5 * tables.depth
     v = 1.0 / gap
@@ -87,7 +87,7 @@ def _spline_curvature(p: Array, t: float) -> float:
 def energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
-    """Energy and forces of a grain of moment 1 at the row of magnets [F* D, F*]; w, along [D]."""
+    """Energy, normal and tangential force of a grain of moment 1 at the row [F* D, F*]; w, along [D]."""
     v, piece, t, terms = _find_spline_piece(tables, kind, w)
     wave, cosine, sine, c, s = tables.wave, 1.0, 0.0, 1.0, 0.0
     if terms > 1:
@@ -105,7 +105,7 @@ def energy_and_forces(
 
 @entry
 def stiffness(tables: DiscWallTables, kind: int, w: float) -> float:
-    """Bound of the stiffness of a grain of moment 1, wherever it stands along the wall [F*/D]; w [D]."""
+    """Upper bound of the stiffness for a grain of moment 1 anywhere along the wall [F*/D]; w [D]."""
     v, piece, t, terms = _find_spline_piece(tables, kind, w)
     across, along, mixed = 0.0, 0.0, 0.0
     for m in range(terms):
@@ -119,7 +119,7 @@ def stiffness(tables: DiscWallTables, kind: int, w: float) -> float:
 
 
 class DiscWall(NamedTuple):
-    """The row as the kernels take it."""
+    """A row of magnets, for the kernels."""
 
     tables: DiscWallTables
     species: Int[Array, "n"] | None
@@ -133,7 +133,7 @@ class DiscWall(NamedTuple):
         view: WallView,
         normal: Float[Array, "m"],
     ) -> int:
-        """Add the forces of the wall; fill in those away from it, ``normal`` [F*]."""
+        """Add the forces of the wall; fill in its normal forces [F*]."""
         outside = 0
         for i in range(count):
             w = distance_from_wall(view, i)
@@ -149,7 +149,7 @@ class DiscWall(NamedTuple):
     def measure_energy_and_stiffness(
         law: DiscWall, count: int, view: WallView, slopes: Float[Array, "m"], energies: Float[Array, "m"]
     ) -> None:
-        """Fill in energies of grains of moment 1 [F* D], and add bounds of their stiffness [F*/D]."""
+        """Fill in energies of grains of moment 1 [F* D]; add upper bounds of their stiffness [F*/D]."""
         for i in range(count):
             w = distance_from_wall(view, i)
             kind = _grain_species(law.species, i)
@@ -159,7 +159,7 @@ class DiscWall(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(law: DiscWall, speed: float) -> float:
-        """Largest stiffness up to where a grain turns, between two magnets [1/tau^2]; speed [D/tau]."""
+        """Maximum stiffness up to a grain's turning point between two magnets [1/tau^2]; speed [D/tau]."""
         squares = law.tables.turning[0]
         return law.tables.turning[1, min(np.searchsorted(squares, speed * speed), squares.size - 1)]
 
@@ -173,49 +173,49 @@ def _grain_species(species: Array | None, i: int) -> int:
 def disc_wall_tables(
     discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch: float, depth: float | None = None
 ) -> DiscWallTables:
-    """Sum the row of magnets once for each species, and table it; pitch, depth of its middle line [D]."""
+    """Sum and tabulate the row of magnets for each species; pitch, depth of the centre line [D]."""
     depth, wave = depth or magnet.radius, 2.0 * np.pi / pitch
     v = np.linspace(0.0, 1.0 / depth, PIECES + 1)
     amplitudes = [_fourier_amplitudes(v, disc, magnet, pitch) for disc in discs]
     touch = [int(np.argmin(np.abs(v - 1.0 / (depth + disc.radius)))) for disc in discs]
-    left = [np.cumsum(np.abs(a[::-1, k]))[::-1] / a[0, k] for a, k in zip(amplitudes, touch, strict=True)]
-    terms = max(int(np.flatnonzero(rest > LEFT_OUT).max()) + 1 for rest in left)
+    rests = [np.cumsum(np.abs(a[::-1, k]))[::-1] / a[0, k] for a, k in zip(amplitudes, touch, strict=True)]
+    terms = max(int(np.flatnonzero(rest > NEGLECTED_AT_CONTACT).max()) + 1 for rest in rests)
     pieces = np.array([[_quintic_spline_pieces(v, row) for row in a[:terms]] for a in amplitudes])
     smooth = []
     for a in amplitudes:
-        loud = np.flatnonzero(np.abs(a[1:terms]).sum(axis=0) > NOTHING * a[0])
-        smooth.append(v[max(int(loud.min(initial=PIECES)) - 1, 0)])
+        rough = np.flatnonzero(np.abs(a[1:terms]).sum(axis=0) > NEGLECTED_FAR_AWAY * a[0])
+        smooth.append(v[max(int(rough.min(initial=PIECES)) - 1, 0)])
     tables = DiscWallTables(
         ENERGY * moment * pieces, PIECES * depth, np.array(smooth), wave, depth, np.zeros((2, 1))
     )
     w = 1.0 / v[1:] - depth
     squares, slopes = [], []
     for kind, a in enumerate(amplitudes):
-        least = 2.0 * ENERGY * moment * v[1:] ** 2 * (a[0] - np.abs(a[1:terms]).sum(axis=0))[1:]
-        squares.append(np.maximum.accumulate(least))
+        lower_bounds = 2.0 * ENERGY * moment * v[1:] ** 2 * (a[0] - np.abs(a[1:terms]).sum(axis=0))[1:]
+        squares.append(np.maximum.accumulate(lower_bounds))
         bounds = [stiffness(tables, kind, float(distance)) for distance in w]
         slopes.append(np.maximum.accumulate(bounds))
-    every = np.unique(np.concatenate(squares))
-    greatest = [
-        slope[np.minimum(np.searchsorted(square, every), len(slope) - 1)]
+    all_squares = np.unique(np.concatenate(squares))
+    maxima = [
+        slope[np.minimum(np.searchsorted(square, all_squares), len(slope) - 1)]
         for square, slope in zip(squares, slopes, strict=True)
     ]
-    return tables._replace(turning=np.array([every, np.max(greatest, axis=0)]))
+    return tables._replace(turning=np.array([all_squares, np.max(maxima, axis=0)]))
 
 
 def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
-    """W^2 A_m at those 1/W (PHASES / 2 + 1, n), over that of one dipole at D."""
+    """W^2 A_m at the given 1/W (PHASES / 2 + 1, n), relative to one dipole at D."""
     shift, w = pair_squared_distance_shift(disc, magnet), 1.0 / v[1:]
     energy = _disc_pair_energy(disc, magnet)
-    # Beyond 60 D a disc's energy is a dipole's with the first correction, which the integral has.
+    # Beyond 60 D the energy is the dipole's with the first correction, which the integral includes.
     each_way = int(np.ceil(SUMMED / pitch))
     offsets = pitch * (np.arange(PHASES)[:, None] / PHASES + np.arange(-each_way, each_way + 1))
     sums = np.empty((PHASES, len(v)))
     for k, distance in enumerate(w):
         r2 = offsets**2 + distance**2
-        # Beyond, the sum is an integral.
+        # The rest of the sum is an integral.
         a = distance**2 - shift
-        # Half a pitch beyond the last magnet: the midpoint rule for the sum.
+        # It starts half a pitch beyond the last magnet, by the midpoint rule.
         ends = np.abs(np.array([offsets[:, -1], offsets[:, 0]])) + 0.5 * pitch
         if a > 0.0:
             root = np.sqrt(ends**2 + a)
@@ -223,22 +223,22 @@ def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -
         else:
             rest = (0.5 / ends**2).sum(axis=0) / pitch
         sums[:, k + 1] = distance**2 * (energy(np.sqrt(r2)).sum(axis=1) + rest)
-    # W^2 times the row of dipoles r^-3 tends to 2/pitch as W grows: the infinite wall.
+    # W^2 times the sum of r^-3 over the row tends to 2/pitch at large W, as for the infinite wall.
     sums[:, 0] = 2.0 / pitch
     result = np.fft.rfft(sums, axis=0).real / PHASES
-    # The corner lies half way between two magnets.
+    # The corner lies halfway between two magnets.
     result[1:] *= 2.0 * (-1.0) ** np.arange(1, len(result))[:, None]
     result[1:, 0] = 0.0
     return np.asarray(result)
 
 
 def _disc_pair_energy(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]:
-    """Energy of two discs over that of dipoles at D, quickly at many distances."""
+    """Fast function for the energy of two discs at many distances, relative to dipoles at D."""
     from scipy.interpolate import CubicSpline  # its import takes longer than a warm start of dipoles
 
     pair, contact = (disc, magnet), contact_distance(disc, magnet)
     shift, slope = pair_squared_distance_shift(disc, magnet), force_slope_at_contact(disc, magnet)
-    # With r = contact / (1 - t^2) what is singular at contact is smooth.
+    # The substitution r = contact / (1 - t^2) removes the singularity at contact.
     t = np.linspace(0.0, np.sqrt(1.0 - 1.0 / 40.0), 500)
     r = contact / (1.0 - t * t)
     near = CubicSpline(t, disc_energy_and_force(r, *pair)[0] * r**3)
@@ -257,14 +257,14 @@ def _disc_pair_energy(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.nda
 
 
 def _quintic_spline_pieces(v: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Coefficients of a quintic spline, in the fraction of a piece that is passed (PIECES, 6)."""
+    """Coefficients of a quintic spline in the position within a piece, 0 to 1 (PIECES, 6)."""
     from scipy.interpolate import make_interp_spline
 
     spline, width, factorial = make_interp_spline(v, values, k=5), v[1] - v[0], 1.0
     columns = []
     for order in range(6):
         factorial *= max(order, 1)
-        # Inside of the pieces: the last derivative jumps at their ends.
+        # In the middle of the pieces: the last derivative jumps at their ends.
         at = v[:-1] if order < 5 else v[:-1] + 0.5 * width
         columns.append(spline.derivative(order)(at) * width**order / factorial if order else spline(at))
     return np.stack(columns, axis=1)

@@ -1,12 +1,12 @@
 """Dry sliding friction of the grains at the side walls: all sides of the cell that are not level.
 
-A grain that a side wall pushes with the force N rubs along it with at most mu N, against its motion
-along the wall (Coulomb; Popov, Contact Mechanics and Friction (2010), 10). N is the wall's own
-magnetic force on the grain. Along a wall the motion is one-dimensional, and under constant force,
-drag and friction it is solved exactly: a grain that slides stops and stays, to the last bit, while
-the force along the wall is at most mu N. Between sides that are not parallel this is so along the
-one that presses the grain most; the friction at the others slows it before that, or after that in
-the half of a step that closes it.
+A side wall with normal force N exerts a friction of at most mu N on a grain, against its motion
+along the wall (Coulomb; Popov, Contact Mechanics and Friction (2010), 10). N is the magnetic force of
+the wall on the grain. Along a wall the motion is one-dimensional, and is solved exactly under constant
+force, drag and friction: a sliding grain stops, and stays exactly at rest while the force along the wall
+does not exceed mu N. Among sides that are not parallel, this holds along the side with the largest normal
+force. The friction at the other sides acts before it in the half step that opens a step, and after it in
+the half step that closes it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class WallFriction(DissipativeEffect):
     example: ClassVar[Any] = {"coefficient": 0.3}
     dry = True
     damps = True
-    takes_along = ("drag",)
+    solved_together_with = ("drag",)
     loss_record = energy_variable("wall_friction_loss", "energy lost to friction at the side walls")
 
     coefficient: float = quantity("1", least=0.0)
@@ -52,30 +52,32 @@ class WallFriction(DissipativeEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that a side wall is there, whose force is a law of the distance alone."""
+        """Check that there is a side wall, with a force that depends only on the distance."""
         walls: Any = others.get("walls")
-        rubbing = [] if walls is None else [walls.wall_of(line.name) for line in _rubbing_lines(cell)]
+        rubbing = [] if walls is None else [walls.wall_of(line.name) for line in _lines_with_friction(cell)]
         if not any(rubbing):
-            raise FieldError("there is no side wall to rub at; give effects.walls", "effects", self.key)
+            raise FieldError("there is no side wall for friction; give effects.walls", "effects", self.key)
         if any(wall is not None and wall.law in ("slab", "discs") for wall in rubbing):
             raise FieldError(
-                "slabs and discs have no law of the distance alone; take 'infinite'", "effects", self.key
+                "the force of slabs and discs depends on more than the distance; take 'infinite'",
+                "effects",
+                self.key,
             )
 
     def make_kernel_law(self, context: EffectContext) -> WallFrictionLaw:
-        """Make the law that the compiled loop takes; it takes the drag along."""
+        """Make the law for the compiled loop; it includes the drag."""
         walls: Any = context.effects["walls"]
-        sides = natural_sides(walls, context, _rubbing_lines(context.cell))
+        sides = natural_sides(walls, context, _lines_with_friction(context.cell))
         directions = list[tuple[float, float]]()
         for side in sides:
             if all(abs(side.tx * ty - side.ty * tx) > PARALLEL for tx, ty in directions):
                 directions.append((side.tx, side.ty))
-        taken = drag.drag_taken_along(context)
+        taken = drag.drag_solved_together(context)
         return WallFrictionLaw(self.coefficient, sides, tuple(directions), *taken)
 
 
-def _rubbing_lines(cell: Cell) -> tuple[SideLine, ...]:
-    """Sides at which grains rub: those of the cell that are not level."""
+def _lines_with_friction(cell: Cell) -> tuple[SideLine, ...]:
+    """Sides with friction: all sides of the cell that are not level."""
     return tuple(line for line in cell.lines if line.body == CELL and not line.is_level)
 
 
@@ -83,14 +85,14 @@ _pressing_force = sum_of_hooks("pressing_force", "x y tx ty", 0.0)
 
 
 class WallFrictionLaw(NamedTuple):
-    """Friction at the side walls as the kernels take it."""
+    """Friction at the side walls in natural units, for the kernels."""
 
     coefficient: float
     sides: tuple[Side, ...]
-    directions: tuple[tuple[float, float], ...]  # unit vectors along the sides, of parallel sides once
-    kind: Float[Array, "m"] | None  # of the drag that is solved along, as in `DragLaw`
+    directions: tuple[tuple[float, float], ...]  # unit vectors along the sides; parallel sides share one
+    kind: Float[Array, "m"] | None  # of the drag that is solved together, as in `DragLaw`
     rates: drag.DragRateTable
-    drag: int | None  # index in the ledger of the loss to drag
+    drag: int | None  # ledger index of the loss to drag
 
     @staticmethod
     @compiled
@@ -104,9 +106,9 @@ class WallFrictionLaw(NamedTuple):
             for i in range(constants.grains):
                 if not drag.is_of_drag_kind(law.kind, i, k):
                     continue
-                mass, (tx, ty, hold) = value_or_one(masses, i), _strongest_direction(law, bed, i)
+                mass, (tx, ty, hold) = value_or_one(masses, i), _direction_of_largest_friction(law, bed, i)
                 if opens_step:
-                    rubbed += _rub_at_other_sides(law, bed, i, tx, ty, dt)
+                    rubbed += _apply_friction_at_other_sides(law, bed, i, tx, ty, dt)
                 vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
                 across, _, lost = move_with_drag(
                     flow, tx * vy - ty * vx, 0.0, (tx * fy - ty * fx) / mass, 0.0
@@ -118,7 +120,7 @@ class WallFrictionLaw(NamedTuple):
                 rubbed += by_friction
                 dragged += by_drag
                 if not opens_step:
-                    rubbed += _rub_at_other_sides(law, bed, i, tx, ty, dt)
+                    rubbed += _apply_friction_at_other_sides(law, bed, i, tx, ty, dt)
         state.ledger[LOSSES + index] += rubbed
         drag.record_drag_loss(law.drag, state, dragged)
         return 0
@@ -126,15 +128,15 @@ class WallFrictionLaw(NamedTuple):
 
 @compiled
 def _largest_friction(law: WallFrictionLaw, bed: Bed, i: int, tx: float, ty: float) -> float:
-    """Largest friction on a grain at the sides along a direction [F*]."""
+    """Maximum friction on a grain at the sides along a direction [F*]."""
     state = bed.state
     normal = _pressing_force(law.sides, law.sides, state.x[i], state.y[i], tx, ty)
     return law.coefficient * value_or_one(relative_moments(bed.constants), i) * normal
 
 
 @compiled
-def _strongest_direction(law: WallFrictionLaw, bed: Bed, i: int) -> tuple[float, float, float]:
-    """Direction along which a grain rubs most, and its largest friction there [F*]."""
+def _direction_of_largest_friction(law: WallFrictionLaw, bed: Bed, i: int) -> tuple[float, float, float]:
+    """Direction of the largest friction on a grain, and its maximum [F*]."""
     tx, ty = law.directions[0]
     hold = _largest_friction(law, bed, i, tx, ty)
     for k in range(1, len(law.directions)):
@@ -146,8 +148,10 @@ def _strongest_direction(law: WallFrictionLaw, bed: Bed, i: int) -> tuple[float,
 
 
 @compiled
-def _rub_at_other_sides(law: WallFrictionLaw, bed: Bed, i: int, tx: float, ty: float, dt: float) -> float:
-    """Slow a grain along all directions but one by friction alone, and return the energy lost [F* D]."""
+def _apply_friction_at_other_sides(
+    law: WallFrictionLaw, bed: Bed, i: int, tx: float, ty: float, dt: float
+) -> float:
+    """Apply friction along all directions except one; return the energy lost [F* D]."""
     state, mass, lost = bed.state, value_or_one(bed.constants.masses, i), 0.0
     for k in range(len(law.directions)):
         x, y = law.directions[k]

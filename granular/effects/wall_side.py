@@ -1,14 +1,14 @@
-"""A side of the cell as the kernels take it, and the work of a law of the distance alone there.
+"""A side of the cell for the kernels, with the forces and energies of a wall law.
 
-A side is a line with a unit normal n into the cell; a grain at r is at the distance w = n.r - c from it,
-and at t.r - a along it. It moves up and down with its body: the cell, or the piston, whose height is
-added to its place.
+A side is a line with a unit normal n into the cell; a grain at r is at distance w = n.r - c from the line
+and at position t.r - a along it. The side moves vertically with its body, the cell or a piston, whose height
+is added to its position.
 
-The law of a wall is a named tuple whose class has, as static methods, ``force(law, w)``,
-``energy(law, w)`` and ``stiffness(law, w)`` of a grain of the first species at the distance w [D],
-and ``turning_point_stiffness(law, speed)``, the stiffness per mass where a grain of that speed turns;
-``is_behind(law, w)`` if another test than the sign of w is quicker. A law that is more than that
-has ``add_forces`` and ``measure_energy_and_stiffness`` instead.
+A wall law is a named tuple. Its class has the static methods ``force(law, w)``, ``energy(law, w)`` and
+``stiffness(law, w)`` for a grain of the first species at distance w [D], and
+``turning_point_stiffness(law, speed)``, the stiffness per mass at the turning point of a grain of that speed.
+``is_behind(law, w)`` is optional, for a faster test than the sign of w. A law that depends on more than the
+distance has ``add_forces`` and ``measure_energy_and_stiffness`` instead.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.shared.array_types import Float
 
 PARALLEL = 1e-9
-"""Largest sine of the angle between two sides that count as parallel."""
+"""Maximum sine of the angle between two sides that count as parallel."""
 
 
 class WallView(NamedTuple):
-    """The grains as a wall sees them at one moment."""
+    """Grains relative to a wall, at one time."""
 
     x: Float[Array, "m"]  # [D]
     y: Float[Array, "m"]  # [D]
@@ -39,7 +39,7 @@ class WallView(NamedTuple):
     offset: float  # [D]; w = n.r - offset
     tx: float  # unit vector along the wall
     ty: float
-    begin: float  # [D]; the place along the wall is t.r - begin
+    begin: float  # [D]; the position along the wall is t.r - begin
 
 
 @compiled(inline=True)
@@ -50,13 +50,13 @@ def distance_from_wall(view: WallView, i: int) -> float:
 
 @compiled(inline=True)
 def position_along_wall(view: WallView, i: int) -> float:
-    """Place of a grain along a wall [D]."""
+    """Position of a grain along a wall [D]."""
     return view.tx * view.x[i] + (view.ty * view.y[i] - view.begin)
 
 
 @compiled(inline=True)
 def push_grain(view: WallView, i: int, normal: float, along: float) -> None:
-    """Add a force away from a wall and one along it to those on a grain [F*]."""
+    """Add a normal and a tangential force of a wall to the forces on a grain [F*]."""
     view.fx[i] += view.nx * normal + view.tx * along
     view.fy[i] += view.ny * normal + view.ty * along
 
@@ -82,8 +82,8 @@ force_at_distance, _energy, _stiffness = (
 def add_normal_wall_forces(
     law: Any, count: int, moments: Float[Array, "m"] | None, view: WallView, normal: Float[Array, "m"]
 ) -> int:
-    """Add the forces of a wall by a law of the distance alone; fill in ``normal`` [F*]."""
-    # Upright and level walls by one coordinate: with both, a step of 92 grains took some 2 % longer.
+    """Add the forces of a wall that depend only on the distance; fill in ``normal`` [F*]."""
+    # Vertical and level walls use one coordinate: with both, a step of 92 grains took about 2 % longer.
     if view.ny == 0.0:
         return _add_forces_along_axis(law, count, moments, view.x, view.fx, view.nx, view.offset, normal)
     if view.nx == 0.0:
@@ -122,7 +122,7 @@ def _add_forces_along_axis(
 def add_wall_energies(
     law: Any, count: int, view: WallView, stiffness: Float[Array, "m"], energies: Float[Array, "m"]
 ) -> None:
-    """Fill in the energies at a wall of grains of moment 1 [F* D], and add their stiffness [F*/D]."""
+    """Fill in the energies of grains of moment 1 at a wall [F* D]; add their stiffness [F*/D]."""
     for i in range(count):
         w = distance_from_wall(view, i)
         energies[i] = _energy(law, w)
@@ -143,26 +143,26 @@ class Side(NamedTuple):
     tx: float  # unit vector along it
     ty: float
     begin: float  # [D]
-    body: int  # row of the body that it moves with
+    body: int  # row of the body with which it moves
     law: Any
 
     @staticmethod
     @compiled(inline=True)
     def add_forces(side: Side, workspace: Any, index: int, bed: Bed) -> int:
-        """Add a wall's forces on the grains, and enter the force on it, outwards [F*]."""
+        """Add a wall's forces on the grains, and enter the outward force on the wall [F*]."""
         if side.law is None:
             return 0
         state, constants = bed.state, bed.constants
         moments = relative_moments(constants)
         outside = _forces(side.law, constants.grains, moments, view_of_side(side, bed), state.scratch)
         state.wall_forces[index] = reproducible_sum(state.scratch)
-        # Behind a wall the force may be no number, and at it infinite, so the total tells.
+        # The force may be NaN behind a wall and infinite at the wall; either shows in the total.
         return outside + (not state.wall_forces[index] < math.inf)
 
     @staticmethod
     @compiled
     def measure_energy(side: Side, workspace: Any, index: int, bed: Bed, stiffness: Array) -> float:
-        """Energy of the grains at a wall [F* D]; add their stiffness, of grains of moment 1 [F*/D]."""
+        """Return the energy of the grains at a wall [F* D]; add the stiffness for moment 1 [F*/D]."""
         return _measure_energy(side, bed, stiffness)
 
     @staticmethod
@@ -184,7 +184,7 @@ class Side(NamedTuple):
     def pressing_force(
         side: Side, workspace: Any, index: int, x: float, y: float, tx: float, ty: float
     ) -> float:
-        """Force on a grain of moment 1 by a side of the cell, if it lies along a direction [F*]; x [D]."""
+        """Force of a side on a grain of moment 1 if the side is parallel to (tx, ty) [F*]; x, y [D]."""
         if abs(side.tx * ty - side.ty * tx) > PARALLEL:
             return 0.0
         return force_at_distance(side.law, side.nx * x + (side.ny * y - side.offset))
@@ -192,7 +192,7 @@ class Side(NamedTuple):
     @staticmethod
     @compiled
     def fill_wall(side: Side, workspace: Any, index: int, bed: Bed, walls: Array) -> int:
-        """Fill in normal, offset [D], infinitely far if open, and vertical speed [D/tau] of a side."""
+        """Fill in normal, offset [D] (-inf if open) and vertical speed [D/tau] of a side."""
         view = view_of_side(side, bed)
         offset = -math.inf if side.law is None else view.offset
         lift = bed.state.bodies[side.body, SPEED] if side.body != CELL else 0.0
@@ -202,13 +202,13 @@ class Side(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(side: Side, workspace: Any, index: int, speed: float) -> float:
-        """Stiffness over mass of a grain of moment 1 where it turns [1/tau^2]; speed [D/tau]."""
+        """Stiffness over mass at the turning point of a grain of moment 1 [1/tau^2]; speed [D/tau]."""
         return _turning_point_stiffness(side.law, speed)
 
 
 @compiled(inline=True)
 def view_of_side(side: Side, bed: Bed) -> WallView:
-    """Return the grains of a bed as a side sees them now."""
+    """Return the grains of a bed relative to a side at its present position."""
     state = bed.state
     height = state.bodies[side.body, HEIGHT] if side.body != CELL else 0.0
     return _view(side, state.x, state.y, state.fx, state.fy, height)
@@ -229,7 +229,7 @@ def evaluate_wall_forces(
     moments: Float[Array, "n"],
     forces: Float[Array, "3 n"],
 ) -> int:
-    """Add a wall's forces on grains: along x, along y, and away from it [F*]; x, y, body's height [D]."""
+    """Add a wall's forces on grains: x, y and normal components [F*]; x, y, body's height [D]."""
     return _forces(side.law, x.size, moments, _view(side, x, y, forces[0], forces[1], height), forces[2])
 
 

@@ -1,6 +1,6 @@
-"""The walls of the cell: each side has a law of its own, or none, and is open then.
+"""Walls of the cell: each side has a separate law, or is open.
 
-The force on every wall is the sum of the reactions of the grains; the piston force is that of the
+The force on each wall is the sum of the reactions of the grains; the piston force is the force on the
 sides that move with the piston.
 """
 
@@ -27,15 +27,15 @@ from granular.shared.errors import quote, unknown_word_message
 
 LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"
-"""Law of a wall whose energy is written as a formula."""
+"""Name of the wall law given by a formula of its energy."""
 
 
 @dataclasses.dataclass(frozen=True)
 class AlreadyParsedSection(FieldKind):
-    """A section that is made already."""
+    """A field whose value is a section object, not plain data."""
 
     def parse(self, value: Any, diameter: float | None) -> Any:
-        """Return the section as it is; diameter [m]."""
+        """Return the section unchanged; diameter [m]."""
         return value
 
 
@@ -47,19 +47,19 @@ class Wall(Section):
     law : str
         ``"experimental"``: force ~ distance^-3.5 [D, eq. 2.8]; ``"infinite"``: ~ distance^-3
         [D, eq. 3.3]; ``"slab"``: a magnetic slab of finite length [D, eq. 3.17]; ``"discs"``: an
-        endless row of magnets of the first species (`granular.effects.wall_discs`), to which grains
-        are discs whatever ``grains.magnets`` is. A side that is not named has a row of touching
-        magnets if grains are discs, ``"experimental"`` else.
+        infinite row of magnets of the first species (`granular.effects.wall_discs`), for which grains
+        are discs whatever ``grains.magnets`` is. The default for a side that is not listed is a row of
+        magnets in contact if grains are discs, otherwise ``"experimental"``.
     length : float or None
-        Length of a slab at the left or the right of a rectangle [m], from the bottom, and must be given
-        there; every other slab is as long as its side.
+        Length of a slab on the left or right side of a rectangle [m], from the bottom; required there.
+        Every other slab is as long as its side.
     gap_start, gap_end : float or None
-        A gap in a slab, along its side [m]: two slabs, between which grains flow out.
+        Start and end of a gap along a slab [m], through which grains flow out.
     pitch : float
-        Distance of two magnets of a row of discs [m]; the first end of the side lies half way between
-        two, of a rectangle's the corner next to the origin.
+        Distance of neighbouring magnets in a row of discs [m]. The first end of the side lies halfway
+        between two magnets; for a rectangle this is the corner next to the origin.
     own : section or None
-        Of a law of one's own; in a scene its keys stand next to ``law``. See
+        Parameters of a user-defined law; in a scene they are given next to ``law``. See
         `granular.effects.custom`.
     """
 
@@ -85,7 +85,7 @@ class Wall(Section):
         return cls(law=law, own=WALL_LAWS[law].from_plain(given, diameter))
 
     def to_plain(self) -> dict[str, Any]:
-        """Wall as a table with its law's keys; `from_plain` makes an equal wall of it."""
+        """Wall as a table with the law's keys, which `from_plain` turns back into an equal wall."""
         if self.own is None:
             return super().to_plain()
         return {"law": self.law, **self.own.to_plain()}
@@ -96,9 +96,9 @@ class Wall(Section):
         return self.gap_start is not None
 
     def validate(self) -> None:
-        """Check that length, gap and pitch are given where the law has them, and only there."""
+        """Check that length, gap and pitch are given only for laws that have them."""
         if (self.own is None) != (self.law in LAWS):
-            raise FieldError("a law of one's own needs its parameters", "law")
+            raise FieldError("a user-defined law needs its parameters", "law")
         if self.law != "slab" and (self.length is not None or self.has_gap):
             raise FieldError(f"only a slab has a length or a gap; this wall is {self.law!r}", "law")
         if (self.law == "discs") != (self.pitch is not None):
@@ -109,7 +109,7 @@ class Wall(Section):
             raise FieldError(f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end")
 
     def make_kernel_law(self, context: EffectContext, line: SideLine) -> Any:
-        """Make the law of the wall at a side that the compiled loop takes, in natural units."""
+        """Make the law of the wall at a side for the compiled loop, in natural units."""
         scales = context.scales
         if self.own is not None:
             return self.own.make_kernel_law(scales)
@@ -119,9 +119,9 @@ class Wall(Section):
             return InfiniteWall()
         if self.pitch is not None:
             discs = species_discs(context.grains, scales.length)
-            # Coated magnets lie as deep as bare ones: by half a diameter, here 1/2 D.
+            # The centres of coated magnets are half a coated diameter, 1/2 D, behind the face.
             tables = disc_wall_tables(discs, discs[0], 1.0, self.pitch / scales.length, 0.5)
-            # Each wall has its own, since grains that leave are taken out of it.
+            # A copy for each wall, since grains that leave are removed from it.
             return DiscWall(tables, context.species.copy() if len(discs) > 1 else None)
         length = line.length if self.length is None else self.length
         assert length is not None
@@ -130,7 +130,7 @@ class Wall(Section):
             ends = [0.0, self.gap_start, self.gap_end, length]
         natural = np.array(ends) / scales.length
         walls: Any = context.effects["walls"]
-        # Grains that have left a polygon may be behind the line of any of its slabs.
+        # Grains that have left a polygon may be behind the line of any slab.
         closed = not self.has_gap and not (context.cell.is_polygon and walls.has_gap)
         return SlabWall(natural[::2].copy(), natural[1::2].copy(), closed)
 
@@ -140,7 +140,7 @@ NamedWall = tuple[str, Wall | None]
 
 @dataclasses.dataclass(frozen=True)
 class _NamedWallsKind(FieldKind):
-    """A wall, or none, for each side by its name."""
+    """A wall or None for each side, by name."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[NamedWall, ...]:
         if not isinstance(value, Mapping | tuple):
@@ -153,19 +153,19 @@ class _NamedWallsKind(FieldKind):
 
 
 class Walls(ForceEffect):
-    """The walls of the sides, by their names; the piston is the ``top`` of a rectangle. ``"none"`` is open.
+    """Walls by the names of the sides; the piston is the ``top`` of a rectangle. ``"none"`` is an open side.
 
     Attributes
     ----------
     walls : pairs of str and Wall or None
-        Name of each side, and its wall; in a scene a table of them.
+        Name and wall of each side; in a scene, a table.
     """
 
     key = "walls"
     rank = 2
     energy_record = energy_variable("wall_energy", "energy of the grains at the walls")
-    unnamed: ClassVar[tuple[str, ...]] = ()  # sides whose law follows from the grains
-    has_gap: ClassVar[bool] = False  # grains flow out between walls
+    unnamed: ClassVar[tuple[str, ...]] = ()  # sides with the default law
+    has_gap: ClassVar[bool] = False  # whether grains can flow out between walls
 
     walls: tuple[NamedWall, ...] = section_field(_NamedWallsKind(), default=())
 
@@ -178,7 +178,7 @@ class Walls(ForceEffect):
             raise FieldError(error.reason, *error.path[1:]) from None
 
     def to_plain(self) -> dict[str, Any]:
-        """Walls as a table by their sides; `from_plain` makes equal ones of it."""
+        """Walls as a table by side, which `from_plain` turns back into equal walls."""
         return {side: "none" if wall is None else wall.to_plain() for side, wall in self.walls}
 
     def wall_of(self, side: str) -> Wall | None:
@@ -186,33 +186,33 @@ class Walls(ForceEffect):
         return dict(self.walls).get(side)
 
     def _inner_section(self, part: str) -> Wall | None:
-        """Wall of a side, by which a dotted key goes on."""
+        """Wall of a side, for the next part of a dotted key."""
         return self.wall_of(part)
 
     def resolve_parts(self, grains: Grains, cell: Cell) -> Walls:
-        """Return the walls of all sides of the cell, where unnamed ones are rows of the grains' discs."""
+        """Return the walls of all sides of the cell; sides not listed get the default law."""
         sides = tuple(line.name for line in cell.lines)
         given = {side: wall for side, wall in self.walls if side not in self.unnamed}
         for side in given:
             if side not in sides:
                 raise FieldError(unknown_word_message(side, sides, "side"), "effects", self.key)
-        usual = Wall()
+        default = Wall()
         if grains.magnets == "cylinders":
-            usual = Wall(law="discs", pitch=grains.species[0].diameter)
+            default = Wall(law="discs", pitch=grains.species[0].diameter)
         result = copy.copy(self)
-        object.__setattr__(result, "walls", tuple((side, given.get(side, usual)) for side in sides))
+        object.__setattr__(result, "walls", tuple((side, given.get(side, default)) for side in sides))
         object.__setattr__(result, "unnamed", tuple(side for side in sides if side not in given))
         object.__setattr__(result, "has_gap", bool(result._exits(cell)))
         return result
 
     def _exits(self, cell: Cell) -> list[Point]:
-        """Directions in which grains leave through slabs with a gap, and between walls of a polygon."""
+        """Directions in which grains leave, through gaps in slabs and between the walls of a polygon."""
         walled = [(line, wall) for line in cell.lines if (wall := self.wall_of(line.name)) is not None]
         result = [(-line.normal[0], -line.normal[1]) for line, wall in walled if wall.has_gap]
         if not cell.is_polygon:
             return result
         gaps = cell.gaps([line.name for line, _ in walled if line.body == CELL], 0.0)
-        # The widest one above is the open top, or where the piston is, which may also come from below.
+        # The highest gap is the open top or the piston, which may also come from below.
         filled = next((line.tangent[0] for line, _ in walled if line.body == PISTON), -1.0)
         gaps.sort(key=lambda gap: filled * gap[0])
         if gaps and filled * gaps[-1][0] > 0.0:
@@ -222,7 +222,7 @@ class Walls(ForceEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that slabs fit the cell and the piston's height, and a pitch the magnets."""
+        """Check that slabs fit the cell and the piston's height, and that a pitch fits the magnets."""
         height = 0.0 if piston is None else piston.height or 0.0
         diameter = grains.species[0].diameter
         exits = self._exits(cell)
@@ -237,24 +237,24 @@ class Walls(ForceEffect):
 
     @property
     def present_walls(self) -> list[tuple[str, Wall]]:
-        """Sides that are not open, with their walls."""
+        """Sides with a wall, and their walls."""
         return [(side, wall) for side, wall in self.walls if wall is not None]
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digests of the user's own laws of walls, for the run's settings."""
-        own = [wall.own for _, wall in self.present_walls if wall.own is not None]
-        return tuple(source for law in own for source in law.user_code_digests)
+        """Digests of user-defined wall laws, for the run's settings."""
+        laws = [wall.own for _, wall in self.present_walls if wall.own is not None]
+        return tuple(digest for law in laws for digest in law.user_code_digests)
 
     def make_kernel_law(self, context: EffectContext) -> WallLaws:
-        """Make the sides that the compiled loop takes, with their laws, in natural units."""
+        """Make the sides with their laws for the compiled loop, in natural units."""
         return WallLaws(natural_sides(self, context, context.cell.lines))
 
 
 def natural_sides(
     walls: Walls | None, context: EffectContext, lines: tuple[SideLine, ...]
 ) -> tuple[Side, ...]:
-    """Return sides of the cell with their laws, all open without walls, in natural units."""
+    """Return sides of the cell with their laws, in natural units; all are open without walls."""
     host, sides = context.effects.get("host"), []
     bodies = {} if host is None else host.bodies_of_sides()
     for line in lines:
@@ -269,40 +269,40 @@ def natural_sides(
 def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
     """Check that a slab has a length if its side has none, and a gap within it; height [m]."""
     if wall.law == "slab" and wall.length is None and line.length is None:
-        raise FieldError("must be given for a slab at the side", "length")
+        raise FieldError("must be given for a slab at this side", "length")
     if wall.length is not None and line.length is not None:
-        raise FieldError(f"follows from the side, {line.length:g} m; leave it out", "length")
+        raise FieldError(f"follows from the side, {line.length:g} m; remove it", "length")
     if wall.has_gap and (line.length is None or line.body != CELL):
-        raise FieldError("a side without an end, or of the piston, cannot have a gap", "gap_start")
+        raise FieldError("an infinite side, or a side of the piston, cannot have a gap", "gap_start")
     if wall.gap_end is not None and line.length is not None and wall.gap_end > line.length:
         raise FieldError(
-            f"{wall.gap_end:g} m must be at most the length of the side, {line.length:g} m", "gap_end"
+            f"{wall.gap_end:g} m must not exceed the length of the side, {line.length:g} m", "gap_end"
         )
     if wall.length is not None and wall.length < height:
         raise FieldError(
             f"{wall.length:g} m is less than the piston's height, {height:g} m; grains "
-            "would come behind the slab",
+            "would get behind the slab",
             "length",
         )
     if line.body != CELL and not line.is_level and wall.law in ("slab", "discs"):
         raise FieldError(
-            f"an inclined side of the piston cannot be {wall.law!r}, which pushes along itself; "
+            f"an inclined side of the piston cannot be {wall.law!r}, which has a tangential force; "
             "take 'infinite'",
             "law",
         )
 
 
 def _check_leaves_openings_free(wall: Wall, line: SideLine, exits: list[Point]) -> None:
-    """Check that the force of a wall ends with its side, if grains that leave and fall cross its line."""
+    """Check that the wall's force ends with its side if grains that leave cross its line."""
     if line.body == CELL and wall.law != "slab" and any(line.is_crossed(*out) for out in exits):
         raise FieldError(
-            f"{wall.law!r} has no end, and would close the opening of the cell; take 'slab', or let the "
-            "sides meet",
+            f"{wall.law!r} is infinitely long and would close the opening of the cell; take 'slab', or let "
+            "the sides meet",
             "law",
         )
 
 
 def _check_pitch(wall: Wall, diameter: float) -> None:
-    # 1e-12: rounding of a pitch that is written as one diameter.
+    # 1e-12 allows for rounding of a pitch of exactly one diameter.
     if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
-        raise FieldError(f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", "pitch")
+        raise FieldError(f"{wall.pitch:g} m must not be below the magnets' diameter, {diameter:g} m", "pitch")

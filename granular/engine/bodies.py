@@ -256,13 +256,13 @@ def _over_base(row: int, fraction: float, entry: int, bodies: Array) -> float:
 def record_bodies(law: BodyLaw | None, state: State, time: float, values: Float[Array, "k"]) -> None:
     """Enter displacements and velocities of bodies, and what shakes them; time [tau]."""
     if law is not None:
-        rows, bodies = law.shown.rows, state.bodies
+        rows, bodies = law.recorded.rows, state.bodies
         for k in range(rows.size):
             # A further piston is seen from the cell, a body of the machine from the base.
-            over = law.shown.over_base[k]
+            over = law.recorded.over_base[k]
             values[2 * k] = _over_base(rows[k], over, HEIGHT, bodies) - law.rows.start[rows[k]]
             values[2 * k + 1] = _over_base(rows[k], over, SPEED, bodies)
-        if law.driven:
+        if law.is_driven:
             values[2 * rows.size] = evaluate_excitation(law.drive, time)
 
 
@@ -292,9 +292,9 @@ def _solve_dashpots(
     changes, drags, matrix, links = scratch.changes, scratch.drags, scratch.matrix, law.links
     for b in range(drags.size):
         drags[b] = 0.0
-    if not law.dashed:
+    if not law.has_dashpots:
         return 0.0
-    own = dt * (push - base) if law.moves else 0.0
+    own = dt * (push - base) if law.moves_cell else 0.0
     for b in range(changes.size):
         changes[b] = 0.0
         for other in range(changes.size):
@@ -434,7 +434,7 @@ def _kick_with_links(
 ) -> None:
     state, constants, masses, free = bed.state, bed.constants, law.rows.masses, motion.free
     shake = excitation_during_kick(law.drive, start + time, dt, opens_step)
-    base, force = (shake, 0.0) if law.drive.base else (0.0, shake)
+    base, force = (shake, 0.0) if law.drive.moves_base else (0.0, shake)
     outer = outer_force_on_piston(motion, time) if free else 0.0
     _store_velocities(scratch, bed)
     external = _fill_forces(law, scratch, bed, outer, force)
@@ -446,16 +446,16 @@ def _kick_with_links(
         if b > PISTON or free:
             carried += scratch.forces[b]
             mass += masses[b]
-    push = (external - carried) / carrier if law.moves else base
+    push = (external - carried) / carrier if law.moves_cell else base
     frame, power = state.bodies[CELL, SPEED], _over_base(law.excited, 1.0, SPEED, state.bodies)
     momentum = _momentum_in_cell(law, state, bed_momentum(bed), free)
     dashed, before, first = 0.0, push, 0.0
-    for attempt in range(law.passes):
+    for attempt in range(law.pass_count):
         dashed = _solve_dashpots(law, scratch, dt, state, free, base, push)
         _kick_in_cell(law, scratch, push, dt, bed, free, opens_step)
-        if attempt == law.passes - 1:
+        if attempt == law.pass_count - 1:
             break
-        if law.moves:
+        if law.moves_cell:
             # The momentum that forces in the cell give and its content lacks is the cell's.
             given = dt * (carried - (mass - carrier) * push)
             gained = _momentum_in_cell(law, state, bed_momentum(bed), free) - momentum
@@ -468,7 +468,7 @@ def _kick_with_links(
         _restore_velocities(scratch, bed)
     after = _momentum_in_cell(law, state, bed_momentum(bed), free)
     change = 0.0
-    if law.moves:
+    if law.moves_cell:
         change = (dt * (external + dashed) - (after - momentum)) / mass - dt * base
         state.bodies[CELL, SPEED] += change
     _enter_dashpot_losses(law, scratch, dt, state)
@@ -479,10 +479,10 @@ def _kick_with_links(
     else:
         drawn = dt * (scratch.forces[PISTON] + law.rows.weights[PISTON] + scratch.drags[PISTON])
         speed = prescribed_speed(motion, time, dt, opens_step)
-        state.ledger[WORK] += ((masses[PISTON] * change if law.moves else 0.0) - drawn) * speed
+        state.ledger[WORK] += ((masses[PISTON] * change if law.moves_cell else 0.0) - drawn) * speed
     power += _over_base(law.excited, 1.0, SPEED, state.bodies)
     # The drive holds a driven piston against the acceleration of the base.
-    total = momentum + after + (mass * sum_of_frames if law.moves else 0.0)
+    total = momentum + after + (mass * sum_of_frames if law.moves_cell else 0.0)
     state.ledger[WORK] += 0.5 * dt * (force * power - base * total)
 
 

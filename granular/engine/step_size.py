@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.hook_calls import by_reference, greatest_of_hooks, sum_of_hooks
+from granular.compiled.hook_calls import by_reference, maximum_of_hooks, sum_of_hooks
 from granular.effects.host_structure import BodyLaw
 from granular.effects.wall_laws import add_body_stiffness
 from granular.kernel_data.state import (
@@ -178,7 +178,7 @@ def completed_ticks(schedule: StepSchedule, time: float) -> float:
     return math.floor(time / schedule.length + 1e-6)
 
 
-_squared_impact_frequency = greatest_of_hooks("squared_head_on_impact_frequency", "speed constants")
+_squared_impact_frequency = maximum_of_hooks("squared_head_on_impact_frequency", "speed constants")
 
 
 @entry
@@ -236,11 +236,11 @@ def _raise_by_further_bodies(
     if law is None:
         return highest
     masses, links, largest = law.rows.masses, law.links, 0.0
-    for b in range(CELL if law.moves else PISTON, masses.size):
+    for b in range(CELL if law.moves_cell else PISTON, masses.size):
         if b > PISTON:
             highest = _raise_by_body(b, masses[b], highest, bed, measurement)
         total = 0.0
-        for link in range(law.chain, links.stiffness.size):
+        for link in range(law.chain_length, links.stiffness.size):
             total += 2.0 * abs(links.signs[link, b]) * links.stiffness[link]
         if total > 0.0:
             largest = max(largest, total / masses[b])

@@ -33,7 +33,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granular.effects.custom import OwnSection, make_section_class
+from granular.effects.custom import CustomSection, make_section_class
 from granular.formulas.algebra import LENGTH, TIME, Dimension
 from granular.protocol.piston_motion import DESCENT, SINE, TABLE, Motion
 from granular.protocol.stage import FormulaStage, SampledStage, Stage, TimedStage
@@ -364,20 +364,20 @@ def name_stage_in_errors(stage: Stage, when: str) -> Iterator[None]:
         raise InputError(f"stage {quote(stage.name)}, {when}: {error}") from None
 
 
-class OwnStage(OwnSection, SampledStage):
+class CustomStage(CustomSection, SampledStage):
     """Base of the stages that `stage` makes."""
 
-    what = "stage"
+    noun = "stage"
     needed = ("height", "force")
     partners: ClassVar[Mapping[str, str | None]] = {"height": None, "force": None}
 
     @classmethod
     def register_class(cls) -> None:
-        """Let protocols name it; an own one of the same name is replaced, a built-in one refused."""
+        """Let protocols name it; a custom one of the same name is replaced, a built-in one refused."""
         key, names = cls.definition.key, cls.definition.names
         if len(names) != 1:
             raise InputError(f"stage {key!r} has both 'height' and 'force'; take one of them out")
-        if not issubclass(KINDS.get(key, OwnStage), OwnStage):
+        if not issubclass(KINDS.get(key, CustomStage), CustomStage):
             raise InputError(f"stage {key!r} is a built-in one; give the class another name")
         cls.driven_quantity = names[0]
         cls.needs_piston_mass = cls.has_outer_force = names == ("force",)
@@ -420,12 +420,12 @@ def stage(user_class: type) -> Any:
     user_class : type
         A class with parameters (`quantity`) and the static function ``height`` [m] or ``force`` [N]. Its
         name in small letters, with underscores between words (``LeafSpring`` is ``leaf_spring``), is the
-        ``kind`` that a protocol gives; an own one of that name is replaced.
+        ``kind`` that a protocol gives; a custom one of that name is replaced.
 
     Returns
     -------
     type
-        An `OwnStage` with the class's parameters, known to protocols by its name.
+        A `CustomStage` with the class's parameters, known to protocols by its name.
 
     Raises
     ------
@@ -434,7 +434,7 @@ def stage(user_class: type) -> Any:
         `quantity`, an attribute whose name has a meaning of its own, or the name of a built-in stage. A
         function that fails does so when a run begins.
     """
-    return make_section_class(user_class, OwnStage)
+    return make_section_class(user_class, CustomStage)
 
 
 KINDS: dict[str, type[Stage]] = {

@@ -264,7 +264,7 @@ class RunState:
         height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
         speed += greatest_piston_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
         speed += sum(
-            effect.greatest_imparted_speed(scales)
+            effect.maximum_imparted_speed(scales)
             for effect in self.system.effects
             if isinstance(effect, MovingFrameEffect)
         )

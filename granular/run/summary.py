@@ -238,7 +238,7 @@ def _drag_lines(scene: Scene) -> Iterator[str]:
         return
     yield "drag of a disc"
     yield f"  viscosity {drag.viscosity:.5g} Pa s{_liquid_words(drag.liquid, grains.liquid_temperature)}"
-    if drag.follows:
+    if drag.is_from_liquid:
         first, second = drag.films(grains, scene.cell)
         yield f"  films of {1e3 * first:.4g} and {1e3 * second:.4g} mm on its faces"
     if drag.packing is not None:

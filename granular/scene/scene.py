@@ -207,9 +207,9 @@ class Scene(Section):
 
     def _check_joint_kicks(self) -> None:
         """Check that the last effect that is solved with the forces knows the others."""
-        kicks = [effect for effect in self.effects.in_loop_order if effect.takes_along is not None]
+        kicks = [effect for effect in self.effects.in_loop_order if effect.solved_together_with is not None]
         for other in kicks[:-1]:
-            if other.key not in (kicks[-1].takes_along or ()):
+            if other.key not in (kicks[-1].solved_together_with or ()):
                 raise FieldError(
                     f"cannot act together with {other.key!r}; take one away", "effects", kicks[-1].key
                 )

@@ -127,7 +127,7 @@ def move_parts(scene: Scene, parts: Sequence[Part], by: Float[np.ndarray, "k"]) 
         scene = with_number(
             scene, part.key, value + float(abs(multiple) if part.one_sided else multiple) * step
         )
-        if part.key == "effects.drag.viscosity" and drag is not None and not drag.follows:
+        if part.key == "effects.drag.viscosity" and drag is not None and not drag.is_from_liquid:
             # The drag of a disc was measured: the liquid is the piston's.
             scene = with_number(scene, "effects.drag.coefficient", drag.coefficient)
     return scene

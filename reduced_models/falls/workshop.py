@@ -161,7 +161,7 @@ def _piston_rows(scene: Scene) -> Iterator[PartRow]:
 def _cell_rows(scene: Scene, rest: float) -> Iterator[PartRow]:
     assert scene.piston is not None
     drag, gap = scene.effects.drag, ""
-    if drag is not None and drag.follows:
+    if drag is not None and drag.is_from_liquid:
         gap = f", {1e3 * scene.cell.separation:g} mm apart"
     yield (
         "plates of a material that is not magnetic",
@@ -184,7 +184,7 @@ def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, 
     thickness = float(scene.grains.species_values("thickness").max())
     diameter = scene.grains.species[0].diameter
     nearest = pdist(bed.positions).min()
-    follows = drag is not None and drag.follows
+    follows = drag is not None and drag.is_from_liquid
     rows: list[tuple[str, ...]] = []
     for film in (0.5 * (scene.cell.separation - thickness),) if follows else GAPS:
         depth, play = thickness + 2.0 * film, 2.0 * film

@@ -324,7 +324,7 @@ def test_a_hole_in_the_floor_under_a_lid_lets_grains_out(lid: str) -> None:
     assert walls_there is not None
     assert walls_there.has_gap
     assert not scene.has_closed_walls
-    with pytest.raises(SceneError, match=r"walls\.a\.law: 'infinite' has no end, and would close"):
+    with pytest.raises(SceneError, match=r"walls\.a\.law: 'infinite' is infinitely long and would close"):
         scene.replace(**{"effects.walls.a": "infinite"})
 
 

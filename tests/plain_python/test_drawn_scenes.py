@@ -367,14 +367,14 @@ EXCLUDED: dict[frozenset[str], str] = {
     frozenset(pair): words
     for *pair, words in (
         ("cylinders", "verlet-list", "knows dipoles alone"),
-        *(("cylinders", one, "a tail cannot act beside") for one in TAILS),
+        *(("cylinders", one, "a tail cannot act together with") for one in TAILS),
         ("periodic", "verlet-list", "knows no images"),
         ("periodic", "far pairs less often", "has no far field"),
         ("mesh", "gap", "give four walls and no gap"),
         ("host", "gap", "cannot carry a cell with a gap"),
         ("host", "far pairs less often", "moves by the whole force"),
         ("host", "shaking", "shaken already"),
-        ("host", "bath", "takes no notice"),
+        ("host", "bath", "ignores the host"),
         *((one, "bath", "holds at rest") for one in ("contact", "friction", "wall friction")),
         ("friction", "wall friction", "cannot act together"),
         *((one, "periodic", NO_IMAGES) for one in ACTING if one not in WITH_IMAGES),

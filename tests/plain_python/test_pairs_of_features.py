@@ -93,7 +93,7 @@ BOUNDED = {
     "walls": "there is no piston",
     "own walls": "there is no piston",
     "walls of the guide": "there is no piston",
-    "wall_friction": "there is no side wall to rub at",
+    "wall_friction": "there is no side wall for friction",
 }
 """What misses the bounds of a closed cell before anything else."""
 
@@ -103,8 +103,8 @@ REFUSED: list[tuple[Row, str]] = [
         for name in ACTING
         if name not in PERIODIC
     ),
-    ({"effect": "far_pairs", "sides": "periodic"}, "does not end within"),
-    ({"effect": TAILED, "magnets": "cylinders"}, "a tail cannot act beside"),
+    ({"effect": "far_pairs", "sides": "periodic"}, "does not vanish within"),
+    ({"effect": TAILED, "magnets": "cylinders"}, "a tail cannot act together with"),
     ({"method": "verlet-list", "sides": "periodic"}, "knows no images"),
     ({"method": "verlet-list", "magnets": "cylinders"}, "knows dipoles alone"),
     ({"method": "far pairs less often", "sides": "periodic"}, "has no far field"),
@@ -113,7 +113,7 @@ REFUSED: list[tuple[Row, str]] = [
         for name in MACHINES
     ),
     *(({"mount": name, "effect": "shaking"}, "shaken already") for name in MACHINES),
-    *(({"mount": name, "effect": "bath"}, "takes no notice of what carries") for name in MACHINES),
+    *(({"mount": name, "effect": "bath"}, "ignores the host") for name in MACHINES),
     *(
         ({"mount": name, "sides": "periodic"}, "periodic sides|the host carries the piston")
         for name in MACHINES

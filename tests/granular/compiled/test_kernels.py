@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular.compiled import compiled, entry
-from granular.compiled.hook_calls import call_hook, call_last_hook, greatest_of_hooks, sum_of_hooks
+from granular.compiled.hook_calls import call_hook, call_last_hook, maximum_of_hooks, sum_of_hooks
 from granular.compiled.numba_insides import (
     FOLDERS,
     PACKAGE,
@@ -108,7 +108,7 @@ LAWS = (Quiet(1.0), Loud(2.0, np.ones(2)), Idle(0.5), Loud(3.0, np.ones(3)))
 WORKSPACES = (None, np.array([0.5]), None, np.array([7.0]))
 
 forward, backward = sum_of_hooks("act", "values"), sum_of_hooks("act", "values", backward=True)
-greatest, last = greatest_of_hooks("reach", "at"), call_last_hook("act", "values", _silent)
+greatest, last = maximum_of_hooks("reach", "at"), call_last_hook("act", "values", _silent)
 chosen = call_hook("nothing", "at", _without)
 
 

@@ -1,4 +1,4 @@
-"""Effects and laws of a user's own: what is wrong is told in a line, and nothing is stale."""
+"""User-defined effects and wall laws: errors take one line, and cached code is never stale."""
 
 import math
 import os
@@ -82,8 +82,8 @@ def bed(**effects: Any) -> Scene:
     return load_scene("bed").replace(**{f"effects.{name}": one for name, one in effects.items()})
 
 
-def made(name: str = "Leaf", **functions: Callable[..., Any]) -> Any:
-    """An effect with these functions, and a parameter k."""
+def make_effect(name: str = "Leaf", **functions: Callable[..., Any]) -> Any:
+    """Make an effect with these functions and a parameter k."""
     content = {name: staticmethod(one) for name, one in functions.items()}
     content |= {"__annotations__": {"k": "float"}, "k": quantity("N/m", default=1.0)}
     return effect(type(name, (), content))
@@ -101,27 +101,27 @@ def _failing(p: Any, grain: Any, time: float) -> Any:
     return 0.0, -p.stiff * grain.y
 
 
-def _swinging(p: Any, grain: Any, time: float) -> Any:
+def _oscillating_energy(p: Any, grain: Any, time: float) -> Any:
     return 0.5 * p.k * grain.y**2 * (1.0 + math.sin(time))
 
 
-def _swung(p: Any, grain: Any, time: float) -> Any:
+def _oscillating_force(p: Any, grain: Any, time: float) -> Any:
     return 0.0, -p.k * grain.y * (1.0 + math.sin(time))
 
 
-def _push(p: Any, grain: Any, vx: float, vy: float, total_duration: float) -> Any:
+def _accelerating(p: Any, grain: Any, vx: float, vy: float, total_duration: float) -> Any:
     return vx + total_duration, vy
 
 
-def _halving(p: Any, grain: Any, vx: float, vy: float, total_duration: float) -> Any:
+def _inexact(p: Any, grain: Any, vx: float, vy: float, total_duration: float) -> Any:
     return vx / (1.0 + total_duration) ** 2 * 1.0, vy * (1.0 - 0.1 * total_duration)
 
 
-def _pair(p: Any, r: float, first: Any, second: Any) -> Any:
+def _asymmetric_energy(p: Any, r: float, first: Any, second: Any) -> Any:
     return p.k * first.moment / r
 
 
-def _apart(p: Any, r: float, first: Any, second: Any) -> Any:
+def _asymmetric_force(p: Any, r: float, first: Any, second: Any) -> Any:
     return p.k * first.moment / r**2
 
 
@@ -131,20 +131,26 @@ MIXED = [{"name": name, "diameter": size, "share": 0.5} for name, size in (("a",
 @pytest.mark.parametrize(
     ("functions", "words"),
     [
-        ({"energy": _energy, "force": _double}, "'force' gives .* where its energy asks for"),
+        ({"energy": _energy, "force": _double}, "'force' gives .*, but the energy requires"),
         ({"energy": _energy, "force": _failing}, "'force' fails: AttributeError"),
-        ({"energy": _swinging, "force": _swung}, "'power' gives 0 where its energy asks for"),
-        ({"flow": _push}, "'flow' makes a grain faster"),
-        ({"flow": _halving}, "'flow' over two spans is not that over both together"),
-        ({"pair_energy": _pair, "pair_force": _apart}, "a pair must pull and push equally"),
+        (
+            {"energy": _oscillating_energy, "force": _oscillating_force},
+            "'power' gives 0, but the energy requires",
+        ),
+        ({"flow": _accelerating}, "'flow' makes a grain faster"),
+        ({"flow": _inexact}, "'flow' over dt applied twice differs from 'flow' over 2"),
+        (
+            {"pair_energy": _asymmetric_energy, "pair_force": _asymmetric_force},
+            "the energy of a pair must be symmetric",
+        ),
     ],
 )
-def test_what_does_not_fit_together_is_told_in_a_line(functions: Any, words: str) -> None:
-    made(**functions)
+def test_inconsistent_functions_are_a_one_line_error(functions: Any, words: str) -> None:
+    make_effect(**functions)
     scene = bed(leaf=True).replace(**{"grains.species": MIXED})
-    with pytest.raises(InputError, match=words) as told:
+    with pytest.raises(InputError, match=words) as raised:
         scene_in_natural_units(scene)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize(
@@ -155,32 +161,32 @@ def test_what_does_not_fit_together_is_told_in_a_line(functions: Any, words: str
         ({"energy": _energy, "force": _double, "stifness": _energy}, "did you mean 'stiffness'"),
     ],
 )
-def test_what_is_missing_is_told_at_once(functions: Any, words: str) -> None:
+def test_missing_or_unknown_function_is_an_error_at_the_definition(functions: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        made(**functions)
+        make_effect(**functions)
 
 
-def test_a_class_that_is_refused_leaves_nothing_behind() -> None:
-    EFFECTS.load()  # those of the package are defined now
+def test_rejected_class_registers_no_law() -> None:
+    EFFECTS.load()  # so that the laws of the package are registered before
     before = dict(vars(Laws))
     with pytest.raises(InputError, match="'drag' is built in"):
-        made("Drag", energy=_energy, force=_swung)
+        make_effect("Drag", energy=_energy, force=_oscillating_force)
     functions = {"energy": staticmethod(_energy), "force": staticmethod(_double)}
     with pytest.raises(InputError, match="k must be a number"):
         effect(type("Plain", (), {**functions, "__annotations__": {"k": "float"}, "k": 3.0}))
     assert before == dict(vars(Laws))
 
 
-def test_scenes_check_an_own_effect_as_any_other() -> None:
-    made(energy=_energy, force=_double)
+def test_scenes_check_parameters_of_a_custom_effect() -> None:
+    make_effect(energy=_energy, force=_double)
     for changes, words in (
         ({"effects.leaf": {"k": "3 N"}}, "effects.leaf.k: '3 N' has the unit N"),
         ({"effects.leaf": {"kk": 3.0}}, "effects.leaf: unknown key 'kk'; did you mean 'k'"),
         ({"effects.leav": True}, "did you mean 'leaf'.*--import FILE"),
     ):
-        with pytest.raises(GranularError, match=words) as told:
+        with pytest.raises(GranularError, match=words) as raised:
             load_scene("bed").replace(**changes)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(raised.value)
     scene = bed(leaf={"k": "3 N/m"})
     assert scene.effects.leaf.k == 3.0
     assert Scene.from_plain(scene.to_plain()) == scene
@@ -198,22 +204,24 @@ def test_scenes_check_an_own_effect_as_any_other() -> None:
         ({"energy": "k*y", "k": "1 N", "factor": {"huge": 2.0}}, "unknown species 'huge'"),
     ],
 )
-def test_what_is_wrong_with_a_formula_is_told_in_a_line(field: Any, words: str) -> None:
-    with pytest.raises(GranularError, match=words) as told:
+def test_error_in_a_formula_takes_one_line(field: Any, words: str) -> None:
+    with pytest.raises(GranularError, match=words) as raised:
         bed(field=[field])
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
 
 
-def test_work_is_derived_where_the_time_is_in_a_formula() -> None:
-    still = {"energy": "k*y**2/2", "k": "1 N/m"}
-    turning = {"energy": "k*y**2/2*cos(w*t)", "k": "1 N/m", "w": "60 1/s"}
-    known = [bed(field=[one]).effects.field.fields[0].definition.functions for one in (still, turning)]
-    assert "power" not in known[0]
-    assert "power" in known[1]
+def test_power_is_derived_only_for_a_time_dependent_formula() -> None:
+    constant = {"energy": "k*y**2/2", "k": "1 N/m"}
+    oscillating = {"energy": "k*y**2/2*cos(w*t)", "k": "1 N/m", "w": "60 1/s"}
+    functions = [
+        bed(field=[field]).effects.field.fields[0].definition.functions for field in (constant, oscillating)
+    ]
+    assert "power" not in functions[0]
+    assert "power" in functions[1]
 
 
 @pytest.mark.parametrize("step", ["heaviside(y - h)", "sign(y/h - 1)"])
-def test_a_formula_that_jumps_is_refused(step: str) -> None:
+def test_discontinuous_formula_is_an_error(step: str) -> None:
     pytest.importorskip("sympy")
     jump = {"energy": f"k*{step}", "k": "1 J", "h": "5 mm"}
     definition = bed(field=[jump]).effects.field.fields[0].definition
@@ -222,8 +230,8 @@ def test_a_formula_that_jumps_is_refused(step: str) -> None:
 
 
 @pytest.mark.parametrize("compressed", ["max(l - r, 0)", "-min(r - l, 0)", "abs(min(0, r - l))"])
-def test_the_kink_of_a_pair_s_formula_is_read(compressed: str) -> None:
-    """A spring that acts on one side."""
+def test_pair_formula_may_have_a_kink(compressed: str) -> None:
+    """A spring that acts only in compression."""
     law = {"energy": f"a*({compressed})**2/l**2", "a": "2 uJ", "l": "1 D", "reach": "2 D"}
     scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
     definition = scene.effects.pair_law.component_effects[0].definition
@@ -233,8 +241,8 @@ def test_the_kink_of_a_pair_s_formula_is_read(compressed: str) -> None:
         assert functions["pair_energy"](p, r, grain, grain) == pytest.approx(2 * within**2)
 
 
-def test_a_kink_at_a_ratio_of_a_wall_s_parameters_compiles() -> None:
-    """SymPy leaves the derivative of sign(1 - w/l) as it is, where l may be zero."""
+def test_wall_formula_with_a_kink_at_a_parameter_compiles() -> None:
+    """SymPy does not evaluate the derivative of sign(1 - w/l), since l may be zero."""
     law = {"energy": "a*abs(1 - w/l)", "a": "2 uJ", "l": "1 D"}
     scene = load_scene("bed").replace(**{"effects.walls.left": law})
     functions = scene.effects.walls.wall_of("left").own.definition.functions
@@ -244,7 +252,7 @@ def test_a_kink_at_a_ratio_of_a_wall_s_parameters_compiles() -> None:
         assert functions["stiffness"]((2.0, 1.0), w) == 0.0
 
 
-def test_a_wall_law_that_is_no_gradient_is_told() -> None:
+def test_wall_force_that_is_not_minus_the_slope_of_the_energy_is_an_error() -> None:
     @wall_law
     class Wrong:
         k: float = quantity("N/m", default=1.0)
@@ -262,11 +270,11 @@ def test_a_wall_law_that_is_no_gradient_is_told() -> None:
             return float(p.k / w)
 
     scene = bed(**{"walls.left": {"law": "wrong"}})
-    with pytest.raises(InputError, match=r"'force' gives .* where its energy asks for"):
+    with pytest.raises(InputError, match=r"'force' gives .*, but the energy requires"):
         scene_in_natural_units(scene)
 
 
-def test_an_edit_is_another_run_and_another_case(tmp_path: Path) -> None:
+def test_edited_effect_changes_the_digests_of_runs_and_study_cases(tmp_path: Path) -> None:
     found = []
     for factor in ("1.0", "2.0"):
         path = tmp_path / f"own{factor}.py"
@@ -285,18 +293,18 @@ def test_an_edit_is_another_run_and_another_case(tmp_path: Path) -> None:
     assert found[0][1] != found[1][1]
 
 
-def test_what_does_not_compile_is_told_in_a_line() -> None:
+def test_compilation_failure_of_an_effect_is_a_one_line_error() -> None:
     def mixed(p: Any, grain: Any, time: float) -> Any:
         return 0.0, -p.k * grain.y * SCALES.one
 
-    made(energy=_energy, force=mixed)
+    make_effect(energy=_energy, force=mixed)
     scene = load_scene("single-particle").replace(effects={"leaf": True})
-    with pytest.raises(InputError, match="'leaf': 'force' does not compile") as told:
+    with pytest.raises(InputError, match="'leaf': 'force' does not compile") as raised:
         evaluate(scene, np.array([[0.05, 0.05]]))
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
 
 
-def test_a_wall_law_that_does_not_compile_is_told_in_a_line() -> None:
+def test_compilation_failure_of_a_wall_law_is_a_one_line_error() -> None:
     def mixed(p: Any, w: float) -> Any:
         return SCALES.one * p.k / w**3
 
@@ -306,12 +314,12 @@ def test_a_wall_law_that_does_not_compile_is_told_in_a_line() -> None:
     wall_law(type("MixedWall", (), content))
     walls = {"left": {"law": "mixed_wall"}, "right": None, "bottom": None, "top": None}
     scene = load_scene("single-particle").replace(effects={"walls": walls})
-    with pytest.raises(InputError, match="wall law 'mixed_wall': 'force' does not compile") as told:
+    with pytest.raises(InputError, match="wall law 'mixed_wall': 'force' does not compile") as raised:
         evaluate(scene, np.array([[0.05, 0.05]]))
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
 
 
-def test_an_installed_package_brings_effects(installed: Callable[..., None]) -> None:
+def test_effects_of_an_installed_package_are_found(installed: Callable[..., None]) -> None:
     source = FILE.format(factor=2.0, name="BenchSpring")
     installed("effects", source, {"bench_spring": "BenchSpring", "gone_spring": "Gone"})
     assert {"bench_spring", "gone_spring"} <= set(EFFECTS)
@@ -343,7 +351,7 @@ class BenchWall:
 """
 
 
-def test_an_installed_package_brings_laws_of_walls(installed: Callable[..., None]) -> None:
+def test_wall_laws_of_an_installed_package_are_found(installed: Callable[..., None]) -> None:
     installed("wall_laws", WALL, {"bench_wall": "BenchWall"})
     scene = load_scene("bed").replace(**{"effects.walls.left": {"law": "bench_wall", "k": "9 N/m"}})
     assert scene.to_plain()["effects"]["walls"]["left"]["law"] == "bench_wall"
@@ -354,18 +362,18 @@ def test_an_installed_package_brings_laws_of_walls(installed: Callable[..., None
 @pytest.mark.parametrize(
     ("program", "text", "wanted"),
     [
-        # At a given speed a grain turns where the wall is the stiffer, the weaker it is: 3 v^4/k.
+        # At a given speed, the stiffness at the turning point is 3 v^4/k: larger for a weaker wall.
         (OF_A_WALL, WALL.replace("p.k", "{factor} * p.k"), (1.0, 1.0, 1.0 / 3.0)),
         pytest.param(OF_AN_EFFECT, FILE, (-0.1, -0.1, -0.3), marks=pytest.mark.long),
     ],
     ids=["wall", "effect"],
 )
-def test_a_second_process_compiles_nothing_and_an_edit_anew(
+def test_second_process_uses_cached_code_and_an_edit_is_compiled(
     tmp_path: Path, program: str, text: str, wanted: tuple[float, ...]
 ) -> None:
     path, cache = tmp_path / "own.py", tmp_path / "cache"
     cache.mkdir()
-    told = []
+    outputs = []
     for factor in ("1.0", "1.0", "3.0"):
         path.write_text(text.format(factor=factor, name="Leaf"), encoding="utf-8")
         done = subprocess.run(
@@ -376,9 +384,9 @@ def test_a_second_process_compiles_nothing_and_an_edit_anew(
             cwd=ROOT,
             env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
         )
-        told.append([float(word) for word in done.stdout.split()])
-    found = [number for number, _ in told]
+        outputs.append([float(word) for word in done.stdout.split()])
+    found = [number for number, _ in outputs]
     scale = found[0] / wanted[0] if program == OF_A_WALL else 1.0
     tolerance = 1e-9 if program == OF_A_WALL else 1e-12
-    assert found == pytest.approx([scale * one for one in wanted], rel=tolerance)
-    assert told[0][1] == told[1][1] < told[2][1]
+    assert found == pytest.approx([scale * number for number in wanted], rel=tolerance)
+    assert outputs[0][1] == outputs[1][1] < outputs[2][1]

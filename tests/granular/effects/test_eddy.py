@@ -1,4 +1,4 @@
-"""Eddy currents that grains make for each other: tensor, flow and lattices."""
+"""Mutual eddy-current drag: tensor, time integration and lattices."""
 
 import math
 from typing import Any
@@ -9,7 +9,7 @@ import pytest
 from granular import Scene, load_scene, simulate
 from granular.effects.mutual_eddy_drag import (
     FARTHEST,
-    LEFT_OUT,
+    NEGLECTED_DRAG,
     USUAL,
     Plate,
     drag_tensor,
@@ -26,12 +26,12 @@ PLATE = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm", "
 H = 8.0 / 6.0
 BIG = {"name": "big", "diameter": "6 mm", "share": 0.5}
 DENSE = {"name": "dense", "diameter": "4 mm", "share": 0.5, "density": 16000.0}
-NEARLY_ALIKE = {"grains.species": [BIG, BIG | {"name": "other", "density": 7368.000001}]}
-"""Alike, as two species: compiled code is that of unlike grains."""
+NEARLY_EQUAL = {"grains.species": [BIG, BIG | {"name": "other", "density": 7368.000001}]}
+"""Nearly equal grains as two species, which use the compiled code of different grains."""
 
 
 def scene_of(positions: np.ndarray, velocities: np.ndarray, **changes: Any) -> Scene:
-    """Grains at positions [D] with velocities [m/s] that feel nothing but eddy currents."""
+    """Grains at positions [D] with velocities [m/s], subject only to eddy currents."""
     return load_scene("single-particle").replace(
         **{
             "grains.count": len(positions),
@@ -49,29 +49,29 @@ def scene_of(positions: np.ndarray, velocities: np.ndarray, **changes: Any) -> S
     )
 
 
-def loose(columns: int, rows: int, seed: int) -> np.ndarray:
-    """Positions (n, 2) [D] on a square grid, each moved a little."""
+def jittered_grid(columns: int, rows: int, seed: int) -> np.ndarray:
+    """Positions (n, 2) [D] on a square grid with random displacements."""
     i, j = np.meshgrid(np.arange(columns), np.arange(rows))
     grid = 1.4 * np.stack([i, j], -1).reshape(-1, 2) + [100.0, 50.0]
     return np.asarray(grid + np.random.default_rng(seed).uniform(-0.15, 0.15, grid.shape))
 
 
-def thin(displacement: np.ndarray, h: float = H) -> np.ndarray:
-    """Tensor of two dipoles over that of one, in closed form."""
+def thin_plate_tensor(displacement: np.ndarray, h: float = H) -> np.ndarray:
+    """Tensor of two dipoles relative to a lone dipole, in closed form."""
     s = float(displacement @ displacement) + h * h
     outer = np.outer(displacement, displacement)
     return np.asarray((h * h / s) ** 2.5 * (np.eye(2) - 5.0 * outer / s))
 
 
-def matrix(positions: np.ndarray) -> np.ndarray:
-    """Tensor (2n, 2n) of a bed."""
-    return np.block([[thin(a - b) for b in positions] for a in positions])
+def drag_matrix(positions: np.ndarray) -> np.ndarray:
+    """Drag matrix (2n, 2n) of a bed."""
+    return np.block([[thin_plate_tensor(a - b) for b in positions] for a in positions])
 
 
-def decayed(
+def final_velocities(
     scene: Scene, dt: float, tensor: np.ndarray | None = None, thickness: float = 1.0, **options: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities [m/s] at the end, as computed and as by the matrix exponential."""
+    """Final velocities [m/s], from the simulation and from the matrix exponential."""
     from scipy.linalg import expm
 
     run = simulate(scene, dt=dt, progress=False, **options)
@@ -82,35 +82,35 @@ def decayed(
     duration = float(run.dataset["time"][-1])
     moments = np.repeat(scene.grains.moment_ratios()[scene.grains.species_indices()], 2)
     masses = np.repeat(scene.grains.mass_ratios()[scene.grains.species_indices()], 2)
-    tensor = matrix(positions) if tensor is None else tensor
+    tensor = drag_matrix(positions) if tensor is None else tensor
     weighted = moments[:, None] * tensor * moments / masses[:, None]
     exact = (expm(-duration * rate * weighted) @ start.ravel()).reshape(-1, 2)
     return run.dataset["velocity"][-1].values, exact
 
 
-def test_flow_is_of_second_order() -> None:
+def test_mutual_drag_is_of_second_order_in_the_time_step() -> None:
     velocities = 1e-9 * np.random.default_rng(3).normal(size=(12, 2))
-    scene = scene_of(loose(4, 3, 3), velocities, **{"output.frames": 0.02})
+    scene = scene_of(jittered_grid(4, 3, 3), velocities, **{"output.frames": 0.02})
     errors = []
     for dt in (1e-3, 5e-4, 2.5e-4):
-        computed, exact = decayed(scene, dt)
+        computed, exact = final_velocities(scene, dt)
         errors.append(np.abs(computed - exact).max() / np.abs(exact).max())
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(slopes, 2.0, atol=0.15)
 
 
-def test_what_is_lost_is_never_negative_and_closes_the_ledger() -> None:
+def test_eddy_loss_is_never_negative_and_closes_the_energy_balance() -> None:
     random = np.random.default_rng(4)
     positions = random.uniform(0.0, 6.0, (40, 2))
-    form = matrix(positions)
+    form = drag_matrix(positions)
     for _ in range(1000):
         velocity = random.normal(size=80)
         assert velocity @ form @ velocity >= 0.0
     assert np.linalg.eigvalsh(form).min() > -1e-12
-    scene = scene_of(loose(8, 5, 4), 0.1 * random.normal(size=(40, 2)))
-    for conductivity in ("59.6 MS/m", "60 GS/m"):  # of the second a step is as long as the decay
-        good = scene.replace(**{"effects.eddy.conductivity": conductivity})
-        run = simulate(good, dt=1e-3, progress=False)
+    scene = scene_of(jittered_grid(8, 5, 4), 0.1 * random.normal(size=(40, 2)))
+    for conductivity in ("59.6 MS/m", "60 GS/m"):  # with the second, a step is as long as the decay time
+        conducting = scene.replace(**{"effects.eddy.conductivity": conductivity})
+        run = simulate(conducting, dt=1e-3, progress=False)
         kinetic, lost = (run.dataset[name].values for name in ("kinetic_energy", "eddy_loss"))
         assert lost[1] > 0.0
         assert (np.diff(lost) >= 0.0).all()
@@ -120,8 +120,8 @@ def test_what_is_lost_is_never_negative_and_closes_the_ledger() -> None:
 @pytest.mark.parametrize(
     ("spacing", "factor"), [(1.375, 0.3035), (1.6, 0.4561), (2.0, 0.6728), (2.6, 0.8527)]
 )
-def test_lattice_that_moves_as_one_body(spacing: float, factor: float) -> None:
-    """Against the sum over the reciprocal lattice, which converges at once."""
+def test_drag_of_a_rigidly_moving_lattice_equals_the_reciprocal_sum(spacing: float, factor: float) -> None:
+    """Compared with the sum over the reciprocal lattice, which converges rapidly."""
     assert lattice_drag_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(factor, abs=1e-3)
     area = math.sqrt(0.75) * spacing**2
     numbers = np.array([(i, j) for i in range(-8, 9) for j in range(-8, 9) if (i, j) != (0, 0)])
@@ -132,17 +132,17 @@ def test_lattice_that_moves_as_one_body(spacing: float, factor: float) -> None:
 
 
 @pytest.mark.parametrize("motion", ["as one body", "affinely"])
-def test_periodic_lattice_feels_the_sum_over_all_images(motion: str) -> None:
+def test_drag_in_a_periodic_lattice_is_the_sum_over_all_images(motion: str) -> None:
     spacing, columns, rows = 1.375, 6, 6
     i, j = np.meshgrid(np.arange(columns), np.arange(rows))
     height = math.sqrt(0.75) * spacing
     positions = np.stack([(i + 0.5 * (j % 2) + 0.25) * spacing, (j + 0.5) * height], -1).reshape(-1, 2)
     wave = 2.0 * math.pi / (rows * height)
     velocities = np.zeros_like(positions)
-    # The longest wave of compression that fits is as affine as a periodic cell allows.
+    # The longest compression wave that fits is the most affine motion of a periodic cell.
     velocities[:, 1] = 1e-9 * (1.0 if motion == "as one body" else np.sin(wave * positions[:, 1]))
     cell = {"width": f"{6 * columns * spacing} mm", "height": f"{6 * rows * height} mm", "sides": "periodic"}
-    scene = scene_of(positions, velocities, **NEARLY_ALIKE, **{"cell": cell})
+    scene = scene_of(positions, velocities, **NEARLY_EQUAL, **{"cell": cell})
     run = simulate(scene, dt=2e-5, t_end=1e-3, progress=False)
     before, after = (run.dataset["velocity"][k].values for k in (0, -1))
     scales = Scales.from_grains(run.scene.grains)
@@ -158,8 +158,8 @@ def test_periodic_lattice_feels_the_sum_over_all_images(motion: str) -> None:
     assert measured == pytest.approx(exact, abs=1e-4)
 
 
-def test_thick_plate_and_discs() -> None:
-    """Drag of a lone magnet over a dipole's, and the series against the integrals themselves."""
+def test_thick_plate_and_disc_factors_and_the_fitted_series_are_accurate() -> None:
+    """Lone magnets relative to a dipole over a thin plate; the fitted series compared with the integrals."""
     assert Plate(4.0 / 6.0, 2.0 / 6.0).thickness_drag_factor() == pytest.approx(1.2389, abs=1e-4)
     disc = Disc(0.5, 0.5)
     for h, factor in ((3, 0.497), (4, 0.651), (6, 0.817), (9, 0.913)):
@@ -174,7 +174,7 @@ def test_thick_plate_and_discs() -> None:
         np.testing.assert_allclose(along * r * r, radial, rtol=0, atol=1e-10)
 
 
-def test_neighbours_count_where_they_take_more_than_a_tenth() -> None:
+def test_mutual_currents_are_included_by_default_if_they_change_the_drag_by_a_tenth() -> None:
     positions = np.array([[100.0, 50.0], [101.3, 50.4]])
     scene = scene_of(positions, np.zeros((2, 2)), **{"effects.eddy.mutual": None})
     scales = Scales.from_grains(scene.grains)
@@ -185,46 +185,46 @@ def test_neighbours_count_where_they_take_more_than_a_tenth() -> None:
     assert "mutual" not in scene.to_plain()["effects"]["eddy"]
     with pytest.raises(SceneError, match="must be true or false"):
         scene.replace(**{"effects.eddy.mutual": 1})
-    with pytest.raises(SceneError, match="reaches the grains' middle"):
+    with pytest.raises(SceneError, match="reaches the grains' mid-plane"):
         scene.replace(**{"effects.eddy": {**PLATE, "plate": "thick", "thickness": "9 mm"}})
 
 
-def reach_of(h: float) -> float:
-    """Reach [D] at which (8 pi/3) rho H^5/R^3 is what may be neglected."""
-    return float((8.0 / 3.0 * math.pi * USUAL * h**5 / LEFT_OUT) ** (1.0 / 3.0))
+def cut_off_distance(h: float) -> float:
+    """Cut-off [D] at which (8 pi/3) rho H^5/R^3 equals the drag that may be neglected."""
+    return float((8.0 / 3.0 * math.pi * USUAL * h**5 / NEGLECTED_DRAG) ** (1.0 / 3.0))
 
 
 @pytest.mark.parametrize("h", [0.5 * H, H])
-def test_drag_that_keeps_a_cut_sum_positive_is_that_of_a_lattice_beyond_the_reach(h: float) -> None:
+def test_additional_drag_equals_the_lattice_sum_beyond_the_cut_off(h: float) -> None:
     i, j = np.meshgrid(np.arange(-400, 401), np.arange(-400, 401))
     r = 1.0 / math.sqrt(USUAL * math.sqrt(0.75)) * np.hypot(i + 0.5 * j, math.sqrt(0.75) * j).ravel()
-    u = h * h / (h * h + r[r > reach_of(h)] ** 2)
+    u = h * h / (h * h + r[r > cut_off_distance(h)] ** 2)
     norms = u**2.5 * np.abs(1.0 - 5.0 * (1.0 - u))
-    assert 0.9 * LEFT_OUT < norms.sum() < 1.03 * LEFT_OUT
+    assert 0.9 * NEGLECTED_DRAG < norms.sum() < 1.03 * NEGLECTED_DRAG
 
 
 @quick_in_plain_python
-def test_large_bed_is_summed_within_a_reach() -> None:
-    """Against the matrix exponential; the drag exceeds the full sum's by a little, and stays positive."""
-    h, positions = 0.5 * H, loose(12, 12, 2)
+def test_large_bed_is_summed_within_a_cut_off() -> None:
+    """Compared with the matrix exponential; the drag slightly exceeds the full sum, and stays positive."""
+    h, positions = 0.5 * H, jittered_grid(12, 12, 2)
     count = len(positions)
     random = np.random.default_rng(2)
     positions = random.permutation(positions)
     scene = scene_of(positions, 1e-9 * random.normal(size=(count, 2)), **{"effects.eddy.distance": "2 mm"})
     law = scene_in_natural_units(scene).constants.acting.laws[1]
-    assert law.reach == pytest.approx(reach_of(h), rel=1e-12)
-    full = np.block([[thin(a - b, h) for b in positions] for a in positions])
+    assert law.reach == pytest.approx(cut_off_distance(h), rel=1e-12)
+    full = np.block([[thin_plate_tensor(a - b, h) for b in positions] for a in positions])
     near = np.hypot(*(positions[:, None] - positions).T) < law.reach
     assert 0.1 < near.mean() < 0.5
-    cut = full * np.kron(near, np.ones((2, 2))) + LEFT_OUT * np.eye(2 * count)
+    cut = full * np.kron(near, np.ones((2, 2))) + NEGLECTED_DRAG * np.eye(2 * count)
     assert np.linalg.eigvalsh(cut - full).min() > 0.0
-    assert np.linalg.eigvalsh(cut - full).max() < 2.0 * LEFT_OUT
-    computed, exact = decayed(scene, 1e-6, cut, t_end=5e-6)
+    assert np.linalg.eigvalsh(cut - full).max() < 2.0 * NEGLECTED_DRAG
+    computed, exact = final_velocities(scene, 1e-6, cut, t_end=5e-6)
     np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
-def test_unlike_grains_in_a_periodic_cell_feel_every_image() -> None:
-    """Against the plain sum over images up to a distance, and an even density beyond."""
+def test_mutual_drag_of_different_grains_in_a_periodic_cell_includes_all_images() -> None:
+    """Compared with the plain sum over images up to the cut-off, and a uniform density beyond it."""
     random, sides = np.random.default_rng(5), np.array([9.0, 7.0])
     grid = np.stack(np.meshgrid(np.arange(4), np.arange(2)), -1).reshape(-1, 2)
     positions = (grid + random.uniform(0.2, 0.6, (8, 2))) * sides / [4.0, 2.0]
@@ -233,18 +233,18 @@ def test_unlike_grains_in_a_periodic_cell_feel_every_image() -> None:
     blocks = np.full((8, 2, 8, 2), 0.0)
     for i, j in np.ndindex(8, 8):
         blocks[i, :, j] -= math.pi * H**5 / (FARTHEST**3 * sides.prod()) * np.eye(2)
-        for turns in np.ndindex(11, 11):
-            apart = positions[i] - positions[j] + (np.array(turns) - 5) * sides
-            if np.hypot(*apart) < FARTHEST:
-                blocks[i, :, j] += thin(apart)
-    computed, exact = decayed(scene, 1e-5, blocks.reshape(16, 16), t_end=1e-3)
+        for image in np.ndindex(11, 11):
+            displacement = positions[i] - positions[j] + (np.array(image) - 5) * sides
+            if np.hypot(*displacement) < FARTHEST:
+                blocks[i, :, j] += thin_plate_tensor(displacement)
+    computed, exact = final_velocities(scene, 1e-5, blocks.reshape(16, 16), t_end=1e-3)
     np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
 @pytest.mark.long  # quick: thick plate and discs, above
 @pytest.mark.parametrize("mutual", [False, True])
-def test_discs_are_braked_as_the_tensor_says(mutual: bool) -> None:
-    """Two unlike discs over a thick plate; each alone, and with the currents of the other."""
+def test_drag_of_discs_equals_the_drag_tensor(mutual: bool) -> None:
+    """Two different discs over a thick plate; without and with the currents of the other."""
     positions = np.array([[100.0, 50.0], [101.3, 50.4]])
     start = 1e-9 * np.array([[1.0, 0.3], [-0.4, 1.0]])
     scene = scene_of(
@@ -270,7 +270,7 @@ def test_discs_are_braked_as_the_tensor_says(mutual: bool) -> None:
             if i == j or mutual:
                 a, b = drag_tensor(plate, np.array([0.0 if i == j else r]), (disc, other))
                 blocks[i][j] = a[0] * np.eye(2) + b[0] * np.outer(away, away) / r**2
-    computed, exact = decayed(scene, 1e-5, np.block(blocks), plate.thickness_drag_factor())
+    computed, exact = final_velocities(scene, 1e-5, np.block(blocks), plate.thickness_drag_factor())
     np.testing.assert_allclose(computed, exact, rtol=0, atol=2e-6 * np.abs(exact).max())
     with pytest.raises(SceneError, match="discs touch the"):
         scene.replace(**{"effects.eddy.distance": "1.9 mm"})

@@ -1,4 +1,4 @@
-"""A host against exact solutions: alone, loaded, with linear dampers, on all mounts."""
+"""Host compared with exact solutions, and checks of host scenes."""
 
 import math
 from pathlib import Path
@@ -23,7 +23,7 @@ RESONANCE = math.sqrt(STIFFNESS / MASS) / math.tau
 
 
 def scene(duration: float = 2.0, **changes: Any) -> Scene:
-    """A host without damper; a force swings it."""
+    """A host without damper."""
     plain = {
         "name": "host",
         "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
@@ -40,25 +40,25 @@ def force(frequency: float, size: float = 2.0) -> dict[str, Any]:
     return {"kind": "sine", "force": size, "frequency": frequency}
 
 
-def run(one: Scene, dt: float | str = "auto") -> Trajectory:
-    return simulate(one, dt=dt, progress=False)
+def run(scene: Scene, dt: float | str = "auto") -> Trajectory:
+    return simulate(scene, dt=dt, progress=False)
 
 
-def solved(rate: Any, found: Trajectory, states: int) -> np.ndarray:
-    time = found.dataset.time.values
-    answer = solve_ivp(
-        rate, (0.0, time[-1]), np.zeros(states), t_eval=time, rtol=1e-10, atol=1e-14, max_step=0.01
+def solve_from_rest(rate: Any, trajectory: Trajectory, state_count: int) -> np.ndarray:
+    time = trajectory.dataset.time.values
+    solution = solve_ivp(
+        rate, (0.0, time[-1]), np.zeros(state_count), t_eval=time, rtol=1e-10, atol=1e-14, max_step=0.01
     )
-    return np.asarray(answer.y)
+    return np.asarray(solution.y)
 
 
-def off(found: np.ndarray, exact: np.ndarray) -> float:
-    return float(np.abs(found - exact).max() / np.abs(exact).max())
+def relative_error(computed: np.ndarray, exact: np.ndarray) -> float:
+    return float(np.abs(computed - exact).max() / np.abs(exact).max())
 
 
 @pytest.mark.long  # quick: the ledger of a host and friction, in plain Python
 @pytest.mark.parametrize("ratio", [0.3, 0.6, 0.9, 1.2, 2.0, 3.0])
-def test_grains_that_stick_are_a_mass_more(ratio: float) -> None:
+def test_sticking_grains_act_as_added_mass(ratio: float) -> None:
     count = 6
     loaded = {
         "grains.count": count,
@@ -69,17 +69,19 @@ def test_grains_that_stick_are_a_mass_more(ratio: float) -> None:
     }
     mass = count * 2e6 * math.pi / 4.0 * 0.006**2 * 0.003
     omega = math.tau * ratio * RESONANCE
-    # With friction the automatic step is four times that of other scenes.
-    found = run(scene(**loaded).replace(**{"effects.host.excitation": force(ratio * RESONANCE)}), "auto/2")
-    x, _ = solved(
+    # With friction the automatic step is four times as long as in other scenes.
+    trajectory = run(
+        scene(**loaded).replace(**{"effects.host.excitation": force(ratio * RESONANCE)}), "auto/2"
+    )
+    x, _ = solve_from_rest(
         lambda t, y: [y[1], (2.0 * math.sin(omega * t) - DAMPING * y[1] - STIFFNESS * y[0]) / (MASS + mass)],
-        found,
+        trajectory,
         2,
     )
     assert mass > 0.5
-    assert off(found.dataset.host_displacement.values, x) < 2e-3
-    assert found.settings()["ledger_residual"] < 1e-5
-    assert np.ptp(found.dataset.position.values[1:], axis=0).max() == 0.0
+    assert relative_error(trajectory.dataset.host_displacement.values, x) < 2e-3
+    assert trajectory.settings()["ledger_residual"] < 1e-5
+    assert np.ptp(trajectory.dataset.position.values[1:], axis=0).max() == 0.0
 
 
 BED = {
@@ -98,7 +100,7 @@ BED = {
 }
 
 
-def test_what_is_carried_is_checked() -> None:
+def test_inconsistent_host_scenes_are_errors() -> None:
     with pytest.raises(SceneError, match=r"give one of force, acceleration, displacement"):
         scene(**{"effects.host.excitation": {"frequency": "3 Hz"}})
     with pytest.raises(SceneError, match="shaken already"):
@@ -109,16 +111,16 @@ def test_what_is_carried_is_checked() -> None:
         simulate(scene(), method="runge-kutta-4", progress=False)
 
 
-def test_the_far_field_of_a_bed_on_a_host_is_a_part_of_every_force() -> None:
-    """An impulse would reach the grains and not the host."""
+def test_far_field_of_a_bed_on_a_host_is_computed_in_every_step() -> None:
+    """An impulse would act on the grains and not on the host."""
     bed = scene(**BED, **{"pairs.method": "mesh"})
-    assert natural_far(bed).every is None
-    assert natural_far(bed.replace(**{"effects.host": None})).every is not None
+    assert far_field_settings(bed).every is None
+    assert far_field_settings(bed.replace(**{"effects.host": None})).every is not None
     with pytest.raises(InputError, match=r"far_every = 4: a host moves by the whole force"):
-        natural_far(bed.replace(**{"pairs.far_every": 4}))
+        far_field_settings(bed.replace(**{"pairs.far_every": 4}))
 
 
-def natural_far(scene: Scene) -> FarFieldSettings:
+def far_field_settings(scene: Scene) -> FarFieldSettings:
     far = scene_in_natural_units(scene, method=METHODS["stormer-verlet"]).constants.acting.far
     assert far is not None
     return far
@@ -127,12 +129,14 @@ def natural_far(scene: Scene) -> FarFieldSettings:
 @pytest.mark.parametrize(
     ("effects", "words"),
     [
-        ({"walls": {"left": {"law": "slab", "length": "20 D"}}}, "its wall 'slab' pushes along itself"),
-        ({"walls": {"left": {"law": "discs", "pitch": "1.3 D"}}}, "its wall 'discs' pushes along itself"),
-        ({"wall_friction": {"coefficient": 0.2}}, "nothing may rub at it"),
+        ({"walls": {"left": {"law": "slab", "length": "20 D"}}}, "its wall 'slab' has a tangential force"),
+        ({"walls": {"left": {"law": "discs", "pitch": "1.3 D"}}}, "its wall 'discs' has a tangential force"),
+        ({"wall_friction": {"coefficient": 0.2}}, "it must be frictionless"),
     ],
 )
-def test_a_further_piston_takes_no_force_along_an_inclined_side(effects: dict[str, Any], words: str) -> None:
+def test_tangential_force_on_an_inclined_side_of_a_further_piston_is_an_error(
+    effects: dict[str, Any], words: str
+) -> None:
     host = {"mount": "base", "pistons": [{"name": "ram", "mass": 0.3, "side": "left"}]}
     host["springs"] = [{"upper": "ram", "stiffness": 2000.0}]
     scene = load_scene("bed")

@@ -1,4 +1,4 @@
-"""Pair laws of one's own: where they end, what they are tried for, and what is refused."""
+"""User-defined pair laws: cut-off, scattered moments and invalid laws."""
 
 from typing import Any
 
@@ -18,12 +18,12 @@ def law_of(scene: Scene) -> Any:
     return next(law for law in scene_in_natural_units(scene).constants.acting.laws if hasattr(law, "near"))
 
 
-def test_a_law_with_a_tail_ends_where_nothing_is_left_beside_it() -> None:
+def test_cut_off_is_the_distance_beyond_which_only_the_tail_remains() -> None:
     law = {"energy": "c*q1*q2/r**3*(1 + (l/r)**4)", "tail": "c*q1*q2", "c": "3e-12 J m^3", "l": "6 mm"}
     assert 20.0 < law_of(bed_with(law)).near.reach < 60.0
 
 
-def test_scatter_multiplies_a_law_that_acts_at_short_distances_alone() -> None:
+def test_scattered_moments_multiply_a_short_range_law_proportional_to_them() -> None:
     law = {"energy": "k*q1*q2*max(l - r, 0)**4/l**2", "k": "1 N/m", "l": "0.8 D"}
     assert law_of(bed_with(law, **{"grains.spread": 0.1})).factor is not None
     law["energy"] = "k*max(l - r, 0)**4/l**2"
@@ -40,18 +40,20 @@ TAIL = {"energy": "c/r**3", "tail": "c", "c": "3e-12 J m^3"}
 @pytest.mark.parametrize(
     ("law", "changes", "words"),
     [
-        (SHORT | {"energy": "k*q1*max(l - r, 0)**4/l**2"}, {"grains.species": MIXED}, "push equally"),
+        (SHORT | {"energy": "k*q1*max(l - r, 0)**4/l**2"}, {"grains.species": MIXED}, "must be symmetric"),
         (SHORT | {"energy": "k*q1**2*q2**2*max(l - r, 0)**4/l**2"}, {"grains.spread": 0.1}, "proportional"),
-        (FENE, {}, "no number at 1.50. diameters; give it a reach"),
-        (TAIL, {"grains.species": MIXED}, "no products of one positive number"),
-        (TAIL, {"grains.spread": 0.1}, "charges of a tail"),
-        (TAIL, {"grains.magnets": "cylinders"}, "cannot act beside"),
+        (FENE, {}, "not a number at 1.50. diameters; give a smaller reach"),
+        (TAIL, {"grains.species": MIXED}, "not products of one positive number"),
+        (TAIL, {"grains.spread": 0.1}, "proportional to the scattered moments"),
+        (TAIL, {"grains.magnets": "cylinders"}, "cannot act together with"),
     ],
 )
-def test_what_no_table_holds_is_refused(law: dict[str, Any], changes: dict[str, Any], words: str) -> None:
+def test_pair_law_that_cannot_be_tabulated_is_an_error(
+    law: dict[str, Any], changes: dict[str, Any], words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         scene_in_natural_units(bed_with(law, **changes))
 
 
-def test_a_law_that_ends_before_it_is_no_number_is_taken() -> None:
+def test_pair_law_with_a_cut_off_below_its_singularity_is_accepted() -> None:
     assert law_of(bed_with(FENE | {"reach": "1.45 D"})).near.reach == pytest.approx(1.45)

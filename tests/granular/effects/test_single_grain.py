@@ -1,4 +1,4 @@
-"""Drag, eddy currents, a field gradient and friction at walls against exact motions of single grains."""
+"""Drag, eddy currents, field gradient and wall friction compared with exact motions of single grains."""
 
 import math
 from typing import Any
@@ -18,7 +18,7 @@ PLATE = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
 
 
 def alone(**changes: Any) -> Scene:
-    """One grain halfway between infinite side walls; all effects are there, and do nothing."""
+    """One grain halfway between infinite side walls; all effects are present, with zero strength."""
     scene = load_scene("single-particle").replace(
         **{
             "grains.count": 1,
@@ -45,12 +45,12 @@ def run(dt: float = 2e-4, **changes: Any) -> Trajectory:
     return simulate(alone(**changes), dt=dt, progress=False)
 
 
-def fall(found: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Time of each frame, and the velocity there along y."""
-    return found.dataset["frame_time"].values, found.dataset["velocity"].values[:, 0, 1]
+def vertical_motion(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Time and vertical velocity of each frame."""
+    return trajectory.dataset["frame_time"].values, trajectory.dataset["velocity"].values[:, 0, 1]
 
 
-def test_the_drag_is_that_of_the_receding_image_at_low_speed() -> None:
+def test_eddy_drag_at_low_speed_equals_the_drag_of_the_receding_image() -> None:
     grains = load_scene("single-particle").grains
     scales = Scales.from_grains(grains)
     moment = grains.remanence * math.pi / 4.0 * scales.length**2 * grains.thickness / MU0
@@ -63,32 +63,32 @@ def test_the_drag_is_that_of_the_receding_image_at_low_speed() -> None:
 
 
 @quick_in_plain_python
-def test_a_gradient_pulls_with_moment_times_gradient() -> None:
+def test_force_of_a_field_gradient_is_moment_times_gradient() -> None:
     found = run(**{"effects.gradient.y": "-0.05 T/m"})
     scales = Scales.from_grains(found.scene.grains)
-    time, v = fall(found)
+    time, v = vertical_motion(found)
     moment = scales.current * scales.length**2
     np.testing.assert_allclose(v, -0.05 * moment / scales.mass * time, rtol=1e-10, atol=1e-15)
 
 
 @quick_in_plain_python
-def test_a_grain_between_rubbing_walls_slides_or_stays_to_the_last_bit() -> None:
+def test_grain_between_frictional_walls_slides_or_stays_exactly_at_rest() -> None:
     scales = Scales.from_grains(alone().grains)
     normal = 2.0 * InfiniteWall.force(None, 3.0) * scales.force
     weight = 9.8 * scales.mass
-    hold = weight / normal  # coefficient that just holds it
+    hold = weight / normal  # coefficient that just holds the grain
     stays = run(**{"effects.gravity.acceleration": 9.8, "effects.wall_friction.coefficient": 1.01 * hold})
     assert (stays.dataset["position"].values == stays.dataset["position"].values[0]).all()
     slides = run(**{"effects.gravity.acceleration": 9.8, "effects.wall_friction.coefficient": 0.4 * hold})
-    time, v = fall(slides)
+    time, v = vertical_motion(slides)
     np.testing.assert_allclose(v, -0.6 * 9.8 * time, rtol=1e-10, atol=1e-15)
     lost = 0.4 * weight * 0.5 * 0.6 * 9.8 * slides.dataset["time"].values[-1] ** 2
     assert float(slides.dataset["wall_friction_loss"][-1]) == pytest.approx(lost, rel=1e-9)
 
 
-def test_friction_needs_a_side_wall_with_a_law_of_the_distance() -> None:
+def test_wall_friction_requires_a_side_wall_whose_force_depends_on_the_distance() -> None:
     for walls in ({"left": "none", "right": "none", "bottom": "none", "top": "none"}, "none"):
-        with pytest.raises(SceneError, match="no side wall to rub at"):
+        with pytest.raises(SceneError, match="no side wall for friction"):
             alone(**{"effects.walls": walls})
     slab = {"law": "slab", "length": "99 D"}
     with pytest.raises(SceneError, match="take 'infinite'"):
@@ -103,8 +103,8 @@ DENSE = [
 ]
 
 
-def apart(species: list[dict[str, Any]], **changes: Any) -> Scene:
-    """Two grains that feel drag alone."""
+def two_grains_with_drag(species: list[dict[str, Any]], **changes: Any) -> Scene:
+    """Two grains subject only to drag."""
     plate = {"conductivity": 0.0, "thickness": "1 mm", "distance": "4 mm", "mutual": True}
     return load_scene("single-particle").replace(
         **{
@@ -124,24 +124,24 @@ def apart(species: list[dict[str, Any]], **changes: Any) -> Scene:
 
 
 @pytest.mark.parametrize("coefficient", [0.01, 0.0])
-def test_drag_goes_with_the_area_of_a_face(coefficient: float) -> None:
-    scene = apart(DENSE, **{"effects.drag.coefficient": coefficient})
+def test_drag_is_proportional_to_the_area_of_a_face(coefficient: float) -> None:
+    scene = two_grains_with_drag(DENSE, **{"effects.drag.coefficient": coefficient})
     run = simulate(scene, dt=1e-4, progress=False)
     faces = coefficient * np.array([1.0, (4.0 / 6.0) ** 2])
-    left = np.exp(-0.1 * faces / scene.grains.masses())
+    decay = np.exp(-0.1 * faces / scene.grains.masses())
     velocity = run.dataset["velocity"].values
-    np.testing.assert_allclose(velocity[-1], left[:, None] * velocity[0], rtol=1e-9)
+    np.testing.assert_allclose(velocity[-1], decay[:, None] * velocity[0], rtol=1e-9)
     data = run.dataset
     total = (data["kinetic_energy"] + data["drag_loss"]).values
     np.testing.assert_allclose(total, total[0], rtol=1e-10)
 
 
-def test_dry_friction_takes_the_drag_of_each_grain_along() -> None:
-    """Compare with v = (v0 + b/c) exp(-c t) - b/c under the drag c and the deceleration b."""
-    scene = apart(
+def test_dry_friction_includes_the_drag_of_each_grain() -> None:
+    """Compared with v = (v0 + b/c) exp(-c t) - b/c for the drag rate c and the deceleration b."""
+    scene = two_grains_with_drag(
         DENSE,
         **{
-            # Gravity, of no size, and no eddy currents: as in the tests of one grain that rubs.
+            # Zero gravity and no eddy currents, as in the test of one grain with friction.
             "effects.gravity": {"acceleration": 0.0},
             "effects.eddy": None,
             "effects.friction": {"load": "2 mN", "static": 0.4, "dynamic": 0.3},
