@@ -43,7 +43,7 @@ def modes(
     """Equilibrium, roots, modes and slopes of a bed, without a time step."""
     from granular.linear.bed_forces import check_free_piston
     from granular.linear.equilibrium import equilibrium_from, settled_state
-    from granular.linear.friction import motion_friction, names_friction
+    from granular.linear.friction import has_friction, motion_friction
     from granular.linear.page import modes_page
     from granular.linear.small_motions import small_motions
     from granular.run.trajectory import Trajectory, load_trajectory
@@ -61,7 +61,7 @@ def modes(
     state = settled_beds(scene, 1, progress=False)[0] if reuse else settled_state(bed)
     began = time.perf_counter()
     motions = small_motions(equilibrium_from(*state))
-    rubs = names_friction(scene) or friction is not None
+    rubs = has_friction(scene) or friction is not None
     rubbing = motion_friction(motions.rest, friction, motions.roots[0]) if rubs else None
     seconds = time.perf_counter() - began
     parts = {"friction": rubbing, "over_beds": over}

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @command("""\
 examples:
   %(prog)s runs/bed mean_distance hexatic_order -o order.csv
-  %(prog)s runs/bed greatest_force --import mine.py
+  %(prog)s runs/bed maximum_force --import mine.py
 
 observables:
   mean_distance     mean distance of two grains
@@ -37,8 +37,8 @@ mine.py:
   import numpy as np
   from granular.observables import observable
 
-  @observable("N", "greatest force on a grain")
-  def greatest_force(frame):
+  @observable("N", "maximum force on a grain")
+  def maximum_force(frame):
       return np.nanmax(np.linalg.norm(frame.forces, axis=1))""")
 def observe(
     run: RunDirectory,
@@ -91,7 +91,7 @@ def defects(
     from granular.run.trajectory import load_trajectory
 
     trajectory = load_trajectory(run)
-    chosen = given(stop=stop, reach=reach, memory=memory, least=least)
+    chosen = given(stop=stop, reach=reach, memory=memory, minimum_frames=least)
     motion = track_defects(trajectory, start, **chosen)
     tracks, events = _defect_track_table(motion), _defect_event_table(motion)
     if out is not None:

@@ -1,6 +1,6 @@
-"""Small motions of a settled bed: roots, modes, response and slopes, without a time step.
+"""Small motions of a settled bed: roots, modes, response and slopes, without time stepping.
 
-`granular.equilibrium` gives the state that all of them are about.
+`granular.equilibrium` provides the equilibrium about which the motions are linearised.
 """
 
 from granular.linear.friction import MotionFriction, motion_friction

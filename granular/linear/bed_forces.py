@@ -1,16 +1,16 @@
-"""Forces and resistance of a bed and its machine as functions of coordinates, by the loop that simulates it.
+"""Forces and resistance of a bed and its machine as functions of coordinates, from the simulation loop.
 
 The coordinates are q = (x_1 ... x_n, y_1 ... y_n, z, Z_1 ... Z_p, X_1 ... X_b): the grains, the piston and
-further ones in the frame of the cell, and the displacements of a machine's bodies. Every derivative is a
-difference of these forces, so every effect, wall and pair law, a user's own among them, has its stiffness
-without a second formula. At a displacement of 5e-4 D the stencil of fourth order has an error of 3e-12 of the
-largest stiffness (dipoles).
+further pistons in the frame of the cell, and the displacements of a machine's bodies. Every derivative is a
+finite difference of these forces, so that every effect, wall and pair law, including user-defined ones, has a
+stiffness without a second formula. At a displacement of 5e-4 D the fourth-order stencil has an error of 3e-12
+of the largest stiffness (dipoles).
 
-Bodies and springs besides grains and piston, those of `effects.host`, are matrices. Their coordinates are
-the heights of further pistons in the cell, and the displacements of a machine's bodies over the base, from
-where all is at rest: the springs of a machine hold all weights. The frame of the cell moves as the last body,
-or, if that carries the piston, as the last body less the piston's height. Each mass in the cell has its
-velocity in the frame plus the frame's.
+Bodies and springs other than grains and piston (`effects.host`) are represented by matrices. Their
+coordinates are the heights of further pistons in the cell, and the displacements of a machine's bodies
+relative to the base, measured from equilibrium: the springs of a machine carry all weights. The frame of the
+cell moves with the last body or, if that body carries the piston, with the last body minus the piston's
+height. The velocity of each mass in the cell is its velocity in the frame plus the velocity of the frame.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ class Machine:
 
     table: BodyTable
     gravity: float  # [m/s^2]
-    start: float  # height of the piston from which springs count [m]
-    free_cell_mass: float | None  # of a cell that hangs on the bed, which the piston carries [kg]
-    weight_on_piston: float | None  # then [N]
+    start: float  # height of the piston at which springs are unstretched [m]
+    free_cell_mass: float | None  # mass of a cell that hangs on a bed carried by the piston [kg]
+    weight_on_piston: float | None  # weight on the piston in that case [N]
 
     @property
     def pistons(self) -> tuple[FurtherPiston, ...]:
-        """Further pistons in the cell, the first coordinates."""
+        """Further pistons in the cell, which are the first coordinates."""
         return self.table.pistons
 
     @property
@@ -65,13 +65,13 @@ class Machine:
 
     @property
     def masses(self) -> Float[np.ndarray, "b"]:
-        """Masses of further pistons, and of the machine's bodies; of the last what is fixed to it [kg]."""
+        """Masses of further pistons and of the machine's bodies; of the last body, the fixed mass [kg]."""
         names = [other.name for other in self.pistons] + list(self.table.chain[:-1])
         masses = [self.table.masses[self.table.row(name)] for name in names]
         return np.array([*masses, *([self.table.carrying_mass] if self.table.chain else [])])
 
     def row(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q"]:
-        """Displacement of a body over the base as a row of the coordinates."""
+        """Displacement of a body relative to the base, as a row over the coordinates."""
         result, first = np.zeros(size), size - self.size
         if name == "base":
             return result
@@ -81,12 +81,12 @@ class Machine:
         result += self.frame(size, piston)
         if name == "piston" and piston is not None:
             result[piston] += 1.0
-        for index, other in enumerate(self.pistons):
-            result[first + index] += float(other.name == name)
+        for index, piston_body in enumerate(self.pistons):
+            result[first + index] += float(piston_body.name == name)
         return result
 
     def frame(self, size: int, piston: int | None) -> Float[np.ndarray, "q"]:
-        """Displacement of the cell over the base as a row of the coordinates."""
+        """Displacement of the cell relative to the base, as a row over the coordinates."""
         result = np.zeros(size)
         if self.table.chain:
             result[-1] = 1.0
@@ -100,7 +100,7 @@ class Machine:
         return np.array(rows).reshape(-1, size)
 
     def forces(self, q: Float[np.ndarray, "q"], piston: int | None) -> Float[np.ndarray, "q"]:
-        """Return forces of springs and stops, and of further pistons' weights [N]; q [m]."""
+        """Return the forces of springs and stops, and the weights of further pistons [N]; q [m]."""
         springs, moved = self.table.springs, q.copy()
         if piston is not None:
             moved[piston] -= self.start
@@ -114,20 +114,20 @@ class Machine:
         return np.asarray(result)
 
     def matrix_of_links(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
-        """Matrix of stiffness [N/m] or damping [N s/m], by its name, of all springs but stops."""
+        """Stiffness [N/m] or damping [N s/m] matrix, chosen by name, of all springs except stops."""
         rows = self._stretches(size, piston)
         values = [getattr(link, name) * (link.gap is None) for link in self.table.springs]
         return np.asarray(rows.T @ (np.array(values).reshape(-1, 1) * rows))
 
     def resistances(self, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
-        """Matrix of the dashpots, and of drag in the guides of further pistons [N s/m]."""
+        """Damping matrix of the dashpots and of drag in the guides of further pistons [N s/m]."""
         result, first = self.matrix_of_links("damping", size, piston), size - self.size
         for index, other in enumerate(self.pistons):
             result[first + index, first + index] += other.drag
         return result
 
     def mass_matrix(self, masses: Float[np.ndarray, "q"], piston: int | None) -> csc_matrix:
-        """Mass matrix of all coordinates, from the masses of grains (twice) and piston [kg]."""
+        """Mass matrix of all coordinates, from the masses of grains (for x and y) and piston [kg]."""
         from scipy.sparse import csc_matrix
 
         size = len(masses)
@@ -143,7 +143,7 @@ class Machine:
 
 
 def machine_of(scene: Scene) -> Machine | None:
-    """Return the bodies and springs of a scene; None without any."""
+    """Return the bodies and springs of a scene; None if it has none."""
     host: Any = next((effect for effect in scene.effects.acting if effect.key == "host"), None)
     if host is None or not (host.bodies or host.pistons or host.springs):
         return None
@@ -166,7 +166,7 @@ def machine_of(scene: Scene) -> Machine | None:
 def matrices_of_chain(
     host: Host,
 ) -> tuple[Float[np.ndarray, "b"], Float[np.ndarray, "b b"], Float[np.ndarray, "b b"]]:
-    """Masses [kg], and matrices of springs [N/m] and dashpots [N s/m], of a machine's bodies alone."""
+    """Masses [kg], spring matrix [N/m] and dashpot matrix [N s/m] of a machine's bodies without the bed."""
     alone = Host(mount=host.mount, cell_mass=host.cell_mass, bodies=host.bodies)
     machine = Machine(alone.table(None), 0.0, 0.0, None, None)
     springs, dashpots = (
@@ -176,15 +176,16 @@ def matrices_of_chain(
 
 
 DISPLACEMENT = 5e-4
-"""Largest displacement of a coordinate in a difference of forces [D]."""
+"""Largest displacement of a coordinate in a finite difference of forces [D]."""
 
 OF_OVERLAP, SMALLEST = 0.025, 1e-7
-"""And its largest value over the overlap or the gap of two grains, where contact bends the force: the error
-of Hertz's stiffness, of two grains that move apart by it, is then 1e-6; its smallest value [D]."""
+"""Maximum of this displacement relative to the overlap or gap of two grains, because contact forces are
+nonlinear: the error of the Hertzian stiffness of two separating grains is then 1e-6. Second, its minimum
+[D]."""
 
 FLOW = 1e-5
-"""Duration of the flow whose difference is the resistance [tau]: rounding over it, 1e-11, is as large as the
-square of decay rates of 5/tau times it, which is neglected."""
+"""Duration of the resisting flow that is differentiated [tau]: for decay rates of 5/tau, its rounding error
+of 1e-11 equals the neglected second-order term."""
 
 _FRICTION = ("friction", "wall_friction")
 
@@ -192,7 +193,7 @@ _ONE_STEP = StepSchedule(FLOW, FLOW, 1, 1, 1, 0)
 
 
 class BedForces:
-    """Forces and resistance of a scene's bed, without its drive and dry friction, in SI."""
+    """Forces and resistance of a scene's bed, without drive and dry friction, in SI."""
 
     def __init__(self, scene: Scene) -> None:
         self.machine: Machine | None = machine_of(scene)
@@ -201,8 +202,8 @@ class BedForces:
         self.scene = without_drive_and_friction(scene)
         self._run = RunState(plan(self.scene, threads=1))
         if self.machine is not None and self.machine.free_cell_mass is not None:
-            self._turn_gravity()
-        # A step of one kick and no drift: without forces, the flow of all that resists.
+            self._reverse_gravity()
+        # A step with one kick and no drift: without forces, it is the flow of all resistances.
         self._run.tables = self._run.tables._replace(kicks=np.ones(1), drifts=np.zeros(0))
         self.scales = self._run.system.scales
         self.length = self.scales.length
@@ -220,8 +221,8 @@ class BedForces:
 
         self._displacement: tuple[np.ndarray | None, float] = (None, DISPLACEMENT)
 
-    def _turn_gravity(self) -> None:
-        """Turn the grains' weight to the piston, which carries the bed."""
+    def _reverse_gravity(self) -> None:
+        """Reverse gravity, so that the weight acts towards the piston, which carries the bed."""
         constants = self._run.constants
         laws = tuple(
             law._replace(pull=-law.pull) if isinstance(law, GravityLaw) else law
@@ -231,19 +232,19 @@ class BedForces:
 
     @property
     def forces_jump(self) -> bool:
-        """True if pairs end at a radius at which their force is not zero."""
+        """True if pair forces are cut off at a radius at which they are not zero."""
         acting = self._run.constants.acting
         ends = (acting.cut, acting.listing, acting.nearest)
         return bool(acting.dipole) and acting.far is None and any(end is not None for end in ends)
 
     @property
-    def _fall(self) -> slice:
+    def _vertical(self) -> slice:
         return slice(self.grains, 2 * self.grains)
 
     def coordinates(self, positions: Float[np.ndarray, "n 2"], height: Heights) -> Float[np.ndarray, "q"]:
-        """Coordinates of grains, piston and further ones, with the machine at rest [m]."""
+        """Coordinates of grains, piston and further pistons, with the machine at rest [m]."""
         result = np.zeros(self.size)
-        result[: self.grains], result[self._fall] = positions[:, 0], positions[:, 1]
+        result[: self.grains], result[self._vertical] = positions[:, 0], positions[:, 1]
         heights = np.atleast_1d(0.0 if height is None else height)
         self._height = float(heights[0])
         if self.piston is not None:
@@ -253,17 +254,17 @@ class BedForces:
 
     def positions(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "n 2"]:
         """Positions of the grains [m]."""
-        return np.stack([q[: self.grains], q[self._fall]], axis=1)
+        return np.stack([q[: self.grains], q[self._vertical]], axis=1)
 
     def piston_height(self, q: Float[np.ndarray, "q"]) -> float:
-        """Height of the piston, which is given where it is not free [m]."""
+        """Height of the piston; prescribed if the piston is not free [m]."""
         return self._height if self.piston is None else float(q[self.piston])
 
-    def _look(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "columns"]:
-        """Have the loop compute all forces, and return its record."""
+    def _evaluate(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "columns"]:
+        """Compute all forces by the simulation loop, and return its record."""
         state, length = self._run.state, self.length
         state.x[: self.grains] = q[: self.grains] / length
-        state.y[: self.grains] = q[self._fall] / length
+        state.y[: self.grains] = q[self._vertical] / length
         state.piston[HEIGHT] = self.piston_height(q) / length
         state.bodies[PISTON + 1 :, HEIGHT] = q[self.pistons : self.bodies] / length
         try:
@@ -274,11 +275,11 @@ class BedForces:
 
     def forces(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
         """Conservative forces on all coordinates [N]; q [m]."""
-        row = self._look(q)
+        row = self._evaluate(q)
         state, n = self._run.state, self.grains
         fx, fy = force_with_far_field(state)
         result = np.zeros(self.size)
-        result[:n], result[self._fall] = fx[:n] * self.scales.force, fy[:n] * self.scales.force
+        result[:n], result[self._vertical] = fx[:n] * self.scales.force, fy[:n] * self.scales.force
         if self.piston is not None:
             result[self.piston] = row[columns.UPWARD] * self.scales.force - self.weight
         if self.machine is not None:
@@ -291,11 +292,11 @@ class BedForces:
     def stiffness_times(
         self, q: Float[np.ndarray, "q"], direction: Float[np.ndarray, "q"]
     ) -> Float[np.ndarray, "q"]:
-        """Product of the stiffness -dF/dq at q [m] and a direction [N/m times its unit]."""
+        """Product of the stiffness -dF/dq at q [m] with a direction [N/m times the direction's unit]."""
         return -difference(self.forces, q, direction, self.displacement_at(q) * self.length)
 
     def displacement_at(self, q: Float[np.ndarray, "q"]) -> float:
-        """Displacement in a difference of forces [D]: smaller where grains are about to touch."""
+        """Displacement in a finite difference of forces [D]; smaller if grains are about to touch."""
         grains = self.scene.grains
         if self.scene.effects.contact is None and grains.magnets != "cylinders":
             return DISPLACEMENT
@@ -318,8 +319,8 @@ class BedForces:
     def resistance_times(
         self, q: Float[np.ndarray, "q"], velocities: Float[np.ndarray, "q"]
     ) -> Float[np.ndarray, "q"]:
-        """Product of the damping matrix at q [m] and velocities [m/s]: minus the resisting forces [N]."""
-        self._look(q)
+        """Product of the damping matrix at q [m] with velocities [m/s]: minus the resisting forces [N]."""
+        self._evaluate(q)
         run, n, scales = self._run, self.grains, self.scales
         state = run.state
         far = state.far_forces
@@ -328,7 +329,7 @@ class BedForces:
         largest = float(np.abs(velocities).max(initial=0.0)) or 1.0
         kicked = []
         for sign in (1.0, -1.0):
-            state.vx[:n], state.vy[:n] = velocities[:n] / largest, velocities[self._fall] / largest
+            state.vx[:n], state.vy[:n] = velocities[:n] / largest, velocities[self._vertical] / largest
             schedule = _ONE_STEP._replace(length=sign * FLOW, h=sign * FLOW)
             run.call_engine(NO_TICKS._replace(ticks=1), schedule, UNWATCHED)
             kicked.append(np.concatenate([state.vx[:n], state.vy[:n]]))
@@ -343,7 +344,7 @@ class BedForces:
         return result
 
     def masses(self) -> Float[np.ndarray, "q"]:
-        """Masses of the grains twice, of the piston, and zeros for other bodies [kg]."""
+        """Masses of the grains (for x and y), of the piston, and zeros for other bodies [kg]."""
         grains = self.scene.grains.masses()
         result = np.zeros(self.size)
         result[: 2 * self.grains] = np.tile(grains, 2)
@@ -352,7 +353,7 @@ class BedForces:
         return result
 
     def frame_and_uplift(self) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
-        """Displacement of the cell over the base, as a row, and the displacement that lifts all by 1."""
+        """Displacement of the cell relative to the base, as a row, and the uniform lift by 1."""
         frame, uplift = np.zeros(self.size), np.zeros(self.size)
         if self.machine is None or not self.machine.table.chain:
             uplift[self.grains : self.bodies] = 1.0
@@ -362,7 +363,7 @@ class BedForces:
         return frame, uplift
 
     def mass_matrix(self) -> csc_matrix:
-        """Mass matrix; a machine that carries the cell couples all that moves up and down [kg]."""
+        """Mass matrix; a machine that carries the cell couples all vertical motions [kg]."""
         from scipy.sparse import csc_matrix
 
         masses, indices = self.masses(), range(self.size)
@@ -377,7 +378,7 @@ def difference(
     direction: Float[np.ndarray, "q"],
     largest: float,
 ) -> Any:
-    """Differentiate along a direction, whose largest entry moves by ``largest``; of fourth order."""
+    """Differentiate along a direction to fourth order; its largest entry is displaced by ``largest``."""
     size = float(np.abs(direction).max(initial=0.0))
     if size == 0.0:
         return 0.0 * function(at)
@@ -388,7 +389,7 @@ def difference(
 
 
 def without_drive_and_friction(scene: Scene) -> Scene:
-    """Take away what moves a scene's cell, rubs dry or heats: the bed that is left has one equilibrium."""
+    """Remove cell drive, dry friction and heat bath from a scene, so that it has a single equilibrium."""
     taken: dict[str, Any] = {
         f"effects.{effect.key}": None
         for effect in scene.effects.acting
@@ -406,18 +407,18 @@ def without_drive_and_friction(scene: Scene) -> Scene:
 
 
 def has_free_piston(scene: Scene) -> bool:
-    """Return whether a bed carries a piston that is free to move."""
+    """Return whether a bed supports a piston that is free to move."""
     return scene.piston is not None and scene.piston.mass is not None and scene.has_piston_wall
 
 
 def check_free_piston(scene: Scene) -> None:
-    """Refuse a scene without a free piston."""
+    """Raise an error if a scene has no free piston."""
     if not has_free_piston(scene):
         wall = piston_wall_key(scene.cell.lines)
         raise InputError(f"the scene has no free piston; give piston.mass and {wall}")
 
 
-def rubs_dry(scene: Scene) -> bool:
+def has_dry_friction(scene: Scene) -> bool:
     """Return whether dry friction acts on grains or piston."""
     friction = 0.0 if scene.piston is None else scene.piston.friction
     return friction > 0.0 or any(effect.key in _FRICTION for effect in scene.effects.acting)
@@ -428,15 +429,15 @@ def _misplaced_grain_error() -> InputError:
 
 
 def scaled_parameter(scene: Scene, key: str, factor: float) -> Scene:
-    """Multiply the number at a dotted key of a scene, also one that follows from parts."""
+    """Multiply the value at a dotted key of a scene, including values that follow from parts."""
     value = find_value(scene, key)
     if not isinstance(value, float):
-        raise InputError(f"{quote(key)} is no number of the scene {quote(scene.name)}; give another key")
+        raise InputError(f"{quote(key)} is not a number of the scene {quote(scene.name)}; give another key")
     return with_number(scene, key, value * factor)
 
 
 def with_number(scene: Scene, key: str, value: float) -> Scene:
-    """Change the number at a dotted key; magnets of a row that touch still do if their diameter changes."""
+    """Change the value at a dotted key; touching magnets of a row stay in contact at a new diameter."""
     changes = {key: value}
     before, walls = find_value(scene, key), scene.effects.walls
     if key.endswith(".diameter") and walls is not None:

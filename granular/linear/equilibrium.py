@@ -1,8 +1,8 @@
 """`equilibrium`: the state in which all conservative forces of a bed vanish, by Newton's method.
 
-Where that fails, the bed relaxes downhill by the fast inertial relaxation engine (FIRE), with numbers as
-published (Bitzek et al. 2006, doi:10.1103/PhysRevLett.97.170201). Each coordinate has its stiffness for a
-mass, so that all have one period; the time step is over it.
+If that fails, the bed relaxes downhill by the fast inertial relaxation engine (FIRE), with the published
+parameters (Bitzek et al. 2006, doi:10.1103/PhysRevLett.97.170201). The mass of each coordinate equals its
+stiffness, so that all have the same period, which is the unit of the time step.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.linear.bed_forces import BedForces, rubs_dry
+from granular.linear.bed_forces import BedForces, has_dry_friction
 from granular.linear.pencil import Pencil, make_pencil
 from granular.protocol.stage import TimedStage
 from granular.run.run_directory import is_run_directory
@@ -29,13 +29,13 @@ from granular.shared.errors import InputError
 
 _STEP, _LONGEST_STEP, _MIXING, _LATENCY, _MOST_STEPS = 0.1, 1.0, 0.1, 5, 20_000
 _LONGEST_MOVE = 0.05
-"""Longest move of a grain in a step [D], so that none passes through another one or a wall."""
+"""Maximum displacement of a grain in a step [D], so that it cannot pass through another grain or a wall."""
 
 SOFTEST = 1e-3
-"""Smallest mass over the largest one: a grain that touches nothing has hardly a stiffness."""
+"""Minimum ratio of smallest to largest mass: a grain without contacts has almost no stiffness."""
 
 RELAXED = 1e-6
-"""Largest force over the first one at which Newton's method takes over."""
+"""Largest force, relative to the initial one, at which Newton's method takes over."""
 
 
 def relax(
@@ -45,9 +45,9 @@ def relax(
     stiffness: Float[np.ndarray, "q"],
     reduction: float,
 ) -> Float[np.ndarray, "q"]:
-    """Follow the forces from a start [m] until they are as small as wanted, over the first ones.
+    """Relax from a start [m] until the forces are reduced by a given factor.
 
-    The stiffness of each coordinate alone [N/m] is its mass.
+    The mass of each coordinate is its stiffness with all others held [N/m].
     """
     sizes = np.abs(stiffness)
     scaling = 1.0 / np.sqrt(np.maximum(sizes, SOFTEST * sizes.max()))
@@ -74,32 +74,34 @@ def relax(
 
 
 REST = 1e-13
-"""Largest force at equilibrium, over the piston's weight or the force of a pair at one diameter."""
+"""Largest residual force at equilibrium, over the piston's weight or the pair force at one diameter."""
 
 SETTLED = 1e-7
-"""Largest distance to the equilibrium, by Newton's step, where rounding or a far field on a mesh keeps the
-force above `REST` [D]: the tables of discs and the mesh jump by 1e-7 of a pair's force at one diameter."""
+"""Maximum distance to the equilibrium, from Newton's step, if rounding or a far field on a mesh keeps the
+force above `REST` [D]; the tables of discs and the mesh have jumps of 1e-7 of the pair force at one
+diameter."""
 
 MOST_HALVINGS = 12
-"""Most halvings of a step that does not lower the largest force."""
+"""Maximum number of halvings of a step that does not reduce the largest force."""
 
 MOST_ITERATIONS, MOST_MATRICES = 60, 4
-"""Most of Newton's steps; and of matrices made for them, unless each further one halves the largest force: a
-settled bed of 368 grains takes three and two, and where an equilibrium has just vanished none halves it."""
+"""Maximum numbers of Newton steps and of matrices; further matrices are allowed as long as each halves the
+largest force. A settled bed of 368 grains takes three steps and two matrices; if an equilibrium has just
+vanished, the force is not halved."""
 
 FURTHER = (1e-2, 1e-2)
-"""Reductions of the forces by further relaxations, if Newton's method still fails: it did from 1e-9 N, not
-from 1e-11 N, in a bed whose softest mode has 0.0026 N/m."""
+"""Force reductions of further relaxations, if Newton's method still fails; in a bed whose softest mode has
+0.0026 N/m it failed from 1e-9 N but not from 1e-11 N."""
 
 LONGEST_STEP = 0.1
-"""Longest step of a coordinate [D]: beyond it a neighbour's force is another one."""
+"""Maximum step of a coordinate [D]; larger steps change the neighbours' forces too much."""
 
 COARSE_REST = 0.01
-"""Rest [D] at which the fall of a further bed may end. From 1e-4 to 0.1 D three starts of the packaged damper
-have the same equilibrium to 1e-9; they fall for 9 s instead of 15 s at 0.01 D."""
+"""Tolerance of rest [D] at which the fall of a further bed may end. From 1e-4 to 0.1 D three packings of the
+packaged damper reach the same equilibrium to 1e-9; at 0.01 D they fall for 9 s instead of 15 s."""
 
 EIGENVALUES = 6
-"""Number of lowest eigenvalues of the stiffness that a result holds."""
+"""Number of lowest eigenvalues of the stiffness that are reported."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -113,16 +115,16 @@ class Equilibrium:
     positions : float64 (n, 2)
         Equilibrium positions of the grains [m].
     piston_height : float or None
-        Equilibrium height of a free piston [m]; None without one.
+        Equilibrium height of a free piston [m]; None without a free piston.
     residual : float
-        Largest force that is not balanced [N].
+        Largest residual force [N].
     lowest_stiffness : float64 (k,)
-        Lowest eigenvalues of the stiffness matrix, in a periodic cell with one grain held [N/m].
+        Lowest eigenvalues of the stiffness matrix [N/m]; in a periodic cell with one grain held.
     is_stable : bool
-        Whether every small displacement raises the energy, but for shifts of a periodic cell.
+        Whether every small displacement raises the energy, except uniform shifts in a periodic cell.
     frictionless : bool
-        Whether dry friction acts in the scene: it holds a bed anywhere within its force over the stiffness,
-        and this is the equilibrium without it.
+        Whether dry friction acts in the scene and is ignored: friction can hold a bed anywhere within its
+        force over the stiffness, and this is the equilibrium without friction.
     pencil : Pencil
         Stiffness, damping and mass matrices about the equilibrium.
     """
@@ -136,7 +138,7 @@ class Equilibrium:
 
     @property
     def heights(self) -> Float[np.ndarray, "p"]:
-        """Heights of the piston, or 0 without one, and of further pistons [m]."""
+        """Heights of the piston (0 without a piston) and of further pistons [m]."""
         bed = self.pencil.bed
         return np.array([self.piston_height or 0.0, *self.pencil.at[bed.pistons : bed.bodies]])
 
@@ -147,30 +149,31 @@ class Equilibrium:
 
     @property
     def is_stable(self) -> bool:
-        """True if every small displacement raises the energy; shifts of a periodic cell keep it."""
+        """True if every small displacement raises the energy, except uniform shifts in a periodic cell."""
         return bool(self.lowest_stiffness[0] > 0.0)
 
 
 def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
-    """Find the equilibrium next to the settled state of a bed.
+    """Find the equilibrium closest to the settled state of a bed.
 
-    All conservative effects act: pairs, walls, weights, contacts, own parts, and the springs of a machine.
+    All conservative effects are included: pairs, walls, weights, contacts, user-defined parts, and the
+    springs of a machine.
 
     Parameters
     ----------
     source : Scene, Trajectory, str or Path
-        A run, or its directory, whose last frame is taken; or a scene, which is run through its protocol up
-        to the end of the first stage that ends at rest; on a machine, without it and to rest.
+        A run or its directory, whose last frame is used; or a scene, which is simulated up to the end of the
+        first stage that ends at rest. A scene on a machine is simulated without the machine until it rests.
 
     Returns
     -------
     Equilibrium
-        Positions, height, unbalanced force and the matrices of small motions.
+        Positions, height, residual force and the matrices of small motions.
 
     Raises
     ------
     InputError
-        If the scene has no grains, a gap, or no equilibrium near the settled state.
+        If the scene has no grains, has a gap, or has no equilibrium near the settled state.
 
     Examples
     --------
@@ -185,21 +188,22 @@ def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
 def equilibrium_from(
     scene: Scene, positions: Float[np.ndarray, "n 2"], height: Heights, near: Pencil | None = None
 ) -> Equilibrium:
-    """Find the equilibrium next to positions and the heights of piston and further ones [m].
+    """Find the equilibrium closest to given positions and heights of piston and further pistons [m].
 
-    With the matrices of a bed nearby, the one that the bed reaches downhill, also if it rearranges.
+    With the matrices of a similar bed, find the equilibrium that is reached downhill, even if the bed
+    rearranges.
     """
     bed = BedForces(scene)
     if bed.forces_jump:
         remedy = "'direct'" if scene.cell.periods is None else "'mesh', which takes 40 grains or more"
         raise InputError(
-            f"pairs.method = {scene.pair_method!r}: pairs end at a distance where their force jumps, so "
-            f"forces have no derivative; give {remedy}"
+            f"pairs.method = {scene.pair_method!r}: pairs are cut off at a distance at which "
+            f"their force jumps, so that forces have no derivative; give {remedy}"
         )
     start = bed.coordinates(positions, height)
     far = _norm(bed.forces(start)) > RELAXED * max(bed.scales.force, bed.weight)
-    if far and (near is not None or rubs_dry(scene)):
-        # Friction held it away from there, or numbers changed: Newton's method may end at a saddle.
+    if far and (near is not None or has_dry_friction(scene)):
+        # If friction held the bed off equilibrium, or values changed, Newton's method may end at a saddle.
         with contextlib.suppress(InputError):
             stiffness = (near or make_pencil(bed, start)).stiffness.diagonal()
             start = relax(bed, start, held_shifts(bed), stiffness, RELAXED)
@@ -210,7 +214,7 @@ def equilibrium_from(
         positions=bed.positions(at),
         piston_height=None if scene.piston is None else bed.piston_height(at),
         residual=float(np.abs(bed.forces(at)).max()),
-        frictionless=rubs_dry(scene),
+        frictionless=has_dry_friction(scene),
         pencil=pencil,
     )
 
@@ -218,7 +222,7 @@ def equilibrium_from(
 def settled_state(
     source: Scene | Trajectory | str | Path,
 ) -> tuple[Scene, Float[np.ndarray, "n 2"], Float[np.ndarray, "p"]]:
-    """Return scene, positions and heights [m] of a run's end, or of a scene's first rest."""
+    """Return scene, positions and heights [m] at the end of a run, or at the first rest of a scene."""
     if not isinstance(source, Trajectory | Scene):
         source = load_trajectory(source) if is_run_directory(Path(source)) else load_scene(source)
     run = (
@@ -229,17 +233,17 @@ def settled_state(
     positions = run.dataset["position"].values[-1]
     if not np.isfinite(positions).all():
         raise InputError(
-            "grains have left the cell; a bed with a gap has no equilibrium: leave out gap_start and gap_end "
-            "of effects.walls, and let all sides meet"
+            "grains have left the cell; a bed with a gap has no equilibrium: remove gap_start "
+            "and gap_end of effects.walls, and close all sides"
         )
     scene = source.scene if isinstance(source, Trajectory) else source
     return scene, positions, frame_heights(run.scene, run.dataset)[-1]
 
 
 def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
-    """Return the changes that end a scene's run at its first rest, which may be as coarse as that [D].
+    """Return the changes that make a scene's run end at its first rest, to a coarser tolerance if given [D].
 
-    On a machine, the bed comes to rest without it, with further pistons and the springs in the cell.
+    A bed on a machine settles without the machine, with further pistons and the springs in the cell.
     """
     if not scene.grains.count:
         raise InputError("a scene without grains has no bed; give grains.count")
@@ -266,16 +270,16 @@ def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
 def find_equilibrium(
     bed: BedForces, start: Float[np.ndarray, "q"], held: tuple[int, ...] = (), near: Pencil | None = None
 ) -> Pencil:
-    """Return the matrices about the equilibrium next to a start, with some coordinates held [m].
+    """Return the matrices about the equilibrium closest to a start, with some coordinates held [m].
 
-    A start from which Newton's method finds none is first relaxed downhill.
+    If Newton's method finds no equilibrium, the start is first relaxed downhill.
     """
     held = (*held, *held_shifts(bed))
     first = near or make_pencil(bed, start)
     try:
         return _newton(bed, start, held, first, fresh=near is None)
     except InputError as error:
-        with contextlib.suppress(InputError):  # a bed without a floor falls out of its cell
+        with contextlib.suppress(InputError):  # for example, a bed without a floor falls out of its cell
             at = start
             for reduction in (RELAXED, *FURTHER):
                 at = relax(bed, at, held, first.stiffness.diagonal(), reduction)
@@ -289,7 +293,7 @@ def _newton(
 ) -> Pencil:
     """Solve for the equilibrium by Newton's method; coordinates [m].
 
-    The first steps have the same matrix until one of them gains less than a factor of ten (chord method).
+    The first steps share a matrix until a step reduces the force by less than a factor of ten (chord method).
     """
     free = np.delete(np.arange(bed.size), list(held))
     force = bed.forces(at)
@@ -323,12 +327,13 @@ def _newton(
             before = _norm(force[free])
             pencil, fresh = make_pencil(bed, at), True
     raise InputError(
-        f"no equilibrium is near: forces of {_norm(force[free]):.3g} N stay; give a run that has come to rest"
+        f"no equilibrium is near: forces of {_norm(force[free]):.3g} N remain; give a run "
+        "that has come to rest"
     )
 
 
 def _forces_or_infinite(bed: BedForces, at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
-    """Return the forces [N]; infinite if a step has led a grain behind a wall or onto another one."""
+    """Return the forces [N]; infinite if a grain is behind a wall or on another grain."""
     try:
         return bed.forces(at)
     except InputError:
@@ -340,5 +345,5 @@ def _norm(forces: np.ndarray) -> float:
 
 
 def held_shifts(bed: BedForces) -> tuple[int, ...]:
-    """Coordinates of a grain that holds a periodic cell: all grains may shift together."""
+    """Coordinates of the grain held in a periodic cell, in which all grains can shift together."""
     return () if bed.scene.cell.periods is None else (0, bed.grains)

@@ -1,16 +1,17 @@
-"""Dry friction of a bed's grains along the motion of its piston, without a run.
+"""Dry friction of a bed's grains during the motion of its piston, without simulation.
 
-While the piston moves by dz, a grain with the load N slides by |u| dz, u its displacement over the piston's.
-So friction takes F_c dz, F_c = mu_d sum N |u|. With the energy k z^2/2 + k' z^3/6 of the bed, half an
-oscillation from z_0 to z_1 has the potential G(z) = k z^2/2 + k' z^3/6 -+ F_c z, with its minimum at z_c, and
+While the piston moves by dz, a grain with the load N slides by |u| dz, where u is the ratio of its
+displacement to the piston's. Friction therefore dissipates F_c dz, with F_c = mu_d sum N |u|. With the
+elastic energy k z^2/2 + k' z^3/6 of the bed, half an oscillation from z_0 to z_1 has the potential G(z) = k
+z^2/2 + k' z^3/6 -+ F_c z, with its minimum at z_c, and
 
     G(z_1) - G(z_c) = exp(-2 pi zeta/sqrt(1 - zeta^2)) (G(z_0) - G(z_c)) + (2/3) F_c^2/k.
 
-The last term is due to grains that do not slide at once after a turning point; friction in the piston's guide
-adds to F_c elsewhere, but not to this term. In a column that friction
-holds evenly, sliding spreads from the piston: a change of force by 2 sqrt(2 F_c k s) moves the piston by s,
-up to s = 2 F_c/k; beyond, all grains slide. Of a stroke of 14 F_c/k it takes the column a quarter of the time
-to get there, and an eighth of the load stands still in the mean. Of a shorter one, more of it does.
+The last term is due to grains that do not slide immediately after a turning point; friction in the piston's
+guide adds to F_c elsewhere, but not to this term. In a column with uniform friction, sliding spreads from the
+piston: a change of force by 2 sqrt(2 F_c k s) moves the piston by s, up to s = 2 F_c/k; beyond that, all
+grains slide. In a stroke of 14 F_c/k this takes a quarter of the time, and on average an eighth of the load
+sticks. In a shorter stroke a larger part sticks.
 """
 
 from __future__ import annotations
@@ -33,37 +34,39 @@ if TYPE_CHECKING:
     from granular.linear.roots import Root
 
 DYNAMIC = 0.75
-"""mu_d over mu_s, if only mu_s is given: that of glass in [D, Table 4.3]."""
+"""Ratio mu_d/mu_s used if only mu_s is given; the value for glass in [D, Table 4.3]."""
 
 STICKS = 7.0
-"""Amplitude below which a tenth of the load stands still in the mean, in F_c/k: see the head of this file."""
+"""Amplitude below which on average a tenth of the load or more sticks, in F_c/k; see the module docstring."""
 
 STRAIN = 0.02
-"""Displacement of the piston in the difference for k' [D]: rounding and the next order are below 1e-3."""
+"""Displacement of the piston in the finite difference for k' [D]; rounding and the next order are below
+1e-3."""
 
 
 @dataclasses.dataclass(frozen=True)
 class MotionFriction:
-    """Dry friction along the motion of a bed's piston.
+    """Dry friction during the motion of a bed's piston.
 
     Attributes
     ----------
     load : float
         Sum of the normal loads N of all grains [N].
     moving_load : float
-        Sum of N |u|, u the displacement of a grain over that of the piston [N].
+        Sum of N |u|, where u is the ratio of a grain's displacement to the piston's [N].
     force : float
-        F_c, friction of grains and piston at the piston, while all slide [N].
+        F_c, friction of grains and piston, referred to the piston, while all grains slide [N].
     stiffness : float
-        k, of the bed at the piston [N/m].
+        k, stiffness of the bed at the piston [N/m].
     bending : float
-        k', derivative of the stiffness by the height [N/m^2]; below zero, as a squeezed bed is stiffer.
+        k', derivative of the stiffness with respect to height [N/m^2]; negative, because a compressed bed is
+        stiffer.
     damping_ratio : float
-        zeta, without friction.
+        Damping ratio zeta without friction.
     frequency : float
         Natural frequency without friction [Hz].
     guide_force : float
-        Friction of the piston alone, a part of ``force`` [N].
+        Friction of the piston only, included in ``force`` [N].
     """
 
     load: float
@@ -77,16 +80,16 @@ class MotionFriction:
 
     @property
     def sticking_amplitude(self) -> float:
-        """Amplitude below which a tenth of the load or more stands still in the mean [m]."""
+        """Amplitude below which on average a tenth of the load or more sticks [m]."""
         return STICKS * (self.force - self.guide_force) / self.stiffness
 
     @property
     def drag_amplitude(self) -> float:
-        """Amplitude below which friction takes more energy than the drag [m]; infinite without drag."""
+        """Amplitude below which friction dissipates more energy than drag [m]; infinite without drag."""
         return self.equivalent_damping_ratio(self.damping_ratio) if self.damping_ratio else math.inf
 
     def equivalent_damping_ratio(self, amplitude: float) -> float:
-        """Damping ratio of a drag that takes as much energy as friction does.
+        """Damping ratio of viscous drag that dissipates as much energy per cycle as friction.
 
         Parameters
         ----------
@@ -106,58 +109,64 @@ class MotionFriction:
         Parameters
         ----------
         amplitude : float
-            Its displacement from the equilibrium at the start [m]; below 0 if the bed is squeezed.
+            Initial displacement from equilibrium [m]; below 0 if the bed is compressed.
         count : int
-            Number of turning points behind the start.
+            Number of turning points after the start.
 
         Returns
         -------
         float64 (n,)
-            Displacements from the equilibrium [m], the start first; fewer than ``count`` + 1 if sliding
-            does not reach the floor any more, so that the last ones are a run's to tell.
+            Displacements from equilibrium [m], the start first; fewer than ``count`` + 1 if sliding no longer
+            reaches the floor, in which case the last turning points require a simulation.
 
         Raises
         ------
         InputError
-            If the cubic energy holds no motion of that amplitude.
+            If the cubic energy does not allow a motion of this amplitude.
         """
         from scipy.optimize import brentq
 
         zeta, of_grains = self.damping_ratio, self.force - self.guide_force
         points, decay = [amplitude], math.exp(-2.0 * math.pi * zeta / math.sqrt(1.0 - zeta**2))
-        gained = 2.0 / 3.0 * of_grains**2 / self.stiffness
+        energy_gain = 2.0 / 3.0 * of_grains**2 / self.stiffness
         while len(points) <= count:
             start = points[-1]
             side = -math.copysign(1.0, start)
-            # Friction of constant direction moves the equilibrium.
+            # Friction in a constant direction shifts the equilibrium.
             curved = self.stiffness**2 - 2.0 * side * self.force * self.bending
             centre = -2.0 * side * self.force / (self.stiffness + math.sqrt(max(curved, 0.0)))
             lowest = self._energy(centre, side)
-            left = decay * (self._energy(start, side) - lowest) + gained + lowest
-            far = start + side * 3.0 * abs(start)
-            if curved < 0.0 or self._energy(far, side) <= left:
+            final_energy = decay * (self._energy(start, side) - lowest) + energy_gain + lowest
+            far_end = start + side * 3.0 * abs(start)
+            if curved < 0.0 or self._energy(far_end, side) <= final_energy:
                 raise InputError(
-                    f"amplitude = {1e3 * start:.4g} mm is beyond the motion that three terms of the energy "
-                    "describe; give a smaller one, or run the scene"
+                    f"amplitude = {1e3 * start:.4g} mm is too large for the cubic expansion of the "
+                    "energy; give a smaller amplitude, or simulate the scene"
                 )
             nearest = start + side * max(2.0 * of_grains / self.stiffness, abs(start - centre))
-            if abs(start) <= abs(centre) or self._energy(nearest, side) >= left:
+            if abs(start) <= abs(centre) or self._energy(nearest, side) >= final_energy:
                 break
-            points.append(brentq(lambda z, side=side, left=left: self._energy(z, side) - left, nearest, far))
+            points.append(
+                brentq(
+                    lambda z, side=side, final_energy=final_energy: self._energy(z, side) - final_energy,
+                    nearest,
+                    far_end,
+                )
+            )
         return np.array(points)
 
     def _energy(self, height: float, side: float) -> float:
-        """Energy [J] at a height above the equilibrium [m], with that given to friction from there."""
+        """Energy [J] at a height above equilibrium [m], including work against friction from there."""
         elastic = 0.5 * self.stiffness * height**2 + self.bending * height**3 / 6.0
         return elastic + side * self.force * height
 
     def to_plain(self) -> dict[str, Any]:
-        """Return the figures as plain data, in SI.
+        """Return friction, stiffness and amplitudes as plain data, in SI.
 
         Returns
         -------
         dict of str to Any
-            Attributes and both amplitudes by name; an infinite one is None.
+            Attributes and both amplitudes by name; an infinite amplitude is None.
         """
         drag = self.drag_amplitude
         return dataclasses.asdict(self) | {
@@ -166,40 +175,48 @@ class MotionFriction:
         }
 
     def __str__(self) -> str:
-        """Figures in two lines."""
+        """Friction and amplitudes as two lines."""
         added = 100.0 * self.equivalent_damping_ratio(1e-3)
-        drag, sticks = self.drag_amplitude, self.sticking_amplitude
-        beside = f"more than the drag below {1e3 * drag:.3g} mm" if drag > sticks else "less than the drag"
-        beside = beside if self.damping_ratio else "no drag acts beside it"
-        stuck = f"; grains stick below {1e3 * sticks:.3g} mm, a run decides there" if sticks else ""
+        drag, sticking_amplitude = self.drag_amplitude, self.sticking_amplitude
+        comparison = (
+            f"more than the drag below {1e3 * drag:.3g} mm"
+            if drag > sticking_amplitude
+            else "less than the drag"
+        )
+        comparison = comparison if self.damping_ratio else "no drag acts"
+        sticking_note = (
+            f"; grains stick below {1e3 * sticking_amplitude:.3g} mm (simulate smaller amplitudes)"
+            if sticking_amplitude
+            else ""
+        )
         return (
             f"  friction       F_c   {self.force:.4g} N, of a load of {self.load:.4g} N; it adds "
-            f"{added:.3g} % x 1 mm/amplitude to zeta,\n    {beside}{stuck}"
+            f"{added:.3g} % x 1 mm/amplitude to zeta,\n    {comparison}{sticking_note}"
         )
 
 
-def names_friction(scene: Scene) -> bool:
-    """Return whether a scene names friction of its grains on the plates, or of its piston."""
+def has_friction(scene: Scene) -> bool:
+    """Return whether a scene has friction of its grains on the plates or of its piston."""
     return scene.effects.friction is not None or bool(find_value(scene, "piston.friction"))
 
 
 def motion_friction(
     rest: Equilibrium, static: float | None = None, root: Root | None = None
 ) -> MotionFriction:
-    """Find the dry friction along the motion of a bed's piston.
+    """Compute the dry friction during the motion of a bed's piston.
 
-    Grains tilt and bear on the plates as the scene's effect ``friction`` says, by its bound on the load
-    (``friction.tilt``); friction at the side walls is not in it.
+    Grains tilt and press on the plates as given by the scene's effect ``friction``, with its bound on the
+    load (``friction.tilt``); friction at the side walls is not included.
 
     Parameters
     ----------
     rest : Equilibrium
         Equilibrium of a bed with a free piston.
     static : float, optional
-        Static coefficient of grains on the plates, at least 0, with a dynamic one of 3/4 of it; those of the
-        scene if not given.
+        Static coefficient of grains on the plates, 0 or more; the dynamic coefficient is 3/4 of it. The
+        scene's coefficients if not given.
     root : Root, optional
-        First root of the bed, if it is known.
+        First root of the bed, if already computed.
 
     Returns
     -------
@@ -209,8 +226,8 @@ def motion_friction(
     Raises
     ------
     InputError
-        If the bed has no free piston, neither scene nor argument names friction, or grains have no angle of
-        tilt between the plates.
+        If the bed has no free piston, neither scene nor argument gives friction, or grains cannot tilt
+        between the plates.
 
     Examples
     --------
@@ -226,15 +243,13 @@ def motion_friction(
         scene = scene.replace(**{f"effects.friction.{name}": value for name, value in effect.items()})
     assert scene.piston is not None
     friction = scene.effects.friction
-    if not names_friction(scene):
-        raise InputError(
-            f"the scene {scene.name!r} names no friction; give a coefficient, or effects.friction"
-        )
+    if not has_friction(scene):
+        raise InputError(f"the scene {scene.name!r} has no friction; give a coefficient, or effects.friction")
     shape, n = static_shape(pencil, piston), pencil.bed.grains
     loads = evaluate(scene, rest.positions, piston_height=rest.heights).normal_load
     moving = float(loads @ np.hypot(shape[:n], shape[n : 2 * n]))
     dynamic = 0.0 if friction is None else friction.dynamic
-    # The third derivative along the static shape is that of the relaxed energy (the 2n + 1 theorem).
+    # The third derivative along the static shape equals that of the relaxed energy (2n + 1 theorem).
     root = root or piston_roots(rest)[0]
     step = STRAIN * pencil.bed.length
     both = pencil.bed.forces(pencil.at + step * shape) + pencil.bed.forces(pencil.at - step * shape)

@@ -1,4 +1,4 @@
-"""The page of a bed's small motions."""
+"""The page of a bed's small motions, and its plots."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def plot_mode(rest: Equilibrium, shape: Shaped[np.ndarray, "q"], ax: Axes | None
     rest : Equilibrium
         Equilibrium of the bed.
     shape : float or complex (q,)
-        Displacements of all coordinates, of which the real part is drawn; the longest arrow is 1.5 diameters.
+        Displacements of all coordinates, whose real part is drawn; the longest arrow is 1.5 diameters.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -74,12 +74,12 @@ def plot_mode(rest: Equilibrium, shape: Shaped[np.ndarray, "q"], ax: Axes | None
 
 
 def plot_density_of_states(modes: NormalModes, ax: Axes | None = None) -> Axes:
-    """Draw the number of normal modes over the frequency, in equal intervals.
+    """Draw a histogram of the frequencies of normal modes.
 
     Parameters
     ----------
     modes : NormalModes
-        Normal modes of a bed; those that are unstable have no frequency.
+        Normal modes of a bed; unstable modes have no frequency and are not drawn.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -98,14 +98,14 @@ def plot_density_of_states(modes: NormalModes, ax: Axes | None = None) -> Axes:
 def plot_transmissibility(
     frequencies: Float[np.ndarray, "f"], values: Complex[np.ndarray, "f"], ax: Axes | None = None
 ) -> Axes:
-    """Draw the modulus of a transmissibility over the frequency.
+    """Draw the modulus of a transmissibility against frequency.
 
     Parameters
     ----------
     frequencies : float (f,)
         Frequencies [Hz].
     values : complex (f,)
-        Transmissibility, as `granular.linear.transmissibility` gives it.
+        Transmissibility, as returned by `granular.linear.transmissibility`.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -126,14 +126,14 @@ def plot_transmissibility(
 def plot_dynamic_stiffness(
     frequencies: Float[np.ndarray, "f"], values: Complex[np.ndarray, "f"], ax: Axes | None = None
 ) -> Axes:
-    """Draw storage and loss stiffness of bed and piston over the frequency.
+    """Draw storage and loss stiffness of bed and piston against frequency.
 
     Parameters
     ----------
     frequencies : float (f,)
         Frequencies [Hz].
     values : complex (f,)
-        Dynamic stiffness [N/m], as `granular.linear.dynamic_stiffness` gives it.
+        Dynamic stiffness [N/m], as returned by `granular.linear.dynamic_stiffness`.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -153,14 +153,15 @@ def plot_dynamic_stiffness(
 
 
 POINTS, FEW_POINTS = 80, 12
-"""Frequencies of a curve; fewer of beds whose matrices are not full, which take seconds a frequency."""
+"""Number of frequencies of a curve; fewer for beds without full matrices, which take seconds per
+frequency."""
 
 REACH = 4.0
-"""Highest frequency of the curves over that of the last root, and lowest one below the first."""
+"""Highest frequency of the curves relative to the last root, and lowest frequency relative to the first."""
 
 MODES = 3
 LISTED = 12
-"""Modes that are drawn, and rows of the table of the lowest ones."""
+"""Number of drawn modes, and number of rows in the table of lowest modes."""
 
 
 def modes_page(motions: SmallMotions) -> Page:
@@ -172,7 +173,8 @@ def modes_page(motions: SmallMotions) -> Page:
         f"Small motions of scene {scene.name!r}",
         f"{scene.grains.count} magnets at equilibrium at {1e3 * rest.piston_height:.6g} mm: "
         f"{root.frequency:.6g} Hz without damping, damping ratio {100.0 * root.damping_ratio:.4g} %. "
-        "Nothing is fitted: all follows from forces about the equilibrium, and holds for small amplitudes.",
+        "No values are fitted: all follow from forces about the equilibrium, and hold for "
+        "small amplitudes.",
         tuple(_blocks(motions)),
         result=motions,
     )
@@ -183,19 +185,19 @@ def _blocks(motions: SmallMotions) -> Iterator[Block]:
     if rest.frictionless:
         yield Caution(f"{DRY_FRICTION[0].upper()}{DRY_FRICTION[1:]}.")
     if not rest.is_stable:
-        yield Caution("The equilibrium is not stable: some small displacement lowers the energy.")
+        yield Caution("The equilibrium is unstable: some small displacements lower the energy.")
     yield Printout(motions.figures_text)
     yield from _modes(motions)
     yield Heading("Response to a small harmonic motion")
     yield Picture(
         partial(_draw_curves, motions),
-        "Above: displacement of the piston over the displacement of the base, which moves up and down. "
-        "Below: force on the piston over its displacement, with all inertia.",
+        "Top: displacement of the piston over displacement of the base under vertical "
+        "motion. Bottom: force on the piston over its displacement, including all inertia.",
     )
-    yield Heading("What a percent changes")
+    yield Heading("Logarithmic slopes")
     yield Table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), slope_rows(motions))
     spread = "" if motions.deviation is None else " Means over settled beds, ± standard deviation."
-    yield Text(f"Each number is changed alone, and the bed stays the same packing.{spread}")
+    yield Text(f"Each value is changed separately, in the same packing.{spread}")
     yield Heading("Scene")
     yield Printout(rest.scene.to_toml())
 
@@ -206,9 +208,9 @@ def _modes(motions: SmallMotions) -> Iterator[Block]:
     largest = np.argsort(-motions.participation)[:MODES]
     yield Picture(
         partial(_draw_modes, motions, largest),
-        "Displacements of grains and piston, the longest 1.5 diameters: in the piston's first root (the real "
-        "part; the piston's arrow stands at the middle) and in the normal modes without damping in which the "
-        "piston takes part most.",
+        "Displacements of grains and piston, the longest 1.5 diameters: in the piston's "
+        "first root (real part; the piston's arrow is in the middle) and in the undamped "
+        "normal modes with the largest participation of the piston.",
     )
     all_modes = motions.rest.pencil.has_all_modes
     part = "" if all_modes else " Only the lowest modes of this large bed are computed."
@@ -217,7 +219,7 @@ def _modes(motions: SmallMotions) -> Iterator[Block]:
     )
     rows = sorted({*range(min(LISTED, len(modes.frequencies))), *largest.tolist()})
     yield Table(
-        ("mode", "frequency [Hz]", "part of the piston's motion"),
+        ("mode", "frequency [Hz]", "fraction of the piston's motion"),
         [[k + 1, format_number(modes.frequencies[k], 6), f"{motions.participation[k]:.5f}"] for k in rows],
     )
 
@@ -253,7 +255,7 @@ def _draw_curves(motions: SmallMotions) -> Figure:
 
 
 def curve_frequencies(motions: SmallMotions) -> Float[np.ndarray, "f"]:
-    """Frequencies of the curves, those of the roots among them [Hz]."""
+    """Frequencies of the curves, including the frequencies of the roots [Hz]."""
     roots = [root.frequency for root in motions.roots]
     count = POINTS if motions.rest.pencil.has_all_modes else FEW_POINTS
     grid = np.geomspace(min(roots) / REACH, max(roots) * REACH, count)

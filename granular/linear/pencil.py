@@ -1,9 +1,9 @@
 """The matrices of small motions about a state, and solutions of (K + s C + s^2 M) u = f.
 
-Products with a vector are differences of the forces, and the equations are solved by GMRES (Saad and Schultz
-1986, doi:10.1137/0907058); its preconditioner is the factorised matrix of near pairs, found from few
-differences at once for grains that are far apart (Curtis, Powell and Reid 1974, doi:10.1093/imamat/13.1.117).
-Full matrices, column by column, serve all modes of beds of up to `DENSE` coordinates.
+Products with a vector are finite differences of the forces, and the equations are solved by GMRES (Saad and
+Schultz 1986, doi:10.1137/0907058). The preconditioner is the factorised matrix of near pairs; one difference
+serves many distant grains at once (Curtis, Powell and Reid 1974, doi:10.1093/imamat/13.1.117). For beds of up
+to `DENSE` coordinates full matrices, computed column by column, give all modes.
 """
 
 from __future__ import annotations
@@ -24,22 +24,23 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
 DENSE = 4000
-"""Most coordinates of full matrices: three of them take 400 MB, and a stiffness of dipoles 30 s."""
+"""Maximum number of coordinates for full matrices; three of them take 400 MB, and a dipole stiffness 30 s."""
 
 NEIGHBOURS = 18
-"""Neighbours in the matrix of near pairs: three shells of a triangular lattice."""
+"""Number of neighbours in the matrix of near pairs: three shells of a triangular lattice."""
 
 CYCLE, MOST_CYCLES = 100, 3
-"""Steps and cycles of GMRES; settled beds of 368 to 1,472 dipoles take one cycle of about 35 steps."""
+"""Maximum numbers of steps and cycles of GMRES; settled beds of 368 to 1,472 dipoles take one cycle of about
+35 steps."""
 
 PRECISION, NOISE = 1e-10, 3e-11
-"""Residual at which GMRES ends: over the right side; or over the largest stiffness times the largest
-displacement, since differences of forces are no better (they leave 7e-12 with 1,472 dipoles)."""
+"""Residual at which GMRES ends, relative to the right-hand side, or to the largest stiffness times the
+largest displacement, which limits the accuracy of force differences (7e-12 with 1,472 dipoles)."""
 
 STALLED = 1e-5
-"""Residual over the right side that is taken in large beds if further cycles do not halve it: rounding in a
-mesh of 5,888 dipoles leaves 2e-8, and a root errs by the square of it. Smaller beds have full matrices then:
-in hard contact each product is wrong by another 1e-6."""
+"""Residual, relative to the right-hand side, that is accepted in large beds if further cycles do not halve
+it: rounding in a mesh of 5,888 dipoles leaves 2e-8, and the error of a root is its square. Smaller beds then
+use full matrices: in hard contact each product has a different error of 1e-6."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -48,10 +49,10 @@ class Pencil:
 
     bed: BedForces
     at: Float[np.ndarray, "q"]  # [m]
-    stiffness: csc_matrix  # (q, q), of near pairs [N/m]
-    damping: csc_matrix  # likewise [N s/m]
+    stiffness: csc_matrix  # (q, q), near pairs only [N/m]
+    damping: csc_matrix  # (q, q), near pairs only [N s/m]
     mass: csc_matrix  # (q, q) [kg]
-    damping_is_diagonal: bool  # but for a machine's bodies, and so complete
+    damping_is_diagonal: bool  # except for a machine's bodies; then the matrix is complete
 
     @property
     def has_all_modes(self) -> bool:
@@ -60,12 +61,12 @@ class Pencil:
 
     @functools.cached_property
     def full_stiffness(self) -> Float[np.ndarray, "q q"]:
-        """K of all pairs [N/m]."""
+        """Stiffness K of all pairs [N/m]."""
         return _full_matrix(self.stiffness_times, self.bed.size)
 
     @functools.cached_property
     def full_damping(self) -> Float[np.ndarray, "q q"]:
-        """C of all pairs [N s/m]."""
+        """Damping C of all pairs [N s/m]."""
         return _full_matrix(self.damping_times, self.bed.size)
 
     def times(self, s: complex, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
@@ -75,13 +76,13 @@ class Pencil:
 
     def stiffness_times(self, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
         """K u."""
-        return of_parts(functools.partial(self.bed.stiffness_times, self.at), u)
+        return complex_product(functools.partial(self.bed.stiffness_times, self.at), u)
 
     def damping_times(self, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
         """C u."""
         if self.damping_is_diagonal:
             return np.asarray(self.damping @ u)
-        return of_parts(functools.partial(self.bed.resistance_times, self.at), u)
+        return complex_product(functools.partial(self.bed.resistance_times, self.at), u)
 
     def solve(
         self, s: complex, right: Shaped[np.ndarray, "q k"], held: tuple[int, ...] = ()
@@ -116,12 +117,12 @@ class Pencil:
                 full = self.full_stiffness + s * self.full_damping + s * s * self.mass
                 u = np.linalg.solve(np.asarray(full)[np.ix_(free, free)], column)
             elif left > max(STALLED * size, noise):
-                raise InputError("the bed's small motions have no solution here; give a bed that has settled")
+                raise InputError("the equations of small motions could not be solved; give a settled bed")
             result[free, k] = u
         return result
 
     def mass_at(self, coordinate: int) -> float:
-        """Force over acceleration of one coordinate, with all others free [kg]."""
+        """Effective mass of one coordinate, with all others free: force over acceleration [kg]."""
         from scipy.sparse.linalg import spsolve
 
         unit = np.zeros(self.bed.size)
@@ -141,7 +142,7 @@ class Pencil:
     def lowest_modes(
         self, count: int, held: tuple[int, ...] = ()
     ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "q k"]]:
-        """Lowest eigenvalues of the stiffness [N/m], and their vectors, with some coordinates held."""
+        """Lowest eigenvalues of the stiffness [N/m] and their eigenvectors, with some coordinates held."""
         free = np.delete(np.arange(self.bed.size), list(held))
         count = min(count, len(free))
         vectors = np.zeros((self.bed.size, count))
@@ -179,7 +180,7 @@ def make_pencil(bed: BedForces, at: Float[np.ndarray, "q"]) -> Pencil:
 
 
 def _factors(matrix: csc_matrix) -> Any:
-    """Triangular factors of a matrix of symmetric pattern."""
+    """Triangular factors of a matrix with a symmetric pattern."""
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import splu
 
@@ -192,13 +193,13 @@ def _factors(matrix: csc_matrix) -> Any:
         ) from None
 
 
-def of_parts(product: Callable[[np.ndarray], np.ndarray], u: Shaped[np.ndarray, "q"]) -> np.ndarray:
-    """Product of a real matrix and a vector that may be complex."""
+def complex_product(product: Callable[[np.ndarray], np.ndarray], u: Shaped[np.ndarray, "q"]) -> np.ndarray:
+    """Product of a real matrix with a real or complex vector."""
     return product(u.real) + 1j * product(u.imag) if np.iscomplexobj(u) else product(u)
 
 
 def _diagonal_damping(bed: BedForces, at: Float[np.ndarray, "q"]) -> csc_matrix | None:
-    """Return the damping matrix if it is diagonal but for the machine's bodies; None otherwise."""
+    """Return the damping matrix if it is diagonal except for the machine's bodies; otherwise None."""
     from scipy.sparse import block_diag, diags
 
     trial = np.random.default_rng(0).uniform(0.5, 1.0, bed.size)
@@ -224,7 +225,7 @@ def _full_matrix(product: Callable[[np.ndarray], np.ndarray], size: int) -> Floa
 def _near_matrix(
     groups: list[np.ndarray], near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], size: int
 ) -> csc_matrix:
-    """Matrix of the entries in ``near``, from one product for each group of columns that share no row."""
+    """Matrix of the entries in ``near``, from one product for each group of columns without common rows."""
     from scipy.sparse import csc_matrix
 
     values = np.zeros(near.nnz)
@@ -242,12 +243,10 @@ def _near_matrix(
 def _without_far_pairs(
     near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], grains: int
 ) -> csc_matrix:
-    """Take far pairs from the grains' own entries too, so that all grains shifted by one answer as they do.
-
-    Else long waves, which far grains follow, would be much too stiff, and GMRES slow in large beds.
-    """
+    """Remove far pairs from the diagonal entries too, so that a uniform shift has the correct response."""
     from scipy.sparse import csc_matrix, diags
 
+    # Otherwise long waves, which distant grains follow, would be much too stiff and GMRES slow in large beds.
     x, y = np.zeros((2, near.shape[0]))
     x[:grains], y[grains : 2 * grains] = 1.0, 1.0
     of_x, of_y = product(x) - near @ x, product(y) - near @ y
@@ -259,7 +258,7 @@ def _without_far_pairs(
 
 
 def _near_columns(bed: BedForces, at: Float[np.ndarray, "q"]) -> tuple[list[np.ndarray], csc_matrix]:
-    """Group columns that share no row of near pairs; also the pattern of near pairs."""
+    """Group columns without common rows of near pairs; also return the pattern of near pairs."""
     from scipy.sparse import bmat, csc_matrix, identity
     from scipy.spatial import cKDTree
 
@@ -283,7 +282,7 @@ def _near_columns(bed: BedForces, at: Float[np.ndarray, "q"]) -> tuple[list[np.n
 
 
 def _colour_apart(tree: Any, reach: float) -> np.ndarray:
-    """Give each grain the smallest number that no grain within reach has."""
+    """Give each grain the smallest colour that no grain within reach has."""
     near = tree.query_ball_point(tree.data, reach)
     colours = np.full(tree.n, -1)
     for grain, others in enumerate(near):

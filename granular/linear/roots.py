@@ -1,15 +1,16 @@
 """Roots, normal modes and harmonic response of a bed's small motions.
 
-A motion u exp(s t) is free if (K + s C + s^2 M) u = 0. With symmetric matrices, the piston's receptance is
+A free motion u exp(s t) satisfies (K + s C + s^2 M) u = 0. With symmetric matrices, the piston's receptance
+is
 
     h(s) = sum over roots of u_z^2 / (u^T (2 s_k M + C) u) / (s - s_k),
 
 so each root has a residue, and 1/h is the dynamic stiffness at the piston.
 
-A method of integration has another root at a time step. Some steps of the compiled loop are a map of
-coordinates and velocities; about the equilibrium it multiplies the motion of a root by exp(s T). Its own
-multiplier follows from the exact motion w = (u, s u) and the left eigenvector y = (s M u + C u, M u) as
-(y^T map w)/(y^T w): the error is the square of that of w.
+An integration method changes a root slightly, depending on the time step. Several steps of the compiled loop
+map coordinates and velocities; about the equilibrium the exact map multiplies the motion of a root by exp(s
+T). The multiplier of the method follows from the exact motion w = (u, s u) and the left eigenvector y = (s M
+u + C u, M u) as (y^T map w)/(y^T w), with an error of second order in the error of w.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import numpy as np
 from granular.kernel_data.state import HEIGHT, SPEED
 from granular.linear.bed_forces import BedForces, check_free_piston, difference
 from granular.linear.equilibrium import Equilibrium, held_shifts
-from granular.linear.pencil import Pencil, of_parts
+from granular.linear.pencil import Pencil, complex_product
 from granular.methods.method import Method
 from granular.run.engines import NO_TICKS, UNDIVIDED, UNWATCHED
 from granular.run.plan import plan
@@ -33,10 +34,11 @@ from granular.shared.array_types import Complex, Float, Shaped
 from granular.shared.errors import InputError
 
 LOWEST = 40
-"""Modes of a bed whose matrices are not full."""
+"""Default number of modes of a bed without full matrices."""
 
 BELOW = 1e-3
-"""Shift of the search for them, below zero, over the largest stiffness of a coordinate and its mass."""
+"""Shift of the search for modes, below zero, relative to the largest stiffness of a coordinate over its
+mass."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,11 +48,11 @@ class NormalModes:
     Attributes
     ----------
     squared_angular_frequencies : float64 (k,)
-        Rising; negative where the state is unstable [1/s^2].
+        Increasing; negative for unstable modes [1/s^2].
     shapes : float64 (q, k)
-        Displacements of all coordinates in each mode, of modal mass 1 kg [m].
+        Displacements of all coordinates in each mode, for a modal mass of 1 kg [m].
     frequencies : float64 (k,)
-        [Hz]; NaN where unstable.
+        Frequencies [Hz]; NaN for unstable modes.
     """
 
     squared_angular_frequencies: Float[np.ndarray, "k"]
@@ -58,21 +60,21 @@ class NormalModes:
 
     @property
     def frequencies(self) -> Float[np.ndarray, "k"]:
-        """Frequencies [Hz]; NaN where unstable."""
+        """Frequencies [Hz]; NaN for unstable modes."""
         squares = self.squared_angular_frequencies
         return np.where(squares >= 0.0, np.sqrt(np.abs(squares)) / (2.0 * math.pi), np.nan)
 
 
 def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
-    """Find the lowest normal modes of a bed, without its damping.
+    """Find the lowest undamped normal modes of a bed.
 
     Parameters
     ----------
     rest : Equilibrium
         Equilibrium of a bed.
     count : int, optional
-        Number of modes; without, all of a bed of at most `granular.linear.pencil.DENSE` coordinates, and 40
-        of a larger one.
+        Number of modes; if not given, all modes of a bed of up to `granular.linear.pencil.DENSE` coordinates,
+        and 40 of a larger bed.
 
     Returns
     -------
@@ -91,7 +93,7 @@ def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
     shape = (pencil.bed.size, pencil.bed.size)
     undamped = dataclasses.replace(pencil, damping=csc_matrix(shape), damping_is_diagonal=True)
     scale = float(np.abs(pencil.stiffness.diagonal()).max() / pencil.mass.diagonal().max())
-    # Below zero, since the shifts of a periodic cell have no stiffness.
+    # Below zero, because uniform shifts in a periodic cell have no stiffness.
     sigma = -BELOW * scale
     inverse = LinearOperator(shape, lambda u: undamped.solve(math.sqrt(-sigma), u.reshape(-1, 1))[:, 0])
     product = LinearOperator(shape, lambda u: pencil.times(0.0, u.ravel()))
@@ -99,22 +101,24 @@ def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
 
 
 MASS_FRACTION = 0.05
-"""Residue over the largest one from which a root counts as one of the piston's."""
+"""Minimum residue, relative to the largest one, of a root of the piston."""
 
 MOST_ROOTS = 8
-"""Number of undamped modes that a search of roots begins with."""
+"""Number of undamped modes used as starting points for roots."""
 
 SMALLEST_FRACTION = 0.5
-"""Sum of the roots' fractions below which the piston creeps more than it oscillates."""
+"""Sum of the oscillatory roots' fractions below which the piston creeps more than it oscillates."""
 
 REAL = 1e-6
-"""Im s over |s| below which rounding alone makes a root complex: two real ones merge as its square root."""
+"""Im s over |s| below which a root is complex only by rounding: two merging real roots separate as the square
+root."""
 
 ROUNDED = 1e-9
-"""Relative step below which one above half of the last is rounding: 5e-11 in a mesh of 23,552 grains."""
+"""Relative step below which a step of more than half the previous one is due to rounding: 5e-11 in a mesh of
+23,552 grains."""
 
 MOST_STEPS = 30
-"""Most of Newton's steps to a root; from the oscillator of the static shape it takes five."""
+"""Maximum number of Newton steps to a root; five are needed from the oscillator with the static shape."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -126,12 +130,12 @@ class Root:
     s : complex
         Root [1/s]; the motion is u exp(s t).
     shape : complex (q,)
-        u, the displacements of all coordinates over that of the piston; see `granular.linear.bed_forces`.
+        u, ratio of the displacement of each coordinate to the piston's; see `granular.linear.bed_forces`.
     residue : complex
         Residue of the piston's receptance [s/kg].
     mass_fraction : float
-        Twice Re(s residue) times the mass that resists a jerk of the piston, on a machine with its recoil:
-        over all roots, real ones with half of it, these fractions add up to 1.
+        Twice Re(s residue) times the effective mass against a sudden acceleration of the piston (on a
+        machine, including its recoil). Over all roots these fractions add up to 1, if real roots count half.
     frequency : float
         Natural frequency |s|/(2 pi) [Hz].
     damping_ratio : float
@@ -150,12 +154,12 @@ class Root:
 
     @property
     def damping_ratio(self) -> float:
-        """Damping over the critical one."""
+        """Damping over critical damping."""
         return -self.s.real / abs(self.s) + 0.0
 
 
 def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
-    """Find the roots that the piston moves by, the one of the largest residue first.
+    """Find the roots of the piston's motion, the root with the largest residue first.
 
     Parameters
     ----------
@@ -165,25 +169,25 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
     Returns
     -------
     tuple of Root
-        All whose residue is a twentieth of the largest one or more, of those next to the undamped modes in
-        which the piston takes part.
+        Roots near the undamped modes in which the piston participates, with a residue of a twentieth of the
+        largest one or more.
 
     Raises
     ------
     InputError
-        If the bed has no free piston, is not stable, or is damped so much that real roots hold half of the
-        piston's motion or more.
+        If the bed has no free piston, is unstable, or is damped so strongly that real roots account for half
+        of the piston's motion or more.
     """
     pencil, piston = rest.pencil, require_free_piston(rest)
     if pencil.has_all_modes and not rest.is_stable:
         lowest = rest.lowest_stiffness[0]
         raise InputError(
-            f"the equilibrium is not stable: an eigenvalue of the stiffness is {lowest:.3g} N/m; give a bed "
-            "that has settled"
+            f"the equilibrium is not stable: an eigenvalue of the stiffness is {lowest:.3g} N/m; "
+            "give a settled bed"
         )
     first = refine_root(pencil, piston, _static_start(pencil, piston))
     roots = [] if first is None else [first]
-    # The fractions of all roots add up to one: beside one of 0.95 no other has a twentieth.
+    # The fractions of all roots add up to one: if one is 0.95, no other exceeds a twentieth.
     if pencil.has_all_modes and (first is None or first.mass_fraction < 1.0 - MASS_FRACTION):
         for start in _mode_starts(rest, piston):
             root = refine_root(pencil, piston, start)
@@ -192,26 +196,27 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
     fraction = sum(root.mass_fraction for root in roots)
     if not roots or (pencil.has_all_modes and fraction < SMALLEST_FRACTION):
         raise InputError(
-            f"oscillations hold {fraction:.2g} of the piston's motion and creep the rest; lower the drag"
+            f"oscillations account for {fraction:.2g} of the piston's motion and creep for the "
+            "rest; reduce the drag"
         )
     roots.sort(key=lambda root: -abs(root.residue))
     return tuple(root for root in roots if abs(root.residue) >= MASS_FRACTION * abs(roots[0].residue))
 
 
 def require_free_piston(rest: Equilibrium) -> int:
-    """Return the index of the free piston's coordinate."""
+    """Return the coordinate index of the free piston; raise an error if there is no free piston."""
     check_free_piston(rest.scene)
     assert rest.pencil.bed.piston is not None
     return rest.pencil.bed.piston
 
 
 def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
-    """Refine a root by Newton's method on the dynamic stiffness at the piston; None if it is none [1/s]."""
+    """Refine a root by Newton's method on the piston's dynamic stiffness; None if it fails [1/s]."""
     before = math.inf
     for _ in range(MOST_STEPS):
         shape = _shape_at(pencil, piston, s, ())
         value = complex(shape @ pencil.times(s, shape))
-        slope = complex(shape @ slope_times(pencil, s, shape))
+        slope = complex(shape @ stiffness_derivative_times(pencil, s, shape))
         change = value / slope
         s -= change
         size = abs(change / s)
@@ -222,18 +227,20 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
     return None
 
 
-def slope_times(pencil: Pencil, s: complex, shape: Complex[np.ndarray, "q"]) -> Complex[np.ndarray, "q"]:
-    """(C + 2 s M) u, the derivative of the dynamic stiffness."""
+def stiffness_derivative_times(
+    pencil: Pencil, s: complex, shape: Complex[np.ndarray, "q"]
+) -> Complex[np.ndarray, "q"]:
+    """Return (C + 2 s M) u, the derivative of (K + s C + s^2 M) u by s."""
     return pencil.damping_times(shape) + 2.0 * s * (pencil.mass @ shape)
 
 
 def static_shape(pencil: Pencil, piston: int) -> Float[np.ndarray, "q"]:
-    """Displacements of all coordinates over the piston's, if they follow its height at once."""
+    """Displacements of all coordinates relative to the piston's, if they follow its height instantly."""
     return _shape_at(pencil, piston, 0.0, held_shifts(pencil.bed))
 
 
 def _shape_at(pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]) -> Shaped[np.ndarray, "q"]:
-    """Displacements of all coordinates over the piston's, if it moves as exp(s t) [1/s]."""
+    """Displacements of all coordinates relative to the piston's, if it moves as exp(s t) [1/s]."""
     unit = np.zeros(pencil.bed.size, np.result_type(s))
     unit[piston] = 1.0
     column = -pencil.times(s, unit)
@@ -242,7 +249,7 @@ def _shape_at(pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]) ->
 
 
 def _static_start(pencil: Pencil, piston: int) -> complex:
-    """Root of the piston with all grains that follow its height at once [1/s]."""
+    """Root of the piston if all grains follow its height instantly [1/s]."""
     shape = static_shape(pencil, piston)
     stiffness = float(shape @ pencil.times(0.0, shape))
     damping = float(shape @ pencil.damping_times(shape))
@@ -252,9 +259,9 @@ def _static_start(pencil: Pencil, piston: int) -> complex:
 def modal_coordinate(
     pencil: Pencil, root: Root, displacement: Float[np.ndarray, "q"], velocity: Float[np.ndarray, "q"]
 ) -> complex:
-    """Part a of a root in a state: the piston's displacement by it is 2 Re(a exp(s t)); [m], [m/s]."""
-    # By the left eigenvector, which is the shape itself as the matrices are symmetric.
-    inertia = slope_times(pencil, root.s, root.shape)
+    """Modal coordinate a of a root in a state: it moves the piston by 2 Re(a exp(s t)); [m], [m/s]."""
+    # Uses the left eigenvector, which equals the shape because the matrices are symmetric.
+    inertia = stiffness_derivative_times(pencil, root.s, root.shape)
     weights = inertia - root.s * (pencil.mass @ root.shape)
     state = (pencil.mass @ root.shape) @ velocity + weights @ displacement
     return complex(state / (root.shape @ inertia))
@@ -265,7 +272,7 @@ def _root_of_oscillator(mass: float, damping: float, stiffness: float) -> comple
 
 
 def _mode_starts(rest: Equilibrium, piston: int) -> list[complex]:
-    """Roots of the undamped modes that the piston takes part in most, each by its own damping [1/s]."""
+    """Approximate roots of the modes in which the piston participates most, with modal damping [1/s]."""
     pencil, modes = rest.pencil, normal_modes(rest)
     fractions = modes.shapes[piston] ** 2
     chosen = np.argsort(-fractions)[:MOST_ROOTS]
@@ -280,60 +287,63 @@ def _mode_starts(rest: Equilibrium, piston: int) -> list[complex]:
 def root_of_steps(
     rest: Equilibrium, root: Root, dt: float, method: str | Method = "stormer-verlet"
 ) -> complex:
-    """Find the root that a method's motion has in place of an exact one.
+    """Find the root that an integration method produces instead of an exact root.
 
     Parameters
     ----------
     rest : Equilibrium
-        Equilibrium of a bed that no machine carries.
+        Equilibrium of a bed that is not carried by a machine.
     root : Root
         Exact root.
     dt : float
         Time step [s], above 0.
     method : str or Method
-        Method of integration, as `granular.simulate` takes it.
+        Integration method, as in `granular.simulate`.
 
     Returns
     -------
     complex
-        Root of the motion at that step [1/s].
+        Root of the motion with that time step [1/s].
 
     Raises
     ------
     InputError
-        If a machine carries the bed, the method's step has no fixed length, or it takes no drag.
+        If a machine carries the bed, the method has variable steps, or it does not support drag.
     """
     bed = rest.pencil.bed
     if bed.machine is not None or bed.bath_rate:
         raise InputError(
-            "the step of a machine or a bath is no map of the bed alone; compare two runs instead"
+            "with a machine or a heat bath, a step is not a map of the bed's state only; "
+            "compare two runs instead"
         )
-    chosen = plan(bed.scene, dt, method, threads=1)
-    if chosen.method.variable:
-        raise InputError(f"{chosen.method.name!r} varies its step; give a method of equal steps")
-    if chosen.method.tableau is not None and rest.pencil.damping.max() > 0.0:
-        raise InputError(f"{chosen.method.name!r} takes no drag; give 'stormer-verlet', or a bed without it")
-    far = chosen.system.constants.acting.far
-    steps = (far.every or 1) if far is not None else 1
-    advance = functools.partial(_advance, RunState(chosen), bed, dt, steps)
+    run_plan = plan(bed.scene, dt, method, threads=1)
+    if run_plan.method.variable:
+        raise InputError(f"{run_plan.method.name!r} varies its step; give a method with constant steps")
+    if run_plan.method.tableau is not None and rest.pencil.damping.max() > 0.0:
+        raise InputError(
+            f"{run_plan.method.name!r} does not support drag; give 'stormer-verlet', or a bed without drag"
+        )
+    far_field = run_plan.system.constants.acting.far
+    steps = (far_field.every or 1) if far_field is not None else 1
+    advance = functools.partial(_advance, RunState(run_plan), bed, dt, steps)
     motion = np.concatenate([root.shape, root.s * root.shape * bed.scales.time])
     start = np.concatenate([rest.pencil.at, np.zeros(bed.size)])
     displacement = bed.displacement_at(rest.pencil.at) * bed.length
-    mapped = of_parts(lambda w: difference(advance, start, w, displacement), motion)
-    left = np.concatenate(
+    mapped = complex_product(lambda w: difference(advance, start, w, displacement), motion)
+    left_eigenvector = np.concatenate(
         [
             root.s * (rest.pencil.mass @ root.shape) + rest.pencil.damping_times(root.shape),
             (rest.pencil.mass @ root.shape) / bed.scales.time,
         ]
     )
-    multiplier = complex((left @ mapped) / (left @ motion))
+    multiplier = complex((left_eigenvector @ mapped) / (left_eigenvector @ motion))
     return cmath.log(multiplier) / (steps * dt)
 
 
 def _advance(
     run: RunState, bed: BedForces, dt: float, steps: int, start: Float[np.ndarray, "2q"]
 ) -> Float[np.ndarray, "2q"]:
-    """Coordinates, and velocities times the natural unit of time, after some steps [m]."""
+    """Coordinates [m], and velocities times the natural unit of time [m], after some steps."""
     state, n, length = run.state, bed.grains, bed.length
     q, v = start[: bed.size] / length, start[bed.size :] / length
     state.x[:n], state.y[:n], state.vx[:n], state.vy[:n] = q[:n], q[n : 2 * n], v[:n], v[n : 2 * n]
@@ -351,7 +361,7 @@ def _advance(
 
 
 def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> Complex[np.ndarray, "f"]:
-    """Force on the piston over its displacement, at each frequency.
+    """Dynamic stiffness at the piston: force over displacement, at each frequency.
 
     Parameters
     ----------
@@ -363,8 +373,8 @@ def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) ->
     Returns
     -------
     complex128 (f,)
-        Storage stiffness as the real part, loss stiffness as the imaginary one, both of bed and piston with
-        their inertia [N/m].
+        Storage stiffness (real part) and loss stiffness (imaginary part) of bed and piston, including inertia
+        [N/m].
 
     Raises
     ------
@@ -374,16 +384,16 @@ def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) ->
     piston = require_free_piston(rest)
     force = np.zeros(rest.pencil.bed.size)
     force[piston] = 1.0
-    return 1.0 / harmonic_answers(rest, frequencies, force)[:, piston]
+    return 1.0 / harmonic_displacements(rest, frequencies, force)[:, piston]
 
 
 def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> Complex[np.ndarray, "f"]:
-    """Displacement of the piston in the laboratory over that of the base, which moves up and down.
+    """Transmissibility: displacement of the piston in the laboratory over vertical displacement of the base.
 
     Parameters
     ----------
     rest : Equilibrium
-        Equilibrium of a bed with a free piston; its cell stands on the base, or on a machine that does.
+        Equilibrium of a bed with a free piston; its cell stands on the base, or on a machine on the base.
     frequencies : float (f,)
         Frequencies [Hz].
 
@@ -399,11 +409,11 @@ def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> 
     """
     piston = require_free_piston(rest)
     frame, uplift = rest.pencil.bed.frame_and_uplift()
-    moved = harmonic_answers(rest, frequencies, -(rest.pencil.mass @ uplift), 2)
+    moved = harmonic_displacements(rest, frequencies, -(rest.pencil.mass @ uplift), 2)
     return 1.0 + moved[:, piston] + moved @ frame
 
 
-def harmonic_answers(
+def harmonic_displacements(
     rest: Equilibrium, frequencies: Float[np.ndarray, "f"], force: Float[np.ndarray, "q"], power: int = 0
 ) -> Complex[np.ndarray, "f q"]:
     """Displacements of all coordinates [m] under a force [N] times (i omega)^power; frequencies [Hz]."""

@@ -1,11 +1,11 @@
-"""All that is known of a bed's small motions, in one result, with slopes by every number of its scene.
+"""Small motions of a bed in one result, with slopes with respect to every value of its scene.
 
-Slopes need no run. For a parameter p, the equilibrium moves by dq/dp = K^-1 dF/dp, and a root s, whose motion
-is u, by
+Slopes need no simulation. For a parameter p, the equilibrium moves by dq/dp = K^-1 dF/dp, and a root s with
+shape u by
 
     ds/dp = -(d/dp) (u^T (K + s C + s^2 M) u) / (u^T (C + 2 s M) u)
 
-along p and q(p), as the root is stationary against changes of u. Both derivatives are differences.
+along p and q(p), because the root is stationary with respect to u. Both derivatives are finite differences.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 
 from granular.linear.bed_forces import BedForces, scaled_parameter
 from granular.linear.equilibrium import Equilibrium, equilibrium, held_shifts
-from granular.linear.pencil import of_parts
+from granular.linear.pencil import complex_product
 from granular.linear.roots import (
     NormalModes,
     Root,
@@ -29,7 +29,7 @@ from granular.linear.roots import (
     normal_modes,
     piston_roots,
     require_free_piston,
-    slope_times,
+    stiffness_derivative_times,
 )
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
@@ -41,21 +41,21 @@ from granular.shared.errors import InputError
 from granular.shared.html_pages import Shown
 
 CHANGE, SHIFT = 3e-4, 5e-4
-"""Relative change of a parameter: the square of it times the cube of a power, 20 of r^-5, is 1e-5; and the
-largest change of a side of the cell, whose wall comes so much nearer to the grains [D]."""
+"""Relative change of a parameter: for r^-5, the relative error, 20 times its square, is 1e-5. Second, the
+maximum change of a side of the cell, which moves a wall towards the grains [D]."""
 
 IN_CONTACT = 0.1
-"""Relative change of a diameter in contact over the displacement in a difference of forces."""
+"""Relative change of a diameter in contact, over the displacement in a finite difference of forces."""
 
 _PARTS = ("grains", "cell", "piston", "effects")
 _WITHOUT_SLOPES = ("piston.height", "grains.seed", "grains.count", "grains.temperature")
-"""Numbers of the start, counts, and degrees Celsius, whose zero is a convention."""
+"""Keys without slopes: initial conditions, counts, and degrees Celsius, whose zero is a convention."""
 _NAMED = {"grains.grade": "grains.remanence", "effects.drag.liquid": "effects.drag.viscosity"}
-"""Keys that name a material, and the number that follows."""
+"""Keys that choose a material, and the value that follows from it."""
 
 
 class Slopes(NamedTuple):
-    """Logarithmic slopes of a damper's figures with its numbers.
+    """Logarithmic slopes of a damper's figures with respect to the values of its scene.
 
     Attributes
     ----------
@@ -69,12 +69,12 @@ class Slopes(NamedTuple):
     values: Float[np.ndarray, "k 3"]
 
     def of(self, key: str) -> Float[np.ndarray, "3"]:
-        """Return the slopes of rest, frequency and damping ratio with one number.
+        """Return the slopes of rest, frequency and damping ratio with respect to one value.
 
         Parameters
         ----------
         key : str
-            Dotted key of the number.
+            Dotted key of the value.
 
         Returns
         -------
@@ -84,11 +84,11 @@ class Slopes(NamedTuple):
         Raises
         ------
         InputError
-            If the scene has no such number.
+            If the scene has no such value.
         """
         if key not in self.keys:
             raise InputError(
-                f"{key!r} is no number of the scene that counts; there are {', '.join(self.keys)}"
+                f"{key!r} is not a number of the scene with slopes; give one of {', '.join(self.keys)}"
             )
         return np.asarray(self.values[self.keys.index(key)])
 
@@ -101,10 +101,10 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
     rest : Equilibrium
         Equilibrium of a bed with a free piston.
     keys : sequence of str, optional
-        Dotted keys of the scene's numbers; without, all numbers of grains, cell, piston and effects that are
-        not 0.
+        Dotted keys of the scene's values; if not given, all values of grains, cell, piston and effects that
+        are not 0.
     root : Root, optional
-        Root whose frequency and damping ratio are meant; the piston's first one if not given.
+        Root whose frequency and damping ratio are differentiated; the piston's first root if not given.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
     Raises
     ------
     InputError
-        If the bed has no free piston, or a key is no number of the scene.
+        If the bed has no free piston, or a key is not a number of the scene.
     """
     piston, pencil = require_free_piston(rest), rest.pencil
     root = root or piston_roots(rest)[0]
@@ -130,14 +130,14 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
         for (up, down), change in zip(changed, changes, strict=True)
     ]
     moves = pencil.solve(0.0, np.stack(pushes, axis=1), held_shifts(pencil.bed))
-    stiffness = complex(root.shape @ slope_times(pencil, root.s, root.shape))
+    stiffness = complex(root.shape @ stiffness_derivative_times(pencil, root.s, root.shape))
     values = np.empty((len(keys), 3))
     for k, (up, down) in enumerate(changed):
         move, change = moves[:, k], changes[k]
         along = _work(up, at + change * move, root) - _work(down, at - change * move, root)
         relative = -along / (2.0 * change) / stiffness / root.s
-        # d ln |s| = Re(ds/s); zeta = -cos(arg s), so d zeta = sin(arg s) d arg s.
-        # Without damping there is none to change.
+        # d ln |s| = Re(ds/s); zeta = -cos(arg s), so d zeta = sin(arg s) d arg s. Without damping the slope
+        # of the damping ratio is zero.
         ratio = root.damping_ratio
         damping = relative.imag * np.sin(np.angle(root.s)) / ratio if ratio > 0.0 else 0.0
         values[k] = move[piston] / at[piston], relative.real, damping
@@ -145,7 +145,7 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
 
 
 def number_keys(scene: Scene) -> list[str]:
-    """Dotted keys of all numbers that may enter forces, masses or resistance, but for zeros."""
+    """Dotted keys of all nonzero values that may enter forces, masses or resistance."""
     plain = scene.to_plain()
     keys = [key for part in _PARTS for key in _number_keys(plain.get(part), part)]
     keys += [number for name, number in _NAMED.items() if find_value(scene, name) and number not in keys]
@@ -157,14 +157,14 @@ def _number_keys(plain: Any, path: str) -> list[str]:
         return [key for name, part in plain.items() for key in _number_keys(part, f"{path}.{name}")]
     if isinstance(plain, list):
         return [key for index, part in enumerate(plain) for key in _number_keys(part, f"{path}.{index}")]
-    # Magnets of a row that touch leave no room for a smaller pitch.
-    # One corner of a polygon alone would leave its neighbours behind.
+    # Touching magnets of a row do not allow a smaller pitch. Moving a single corner of a polygon would
+    # separate it from its neighbours.
     counts = isinstance(plain, float) and plain != 0.0 and not path.endswith((".share", ".pitch"))
     return [path] if counts and ".excitation." not in path and not path.startswith("cell.sides.") else []
 
 
 def _relative_change(rest: Equilibrium, key: str) -> float:
-    """Relative change of a number: grains in contact overlap by much less than their diameter."""
+    """Relative change of a value; smaller for grains in contact, whose overlap is small."""
     scene = rest.scene
     if scene.effects.contact is not None and key.endswith(".diameter"):
         return min(CHANGE, IN_CONTACT * rest.pencil.bed.displacement_at(rest.pencil.at))
@@ -181,21 +181,22 @@ def _changed_bed(rest: Equilibrium, key: str, factor: float) -> BedForces:
 
 
 def _work(bed: BedForces, at: Float[np.ndarray, "q"], root: Root) -> complex:
-    """u^T (K + s C + s^2 M) u of a changed bed at its own equilibrium."""
+    """Evaluate u^T (K + s C + s^2 M) u of a changed bed at its equilibrium."""
     shape, s = root.shape, root.s
     total = s * s * (bed.mass_matrix() @ shape)
-    total = total + of_parts(functools.partial(bed.stiffness_times, at), shape)
-    return complex(shape @ (total + s * of_parts(functools.partial(bed.resistance_times, at), shape)))
+    total = total + complex_product(functools.partial(bed.stiffness_times, at), shape)
+    return complex(shape @ (total + s * complex_product(functools.partial(bed.resistance_times, at), shape)))
 
 
 DRY_FRICTION = (
-    "dry friction is not in the equilibrium: it holds the bed anywhere within its force over the stiffness"
+    "dry friction is not included in the equilibrium: it can hold the bed anywhere "
+    "within its force over the stiffness"
 )
 NOT_FLOWS = ("bath", "host")
-"""Effects whose resistance is added to that of the loop's kick."""
+"""Effects whose resistance is added to the resistance in the loop's kick."""
 
 NO_SLOPE = 1e-6
-"""Slope below which a number has no part in the forces: rounding leaves 1e-9 (see `CHANGE`)."""
+"""Slope below which a value does not enter the forces: rounding leaves 1e-9 (see `CHANGE`)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -207,25 +208,25 @@ class SmallMotions(Shown):
     rest : Equilibrium
         Equilibrium.
     roots : tuple of Root
-        Roots that the piston moves by, the one of the largest residue first.
+        Roots of the piston's motion, the root with the largest residue first.
     modes : NormalModes
-        Modes without damping.
+        Undamped normal modes.
     participation : float64 (k,)
-        Share of each mode in the piston's motion after a push; over all modes they add up to 1.
+        Fraction of each mode in the piston's motion after a push; the fractions of all modes add up to 1.
     stiffness : float
-        Force on the piston over its displacement, held still [N/m].
+        Static stiffness: force on the piston over its displacement [N/m].
     dynamic_stiffness : complex
         Storage and loss stiffness of the bed at the first root's frequency [N/m]; NaN on a machine.
     moving_mass : float
-        Mass that moves along: with it, the piston on ``stiffness`` has the first root [kg]; NaN on a machine.
+        Added mass with which the piston on ``stiffness`` has the first root [kg]; NaN on a machine.
     damping : float
         Dashpot of that oscillator [N s/m]; NaN on a machine.
     loss_shares : dict of str to float
-        Share of each effect in the energy that the first root loses.
+        Fraction of each effect in the energy dissipated in the first root.
     slopes : Slopes
         Logarithmic slopes of equilibrium height, frequency and damping ratio.
     deviation : float64 (k, 3) or None
-        Standard deviation of the slopes from bed to bed, if they are means over beds.
+        Standard deviation of the slopes over beds, if they are means over beds.
     """
 
     rest: Equilibrium
@@ -241,12 +242,12 @@ class SmallMotions(Shown):
     deviation: Float[np.ndarray, "k 3"] | None = None
 
     def to_plain(self) -> dict[str, Any]:
-        """Return the figures as plain data, in SI.
+        """Return equilibrium, roots and slopes as plain data, in SI.
 
         Returns
         -------
         dict of str to Any
-            Figures by name; the modes are left to `granular.linear.normal_modes`.
+            Values by name, without the modes, which `granular.linear.normal_modes` gives.
         """
         roots = [
             {name: getattr(root, name) for name in ("frequency", "damping_ratio", "mass_fraction")}
@@ -272,7 +273,7 @@ class SmallMotions(Shown):
         }
 
     def blocks(self) -> list[Block]:
-        """Figures, and the table of slopes.
+        """Text of the figures, and the table of slopes.
 
         Returns
         -------
@@ -285,14 +286,14 @@ class SmallMotions(Shown):
 
     @property
     def figures_text(self) -> str:
-        """Equilibrium, roots, stiffness, mass and damping in lines."""
+        """Equilibrium, roots, stiffness, mass and damping as lines of text."""
         rest, scene, at_root = self.rest, self.rest.scene, self.dynamic_stiffness
         assert rest.piston_height is not None
         stable = "stable" if rest.is_stable else "NOT STABLE"
         lowest = ", ".join(f"{value:.4g}" for value in rest.lowest_stiffness[:3])
         lines = [
             f"{scene.name}: {scene.grains.count} magnets, small motions about the equilibrium",
-            f"  equilibrium    z0    {1e3 * rest.piston_height:.7g} mm     forces left {rest.residual:.1g} N",
+            f"  equilibrium    z0    {1e3 * rest.piston_height:.7g} mm     residual {rest.residual:.1g} N",
             f"  stability            {stable:14}  lowest eigenvalues {lowest} N/m",
         ]
         lines += [
@@ -304,7 +305,7 @@ class SmallMotions(Shown):
         if not math.isnan(self.moving_mass):
             lines[-1] += f"     storage {at_root.real:.5g}, loss {at_root.imag:.4g} N/m at f0"
             lines.append(
-                f"  moves along    m     {self.moving_mass:.4g} kg      damping c {self.damping:.5g} N s/m"
+                f"  moving mass    m     {self.moving_mass:.4g} kg      damping c {self.damping:.5g} N s/m"
             )
         losses = ", ".join(f"{name} {100.0 * part:.4g} %" for name, part in self.loss_shares.items())
         if losses:
@@ -315,7 +316,7 @@ class SmallMotions(Shown):
 
 
 def slope_rows(motions: SmallMotions) -> list[tuple[str, ...]]:
-    """Rows of the table of slopes, without numbers that change nothing."""
+    """Rows of the table of slopes, without values that have no effect."""
     values = motions.slopes.values
     texts = np.char.mod("%+.4f", values)
     if motions.deviation is not None:
@@ -330,7 +331,7 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
     Parameters
     ----------
     source : Scene, Trajectory, Equilibrium, str or Path
-        Equilibrium of a bed, or what `granular.equilibrium` takes.
+        Equilibrium of a bed, or any source accepted by `granular.equilibrium`.
 
     Returns
     -------
@@ -374,7 +375,7 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
 
 
 def loss_shares(rest: Equilibrium, root: Root) -> dict[str, float]:
-    """Find the share of each effect in the energy that a root loses."""
+    """Find the fraction of each effect in the energy dissipated in a root."""
     pencil, scene, shape = rest.pencil, rest.scene, root.shape
     bed = pencil.bed
     flows = [
@@ -386,19 +387,21 @@ def loss_shares(rest: Equilibrium, root: Root) -> dict[str, float]:
     losses = {"bath": bed.bath_rate * float(grains @ bed.masses()[: 2 * bed.grains])}
     if scene.piston is not None and bed.piston is not None:
         losses["piston"] = scene.piston.drag * abs(shape[bed.piston]) ** 2
-        if scene.piston.has_parts:  # their drag stays where the liquid is taken away
+        if scene.piston.has_parts:  # their drag remains if the liquid is removed
             fixed = {"piston.blade": None, "piston.guide": None, "piston.drag": scene.piston.drag}
             scene = scene.replace(**fixed)
     if bed.machine is not None:
         resistances = bed.machine.resistances(bed.size, bed.piston)
         losses["host"] = float(np.real(shape.conj() @ resistances @ shape))
     total = float(np.real(shape.conj() @ pencil.damping_times(shape)))
-    # The last flow has the remainder, so a scene of one flow needs no other bed, and no other kernel.
-    outside = sum(losses.values())
+    # The last flow gets the remainder, so that a scene with one flow needs no further bed or kernel.
+    known_losses = sum(losses.values())
     for key in flows[:-1]:
-        alone = BedForces(scene.replace(**{f"effects.{other}": None for other in flows if other != key}))
-        lost = of_parts(functools.partial(alone.resistance_times, pencil.at), shape)
-        losses[key] = float(np.real(shape.conj() @ lost)) - outside
+        single_flow = BedForces(
+            scene.replace(**{f"effects.{other}": None for other in flows if other != key})
+        )
+        product = complex_product(functools.partial(single_flow.resistance_times, pencil.at), shape)
+        losses[key] = float(np.real(shape.conj() @ product)) - known_losses
     if flows:
         losses[flows[-1]] = total - sum(losses.values())
     return {name: float(value / total) for name, value in losses.items() if abs(value) > 1e-9 * abs(total)}

@@ -33,19 +33,21 @@ if TYPE_CHECKING:
 
 
 FARTHEST = 10.0
-"""Default of the greatest distance, in mean spacings: farther, large beds would be slow."""
+"""Default maximum distance, in mean spacings; larger values are slow in large beds."""
 
-# Together a tenth of a spacing a bin.
+# With `FARTHEST`, a bin is a tenth of a spacing wide.
 BINS = 100
 
 
 class PairDistanceFunction(NamedTuple):
-    """A function of the distance of two grains, in bins (lower edge, upper edge]."""
+    """A function of the distance between two grains, in bins (lower edge, upper edge]."""
 
     edges: Float[np.ndarray, "k+1"]  # edges of the bins [m], increasing
     values: Float[np.ndarray, "k"]  # NaN in bins without pairs, if it is a mean over pairs
     pairs: Int[np.ndarray, "k"]  # pairs i < j in each bin
-    weights: Float[np.ndarray, "k"]  # of frames in a mean over them: the pairs, or those expected
+    weights: Float[
+        np.ndarray, "k"
+    ]  # weight of this frame in a mean over frames: its pairs, or its expected pairs
 
 
 def per_distance(
@@ -55,18 +57,18 @@ def per_distance(
     start: float = 0.0,
     stop: float = np.inf,
 ) -> xarray.DataArray:
-    """Evaluate a function of the distance over all pairs of the frames with start <= time <= stop.
+    """Average a function of the pair distance over the frames with start <= time <= stop.
 
     Parameters
     ----------
     run : Trajectory
         Finished run, or one that was cut off.
     function : function of positions (n, 2) [m] and edges (k + 1,) [m]
-        `radial_distribution` or `bond_correlation`, or one's own.
-        Each frame has its own box.
+        `radial_distribution`, `bond_correlation` or a user-defined function. The box is determined for each
+        frame separately.
     edges : float (k + 1,), optional
-        Edges of the bins [m], increasing from 0 or more; if not given, the default ones of the frame whose
-        edges reach least.
+        Edges of the bins [m], increasing from 0 or more; if not given, the default edges of the frame whose
+        last edge is the smallest.
     start, stop : float
         First and last time of the frames [s].
 
@@ -74,13 +76,13 @@ def per_distance(
     -------
     xarray.DataArray
         Mean over the frames, weighted by their pairs (see `PairDistanceFunction`), on ``distance``, the
-        middle of the bins [m]; NaN in bins without pairs; with unit and meaning if the function is an
-        `observable`. Frames in which the grains span no box are left out.
+        centres of the bins [m]; NaN in bins without pairs; with unit and meaning if the function is an
+        `observable`. Frames in which the grains do not span a box are omitted.
 
     Raises
     ------
     InputError
-        As the function, and if no frame lies in the range, or in none the grains span a box.
+        If the function raises it, no frame lies in the range, or the grains do not span a box in any frame.
     """
     chosen = run.dataset["position"].values[select_frames(run, start, stop)]
     frames = box_spanning_frames(run.scene.cell.wrap_positions(chosen))
@@ -98,7 +100,7 @@ def check_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1"]
     """Check the edges of distance bins, and convert them [m]; edges [m]."""
     array = np.asarray(edges, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not (np.diff(array) > 0.0).all() or array[0] < 0.0:
-        raise InputError("edges must be at least two distances that increase from 0 m up; sort them")
+        raise InputError("edges needs 2 or more increasing distances, the first 0 m or more; sort them")
     return array
 
 
@@ -107,17 +109,17 @@ def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, 
     low, high = bounding_box(positions)
     sides = high - low
     if not (sides > 0.0).all():
-        raise InputError("the grains span no box; at least two grains not in a row are needed")
+        raise InputError("the grains do not span a box; give 2 or more grains that are not in a row")
     count = int(is_present(positions).sum())
     spacing = float(np.sqrt(np.prod(sides) / count))
     return np.linspace(0.0, min(0.5 * float(sides.min()), FARTHEST * spacing), BINS + 1)
 
 
 def box_spanning_frames(frames: Float[np.ndarray, "f n 2"]) -> list[np.ndarray]:
-    """Select the frames (n, 2) whose grains span a box, as the last ones of an emptying cell do not [m]."""
+    """Select the frames (n, 2) whose grains span a box, unlike the last frames of an emptying cell [m]."""
     result = [frame for frame in frames if (np.ptp(bounding_box(frame), axis=0) > 0.0).all()]
     if not result:
-        raise InputError("in no frame do the grains span a box; give frames with more grains")
+        raise InputError("the grains do not span a box in any frame; give frames with more grains")
     return result
 
 
@@ -150,13 +152,12 @@ def sum_pair_products(
 def radial_distribution(
     positions: np.ndarray, edges: np.ndarray | None = None, box: np.ndarray | None = None
 ) -> PairDistanceFunction:
-    """Radial distribution g(r): pairs counted over pairs expected without any order, bin by bin.
+    """Radial distribution g(r): ratio of counted pairs to pairs expected without order, in each bin.
 
-    The expectation is exact for N grains in a rectangle a x b, so that no grain need be left out at
-    the rim and g is 1 on average for grains without order, at every distance up to the shorter
-    side: the set covariance of the rectangle, a b - (2/pi) (a + b) r + r^2/pi, weighs 2 pi r dr
-    (Ohser and Stoyan, Biom. J. 23, 523, 1981; Ghosh, Bull. Calcutta Math. Soc. 43, 17, 1951), and
-    is integrated over each bin.
+    The expectation is exact for N grains in a rectangle a x b: 2 pi r dr is weighted by the set covariance of
+    the rectangle, a b - (2/pi) (a + b) r + r^2/pi, and integrated over each bin (Ohser and Stoyan, Biom. J.
+    23, 523, 1981; Ghosh, Bull. Calcutta Math. Soc. 43, 17, 1951). Grains at the rim therefore count as well,
+    and for grains without order g is 1 on average at every distance up to the shorter side.
 
     Parameters
     ----------
@@ -164,22 +165,22 @@ def radial_distribution(
         Positions of the grains [m]; NaN for absent grains.
     edges : float (k + 1,), optional
         Edges of the bins [m], increasing from 0 or more; 100 bins up to half the shorter side of the box of
-        the outermost centres (or 10 mean spacings, where that is less) if not given.
+        the outermost centres (or 10 mean spacings, if that is less) if not given.
     box : float (2, 2), optional
-        Lowest and highest x and y of the rectangle that the grains could be in [m]; that of the
-        outermost centres if not given.
+        Lowest and highest x and y of the rectangle available to the grains [m]; the bounding box of the
+        centres if not given.
 
     Returns
     -------
     PairDistanceFunction
-        Function g of each bin (k,), without unit, 0 in bins without pairs, and the number of its pairs.
+        Value of g in each bin (k,), dimensionless, 0 in bins without pairs, and the number of pairs.
 
     Raises
     ------
     InputError
-        If positions or box have another shape, the edges do not increase from 0 m or more or reach beyond
-        the shorter side of the box, a grain lies outside of the box, there are fewer than two, or they span
-        no box (without ``edges`` or ``box``).
+        If the shape of positions or box is wrong, the edges do not increase from 0 m or more or exceed the
+        shorter side of the box, a grain lies outside the box, there are fewer than two grains, or they do not
+        span a box (without ``edges`` or ``box``).
 
     Examples
     --------
@@ -195,62 +196,62 @@ def radial_distribution(
     """
     points = present_positions(positions)
     if len(points) < 2:
-        raise InputError(f"{len(points)} grains; g(r) needs at least 2")
+        raise InputError(f"{len(points)} grains; g(r) needs 2 or more")
     edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
     box = bounding_box(points) if box is None else np.asarray(box, dtype=np.float64)
     if box.shape != (2, 2):
-        raise InputError(f"the box has the shape {box.shape}; (2, 2) is wanted: lowest and highest x and y")
+        raise InputError(f"the box has the shape {box.shape}; give (2, 2): lowest and highest x and y")
     low, high = box
     if not ((points >= low) & (points <= high)).all():
-        raise InputError("a grain lies outside of the box; give a box that holds all grains")
+        raise InputError("a grain lies outside the box; give a box that contains all grains")
     pairs = count_pairs(points, edges)
     expected = _expected_pair_counts(len(points), high - low, edges)
     return PairDistanceFunction(edges, pairs / expected, pairs, expected)
 
 
 def _expected_pair_counts(count: int, sides: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Pairs i < j in each bin, of grains that are independent and uniform in a rectangle."""
+    """Compute expected pairs i < j in each bin for independent, uniform grains in a rectangle."""
     a, b = (float(side) for side in sides)
     if edges[-1] > min(a, b) * (1.0 + 1e-12):
         raise InputError(
-            f"the last edge, {edges[-1]:.6g} m, is beyond the shorter side of the box, "
-            f"{min(a, b):.6g} m, up to which g(r) is exact; give smaller edges"
+            f"the last edge, {edges[-1]:.6g} m, exceeds the shorter side of the box, "
+            f"{min(a, b):.6g} m, beyond which g(r) is not exact; give smaller edges"
         )
-    # The overlap (a - |x|)(b - |y|) of the box with itself, moved by (x, y), over the disc of radius r: exact
-    # while r is below both sides.
-    nearer = np.pi * a * b * edges**2 - 4.0 / 3.0 * (a + b) * edges**3 + 0.5 * edges**4
-    return np.asarray(0.5 * count * (count - 1) * np.diff(nearer) / (a * b) ** 2)
+    # Integral over the disc of radius r of the overlap (a - |x|)(b - |y|) of the box with a copy shifted by
+    # (x, y); exact for r below both sides.
+    within = np.pi * a * b * edges**2 - 4.0 / 3.0 * (a + b) * edges**3 + 0.5 * edges**4
+    return np.asarray(0.5 * count * (count - 1) * np.diff(within) / (a * b) ** 2)
 
 
 @observable("1", "spatial correlation")
 def spatial_correlation(
     positions: np.ndarray, values: np.ndarray, edges: np.ndarray | None = None
 ) -> PairDistanceFunction:
-    """Spatial correlation <dv(0) dv(r)>/<dv^2>, dv being a grain's deviation from the mean value.
+    """Spatial correlation <dv(0) dv(r)>/<dv^2>, where dv is a grain's deviation from the mean value.
 
-    It is Pearson's correlation of pairs at a distance, with the mean and variance of all grains: positive
-    where both deviate the same way, and 0 where they are independent. In mixtures take values over the
-    mean of their species, or the order of the species is what is found.
+    It is Pearson's correlation of pairs at the distance r, with the mean and variance of all grains: positive
+    if both deviate in the same direction, 0 if they are independent. In mixtures divide values by the mean of
+    their species; otherwise the result shows the arrangement of the species.
 
     Parameters
     ----------
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     values : float (n,)
-        Value v of each grain, of any unit; grains whose value or position is not finite are left out.
+        Value v of each grain, in any unit; grains whose value or position is not finite are ignored.
     edges : float (k + 1,), optional
         Edges of the bins [m]; as for `radial_distribution` if not given.
 
     Returns
     -------
     PairDistanceFunction
-        Correlation of each bin (k,), without unit, NaN in bins without pairs, and the number of its pairs.
+        Correlation in each bin (k,), dimensionless, NaN in bins without pairs, and the number of pairs.
 
     Raises
     ------
     InputError
-        If a shape does not fit, the edges do not increase from 0 m or more, all values are the same, or,
-        without ``edges``, the grains that count span no box.
+        If a shape does not match, the edges do not increase from 0 m or more, all values are equal, or,
+        without ``edges``, the grains with values do not span a box.
     """
     positions = check_vectors(positions)
     values = check_grain_values("values", values, len(positions))
@@ -259,15 +260,15 @@ def spatial_correlation(
     edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
     variance = float(np.mean(deviation**2)) if len(points) else 0.0
     if not variance > 0.0:
-        raise InputError("the values do not differ; there is nothing to correlate")
+        raise InputError("all values are equal, so there is no correlation; give values that differ")
     pairs, products = count_pairs(points, edges), sum_pair_products(points, deviation, edges)
     return PairDistanceFunction(edges, divide_by_pair_count(products, pairs) / variance, pairs, pairs)
 
 
 def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.ndarray:
-    """Complex bond order of each grain, mean over its Voronoi neighbours of exp(6 i theta).
+    """Complex bond order of each grain: mean of exp(6 i theta) over its Voronoi neighbours.
 
-    theta is the angle of the bond against the x axis (Nelson and Halperin, Phys. Rev. B 19, 2457,
+    Here theta is the angle between the bond and the x axis (Nelson and Halperin, Phys. Rev. B 19, 2457,
     1979).
 
     Parameters
@@ -275,18 +276,18 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     cells : VoronoiCells, optional
-        Voronoi cells of the same positions, if known.
+        Voronoi cells of these positions, if already computed.
 
     Returns
     -------
     complex128 (n,)
-        Order of each grain, without unit, at most 1 in size. NaN for absent grains and for grains
-        without neighbours. Grains at the rim have a value too; see ``cells.interior``.
+        Order of each grain, dimensionless, of modulus 1 or less. NaN for absent grains and for grains without
+        neighbours. Grains at the rim have a value too; see ``cells.interior``.
 
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2), or the cells are of another number of grains.
+        If the positions do not have the shape (n, 2), or the cells belong to another number of grains.
 
     Examples
     --------
@@ -304,8 +305,8 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     arm = positions[j] - positions[i]
     bond = arm[:, 0] + 1j * arm[:, 1]
     # exp(6 i theta) is the same from both ends of a bond.
-    turn = (bond / np.abs(bond)) ** 6
-    total = sum_by_index(i, turn, len(positions)) + sum_by_index(j, turn, len(positions))
+    rotation = (bond / np.abs(bond)) ** 6
+    total = sum_by_index(i, rotation, len(positions)) + sum_by_index(j, rotation, len(positions))
     known = cells.sides > 0
     local = np.full(len(positions), complex(np.nan, np.nan))
     local[known] = total[known] / cells.sides[known]
@@ -315,24 +316,24 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
 def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
     """Psi6 = mean of |local Psi6| over the grains with an interior cell [D, eq. 4.28].
 
-    It is 1 for a perfect hexagonal arrangement, whatever its orientations.
+    It is 1 for a perfect hexagonal arrangement, even one with several orientations.
 
     Parameters
     ----------
     positions : float64 (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     cells : VoronoiCells, optional
-        Voronoi cells of these positions, where they are known already.
+        Voronoi cells of these positions, if already computed.
 
     Returns
     -------
     float
-        Order parameter from 0 to 1, without unit; NaN without interior cells.
+        Order parameter from 0 to 1, dimensionless; NaN without interior cells.
 
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2), or the cells are of another number of grains.
+        If the positions do not have the shape (n, 2), or the cells belong to another number of grains.
 
     Examples
     --------
@@ -353,25 +354,25 @@ def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
 def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> complex:
     """Mean of the complex local Psi6 over the grains with an interior cell.
 
-    Its size is 1 only where all hexagons have the same orientation (Nelson and Halperin, Phys. Rev.
-    B 19, 2457, 1979).
+    Its modulus is 1 only if all hexagons have the same orientation (Nelson and Halperin, Phys. Rev. B 19,
+    2457, 1979).
 
     Parameters
     ----------
     positions : float64 (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     cells : VoronoiCells, optional
-        Voronoi cells of these positions, where they are known already.
+        Voronoi cells of these positions, if already computed.
 
     Returns
     -------
     complex
-        Complex order parameter, without unit, at most 1 in size; NaN without interior cells.
+        Complex order parameter, dimensionless, of modulus 1 or less; NaN without interior cells.
 
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2), or the cells are of another number of grains.
+        If the positions do not have the shape (n, 2), or the cells belong to another number of grains.
 
     Examples
     --------
@@ -395,9 +396,9 @@ def bond_correlation(
 ) -> PairDistanceFunction:
     """Bond correlation g6(r) = Re <psi6*(0) psi6(r)>, the mean over pairs at the distance r.
 
-    It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a
-    liquid (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979). A mean over pairs needs no correction
-    at the rim. Only grains with an interior Voronoi cell count.
+    It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a liquid
+    (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979). A mean over pairs needs no correction at the rim. Only
+    grains with an interior Voronoi cell are included.
 
     Parameters
     ----------
@@ -406,24 +407,24 @@ def bond_correlation(
     edges : float (k + 1,), optional
         Edges of the bins [m]; as for `radial_distribution` if not given.
     cells : VoronoiCells, optional
-        Voronoi cells of the same positions, if known.
+        Voronoi cells of these positions, if already computed.
 
     Returns
     -------
     PairDistanceFunction
-        Mean of each bin (k,), without unit, NaN in bins without pairs, and the number of its pairs.
+        Mean in each bin (k,), dimensionless, NaN in bins without pairs, and the number of pairs.
 
     Raises
     ------
     InputError
-        If the positions have another shape, the cells are of another number of grains, the edges do not
-        increase from 0 m or more, or fewer than two grains have an interior cell.
+        If the positions do not have the shape (n, 2), the cells belong to another number of grains, the edges
+        do not increase from 0 m or more, or fewer than two grains have an interior cell.
     """
     positions, cells = check_cells(positions, cells)
     edges = default_bin_edges(positions) if edges is None else check_bin_edges(edges)
     inside = np.flatnonzero(cells.interior)
     if len(inside) < 2:
-        raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs at least 2")
+        raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs 2 or more")
     points, order = positions[inside], local_psi6(positions, cells)[inside]
     products = sum_pair_products(points, order.real, edges) + sum_pair_products(points, order.imag, edges)
     pairs = count_pairs(points, edges)
@@ -434,34 +435,34 @@ def bond_correlation(
 def bond_relaxation(
     frames: np.ndarray, lags: np.ndarray | None = None, periods: tuple[float, float] | None = None
 ) -> np.ndarray:
-    """Bond relaxation g6(t) = Re <psi6*(0) psi6(t)> of a grain, over grains and frames.
+    """Bond relaxation g6(t) = Re <psi6*(0) psi6(t)>, averaged over grains and frames.
 
-    It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a
-    liquid (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000). Grains count that have an interior
-    cell in both frames.
+    It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a liquid (Zahn
+    and Maret, Phys. Rev. Lett. 85, 3656, 2000). A grain is included if it has an interior cell in both
+    frames.
 
     Parameters
     ----------
     frames : float (f, n, 2)
         Positions of the grains in each frame [m]; NaN for absent grains.
     lags : int (k,), optional
-        Numbers of frames, 1 to f - 1; about 30 at even ratios if not given.
+        Lags in frames, 1 to f - 1; about 30, spaced logarithmically, if not given.
     periods : (float, float), optional
-        Sides of a periodic cell [m], above 0, into which positions are brought back. Neighbours are
-        looked for within it, not across its sides.
+        Sides of a periodic cell [m], above 0, into which positions are wrapped. Neighbours are searched
+        within the cell, not across its sides.
 
     Returns
     -------
     float64 (k,)
-        Correlation at each lag, without unit.
+        Correlation at each lag, dimensionless.
 
     Raises
     ------
     InputError
-        If a shape, lag or period does not fit, there are fewer than two frames, or no grain has an
-        interior cell in both of two frames that lie a lag apart.
+        If a shape, lag or period is invalid, there are fewer than two frames, or at some lag no grain has an
+        interior cell in both frames.
     """
-    frames = check_frames(frames, least=2)
+    frames = check_frames(frames, minimum_count=2)
     lags = check_lags(lags, len(frames))
     orders = np.full(frames.shape[:2], complex(np.nan, np.nan))
     for k, positions in enumerate(frames if periods is None else np.mod(frames, check_periods(periods))):
@@ -472,6 +473,8 @@ def bond_relaxation(
         products = (orders[:-lag].conj() * orders[lag:]).real
         products = products[np.isfinite(products)]
         if not len(products):
-            raise InputError(f"no grain has interior cells {lag} frames apart; take shorter lags")
+            raise InputError(
+                f"no grain has an interior cell in both of two frames {lag} apart; take shorter lags"
+            )
         result.append(products.mean())
     return np.array(result)

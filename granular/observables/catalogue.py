@@ -42,21 +42,21 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 
-@observable("m", "mean distance of two grains", name="mean_distance")
+@observable("m", "mean distance between two grains", name="mean_distance")
 def mean_grain_distance(frame: Frame) -> float:
-    """Mean distance of two grains' centres, over all pairs of the frame [D, eq. 2.1] [m]."""
+    """Mean distance between the centres of two grains, over all pairs of the frame [D, eq. 2.1] [m]."""
     return mean_pair_distance(frame.positions)
 
 
-@observable("m", "distance of the piston from the grain next to it", name="piston_distance")
+@observable("m", "distance of the piston from the nearest grain", name="piston_distance")
 def nearest_grain_to_piston(frame: Frame) -> float:
-    """Least distance of a grain's centre from the piston, the delta of [D, eq. 4.29] [m]."""
+    """Minimum distance of a grain's centre from the piston, delta in [D, eq. 4.29] [m]."""
     return least_piston_distance(frame.positions, frame.piston_height)
 
 
-@observable("m", "least distance of a grain's centre from the piston", name="species_piston_distance")
+@observable("m", "minimum distance of a grain's centre from the piston", name="species_piston_distance")
 def nearest_grain_to_piston_by_species(frame: Frame) -> dict[str, float]:
-    """Least distance of a grain's centre from the piston, for each species [D, eq. 4.29] [m]."""
+    """Minimum distance of a grain's centre from the piston, for each species [D, eq. 4.29] [m]."""
     require_piston(frame.scene)
     return {
         name: least_piston_distance(frame.positions[frame.species == k], frame.piston_height)
@@ -66,10 +66,10 @@ def nearest_grain_to_piston_by_species(frame: Frame) -> dict[str, float]:
 
 @observable("1", "packing fraction below the piston, or of a periodic cell", name="packing")
 def frame_packing_fraction(frame: Frame) -> float:
-    """Area of the grains over that of the cell below the piston, or of the periodic cell [D, eq. 2.2]."""
-    here = is_present(frame.positions)
+    """Area of the grains over the cell's area below the piston, or the periodic cell's area [D, eq. 2.2]."""
+    present = is_present(frame.positions)
     height = frame.scene.cell.height or frame.piston_height
-    return float(packing_fraction(frame.diameters[here], frame.scene.cell.width, height))
+    return float(packing_fraction(frame.diameters[present], frame.scene.cell.width, height))
 
 
 @observable("1", "mean of |psi_6| over the grains", name="hexatic_order")
@@ -78,7 +78,7 @@ def mean_local_psi6(frame: Frame) -> float:
     return psi6(frame.positions)
 
 
-@observable("1", "fraction of the cells", name="polygons")
+@observable("1", "fraction of the interior cells", name="polygons")
 def frame_polygon_fractions(frame: Frame) -> dict[str, float]:
     """Fractions of pentagons, hexagons, heptagons and others among the interior Voronoi cells [D, 4.2.4]."""
     return polygon_fractions(voronoi_cells(frame.positions)).by_name
@@ -86,7 +86,7 @@ def frame_polygon_fractions(frame: Frame) -> dict[str, float]:
 
 @observable("1", "number of interior Voronoi cells", name="interior_cells")
 def interior_cell_count(frame: Frame) -> float:
-    """Count the Voronoi cells that lie wholly in the box of the outermost centres [D, 4.2.4]."""
+    """Count the Voronoi cells that lie entirely in the box of the outermost centres [D, 4.2.4]."""
     return float(voronoi_cells(frame.positions).interior.sum())
 
 
@@ -114,7 +114,7 @@ def granular_temperature(frame: Frame) -> float:
 
 @observable("J", "kinetic temperature of the species", name="species_temperature")
 def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
-    """Mean fluctuation energy per degree of freedom of each species, against the mean motion of all [J]."""
+    """Mean fluctuation energy per degree of freedom of each species, about the motion of all [J]."""
     energies = fluctuation_energies(frame.velocities, frame.masses)
     means = {}
     for k, name in enumerate(species_names(frame.scene)):
@@ -145,7 +145,7 @@ def grain_compressive_force(frame: Frame) -> Float[np.ndarray, "n"]:
 
 @observable("N/m", "stress of the grain, positive for compression")
 def grain_stress(frame: Frame) -> Float[np.ndarray, "n 2 2"]:
-    """Virial stress tensor of each grain over its Voronoi cell; see `grain_stresses` [N/m]."""
+    """Virial stress tensor of each grain in its Voronoi cell; see `grain_stresses` [N/m]."""
     return grain_stresses(frame.scene, frame.positions, frame.heights)
 
 
@@ -173,16 +173,16 @@ OBSERVABLES = Registry[Callable[[Frame], Value]](
 def per_frame(
     run: Trajectory, function: str | Callable[[Frame], Value], start: float = 0.0, stop: float = np.inf
 ) -> xarray.DataArray:
-    """Values of a function of a frame, at every frame with start <= time <= stop.
+    """Evaluate a function of a frame at every frame with start <= time <= stop.
 
     Parameters
     ----------
     run : Trajectory
         Finished run, or one that was cut off.
     function : str or function of Frame
-        A name of `OBSERVABLES`; or a function that returns a number, a
-        number (n,), a vector (n, 2) or a tensor (n, 2, 2) for each grain, or a mapping of labels to such
-        values, of the same labels and shapes in every frame.
+        A name in `OBSERVABLES`, or a function. It returns a number; a number (n,), a vector (n, 2) or a
+        tensor (n, 2, 2) for each grain; or a mapping of labels to such values, with the same labels and
+        shapes in every frame.
     start, stop : float
         First and last time of the frames [s].
 
@@ -190,17 +190,17 @@ def per_frame(
     -------
     xarray.DataArray
         Values on ``frame``, then on ``label`` for a mapping, and on ``grain`` and ``axis``, or ``row`` and
-        ``column``, as they come; with unit and meaning if the function is an `observable`. NaN where the
-        function returns it, as for grains that have left the cell.
+        ``column``, depending on the shape; with unit and meaning if the function is an `observable`. NaN
+        where the function returns NaN, for example for grains that have left the cell.
 
     Raises
     ------
     InputError
-        If there is no such name, or it cannot be loaded; if no frame lies in the range, or the function
-        fails or returns a number or array of another shape.
+        If the name is unknown or cannot be loaded, no frame lies in the range, or the function fails or
+        returns a value of another shape.
     ValueError, TypeError or AttributeError
-        If values of a mapping are no numbers or of different shapes, or only some frames have a mapping.
-        Labels are those of the first frame, and are not compared.
+        If values of a mapping are not numbers or differ in shape, or only some frames have a mapping. The
+        labels are taken from the first frame and are not compared.
     """
     if isinstance(function, str):
         function = OBSERVABLES.find(function)
@@ -247,8 +247,8 @@ def _value_dimensions(values: Sequence[np.ndarray], name: str, count: int, label
     if len(shapes) > 1 or not shapes <= set(known):
         raise InputError(
             f"observable {quote(name)} returns values of the shape "
-            f"{', '.join(map(str, sorted(shapes)))}; give a number, one a grain ({count},), or "
-            f"a vector a grain ({count}, 2)"
+            f"{', '.join(map(str, sorted(shapes)))}; give one number, one per grain ({count},), "
+            f"or a vector per grain ({count}, 2)"
         )
     return (*(("label",) if labelled else ()), *known[shapes.pop()])
 
@@ -263,8 +263,8 @@ def observables_table(run: Trajectory, functions: Sequence[Callable[[Frame], Val
         name, unit = (function.__name__, "1") if marked is None else (marked.name, marked.unit)
         if "grain" in values.dims:
             raise InputError(
-                f"observable {quote(name)} has a value a grain, which no table of frames "
-                "holds; take granular.observables.per_frame in Python"
+                f"observable {quote(name)} has a value for each grain, which does not fit a table of "
+                "frames; use granular.observables.per_frame in Python"
             )
         if "label" in values.dims:
             for label in values["label"].values:

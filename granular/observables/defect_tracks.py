@@ -1,4 +1,4 @@
-"""Defects of frame after frame linked into tracks, and what happens to them; those of a run."""
+"""Link the defects of successive frames into tracks, and find their births, annihilations and reactions."""
 
 from __future__ import annotations
 
@@ -29,70 +29,72 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 REACH = 2.5
-"""Default of how far a defect goes from one frame to the next, in spacings."""
+"""Default maximum displacement of a defect from one frame to the next, in spacings."""
 
 MEMORY = 2
-"""Default of how many frames a defect may be out of sight."""
+"""Default maximum number of frames in which a defect may go undetected."""
 
-# Two ends of tracks, each as far from their event as a defect goes in a frame.
+# Two ends of tracks, each one frame's maximum displacement from their event.
 MEETING = 2.0 * REACH
-"""Defects that end and begin nearer than this to each other, in spacings, take part in one event;
-and a defect that is nearer than this to the rim can leave."""
+"""Tracks that end or begin within this distance of each other, in spacings, belong to one event; a defect
+within this distance of the rim can leave."""
 
 SAME_TIME = 2
-"""Frames by which ends and beginnings of one event may differ."""
+"""Maximum difference in frames between the ends and beginnings of one event."""
 
-LEAST = 3
-"""Default of the frames in which a defect is seen at least."""
+MINIMUM_FRAMES = 3
+"""Default minimum number of frames in which a defect is detected."""
 
 
 class DefectTrack(NamedTuple):
     """The path of a defect."""
 
     kind: str
-    lattice: Int[np.ndarray, "2"]  # Burgers vector in the lattice
-    frames: Int[np.ndarray, "k"]  # frames in which it was seen
+    lattice: Int[np.ndarray, "2"]  # Burgers vector in lattice coordinates
+    frames: Int[np.ndarray, "k"]  # frames in which it was detected
     positions: Float[np.ndarray, "k 2"]  # position in each of these frames [m]
-    burgers: Float[np.ndarray, "2"]  # Burgers vector, as a mean over the frames [m]
+    burgers: Float[np.ndarray, "2"]  # Burgers vector, mean over the frames [m]
 
 
 class DefectEvent(NamedTuple):
-    """Ends and beginnings of tracks at one position and time."""
+    """An event: the tracks that end and begin at one position and time."""
 
     kind: str  # birth, annihilation, reaction, entry or leaving
-    frame: int  # the first frame after it
+    frame: int  # first frame after the event
     position: Float[np.ndarray, "2"]  # mean position of the ends and beginnings [m]
     ended: tuple[int, ...]  # indices of tracks
     started: tuple[int, ...]  # indices of tracks
-    missing: Int[np.ndarray, "2"]  # Burgers vectors started minus ended: zero away from the rim
+    missing: Int[np.ndarray, "2"]  # Burgers vectors of started minus ended tracks: zero away from the rim
 
 
 def link_defect_tracks(
     frames: Sequence[FrameDefects], reach: float = REACH, memory: int = MEMORY
 ) -> list[DefectTrack]:
-    """Link the defects of frame after frame into tracks."""
+    """Link the defects of successive frames into tracks."""
     if not reach > 0.0 or memory < 0:
-        raise InputError(f"reach {reach:g} and memory {memory}; take more than 0, and 0 or more")
-    # Of each track its sightings: a frame's number and the index of the defect in it.
+        raise InputError(f"reach {reach:g} and memory {memory}; give reach above 0, and memory 0 or more")
+    # The detections of each track: frame number and index of the defect in that frame.
     open_tracks: list[list[tuple[int, int]]] = []
     closed: list[list[tuple[int, int]]] = []
     for number, defects in enumerate(frames):
-        closed += [seen for seen in open_tracks if number - seen[-1][0] > memory + 1]
-        open_tracks = [seen for seen in open_tracks if number - seen[-1][0] <= memory + 1]
-        # Heat makes bound pairs and takes them back: they have no tracks.
+        closed += [detections for detections in open_tracks if number - detections[-1][0] > memory + 1]
+        open_tracks = [detections for detections in open_tracks if number - detections[-1][0] <= memory + 1]
+        # Bound pairs are created and annihilated thermally: they have no tracks.
         known = [k for k, kind in enumerate(defects.kinds) if kind != PAIR]
-        taken = _assign_defects_to_tracks([seen[-1] for seen in open_tracks], frames, known, number, reach)
+        taken = _assign_defects_to_tracks(
+            [detections[-1] for detections in open_tracks], frames, known, number, reach
+        )
         for k in known:
             if k in taken:
                 open_tracks[taken[k]].append((number, k))
             else:
                 open_tracks.append([(number, k)])
     tracks = []
-    for seen in sorted(closed + open_tracks, key=lambda seen: seen[0][0]):
-        first, k = frames[seen[0][0]], seen[0][1]
-        positions = np.array([frames[number].positions[index] for number, index in seen])
-        burgers = np.mean([frames[number].burgers[index] for number, index in seen], axis=0)
-        numbers = np.array([number for number, _ in seen])
+    for detections in sorted(closed + open_tracks, key=lambda detections: detections[0][0]):
+        first, k = frames[detections[0][0]], detections[0][1]
+        positions = np.array([frames[number].positions[index] for number, index in detections])
+        burgers = np.mean([frames[number].burgers[index] for number, index in detections], axis=0)
+        numbers = np.array([number for number, _ in detections])
         tracks.append(DefectTrack(first.kinds[k], first.lattice[k], numbers, positions, burgers))
     return tracks
 
@@ -100,33 +102,33 @@ def link_defect_tracks(
 def _assign_defects_to_tracks(
     ends: list[tuple[int, int]], frames: Sequence[FrameDefects], known: list[int], number: int, reach: float
 ) -> dict[int, int]:
-    """Track, by its last sighting, that each defect of a frame continues."""
+    """For each defect of a frame find the track, by its last detection, that it continues."""
     from scipy.optimize import linear_sum_assignment
 
     defects = frames[number]
     if not ends or not known:
         return {}
-    farthest = (reach * defects.spacing) ** 2
-    # Leaving a track and a defect alone costs as much as the largest displacement.
-    costs = np.full((len(ends), len(known)), 2.0 * farthest)
-    for row, (seen, index) in enumerate(ends):
+    squared_reach = (reach * defects.spacing) ** 2
+    # Not linking a track and a defect costs as much as the largest allowed displacement.
+    costs = np.full((len(ends), len(known)), 2.0 * squared_reach)
+    for row, (last_frame, index) in enumerate(ends):
         for column, k in enumerate(known):
-            square = _squared_displacement(frames[seen], index, defects, k)
-            # The squared displacement of a walk grows with the frames that a defect was out of sight.
-            if square <= farthest * (number - seen):
-                # Below 2 in any case, or after a gap it would cost more than leaving both alone.
-                costs[row, column] = min(square, 1.9 * farthest)
-    # Least sum of squared displacements (Crocker and Grier, J. Colloid Interface Sci. 179, 298, 1996).
+            squared_displacement = _squared_displacement(frames[last_frame], index, defects, k)
+            # The squared displacement of a random walk grows with the number of frames without detection.
+            if squared_displacement <= squared_reach * (number - last_frame):
+                # Kept below 2: after a gap a link would otherwise cost more than no link.
+                costs[row, column] = min(squared_displacement, 1.9 * squared_reach)
+    # Minimum sum of squared displacements (Crocker and Grier, J. Colloid Interface Sci. 179, 298, 1996).
     rows, columns = linear_sum_assignment(costs)
     return {
         known[column]: row
         for row, column in zip(rows, columns, strict=True)
-        if costs[row, column] < 2.0 * farthest
+        if costs[row, column] < 2.0 * squared_reach
     }
 
 
 def _squared_displacement(before: FrameDefects, index: int, after: FrameDefects, k: int) -> float:
-    """Squared displacement of a defect; infinite between unlike ones, along b alone of a boundary."""
+    """Squared displacement of a defect; infinite between different kinds, along b only for a boundary."""
     kind, burgers = before.kinds[index], before.burgers[index]
     if kind != after.kinds[k]:
         return math.inf
@@ -143,30 +145,30 @@ def find_defect_events(
     tracks: Sequence[DefectTrack], frames: Float[np.ndarray, "f n 2"], spacing: float
 ) -> list[DefectEvent]:
     """Find the births, annihilations and reactions by which tracks end and begin; frames, spacing [m]."""
-    moments = [
+    ends_and_starts = [
         (int(end.frames[-1]) + 1, end.positions[-1], index, -1)
         for index, end in enumerate(tracks)
         if end.frames[-1] + 1 < len(frames)
     ]
-    moments += [
+    ends_and_starts += [
         (int(end.frames[0]), end.positions[0], index, 1)
         for index, end in enumerate(tracks)
         if end.frames[0] > 0
     ]
-    moments.sort(key=lambda end: end[0])
+    ends_and_starts.sort(key=lambda end: end[0])
     boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
     events = []
-    while moments:
-        together = [moments.pop(0)]
-        grown = True
-        while grown:
-            grown = False
-            for k, end in enumerate(moments):
-                if any(_track_ends_meet(end, other, spacing) for other in together):
-                    together.append(moments.pop(k))
-                    grown = True
+    while ends_and_starts:
+        event_ends = [ends_and_starts.pop(0)]
+        growing = True
+        while growing:
+            growing = False
+            for k, end in enumerate(ends_and_starts):
+                if any(_track_ends_meet(end, other, spacing) for other in event_ends):
+                    event_ends.append(ends_and_starts.pop(k))
+                    growing = True
                     break
-        events.append(_make_defect_event(together, tracks, boxes, spacing))
+        events.append(_make_defect_event(event_ends, tracks, boxes, spacing))
     return events
 
 
@@ -179,59 +181,60 @@ def _track_ends_meet(first: TrackEnd, other: TrackEnd, spacing: float) -> bool:
 
 
 def _make_defect_event(
-    together: list[TrackEnd], tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
+    event_ends: list[TrackEnd], tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
 ) -> DefectEvent:
-    ended = tuple(position for _, _, position, sign in together if sign < 0)
-    started = tuple(position for _, _, position, sign in together if sign > 0)
-    # Only the rim gives or takes Burgers vectors; elsewhere a sum means that something was missed.
-    missing = np.sum([sign * tracks[position].lattice for _, _, position, sign in together], axis=0)
-    positions = np.array([event[1] for event in together])
-    low, high = boxes[[event[0] for event in together]].transpose(1, 0, 2)
+    ended = tuple(position for _, _, position, sign in event_ends if sign < 0)
+    started = tuple(position for _, _, position, sign in event_ends if sign > 0)
+    # Only the rim adds or removes Burgers vectors; elsewhere a nonzero sum means a missed defect.
+    missing = np.sum([sign * tracks[position].lattice for _, _, position, sign in event_ends], axis=0)
+    positions = np.array([event[1] for event in event_ends])
+    low, high = boxes[[event[0] for event in event_ends]].transpose(1, 0, 2)
     depth = float(np.minimum(positions - low, high - positions).min())
     if depth < MEETING * spacing and missing.any():
         kind = "entry" if not ended else "leaving"
     else:
         kind = "reaction" if ended and started else "annihilation" if ended else "birth"
     return DefectEvent(
-        kind, max(event[0] for event in together), positions.mean(axis=0), ended, started, missing
+        kind, max(event[0] for event in event_ends), positions.mean(axis=0), ended, started, missing
     )
 
 
 class DefectMotion(NamedTuple):
-    """Velocity of a defect by a line of least squares through its path."""
+    """Velocity of a defect, from a least-squares line through its path."""
 
     velocity: Float[np.ndarray, "2"]  # velocity along x and y [m/s]
     speed: float  # [m/s]
     glide: float  # along the Burgers vector [m/s]; NaN without one
-    climb: float  # along it turned by +90 degrees [m/s]; NaN without one
+    climb: float  # along the Burgers vector turned by +90 degrees [m/s]; NaN without one
 
 
 def motion_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> DefectMotion:
-    """Fit the velocity of a defect by a line of least squares through its path [m/s]; times [s]."""
+    """Fit the velocity of a defect by a least-squares line through its path [m/s]; times [s]."""
     if len(track.frames) < 2:
         return DefectMotion(np.full(2, np.nan), math.nan, math.nan, math.nan)
-    seen = np.asarray(times)[track.frames]
-    velocity = np.polyfit(seen - seen.mean(), track.positions, 1)[0]
+    detection_times = np.asarray(times)[track.frames]
+    velocity = np.polyfit(detection_times - detection_times.mean(), track.positions, 1)[0]
     size = float(np.linalg.norm(track.burgers))
     glide = climb = math.nan
     if size > 0.0:
-        along = track.burgers / size
-        glide = float(velocity @ along)
-        climb = float(velocity @ [-along[1], along[0]])
+        direction = track.burgers / size
+        glide = float(velocity @ direction)
+        climb = float(velocity @ [-direction[1], direction[0]])
     return DefectMotion(velocity, float(np.linalg.norm(velocity)), glide, climb)
 
 
 def detect_defects_in_frames(frames: Float[np.ndarray, "f n 2"]) -> list[FrameDefects]:
-    """Detect the defects of every frame, with the direction of the lattice followed in time; frames [m]."""
-    array = check_frames(frames, least=1)
+    """Detect the defects of every frame, tracking the lattice direction in time; frames [m]."""
+    array = check_frames(frames, minimum_count=1)
     defects: list[FrameDefects] = []
     for frame in array:
         cells = voronoi_cells(frame)
         if not cells.interior.any():
-            raise InputError("no grain of a frame has an interior cell; give a larger bed")
+            raise InputError("a frame has no grain with an interior cell; give a larger bed")
         angle = float(np.angle(global_psi6(frame, cells))) / 6.0
         if defects:
-            # The bond order knows it up to 60 degrees: the nearest of these is the same lattice.
+            # The bond order gives the direction modulo 60 degrees: take the value nearest to the previous
+            # frame's.
             turn = np.pi / 3.0
             angle += turn * round((defects[-1].angle - angle) / turn)
         defects.append(detect_defects(frame, angle, cells))
@@ -244,15 +247,15 @@ def track_defects(
     stop: float = np.inf,
     reach: float = REACH,
     memory: int = MEMORY,
-    least: int = LEAST,
+    minimum_frames: int = MINIMUM_FRAMES,
 ) -> xarray.Dataset:
-    """Tracks of the defects over the frames with start <= time <= stop.
+    """Track the defects over the frames with start <= time <= stop.
 
-    Defects of one kind and Burgers vector are linked from frame to frame as in Crocker and Grier, J.
-    Colloid Interface Sci. 179, 298 (1996), by `link_defect_tracks`; events are those of
-    `find_defect_events`. Frames should follow each other so closely that a defect goes less than
-    ``reach`` spacings in between. Defects are those of `detect_defects`: a bed of one crystal, or of
-    parts turned by less than 25 degrees.
+    Defects are detected by `detect_defects`, which needs a bed of one crystal or of parts turned by less than
+    25 degrees. Defects of one kind and Burgers vector are linked from frame to frame as in Crocker and Grier,
+    J. Colloid Interface Sci. 179, 298 (1996), by `link_defect_tracks`; events are found by
+    `find_defect_events`. Frames should be so close in time that a defect moves less than ``reach`` spacings
+    between them.
 
     Parameters
     ----------
@@ -261,38 +264,40 @@ def track_defects(
     start, stop : float
         First and last time of the frames [s].
     reach : float
-        Greatest displacement from frame to frame, above 0, in lattice spacings.
+        Maximum displacement from frame to frame, above 0, in lattice spacings.
     memory : int
-        Frames that a defect may be out of sight, 0 or more.
-    least : int
-        Frames in which a track was seen at least, 1 or more; shorter ones are left out.
+        Maximum number of frames in which a defect may go undetected, 0 or more.
+    minimum_frames : int
+        Minimum number of frames in which a track is detected, 1 or more; shorter tracks are omitted.
 
     Returns
     -------
     xarray.Dataset
         On ``track``: ``kind``, ``begin`` and ``end`` [s], ``burgers`` [m] and ``velocity`` [m/s] with an
-        ``axis``, ``speed``, ``glide`` and ``climb`` [m/s] (all NaN for a track seen once; glide and climb
-        NaN without a Burgers vector), ``born`` and ``ended`` (kinds of the events; empty where the
-        frames begin or end); on (``frame``, ``track``, ``axis``): ``position`` [m], NaN where it was not
-        seen; on ``event``: ``event_kind``, ``event_time`` [s], ``event_position`` and ``event_burgers`` [m],
-        what came from the rim, with an ``axis``; on (``frame``, ``defect``): ``count`` of each kind; on
-        (``frame``, ``axis``): ``total_burgers`` [m]. The attribute ``conserved`` is the fraction of events
-        away from the rim whose Burgers vectors add up, NaN without such events; ``spacing`` is the mean
-        lattice spacing [m].
+        ``axis``, ``speed``, ``glide`` and ``climb`` [m/s] (all NaN for a track detected once; glide and climb
+        NaN without a Burgers vector), ``born`` and ``ended`` (kinds of the events; empty for tracks that
+        begin with the first frame or end with the last); on (``frame``, ``track``, ``axis``): ``position``
+        [m], NaN in frames without detection; on ``event``: ``event_kind``, ``event_time`` [s],
+        ``event_position`` and ``event_burgers`` [m], the Burgers vector gained from the rim, with an
+        ``axis``; on (``frame``, ``defect``): ``count`` of each kind; on (``frame``, ``axis``):
+        ``total_burgers`` [m]. The attribute ``conserved`` is the fraction of events away from the rim whose
+        Burgers vectors add up, NaN without such events; ``spacing`` is the mean lattice spacing [m].
 
     Raises
     ------
     InputError
-        If no frame lies in the range, a frame has no interior cells, ``reach`` is not above 0, ``memory``
-        is below 0 or ``least`` below 1.
+        If no frame lies in the range, a frame has no interior cells, ``reach`` is not above 0, ``memory`` is
+        below 0 or ``minimum_frames`` below 1.
     """
-    if least < 1:
-        raise InputError(f"least {least}; take 1 frame or more")
+    if minimum_frames < 1:
+        raise InputError(f"minimum_frames = {minimum_frames}; give 1 frame or more")
     chosen = select_frames(run, start, stop)
     frames = run.scene.cell.wrap_positions(run.dataset["position"].values[chosen])
     times = run.dataset["frame_time"].values[chosen]
     defects = detect_defects_in_frames(frames)
-    tracks = [entry for entry in link_defect_tracks(defects, reach, memory) if len(entry.frames) >= least]
+    tracks = [
+        entry for entry in link_defect_tracks(defects, reach, memory) if len(entry.frames) >= minimum_frames
+    ]
     spacing = float(np.mean([entry.spacing for entry in defects]))
     events = find_defect_events(tracks, frames, spacing)
     return _defect_dataset(defects, tracks, events, times, spacing)
@@ -307,16 +312,16 @@ def _defect_dataset(
 ) -> xarray.Dataset:
     import xarray
 
-    moves = [motion_of_track(entry, times) for entry in tracks]
+    motions = [motion_of_track(entry, times) for entry in tracks]
     paths = np.full((len(times), len(tracks), 2), np.nan)
     for point, entry in enumerate(tracks):
         paths[entry.frames, point] = entry.positions
     tracks_data = {
-        "begin": ([times[entry.frames[0]] for entry in tracks], "s", "first seen"),
-        "end": ([times[entry.frames[-1]] for entry in tracks], "s", "last seen"),
-        "speed": ([entry.speed for entry in moves], "m/s", "speed"),
-        "glide": ([entry.glide for entry in moves], "m/s", "velocity along the Burgers vector"),
-        "climb": ([entry.climb for entry in moves], "m/s", "velocity across the Burgers vector"),
+        "begin": ([times[entry.frames[0]] for entry in tracks], "s", "first detected"),
+        "end": ([times[entry.frames[-1]] for entry in tracks], "s", "last detected"),
+        "speed": ([entry.speed for entry in motions], "m/s", "speed"),
+        "glide": ([entry.glide for entry in motions], "m/s", "velocity along the Burgers vector"),
+        "climb": ([entry.climb for entry in motions], "m/s", "velocity across the Burgers vector"),
     }
     angle = defects[0].angle
     missing = (lattice_to_plane(entry.missing, angle, spacing) for entry in events)
@@ -324,7 +329,7 @@ def _defect_dataset(
     data = labelled_columns("track", tracks_data) | {
         "kind": _strings("track", (entry.kind for entry in tracks)),
         "burgers": _vectors("track", (entry.burgers for entry in tracks), "m"),
-        "velocity": _vectors("track", (entry.velocity for entry in moves), "m/s"),
+        "velocity": _vectors("track", (entry.velocity for entry in motions), "m/s"),
         "position": (("frame", "track", "axis"), paths, {"units": "m"}),
         "born": _strings("track", _event_kind_by_track(events, len(tracks), started=True)),
         "ended": _strings("track", _event_kind_by_track(events, len(tracks), started=False)),
@@ -343,9 +348,9 @@ def _defect_dataset(
 
 
 def conserved_fraction(events: Sequence[DefectEvent]) -> float:
-    """Fraction of the events away from the rim that conserve the Burgers vectors; NaN without any."""
-    inside = [not event.missing.any() for event in events if event.kind not in ("entry", "leaving")]
-    return float(np.mean(inside)) if inside else np.nan
+    """Fraction of the events away from the rim that conserve the Burgers vectors; NaN without events."""
+    conserved = [not event.missing.any() for event in events if event.kind not in ("entry", "leaving")]
+    return float(np.mean(conserved)) if conserved else np.nan
 
 
 def _strings(dim: str, values: Iterable[str]) -> tuple[str, np.ndarray]:

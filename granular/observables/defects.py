@@ -17,8 +17,8 @@ SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 
 
 def nearest_lattice_bonds(arms: Float[np.ndarray, "k 2"], angle: float) -> Int[np.ndarray, "k 2"]:
-    """Lattice vector of the nearest neighbour next in direction to each bond; arms [m], angle [rad]."""
-    # An arm and its opposite get opposite vectors, to the last bit: one of them is looked at.
+    """Nearest-neighbour lattice vector closest in direction to each bond; arms [m], angle [rad]."""
+    # Only one of an arm and its opposite is classified, so that both get exactly opposite vectors.
     back = (arms[:, 1] < 0.0) | ((arms[:, 1] == 0.0) & (arms[:, 0] < 0.0))
     x, y = np.where(back[:, None], -arms, arms).T
     index = np.round((np.arctan2(y, x) - angle) / (np.pi / 3.0)).astype(int) % 6
@@ -46,34 +46,34 @@ def edges_of_triangles(triangles: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "t 
 def burgers_vectors(
     triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
 ) -> Int[np.ndarray, "t 2"]:
-    """Burgers vector in each counter-clockwise triangle, in the lattice; positions [m], angle [rad]."""
+    """Burgers vector of counter-clockwise triangles in lattice coordinates; positions [m], angle [rad]."""
     edges = edges_of_triangles(triangles).reshape(-1, 2)
     bonds = nearest_lattice_bonds(positions[edges[:, 1]] - positions[edges[:, 0]], angle)
-    # The integral of du over the circuit, u the displacement from the perfect lattice (FS/RH, Hirth and Lothe
-    # 1982). A region has the sum over its triangles.
+    # Integral of du over the circuit, where u is the displacement from the perfect lattice (FS/RH, Hirth and
+    # Lothe 1982). The Burgers vector of a region is the sum over its triangles.
     return np.asarray(-bonds.reshape(-1, 3, 2).sum(axis=1))
 
 
 def excess_grains(
     triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
 ) -> float:
-    """Grains in a region less its lattice sites, -1 for a vacancy; positions [m], angle [rad]."""
+    """Excess of grains over lattice sites in a region, -1 for a vacancy; positions [m], angle [rad]."""
     edges = edges_of_triangles(triangles).reshape(-1, 2)
-    have = {(int(i), int(j)) for i, j in edges}
-    rim = {i: j for i, j in have if (j, i) not in have}
+    directed_edges = {(int(i), int(j)) for i, j in edges}
+    rim = {i: j for i, j in directed_edges if (j, i) not in directed_edges}
     area = 0.0
     while rim:
-        start = here = next(iter(rim))
+        start = corner = next(iter(rim))
         position = np.zeros(2)
-        while here in rim:
-            there = rim.pop(here)
-            bond = nearest_lattice_bonds((positions[there] - positions[here])[None], angle)[0]
+        while corner in rim:
+            next_corner = rim.pop(corner)
+            bond = nearest_lattice_bonds((positions[next_corner] - positions[corner])[None], angle)[0]
             area += 0.5 * float(position[0] * bond[1] - position[1] * bond[0])
-            position, here = position + bond, there
-            if here == start:
+            position, corner = position + bond, next_corner
+            if corner == start:
                 break
-    # t triangles, n grains inside and k at the rim: t = 2 n + k - 2; the lattice has n + k/2 - 1 cells in the
-    # rim (Pick's theorem).
+    # For t triangles, n grains inside and k on the rim, t = 2 n + k - 2; n lattice sites inside the rim make
+    # n + k/2 - 1 lattice cells (Pick's theorem).
     return 0.5 * len(triangles) - area
 
 
@@ -81,12 +81,12 @@ class Dislocations(NamedTuple):
     """Pairs of a pentagon and a neighbouring heptagon."""
 
     pairs: Int[np.ndarray, "d 2"]  # the grain with five neighbours, and the one with seven
-    positions: Float[np.ndarray, "d 2"]  # the middle of both [m]
+    positions: Float[np.ndarray, "d 2"]  # midpoint of both [m]
     burgers: Float[np.ndarray, "d 2"]  # Burgers vectors [m]
 
 
 def disclination_charges(cells: VoronoiCells) -> np.ndarray:
-    """Disclination charge of each grain, 6 minus the number of its neighbours.
+    """Disclination charge of each grain: 6 minus the number of its neighbours.
 
     (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979.)
 
@@ -98,7 +98,7 @@ def disclination_charges(cells: VoronoiCells) -> np.ndarray:
     Returns
     -------
     int64 (n,)
-        Charge, such as 1 for a pentagon, 0 for a hexagon and -1 for a heptagon; 0 where there is no
+        Charge, such as 1 for a pentagon, 0 for a hexagon and -1 for a heptagon; 0 for grains without an
         interior cell.
 
     Examples
@@ -116,30 +116,29 @@ def disclination_charges(cells: VoronoiCells) -> np.ndarray:
 
 
 def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Dislocations:
-    """Dislocations: as many pairs of neighbouring pentagons and heptagons as can be made.
+    """Dislocations: the maximum number of pairs of neighbouring pentagons and heptagons.
 
-    Only interior cells count, and each belongs to one pair at most. Where the defects cluster, the
-    greatest number of pairs can be made in several combinations, of which one is taken.
+    Only interior cells are paired, and each belongs to one pair or none. In a cluster of defects several
+    pairings can reach the maximum number of pairs; one of them is taken.
 
     The Burgers vector of a pair is
 
         b = a z x (r7 - r5)/|r7 - r5|,
 
-    a turn by +90 degrees of the direction from the pentagon to the heptagon, with a the spacing of
-    the hexagonal lattice that has the mean cell area of both grains and their neighbours. Around a
-    pair, as many triangles meet at each grain as around every other pair, and the image of the
-    circuit in the perfect lattice always fails to close by one lattice vector across the pair. The
-    sign is that of the integral of du over a counter-clockwise circuit, u being the displacement
-    from the perfect lattice (the convention FS/RH of Hirth and Lothe, Theory of Dislocations, 1982,
-    with the line direction out of the plane): b = +a x has its extra half row, and the pentagon,
-    above.
+    the direction from the pentagon to the heptagon turned by +90 degrees. The length a is the spacing of the
+    hexagonal lattice with the mean cell area of both grains and their neighbours. The same numbers of
+    triangles meet at the grains around every such pair, so that the image of the circuit in the perfect
+    lattice always fails to close by one lattice vector across the pair. The sign is given by the integral of
+    du over a counter-clockwise circuit, where u is the displacement from the perfect lattice (the convention
+    FS/RH of Hirth and Lothe, Theory of Dislocations, 1982, with the line direction out of the plane): b = +a
+    x has its extra half row, and the pentagon, above.
 
     Parameters
     ----------
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent grains.
     cells : VoronoiCells, optional
-        Voronoi cells of the same positions, if known.
+        Voronoi cells of these positions, if already computed.
 
     Returns
     -------
@@ -149,7 +148,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2), or the cells are of another number of grains.
+        If the positions do not have the shape (n, 2), or the cells belong to another number of grains.
     """
     positions, cells = check_cells(positions, cells)
     pairs = _match_pentagons_to_heptagons(cells)
@@ -161,27 +160,29 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
 
 
 def count_defects(cells: VoronoiCells) -> dict[str, float]:
-    """Count disclinations (interior cells that are no hexagons), dislocations, and those in no pair."""
+    """Count disclinations (interior cells other than hexagons), dislocations, and unpaired disclinations."""
     number = int(np.count_nonzero(disclination_charges(cells)))
     pairs = len(_match_pentagons_to_heptagons(cells))
     return {"disclinations": number, "dislocations": pairs, "unpaired": number - 2 * pairs}
 
 
 def _match_pentagons_to_heptagons(cells: VoronoiCells) -> np.ndarray:
-    """Greatest set of disjoint neighbour pairs (pentagon, heptagon), int (d, 2)."""
+    """Largest set of disjoint neighbour pairs (pentagon, heptagon), int (d, 2)."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import maximum_bipartite_matching
 
     charge = disclination_charges(cells)
-    both = np.concatenate([cells.neighbours, cells.neighbours[:, ::-1]])
-    both = both[(charge[both[:, 0]] == 1) & (charge[both[:, 1]] == -1)]
-    if not len(both):
+    directed_pairs = np.concatenate([cells.neighbours, cells.neighbours[:, ::-1]])
+    directed_pairs = directed_pairs[
+        (charge[directed_pairs[:, 0]] == 1) & (charge[directed_pairs[:, 1]] == -1)
+    ]
+    if not len(directed_pairs):
         return np.empty((0, 2), dtype=np.intp)
-    fives, rows = np.unique(both[:, 0], return_inverse=True)
-    sevens, columns = np.unique(both[:, 1], return_inverse=True)
-    # Older releases of SciPy match with 32-bit indices only.
+    fives, rows = np.unique(directed_pairs[:, 0], return_inverse=True)
+    sevens, columns = np.unique(directed_pairs[:, 1], return_inverse=True)
+    # Older releases of SciPy accept only 32-bit indices for matching.
     indices = (rows.astype(np.int32), columns.astype(np.int32))
-    graph = csr_array((np.ones(len(both), dtype=bool), indices))
+    graph = csr_array((np.ones(len(directed_pairs), dtype=bool), indices))
     partner = maximum_bipartite_matching(graph, perm_type="column")
     return np.stack([fives[partner >= 0], sevens[partner[partner >= 0]]], axis=1)
 
@@ -190,10 +191,10 @@ def _mean_cell_areas_of_pairs(cells: VoronoiCells, pairs: np.ndarray) -> np.ndar
     """Mean area of the interior cells of each pair and of their neighbours (d,) [m^2]."""
     owner = np.full(len(cells.sides), -1)
     owner[pairs.ravel()] = np.repeat(np.arange(len(pairs)), 2)
-    both = np.concatenate([cells.neighbours, cells.neighbours[:, ::-1]])
-    both = both[(owner[both[:, 0]] >= 0) & cells.interior[both[:, 1]]]
-    # Cells at both grains of a pair, and the two themselves, count once.
-    chosen = np.unique(np.stack([owner[both[:, 0]], both[:, 1]], axis=1), axis=0)
+    directed_pairs = np.concatenate([cells.neighbours, cells.neighbours[:, ::-1]])
+    directed_pairs = directed_pairs[(owner[directed_pairs[:, 0]] >= 0) & cells.interior[directed_pairs[:, 1]]]
+    # Neighbours of both grains of a pair, and the pair itself, count once.
+    chosen = np.unique(np.stack([owner[directed_pairs[:, 0]], directed_pairs[:, 1]], axis=1), axis=0)
     total = np.bincount(chosen[:, 0], cells.area[chosen[:, 1]], minlength=len(pairs))
     return np.asarray(total / np.bincount(chosen[:, 0], minlength=len(pairs)))
 
@@ -207,17 +208,17 @@ DISLOCATION, DISCLINATION, VACANCY, INTERSTITIAL, PAIR, BOUNDARY = KINDS = (
     "grain boundary",
 )
 
-# Dislocations this far apart turn the lattice by 1/7 rad, 8 degrees.
-LINKED = 7.0
-"""Dislocations nearer than this to each other, in spacings, can belong to one boundary."""
+# Dislocations at this distance from each other turn the lattice by 1/7 rad, 8 degrees.
+BOUNDARY_LINK = 7.0
+"""Maximum distance between neighbouring dislocations of one grain boundary, in spacings."""
 
-LEAST_OF_BOUNDARY = 5
-"""Dislocations of a grain boundary, with Burgers vectors that do not cancel."""
+MINIMUM_BOUNDARY_SIZE = 5
+"""Minimum number of dislocations of a grain boundary, whose Burgers vectors do not cancel."""
 
 
-# The shells at 1, sqrt(3) and 2 spacings count, the next, at sqrt(7), does not.
+# Includes the shells at 1, sqrt(3) and 2 spacings, but not the next one, at sqrt(7).
 CORE = 2.6
-"""Radius of the disorder that counts for a dislocation's position, in spacings."""
+"""Radius of the disordered region that determines a dislocation's position, in spacings."""
 
 _CENTRINGS = 3
 
@@ -227,12 +228,12 @@ class FrameDefects(NamedTuple):
 
     kinds: tuple[str, ...]  # of `KINDS`
     positions: Float[np.ndarray, "d 2"]  # position of each defect [m]
-    lattice: Int[np.ndarray, "d 2"]  # Burgers vector in the lattice, see `granular.observables.defects`
-    burgers: Float[np.ndarray, "d 2"]  # the same in the plane [m]
-    charge: Int[np.ndarray, "d"]  # sum of 6 minus the number of neighbours
-    sizes: Int[np.ndarray, "d"]  # grains that have not six neighbours
+    lattice: Int[np.ndarray, "d 2"]  # Burgers vectors in lattice coordinates
+    burgers: Float[np.ndarray, "d 2"]  # Burgers vectors in the plane [m]
+    charge: Int[np.ndarray, "d"]  # sum of (6 minus the number of neighbours) over the cluster
+    sizes: Int[np.ndarray, "d"]  # number of grains without six neighbours
     angle: float  # direction of the lattice [rad]
-    spacing: float  # of the lattice of the mean cell area [m]
+    spacing: float  # spacing of the lattice with the mean cell area [m]
 
 
 class _DefectCluster(NamedTuple):
@@ -246,28 +247,26 @@ class _DefectCluster(NamedTuple):
 def detect_defects(
     positions: np.ndarray, angle: float | None = None, cells: VoronoiCells | None = None
 ) -> FrameDefects:
-    """Defects of the hexagonal order, by clusters of neighbouring grains that have not six.
+    """Detect defects of the hexagonal order: clusters of neighbouring grains without six neighbours.
 
-    Of each cluster the Burgers circuit about it is taken (Hirth and Lothe, Theory of Dislocations, 1982;
-    see `granular.observables.defects.burgers_vectors`). A cluster with a charge is a
-    disclination, one with a Burgers vector a dislocation, and one with neither a vacancy or an
-    interstitial, by the number of grains in it against that of lattice sites within the circuit;
-    with as many as there are sites it is a bound pair of dislocations, as heat makes them and takes
-    them back.
-    `LEAST_OF_BOUNDARY` dislocations or more, each less than `LINKED` spacings from the next, whose
-    Burgers vectors add up to half of their number or more, are a grain boundary. Clusters that
-    touch the rim, where cells are not interior, are known by half only and are left out, but for
-    boundaries.
+    Each cluster is classified by the Burgers circuit around it (Hirth and Lothe, Theory of Dislocations,
+    1982; see `granular.observables.defects.burgers_vectors`). A cluster with a charge is a disclination, and
+    one with a Burgers vector is a dislocation. A cluster with neither is a vacancy or an interstitial if it
+    has fewer or more grains than lattice sites within the circuit. With equal numbers it is a bound pair of
+    dislocations, as thermal motion creates and annihilates them. A grain boundary consists of
+    `MINIMUM_BOUNDARY_SIZE` or more dislocations, each less than `BOUNDARY_LINK` spacings from the next, whose
+    Burgers vectors add up to half their number or more. Clusters that touch the rim, whose cells are not
+    interior, are seen only in part and are omitted, except grain boundaries.
 
     Parameters
     ----------
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent grains.
     angle : float, optional
-        Direction of the lattice [rad], which is known up to 60 degrees; that of the mean bond order
-        if not given. Parts of the bed should be turned by less than 25 degrees against it.
+        Direction of the lattice [rad], modulo 60 degrees; the direction of the mean bond order if not given.
+        Parts of the bed should be turned by less than 25 degrees from it.
     cells : VoronoiCells, optional
-        Voronoi cells of the same positions, if known.
+        Voronoi cells of these positions, if already computed.
 
     Returns
     -------
@@ -278,7 +277,7 @@ def detect_defects(
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2), the cells are of another number of grains, or no
+        If the positions do not have the shape (n, 2), the cells belong to another number of grains, or no
         grain has an interior cell.
     """
     positions, cells = check_cells(positions, cells)
@@ -311,13 +310,15 @@ def _cluster_defects(
     count = len(positions)
     triangles = cells.triangles
     bonds = np.unique(np.sort(edges_of_triangles(triangles).reshape(-1, 2), axis=1), axis=0)
-    # By the triangulation: four grains on one circle have a bond too, as circuits need it.
+    # Bonds of the triangulation: the circuits need a bond among four grains on one circle too.
     degree = np.bincount(bonds.ravel(), minlength=count)
-    odd = cells.interior & (degree != 6)
-    both = bonds[odd[bonds].all(axis=1)]
-    graph = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(count, count))
+    defective = cells.interior & (degree != 6)
+    defect_bonds = bonds[defective[bonds].all(axis=1)]
+    graph = csr_array(
+        (np.ones(len(defect_bonds)), (defect_bonds[:, 0], defect_bonds[:, 1])), shape=(count, count)
+    )
     _, owner = connected_components(graph, directed=False)
-    owner = np.where(odd, owner, -1)
+    owner = np.where(defective, owner, -1)
     at_rim = np.zeros(count, dtype=bool)
     at_rim[bonds[~cells.interior[bonds].all(axis=1)].ravel()] = True
     vectors = burgers_vectors(triangles, positions, angle)
@@ -325,7 +326,7 @@ def _cluster_defects(
     order = np.abs(local_psi6(positions, cells))
     disorder = np.where(cells.interior & np.isfinite(order), 1.0 - order, 0.0)
     result = []
-    for label in np.unique(owner[odd]):
+    for label in np.unique(owner[defective]):
         members = np.flatnonzero(owner == label)
         region = triangles[of_triangle == label]
         lattice = vectors[of_triangle == label].sum(axis=0)
@@ -335,9 +336,9 @@ def _cluster_defects(
             excess = round(excess_grains(region, positions, angle))
             kind = VACANCY if excess < 0 else INTERSTITIAL if excess > 0 else PAIR
         if at_rim[members].any():
-            # Clusters at the rim are known by half; only the end of a boundary has a vector this long, and is
-            # kept to be joined to it.
-            if kind != BOUNDARY and lattice_norm_squared(lattice) < LEAST_OF_BOUNDARY**2 / 4:
+            # Clusters at the rim are seen only in part. Only the end of a grain boundary has such a long
+            # vector; it is kept to be joined to the boundary.
+            if kind != BOUNDARY and lattice_norm_squared(lattice) < MINIMUM_BOUNDARY_SIZE**2 / 4:
                 continue
             kind = DISLOCATION
         position = positions[members].mean(axis=0)
@@ -352,53 +353,56 @@ def _cluster_defects(
 def _dislocation_core_position(
     positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
 ) -> np.ndarray:
-    """Centre of the disorder about a point: a core moves between sites, its grains jump."""
+    """Centre of the disorder about a point: a core moves between sites while its grains jump."""
     started = position
     for _ in range(_CENTRINGS):
-        along = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)
-        # Weight and slope are zero at the edge: grains enter and leave without a jump.
-        weight = np.where(along < 1.0, disorder * (1.0 - along**2) ** 2, 0.0)
+        relative_distance = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)
+        # Weight and slope vanish at the edge, so that grains enter and leave without a jump.
+        weight = np.where(relative_distance < 1.0, disorder * (1.0 - relative_distance**2) ** 2, 0.0)
         if not weight.sum() > 0.0:
             return started
         position = np.nansum(weight[:, None] * positions, axis=0) / weight.sum()
-    # Farther off the centre has run into the disorder of another defect.
+    # At larger distances the centre has moved into the disorder of another defect.
     return position if np.linalg.norm(position - started) < spacing else started
 
 
 def _vacancy_centre(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """Middle of the largest circle among the triangles that holds no grain."""
+    """Centre of the largest empty circumcircle of the triangles."""
     corners = circumcentres(positions, region)
     radii = np.linalg.norm(corners - positions[region[:, 0]], axis=1)
     return np.asarray(corners[np.argmax(radii)])
 
 
 def _join_grain_boundaries(clusters: list[_DefectCluster], spacing: float) -> list[_DefectCluster]:
-    """Clusters with the dislocations of each grain boundary as one."""
+    """Merge the dislocations of each grain boundary into one cluster."""
     from scipy.cluster.hierarchy import fcluster, linkage
 
-    able = [cluster for cluster in clusters if cluster.lattice.any()]
-    if sum(math.sqrt(lattice_norm_squared(defect.lattice)) for defect in able) < LEAST_OF_BOUNDARY / 2:
+    with_burgers = [cluster for cluster in clusters if cluster.lattice.any()]
+    if (
+        sum(math.sqrt(lattice_norm_squared(defect.lattice)) for defect in with_burgers)
+        < MINIMUM_BOUNDARY_SIZE / 2
+    ):
         return clusters
-    rest = [cluster for cluster in clusters if not cluster.lattice.any()]
-    positions = np.array([defect.position for defect in able])
+    result = [cluster for cluster in clusters if not cluster.lattice.any()]
+    positions = np.array([defect.position for defect in with_burgers])
     groups = (
-        fcluster(linkage(positions, "single"), LINKED * spacing, "distance")
-        if len(able) > 1
+        fcluster(linkage(positions, "single"), BOUNDARY_LINK * spacing, "distance")
+        if len(with_burgers) > 1
         else np.ones(1, dtype=int)
     )
     for group in np.unique(groups):
-        members = [defect for defect, mine in zip(able, groups, strict=True) if mine == group]
-        rest += _merge_grain_boundary(members)
-    return rest
+        members = [defect for defect, label in zip(with_burgers, groups, strict=True) if label == group]
+        result += _merge_grain_boundary(members)
+    return result
 
 
 def _merge_grain_boundary(members: list[_DefectCluster]) -> list[_DefectCluster]:
     lengths = [math.sqrt(lattice_norm_squared(member.lattice)) for member in members]
     total = np.sum([member.lattice for member in members], axis=0)
-    # A dislocation is two grains that have not six neighbours.
+    # A dislocation consists of two grains without six neighbours.
     dislocations = sum(member.size for member in members) / 2.0
-    if dislocations < LEAST_OF_BOUNDARY or math.sqrt(lattice_norm_squared(total)) < 0.5 * max(
-        sum(lengths), LEAST_OF_BOUNDARY
+    if dislocations < MINIMUM_BOUNDARY_SIZE or math.sqrt(lattice_norm_squared(total)) < 0.5 * max(
+        sum(lengths), MINIMUM_BOUNDARY_SIZE
     ):
         return members
     sizes = np.array([member.size for member in members])

@@ -1,10 +1,8 @@
-"""Forces on the piston, the walls and the grains; stresses of grains, and how forces are spread.
+"""Forces on the piston, the walls and the grains, stresses of the grains, and distributions of forces.
 
-Forces on each grain, taken apart: those of its pairs, and of the walls.
-
-Dipoles, discs, contacts (without their dashpots) and walls are known here. All pairs count, whatever
-method of summing them a run has taken; in a periodic cell each grain meets the nearest image of
-every other one.
+The force on each grain is resolved into the forces of single pairs and walls. Dipoles, discs, contacts
+(without their dashpots) and walls are implemented. All pairs are summed, whichever method of pair summation a
+run used; in a periodic cell each grain interacts with the nearest image of every other one.
 """
 
 from __future__ import annotations
@@ -43,58 +41,61 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 
-# Vectors of 512 rows take 50 MB with 6,000 grains.
+# The vectors of 512 grains take 50 MB with 6,000 grains.
 BLOCK = 512
-"""Grains whose pairs are in memory simultaneously."""
+"""Number of grains whose pairs are held in memory at the same time."""
 
 FARTHEST = 20.0
-"""Distance over that of contact from which the series of a disc's field has its first term only."""
+"""Distance, over the contact distance, beyond which only the first term of a disc's field series is kept."""
 
 KNOWN = ("dipole", "contact", "walls")
 SILENT = (
     *("bath", "drag", "eddy", "field", "friction"),
     *("gradient", "gravity", "host", "shaking", "wall_friction"),
 )
-"""Effects that press no grain against another one or a wall."""
+"""Effects that exert no force between grains or between grains and walls."""
 
 
 class BranchesAndForces(NamedTuple):
-    """Branches and forces of some grains with others."""
+    """Branch vectors and forces between some grains and other bodies."""
 
-    grains: Int[np.ndarray, "k"]  # the grains that the forces act on
-    branches: Float[np.ndarray, "k m 2"]  # from each of the m others to each of these grains [m]
+    grains: Int[np.ndarray, "k"]  # indices of the grains on which the forces act
+    branches: Float[np.ndarray, "k m 2"]  # from each of the m other bodies to each of these grains [m]
     forces: Float[np.ndarray, "k m 2"]  # on these grains [N]
 
 
 def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
-    """Effects of a scene that act between grains by a law which is not known here."""
+    """Effects of a scene whose forces between grains cannot be resolved here."""
     return tuple(effect.key for effect in scene.effects.acting if effect.key not in (*KNOWN, *SILENT))
 
 
 def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> Iterator[BranchesAndForces]:
-    """Yield branches (k, m, 2) [m] and forces [N] of all m grains on k at a time; positions [m]."""
-    positions, here, system = _positions_and_natural_system(scene, positions)
+    """Yield branches (k, m, 2) [m] and forces [N] of all m grains on k grains at a time; positions [m]."""
+    positions, present, system = _positions_and_natural_system(scene, positions)
     scales = system.scales
-    points = positions[here]
-    moments = relative_magnetic_moments(scene)[here]
+    points = positions[present]
+    moments = relative_magnetic_moments(scene)[present]
     laws = zip(system.effects, system.constants.acting.laws, strict=True)
     contact = next((law for effect, law in laws if effect.key == "contact"), None)
-    discs, species = discs_unless_dipoles(scene.grains, scales.length), scene.grains.species_indices()[here]
-    for start in range(0, len(here), BLOCK):
-        some = np.arange(start, min(start + BLOCK, len(here)))
-        branch = scene.cell.nearest_image_displacements(points[some, None] - points[None]) / scales.length
+    discs, species = (
+        discs_unless_dipoles(scene.grains, scales.length),
+        scene.grains.species_indices()[present],
+    )
+    for start in range(0, len(present), BLOCK):
+        block = np.arange(start, min(start + BLOCK, len(present)))
+        branch = scene.cell.nearest_image_displacements(points[block, None] - points[None]) / scales.length
         r = np.linalg.norm(branch, axis=2)
-        r[np.arange(len(some)), some] = np.inf
+        r[np.arange(len(block)), block] = np.inf
         push = np.zeros_like(r)
         if scene.effects.dipole is not None:
-            push += STRENGTH * moments[some][:, None] * moments[None] / r**4
+            push += STRENGTH * moments[block][:, None] * moments[None] / r**4
             if discs:
-                push *= _disc_to_dipole_force_ratio(discs, r, species[some], species)
+                push *= _disc_to_dipole_force_ratio(discs, r, species[block], species)
         if contact is not None:
-            push += _contact_pair_forces(contact, r, here[some], here)
+            push += _contact_pair_forces(contact, r, present[block], present)
         with np.errstate(invalid="ignore"):
             forces = (push / r)[:, :, None] * branch
-        yield BranchesAndForces(here[some], branch * scales.length, forces * scales.force)
+        yield BranchesAndForces(present[block], branch * scales.length, forces * scales.force)
 
 
 def iterate_wall_forces(
@@ -102,51 +103,53 @@ def iterate_wall_forces(
 ) -> BranchesAndForces:
     """Evaluate branches (k, m, 2) [m] and forces [N] of the m walls on each grain; positions [m].
 
-    Behind the piston's height are those of further pistons whose sides are walls.
+    After the piston's height come the heights of further pistons whose sides are walls.
     """
-    positions, here, system = _positions_and_natural_system(scene, positions)
-    scales, points = system.scales, positions[here]
+    positions, present, system = _positions_and_natural_system(scene, positions)
+    scales, points = system.scales, positions[present]
     if piston_height is None:
         piston_height = np.nan if scene.piston is None else scene.piston.height
     heights = np.array([0.0, *np.atleast_1d(piston_height)])
     sides = zip(scene.cell.lines, system.constants.acting.sides, strict=True)
     acting = [(line, side) for line, side in sides if side.law is not None]
-    moments, (x, y) = relative_magnetic_moments(scene)[here], np.array(points.T / scales.length)
-    branches, forces = np.zeros((2, len(here), len(acting), 2))
+    moments, (x, y) = relative_magnetic_moments(scene)[present], np.array(points.T / scales.length)
+    branches, forces = np.zeros((2, len(present), len(acting), 2))
     for k, (line, side) in enumerate(acting):
         law = side.law
         if getattr(law, "species", None) is not None:
-            law = law._replace(species=system.species[here])
-        pushes, seen = np.zeros((3, len(here))), side._replace(law=law)
+            law = law._replace(species=system.species[present])
+        pushes, wall_side = np.zeros((3, len(present))), side._replace(law=law)
         body = body_of_side(scene, line)
         if body >= len(heights):
             raise InputError(
-                f"side {line.name!r} moves with a further piston; give its height behind the piston's"
+                f"side {line.name!r} moves with a further piston; give its height after the piston's"
             )
-        evaluate_wall_forces(seen, x, y, heights[body] / scales.length, moments, pushes)
+        evaluate_wall_forces(wall_side, x, y, heights[body] / scales.length, moments, pushes)
         distances = line.distances(points - [0.0, heights[body]], 0.0)
         branches[:, k] = distances[:, None] * line.normal
         forces[:, k] = pushes[:2].T
-    return BranchesAndForces(here, branches, forces * scales.force)
+    return BranchesAndForces(present, branches, forces * scales.force)
 
 
 def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
-    """Positions, which grains are there, and the scene in natural units."""
+    """Check positions, and return them with the scene in natural units."""
     from granular.scene.scene_in_natural_units import scene_in_natural_units
 
     positions = check_vectors(positions)
     if len(positions) != scene.grains.count:
-        raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
-    if foreign := effects_of_unknown_pair_force(scene):
         raise InputError(
-            f"effects.{foreign[0]}: what it does between grains is not taken apart; ask for the "
-            "resulting force instead"
+            f"{len(positions)} positions for {scene.grains.count} grains; give one for each grain"
+        )
+    if unresolved := effects_of_unknown_pair_force(scene):
+        raise InputError(
+            f"effects.{unresolved[0]}: its force between grains cannot be resolved into pairs; use "
+            "the resultant force instead"
         )
     return positions, np.flatnonzero(is_present(positions)), scene_in_natural_units(scene)
 
 
 def relative_magnetic_moments(scene: Scene) -> Float[np.ndarray, "n"]:
-    """Magnetic moment of each grain over that of the first species."""
+    """Magnetic moment of each grain relative to the first species."""
     grains = scene.grains
     return np.asarray(grains.moment_ratios()[grains.species_indices()] * grains.moment_spread_factors())
 
@@ -154,36 +157,36 @@ def relative_magnetic_moments(scene: Scene) -> Float[np.ndarray, "n"]:
 def _disc_to_dipole_force_ratio(
     discs: tuple[Disc, ...], r: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> np.ndarray:
-    """Force of pairs of discs over that of dipoles; ``first`` and ``second`` are their species."""
+    """Ratio of disc force to dipole force for pairs of discs of the species ``first`` and ``second``."""
     result = np.ones_like(r)
     for i, j in itertools.product(range(len(discs)), repeat=2):
-        these = np.ix_(first == i, second == j)
-        result[these] = _make_disc_to_dipole_ratio(discs[i], discs[j])(r[these])
+        pair_block = np.ix_(first == i, second == j)
+        result[pair_block] = _make_disc_to_dipole_ratio(discs[i], discs[j])(r[pair_block])
     return result
 
 
 @cache
 def _make_disc_to_dipole_ratio(first: Disc, second: Disc) -> Callable[[np.ndarray], np.ndarray]:
-    """Force of two discs over that of dipoles, by their distance; below contact with its slope."""
+    """Ratio of the forces of two discs and two dipoles, as a function of distance; linear below contact."""
     from scipy.interpolate import CubicSpline
 
     from granular.pairs.disc_law import force_slope_at_contact
 
     contact, shift = contact_distance(first, second), pair_squared_distance_shift(first, second)
-    # Its singular part at contact is smooth in the root of the gap.
-    root = np.linspace(0.0, np.sqrt((FARTHEST - 1.0) * contact), 400)
-    at = contact + root**2
-    spline = CubicSpline(root, disc_energy_and_force(at, first, second)[1] * at**4 / 3.0)
+    # The singular part at contact is smooth in the square root of the gap.
+    root_gaps = np.linspace(0.0, np.sqrt((FARTHEST - 1.0) * contact), 400)
+    distances = contact + root_gaps**2
+    spline = CubicSpline(root_gaps, disc_energy_and_force(distances, first, second)[1] * distances**4 / 3.0)
     slope = force_slope_at_contact(first, second) / 3.0
 
-    def factor(r: np.ndarray) -> np.ndarray:
+    def force_ratio(r: np.ndarray) -> np.ndarray:
         gap = r - contact
-        near = spline(np.sqrt(np.clip(gap, 0.0, root[-1] ** 2)))
+        near = spline(np.sqrt(np.clip(gap, 0.0, root_gaps[-1] ** 2)))
         far = 1.0 + 2.5 * shift / r**2
         pressed = (spline(0.0) / contact**4 + slope * np.minimum(gap, 0.0)) * np.minimum(r, contact) ** 4
-        return np.where(gap < 0.0, pressed, np.where(gap < root[-1] ** 2, near, far))
+        return np.where(gap < 0.0, pressed, np.where(gap < root_gaps[-1] ** 2, near, far))
 
-    return factor
+    return force_ratio
 
 
 def _contact_pair_forces(law: Any, r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -201,7 +204,7 @@ def _contact_pair_forces(law: Any, r: np.ndarray, first: np.ndarray, second: np.
 
 @cache
 def _callable_kernel(kernel: Any) -> Any:
-    """Form of a kernel that Python can call."""
+    """Return the form of a kernel that Python can call."""
     from granular.compiled import entry
 
     return entry(kernel)
@@ -218,7 +221,7 @@ def piston_force(run: Trajectory) -> xarray.DataArray:
 
 
 def wall_forces(run: Trajectory) -> xarray.DataArray:
-    """Force of the grains on every wall that acts, outwards.
+    """Outward force of the grains on every active wall.
 
     Parameters
     ----------
@@ -228,13 +231,13 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
     Returns
     -------
     xarray.DataArray
-        Force on each wall [N], positive outwards, on ``time`` [s] and ``wall``: the names of
-        sides that are walls, and piston.
+        Force on each wall [N], positive outwards, on ``time`` [s] and ``wall``: the names of the sides that
+        are walls, and the piston.
 
     Raises
     ------
     InputError
-        If no wall acts in the scene.
+        If the scene has no active wall.
     """
     names = (*(line.name for line in run.scene.cell.lines), "piston")
     present = [wall for wall in names if f"{wall}_force" in run.dataset]
@@ -249,9 +252,9 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
 def interaction_forces(frame: Frame) -> np.ndarray:
     """Force of grains and walls on each grain.
 
-    These are the frame's forces without weight, and without inertia where the cell is shaken: the
-    resulting magnetic force of [D, 4.3.5], and contact where the scene has it. Forces of own fields
-    and gradients are left in them.
+    These are the frame's forces without weight, and without inertia if the cell is shaken: the resultant
+    magnetic force of [D, 4.3.5], and contact if the scene has it. Forces of user-defined fields and gradients
+    are included.
 
     Parameters
     ----------
@@ -271,23 +274,24 @@ def outer_acceleration(scene: Scene, time: float) -> Float[np.ndarray, "2"]:
     acceleration, effects = np.zeros(2), scene.effects
     gravity, shaking, host = effects.gravity, effects.shaking, effects.host
     if gravity is not None:
-        # A host that carries the piston has the cell upside down.
+        # If the host carries the piston, the cell is upside down.
         upwards = host is not None and host.mount == "piston"
         acceleration[1] += gravity.acceleration if upwards else -gravity.acceleration
     if shaking is not None:
         omega = 2.0 * np.pi * shaking.frequency
-        swing = shaking.amplitude * omega**2 * np.sin(omega * time)
-        acceleration += swing * np.array([np.cos(shaking.angle), np.sin(shaking.angle)])
+        inertia = shaking.amplitude * omega**2 * np.sin(omega * time)
+        acceleration += inertia * np.array([np.cos(shaking.angle), np.sin(shaking.angle)])
     return acceleration
 
 
 def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: Heights = None) -> np.ndarray:
     """Sum of the magnitudes of all forces of other grains and of walls on each grain.
 
-    De Paula writes it apart from the resulting force (``comPart`` and ``forPart``) and draws its
-    distribution [D, 4.3.5, Fig. 5.3, Appendix B]. In a bed at rest the resulting force is what
-    friction holds, some hundredths of it. Forces are those of dipoles or discs, of contact without its
-    dashpot, and of walls; each grain meets the nearest image of every other one in a periodic cell.
+    De Paula distinguishes it from the resultant force (``comPart`` and ``forPart``) and shows its
+    distribution [D, 4.3.5, Fig. 5.3, Appendix B]. In a bed at rest the resultant force is balanced by
+    friction and is a few hundredths of the compressive force. Forces of dipoles or discs, of contact without
+    its dashpot, and of walls are included; in a periodic cell each grain interacts with the nearest image of
+    every other one.
 
     Parameters
     ----------
@@ -296,48 +300,48 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: Heigh
     positions : float (n, 2)
         Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
-        Height of the piston [m]; the scene's where not given.
+        Height of the piston [m]; the scene's if not given.
 
     Returns
     -------
     float64 (n,)
-        Compressive force [N]; NaN for absent grains, and for all that stand at one point or meet a piston
-        whose height is NaN.
+        Compressive force [N]; NaN for absent grains, for grains at the same point, and for grains that
+        interact with a piston whose height is NaN.
 
     Raises
     ------
     InputError
-        If the shape is not that of the scene's grains, or an effect acts between grains by another law
-        than dipole and contact (``pair_law``, an own effect).
+        If the shape does not match the scene's grains, or an effect exerts forces between grains other than
+        dipole and contact forces (``pair_law``, a user-defined effect).
     """
     total = np.full(len(check_vectors(positions)), np.nan)
-    for some in iterate_pair_forces(scene, positions):
-        total[some.grains] = np.linalg.norm(some.forces, axis=2).sum(axis=1)
+    for block in iterate_pair_forces(scene, positions):
+        total[block.grains] = np.linalg.norm(block.forces, axis=2).sum(axis=1)
     walls = iterate_wall_forces(scene, positions, piston_height)
     total[walls.grains] += np.linalg.norm(walls.forces, axis=2).sum(axis=1)
     return total
 
 
 def relative_force_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndarray:
-    """Relative fluctuation |F_k - mean F|/mean F, with the mean over the species of grain k [D, eq. 4.35].
+    """Relative fluctuation |F_k - mean F|/mean F, where mean F is over the species of grain k [D, eq. 4.35].
 
     Parameters
     ----------
     magnitudes : float (n,)
-        Magnitudes of the forces on the grains [N], 0 or more; NaN for grains that are not to count.
+        Magnitudes of the forces on the grains [N], 0 or more; NaN for grains to be ignored.
     species : int (n,)
         Index of each grain's species.
 
     Returns
     -------
     float64 (n,)
-        Fluctuation without unit; NaN for grains whose magnitude is not finite, and where the mean of their
-        species is not above 0.
+        Dimensionless fluctuation; NaN for grains whose magnitude is not finite or whose species has a mean
+        that is not above 0.
 
     Raises
     ------
     InputError
-        If magnitudes or species have another shape than (n,), or differ in it.
+        If magnitudes and species do not have the same shape (n,).
     """
     magnitudes = np.asarray(magnitudes, dtype=np.float64)
     magnitudes = check_grain_values("magnitudes", magnitudes, magnitudes.size)
@@ -352,12 +356,13 @@ def relative_force_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> n
 
 
 def grain_virials(scene: Scene, positions: np.ndarray, piston_height: Heights = None) -> np.ndarray:
-    """Virial of each grain: sum of branch times force, half for a pair and whole for a wall.
+    """Virial of each grain: sum of branch times force, halved for pairs, in full for walls.
 
-    The branch of a pair belongs to both grains, that of a wall to one alone. So the sum over all
-    grains is that of the bed: with every grain at rest its yy component is the piston force times
-    the piston's height, plus what weight and friction hold (the virial theorem; Allen and Tildesley,
-    Computer Simulation of Liquids, 2nd ed. 2017). Forces are those of `compressive_forces`.
+    The branch of a pair is shared by two grains, the branch of a wall belongs to one. The sum over all grains
+    is therefore the virial of the bed: with every grain at rest its yy component is the piston force times
+    the piston's height, plus the contributions of weight and friction (the virial theorem; Allen and
+    Tildesley, Computer Simulation of Liquids, 2nd ed. 2017). The forces are the same as in
+    `compressive_forces`.
 
     Parameters
     ----------
@@ -366,23 +371,23 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: Heights = 
     positions : float (n, 2)
         Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
-        Height of the piston [m]; the scene's where not given.
+        Height of the piston [m]; the scene's if not given.
 
     Returns
     -------
     float64 (n, 2, 2)
-        Virial [J], positive where the grain is pressed; NaN for absent grains, and for all that stand at
-        one point or meet a piston whose height is NaN.
+        Virial [J], positive under compression; NaN for absent grains, for grains at the same point, and for
+        grains that interact with a piston whose height is NaN.
 
     Raises
     ------
     InputError
-        If the shape is not that of the scene's grains, or an effect acts between grains by another law
-        than dipole and contact (``pair_law``, an own effect).
+        If the shape does not match the scene's grains, or an effect exerts forces between grains other than
+        dipole and contact forces (``pair_law``, a user-defined effect).
     """
     virials = np.full((len(check_vectors(positions)), 2, 2), np.nan)
-    for some in iterate_pair_forces(scene, positions):
-        virials[some.grains] = 0.5 * np.einsum("kmi,kmj->kij", some.branches, some.forces)
+    for block in iterate_pair_forces(scene, positions):
+        virials[block.grains] = 0.5 * np.einsum("kmi,kmj->kij", block.branches, block.forces)
     walls = iterate_wall_forces(scene, positions, piston_height)
     virials[walls.grains] += np.einsum("kmi,kmj->kij", walls.branches, walls.forces)
     return virials
@@ -391,7 +396,7 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: Heights = 
 def grain_stresses(
     scene: Scene, positions: np.ndarray, piston_height: Heights = None, cells: VoronoiCells | None = None
 ) -> np.ndarray:
-    """Virial stress tensor of each grain: `grain_virials` over the area of its Voronoi cell.
+    """Virial stress tensor of each grain: `grain_virials` divided by the area of its Voronoi cell.
 
     It is the virial stress in two dimensions (Irving and Kirkwood, J. Chem. Phys. 18, 817, 1950),
     without its kinetic part.
@@ -403,22 +408,22 @@ def grain_stresses(
     positions : float (n, 2)
         Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
-        Height of the piston [m]; the scene's where not given.
+        Height of the piston [m]; the scene's if not given.
     cells : VoronoiCells, optional
-        Voronoi cells of these positions, where they are known already.
+        Voronoi cells of these positions, if already computed.
 
     Returns
     -------
     float64 (n, 2, 2)
         Stress [N/m], positive for compression; NaN for grains without an interior Voronoi cell, and where
-        `grain_virials` is.
+        `grain_virials` is NaN.
 
     Raises
     ------
     InputError
-        If the positions have another shape than the scene's grains, the cells are of another number of
-        grains, or an effect acts between grains by another law than dipole and contact (``pair_law``, an
-        own effect).
+        If the positions do not match the scene's grains, the cells belong to another number of grains, or an
+        effect exerts forces between grains other than dipole and contact forces (``pair_law``, a user-defined
+        effect).
     """
     _, cells = check_cells(scene.cell.wrap_positions(positions), cells)
     return grain_virials(scene, positions, piston_height) / cells.area[:, None, None]
@@ -438,21 +443,21 @@ def grain_pressures(
     positions : float (n, 2)
         Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
-        Height of the piston [m]; the scene's where not given.
+        Height of the piston [m]; the scene's if not given.
     cells : VoronoiCells, optional
-        Voronoi cells of these positions, where they are known already.
+        Voronoi cells of these positions, if already computed.
 
     Returns
     -------
     float64 (n,)
-        Pressure of each grain [N/m], positive for compression; NaN where `grain_stresses` is.
+        Pressure of each grain [N/m], positive for compression; NaN where `grain_stresses` is NaN.
 
     Raises
     ------
     InputError
-        If the positions have another shape than the scene's grains, the cells are of another number of
-        grains, or an effect acts between grains by another law than dipole and contact (``pair_law``, an
-        own effect).
+        If the positions do not match the scene's grains, the cells belong to another number of grains, or an
+        effect exerts forces between grains other than dipole and contact forces (``pair_law``, a user-defined
+        effect).
     """
     stresses = grain_stresses(scene, positions, piston_height, cells)
     return np.asarray(0.5 * np.trace(stresses, axis1=1, axis2=2))
@@ -461,34 +466,34 @@ def grain_pressures(
 def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histogram]:
     """Histograms of the compressive force on the grains of a frame [D, Fig. 4.21].
 
-    Only grains with an interior Voronoi cell count, as in de Paula's pictures of forces; bins are those of
-    `knuth_histogram`.
+    Only grains with an interior Voronoi cell are included, as in de Paula's figures of forces. The bins
+    follow `knuth_histogram`.
 
     Parameters
     ----------
     frame : Frame
         Instant of a run; see `frame_at`.
     pooled : bool
-        All species in one histogram, named ``"all"``, over the greatest force of the frame, as the
-        source draws them.
+        All species in one histogram, named ``"all"``, with forces divided by the maximum force of the frame,
+        as in the source.
 
     Returns
     -------
     dict of str to Histogram
-        By the name of the species, for the species that have such grains there; forces in N, or
-        over their greatest where they are pooled.
+        Histogram of each species that has grains with an interior cell, by its name; forces in N, or divided
+        by the maximum if pooled.
 
     Raises
     ------
     InputError
-        If there is no such grain, or a force that cannot be taken apart (see `compressive_forces`).
+        If no grain has an interior cell, or a force cannot be resolved into pairs (see `compressive_forces`).
     """
     forces = _interior_compressive_forces(frame)
     known = np.isfinite(forces)
     if not known.any():
         raise InputError(
-            f"the frame at {frame.time:g} s has 0 grains with an interior Voronoi cell; give one "
-            "whose grains lie in more than two rows"
+            f"the frame at {frame.time:g} s has 0 grains with an interior Voronoi cell; give a "
+            "frame whose grains lie in more than two rows"
         )
     if pooled:
         return {"all": knuth_histogram(forces[known] / forces[known].max())}
@@ -500,9 +505,9 @@ def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histo
 
 
 def force_dip_test(frame: Frame) -> DipTest:
-    """Test the compressive forces of a frame, of all species together, for more than one mode.
+    """Test whether the compressive forces of a frame, all species together, have more than one mode.
 
-    The dip test of Hartigan and Hartigan (Ann. Stat. 13, 70, 1985), over the grains that have an
+    The dip test of Hartigan and Hartigan (Ann. Stat. 13, 70, 1985) is applied to the grains that have an
     interior Voronoi cell.
 
     Parameters
@@ -513,12 +518,12 @@ def force_dip_test(frame: Frame) -> DipTest:
     Returns
     -------
     DipTest
-        Dip of the distribution and its probability under one mode, without unit.
+        Dip of the distribution and its probability for a distribution with one mode, dimensionless.
 
     Raises
     ------
     InputError
-        If fewer than four grains have an interior cell, or a force cannot be taken apart (see
+        If fewer than four grains have an interior cell, or a force cannot be resolved into pairs (see
         `compressive_forces`).
     """
     return dip_test(_interior_compressive_forces(frame))

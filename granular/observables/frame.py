@@ -1,9 +1,9 @@
 """Observables: functions of a frame with a unit, and their values at every frame of a run.
 
->>> @observable("N", "greatest force on a grain")
-... def greatest_force(frame):
+>>> @observable("N", "maximum force on a grain")
+... def maximum_force(frame):
 ...     return np.nanmax(np.linalg.norm(frame.forces, axis=1))
->>> per_frame(run, greatest_force).plot()
+>>> per_frame(run, maximum_force).plot()
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Frame(NamedTuple):
-    """A moment of a run, in SI; values of grains that have left the cell are NaN.
+    """An instant of a run, in SI; values of grains that have left the cell are NaN.
 
     Attributes
     ----------
@@ -34,8 +34,9 @@ class Frame(NamedTuple):
     time : float
         Time in the run [s].
     positions, velocities, forces : float (n, 2)
-        Positions [m], within the cell where it is periodic; velocities [m/s]; forces [N]: magnetic ones,
-        contact, weight, own laws and fields, the inertia of a shaken cell, but no drag and no friction.
+        Positions [m], wrapped into the cell if it is periodic; velocities [m/s]; forces [N]: magnetic and
+        contact forces, weight, user-defined laws and fields, the inertia of a shaken cell, but no drag and no
+        friction.
     piston_height : float
         Height of the piston [m]; NaN without a piston.
     species : int (n,)
@@ -59,57 +60,57 @@ class Frame(NamedTuple):
 
     @property
     def heights(self) -> np.ndarray:
-        """Height of the piston, and behind it those of further ones (1 + p,) [m]."""
+        """Height of the piston, followed by the heights of further pistons (1 + p,) [m]."""
         return np.array([self.piston_height, *self.further_heights])
 
 
 Value = float | np.ndarray | Mapping[Any, "float | np.ndarray"]
-"""A number, one for each grain (n,), a vector (n, 2) or a tensor (n, 2, 2) for each grain, or such
-values by their labels."""
+"""A number; a number (n,), a vector (n, 2) or a tensor (n, 2, 2) for each grain; or a mapping of labels to
+such values."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def observable(unit: str, meaning: str = "", name: str | None = None) -> Callable[[Function], Function]:
-    """Give a function its unit, and make it an observable.
+    """Mark a function as an observable, with its unit.
 
     Parameters
     ----------
     unit : str
         Unit of the function's value, such as ``"N"`` or ``"mm/s"``; ``"1"`` for none.
     meaning : str
-        In words, for the axis of a plot.
+        Description in words, for the axis of a plot.
     name : str, optional
-        Python identifier by which tables and commands know it; the function's own if not given.
+        Python identifier used in tables and commands; the function's name if not given.
 
     Returns
     -------
     function
-        Decorator, which marks a function by its attribute ``observable`` and returns it.
+        Decorator, which sets the attribute ``observable`` of a function and returns the function.
 
     Raises
     ------
     InputError
-        If the unit cannot be read; by the decorator, if the name is no identifier or there is none.
+        If the unit cannot be parsed; from the decorator, if the name is missing or is not an identifier.
 
     Examples
     --------
     >>> import numpy as np
     >>> from granular.observables import observable
-    >>> @observable("N", "greatest force on a grain")
-    ... def greatest_force(frame):
+    >>> @observable("N", "maximum force on a grain")
+    ... def maximum_force(frame):
     ...     return np.nanmax(np.linalg.norm(frame.forces, axis=1))
-    >>> greatest_force.observable.unit
+    >>> maximum_force.observable.unit
     'N'
     """
     if unit != "1":
         unit_size(unit)
 
     def mark(function: Function) -> Function:
-        called = getattr(function, "__name__", "") if name is None else name
-        if not called.isidentifier():
-            raise InputError(f"observable {quote(called)}; give a name such as 'greatest_force'")
-        function.observable = Observable(called, unit, meaning)  # type: ignore[attr-defined]
+        identifier = getattr(function, "__name__", "") if name is None else name
+        if not identifier.isidentifier():
+            raise InputError(f"observable {quote(identifier)}; give a name such as 'maximum_force'")
+        function.observable = Observable(identifier, unit, meaning)  # type: ignore[attr-defined]
         return function
 
     return mark
@@ -124,7 +125,7 @@ class Observable(NamedTuple):
 
 
 def observable_metadata(function: Any) -> Observable | None:
-    """Name, unit and meaning that `observable` gave a function."""
+    """Name, unit and meaning that `observable` has attached to a function."""
     result = getattr(function, "observable", None)
     return result if isinstance(result, Observable) else None
 
@@ -135,7 +136,7 @@ def select_frames(run: Trajectory, start: float, stop: float) -> Int[np.ndarray,
     chosen = np.flatnonzero((times >= start) & (times <= stop))
     if not len(chosen):
         known = f"{times[0]:g} to {times[-1]:g} s" if len(times) else "none"
-        raise InputError(f"no frame lies from {start:g} to {stop:g} s; there are frames of {known}")
+        raise InputError(f"no frame lies from {start:g} to {stop:g} s; the frames cover {known}")
     return chosen
 
 
@@ -155,14 +156,14 @@ def frames(run: Trajectory, indices: Sequence[int] | Int[np.ndarray, "f"] | None
 
 
 def frame_at(run: Trajectory, index: int = -1) -> Frame:
-    """Frame of a run by its index; the last one if not given.
+    """Frame of a run by its index; the last frame if not given.
 
     Parameters
     ----------
     run : Trajectory
         Finished run, or one that was cut off.
     index : int
-        Number of the frame from 0; negative ones count from the end.
+        Index of the frame from 0; negative indices count from the end.
 
     Returns
     -------
@@ -172,7 +173,7 @@ def frame_at(run: Trajectory, index: int = -1) -> Frame:
     Raises
     ------
     InputError
-        If there is no such frame.
+        If the run has no frame with this index.
     """
     total = run.dataset.sizes["frame"]
     if not -total <= index < total:
@@ -184,7 +185,7 @@ def frame_at(run: Trajectory, index: int = -1) -> Frame:
 
 
 def labelled_array(values: Any, dims: Any, coords: Any, label: Observable | None) -> xarray.DataArray:
-    """Make values into an array with dimensions and coordinates, and with unit and meaning."""
+    """Make a data array of values with dimensions, coordinates, unit and meaning."""
     import xarray
 
     attributes = {} if label is None else {"units": label.unit, "long_name": label.meaning}
@@ -192,7 +193,7 @@ def labelled_array(values: Any, dims: Any, coords: Any, label: Observable | None
 
 
 def labelled_columns(dim: str, columns: Mapping[str, tuple[Any, str, str]]) -> dict[str, Any]:
-    """Make columns of values, unit and meaning into variables of a data set."""
+    """Make variables of a data set from columns of values, unit and meaning."""
     return {
         name: (dim, np.array(values, dtype=float), {"units": unit, "long_name": meaning})
         for name, (values, unit, meaning) in columns.items()
@@ -202,11 +203,11 @@ def labelled_columns(dim: str, columns: Mapping[str, tuple[Any, str, str]]) -> d
 def require_piston(scene: Scene) -> None:
     """Refuse a scene without a piston."""
     if scene.piston is None:
-        raise InputError(f"scene {scene.name!r} has no piston; take a scene with [piston] for this")
+        raise InputError(f"scene {scene.name!r} has no piston; use a scene with [piston]")
 
 
 def species_names(scene: Scene) -> list[str]:
-    """Names of the species, with their index where two have the same."""
+    """Names of the species, with their index if two share a name."""
     names = [specy.name for specy in scene.grains.species]
     return [name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)]
 
@@ -215,7 +216,7 @@ def check_vectors(vectors: Float[np.ndarray, "n 2"], name: str = "positions") ->
     """Check the shape of positions or other vectors, and convert them."""
     array = np.asarray(vectors, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise InputError(f"{name} have the shape {array.shape}; (n, 2) is wanted")
+        raise InputError(f"{name} have the shape {array.shape}; give (n, 2)")
     return array
 
 
@@ -230,23 +231,23 @@ def check_series(names: str, *series: np.ndarray) -> tuple[np.ndarray, ...]:
     return arrays
 
 
-def check_frames(frames: Float[np.ndarray, "f n 2"], least: int = 0) -> Float[np.ndarray, "f n 2"]:
+def check_frames(frames: Float[np.ndarray, "f n 2"], minimum_count: int = 0) -> Float[np.ndarray, "f n 2"]:
     """Check the shape and the number of frames, and convert them [m]; frames [m]."""
     array = np.asarray(frames, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 2:
-        raise InputError(f"positions of frames have the shape {array.shape}; (f, n, 2) is wanted")
-    if len(array) < least:
-        raise InputError(f"{len(array)} frames; at least {least} are needed")
+        raise InputError(f"positions of frames have the shape {array.shape}; give (f, n, 2)")
+    if len(array) < minimum_count:
+        raise InputError(f"{len(array)} frames; give {minimum_count} or more")
     return array
 
 
 def check_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> Int[np.ndarray, "k"]:
-    """Check lags between frames, or choose about 30 at even ratios."""
+    """Check lags between frames, or choose about 30 with logarithmic spacing."""
     if lags is None:
         return np.unique(np.geomspace(1, count - 1, 30).round().astype(int))
     array = np.asarray(lags)
     if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer) or not len(array):
-        raise InputError("lags are integers of frames; give an array of them")
+        raise InputError("lags are integer numbers of frames; give a one-dimensional array of integers")
     if array.min() < 1 or array.max() >= count:
         raise InputError(f"lags from {array.min()} to {array.max()}; take 1 to {count - 1} frames")
     return array
@@ -261,7 +262,7 @@ def check_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
 
 
 def is_present(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "... n"]:
-    """Grains that are in the cell, by their positions; positions [m]."""
+    """Whether each grain is in the cell: its position is finite; positions [m]."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
 
@@ -275,12 +276,12 @@ def check_grain_values(name: str, values: np.ndarray, count: int) -> np.ndarray:
     """Check that there is one value for each grain, and convert them."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (count,):
-        raise InputError(f"{name} has the shape {array.shape}; {(count,)} is wanted, one a grain")
+        raise InputError(f"{name} has the shape {array.shape}; give {(count,)}, one per grain")
     return array
 
 
 def bounding_box(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 2"]:
-    """Box that the outermost grains' centres span [m]; positions [m]."""
+    """Bounding box of the grains' centres [m]; positions [m]."""
     points = present_positions(positions)
     if not len(points):
         return np.full((2, 2), np.nan)

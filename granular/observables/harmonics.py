@@ -1,4 +1,4 @@
-"""A bed that is driven steadily: the harmonics of its response, and its hysteresis loop."""
+"""Harmonic response of a bed to a steady drive, and hysteresis of its compression cycles."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 
-# The errors are the scatter of single periods: two leave one degree of freedom.
+# The errors come from the scatter between periods: two periods leave one degree of freedom.
 LEAST_PERIODS = 3
-"""Whole periods that are needed after the transient."""
+"""Minimum number of whole periods after the transient."""
 
 
 class HarmonicResponse(NamedTuple):
@@ -29,12 +29,12 @@ class HarmonicResponse(NamedTuple):
 
     frequency: float  # [Hz]
     harmonics: Int[np.ndarray, "K"]
-    ratio: Float[np.ndarray, "K"]  # amplitude over U, in the unit of the response over the drive's
-    phase: Float[np.ndarray, "K"]  # from -pi to pi; negative where the response lags [rad]
+    ratio: Float[np.ndarray, "K"]  # amplitude over U, in units of the response over units of the drive
+    phase: Float[np.ndarray, "K"]  # from -pi to pi; negative if the response lags [rad]
     ratio_error: Float[np.ndarray, "K"]  # standard error, in the unit of ``ratio``
     phase_error: Float[np.ndarray, "K"]  # standard error [rad]; infinite if the ratio is 0
     drive_amplitude: float  # U, in the unit of the drive
-    periods: int  # whole periods that were used
+    periods: int  # number of whole periods used
 
 
 def harmonic_response(
@@ -47,37 +47,35 @@ def harmonic_response(
 ) -> HarmonicResponse:
     """Amplitude ratio and phase of a response to a sinusoidal drive.
 
-    Mean, slow drift (linear in time) and harmonics are fitted together by least squares, as the sine
-    fits of IEEE Std 1057, over the last whole periods after the transient. The standard errors are
-    those of the mean over single periods, taken as independent; a transient that goes on shows in
-    them.
+    Mean, slow drift (linear in time) and harmonics are fitted together by least squares over the last whole
+    periods after the transient, as in the sine fits of IEEE Std 1057. The standard errors are standard errors
+    of the mean over single periods, assumed independent; a remaining transient increases them.
 
     Parameters
     ----------
     time : float (n,)
         Times [s], finite and not decreasing, evenly spaced or nearly so.
     drive, response : float (n,)
-        Driving and responding quantity at these times, finite, each in its own unit.
+        Drive and response at these times, finite, in any units.
     frequency : float
         Frequency of the drive [Hz], above 0.
     harmonics : int
-        The highest one that is fitted, K, 1 or more.
+        Number K of the highest fitted harmonic, 1 or more.
     discard : float, optional
-        Length of the transient at the start that is left out [s], 0 or more; half of the record if not
-        given.
+        Length of the initial transient to be discarded [s], 0 or more; half of the record if not given.
 
     Returns
     -------
     HarmonicResponse
-        Amplitude ratio (K,), in the unit of the response over that of the drive, and phase (K,) [rad]
-        of each harmonic, with standard errors; that of a phase is infinite where the ratio is 0.
+        Amplitude ratio (K,), in units of the response over units of the drive, and phase (K,) [rad] of each
+        harmonic, with standard errors; the error of a phase is infinite if the ratio is 0.
 
     Raises
     ------
     InputError
         If the shapes differ or are not (n,), there is no sample, a value, ``frequency``, ``harmonics`` or
-        ``discard`` is out of its limits, fewer than `LEAST_PERIODS` whole periods are left, there are fewer
-        than 2 K + 3 samples a period, or the drive has no amplitude at the frequency.
+        ``discard`` is out of its limits, fewer than `LEAST_PERIODS` whole periods remain, there are fewer
+        than 2 K + 3 samples per period, or the drive has no amplitude at the frequency.
 
     Examples
     --------
@@ -91,37 +89,42 @@ def harmonic_response(
     """
     time, drive, response = check_series("time, drive and response", time, drive, response)
     if not all(np.isfinite(series).all() for series in (time, drive, response)):
-        raise InputError("a time, drive or response is not finite; leave such samples out")
+        raise InputError("a time, drive or response is not finite; remove such samples")
     if (np.diff(time) < 0.0).any():
-        raise InputError("time decreases; sort the samples by it")
+        raise InputError("time decreases; sort the samples by time")
     if discard is not None and not 0.0 <= discard < np.inf:
         raise InputError(f"discard = {discard:g} s; give a length of 0 s or more")
     if harmonics < 1 or not 0.0 < frequency < np.inf:
         raise InputError(
-            f"harmonics = {harmonics} and frequency = {frequency:g} Hz; give at least 1, and a "
-            "frequency above 0 Hz"
+            f"harmonics = {harmonics} and frequency = {frequency:g} Hz; give harmonics >= 1, and "
+            "a frequency above 0 Hz"
         )
     periods = _count_whole_periods(time, frequency, discard)
     chosen = time > time[-1] - (periods - 1e-9) / frequency
     time, drive, response = time[chosen], drive[chosen], response[chosen]
-    # Two unknowns a harmonic, a mean and a drift, and one sample to spare.
-    least = 2 * harmonics + 3
-    if len(time) < periods * least:
+    # Two unknowns per harmonic, a mean and a drift, and one extra sample.
+    minimum = 2 * harmonics + 3
+    if len(time) < periods * minimum:
         raise InputError(
-            f"{len(time) / periods:.3g} samples a period; {harmonics} harmonics need at least "
-            f"{least}: record more often, or ask for fewer harmonics"
+            f"{len(time) / periods:.3g} samples per period; {harmonics} harmonics need {minimum} "
+            "or more: record more often, or reduce harmonics"
         )
-    # Time from the middle of the window leaves the drift independent of the rest.
+    # With time measured from the middle of the window, the drift is independent of the other terms.
     middle = time[-1] - 0.5 * periods / frequency
-    since = time - middle
-    into, drive_drift = _fit_harmonics(since, drive, frequency, harmonics)
-    out, response_drift = _fit_harmonics(since, response, frequency, harmonics)
-    transfer = _transfer_function(into, out)
-    # Without drift: within one period a drift and a sine are too alike to be fitted together.
-    spread = _transfer_of_each_period(
-        since, drive - drive_drift * since, response - response_drift * since, frequency, harmonics, periods
+    centred_time = time - middle
+    drive_harmonics, drive_drift = _fit_harmonics(centred_time, drive, frequency, harmonics)
+    response_harmonics, response_drift = _fit_harmonics(centred_time, response, frequency, harmonics)
+    transfer = _transfer_function(drive_harmonics, response_harmonics)
+    # Without drift: within one period a drift and a sine are too similar to be fitted together.
+    period_transfers = _transfer_of_each_period(
+        centred_time,
+        drive - drive_drift * centred_time,
+        response - response_drift * centred_time,
+        frequency,
+        harmonics,
+        periods,
     )
-    along, across = _errors_of_ratio_and_phase(transfer, spread)
+    along, across = _errors_of_ratio_and_phase(transfer, period_transfers)
     ratio = np.abs(transfer)
     with np.errstate(divide="ignore", invalid="ignore"):
         phase_error = np.where(ratio > 0.0, across / ratio, np.inf)
@@ -132,7 +135,7 @@ def harmonic_response(
         phase=np.angle(transfer),
         ratio_error=along,
         phase_error=phase_error,
-        drive_amplitude=float(np.abs(into[0])),
+        drive_amplitude=float(np.abs(drive_harmonics[0])),
         periods=periods,
     )
 
@@ -140,22 +143,22 @@ def harmonic_response(
 def stage_response(
     run: Trajectory, stage: str | None = None, harmonics: int = 3, discard: float | None = None
 ) -> xarray.Dataset:
-    """Response of a stage that pushes the piston, or moves it, to and fro, by `harmonic_response`.
+    """Harmonic response of a stage with a sinusoidal force on the piston or a sinusoidal motion of it.
 
-    Of a ``push`` the drive is the force from outside and the response the piston's height (ratio
-    in m/N); of an ``oscillate`` the drive is the height and the response the force of the grains on
-    the piston (ratio in N/m). Sines are fitted as in IEEE Std 1057.
+    In a ``push`` stage the drive is the external force and the response is the piston's height (ratio in
+    m/N). In an ``oscillate`` stage the drive is the height and the response is the force of the grains on the
+    piston (ratio in N/m). The fit is `harmonic_response`, with sines fitted as in IEEE Std 1057.
 
     Parameters
     ----------
     run : Trajectory
         Finished run, or one that was cut off.
     stage : str, optional
-        Name of the stage; the only driven one if not given.
+        Name of the stage; may be omitted if the run has only one driven stage.
     harmonics : int
-        The highest one that is fitted, 1 or more.
+        Number of the highest fitted harmonic, 1 or more.
     discard : float, optional
-        Length of the transient at the start that is left out [s], 0 or more; half of the stage if not given.
+        Length of the initial transient to be discarded [s], 0 or more; half of the stage if not given.
 
     Returns
     -------
@@ -166,9 +169,9 @@ def stage_response(
     Raises
     ------
     InputError
-        If there is no driven stage of that name, or none or several where none is named; if the run has
-        not reached it, or it is an ``oscillate`` and no piston force is recorded; and as
-        `harmonic_response`.
+        If there is no driven stage of that name, or no name is given and the run has none or several; if the
+        run has not reached the stage; if it is an ``oscillate`` and no piston force is recorded; and if
+        `harmonic_response` raises it.
     """
     import xarray
 
@@ -176,7 +179,7 @@ def stage_response(
     time, drive, response, unit = _drive_and_response(run, driven)
     result = harmonic_response(time, drive, response, driven.frequency, harmonics, discard)
     columns = {
-        "ratio": (result.ratio, unit, "amplitude of the response over that of the drive"),
+        "ratio": (result.ratio, unit, "amplitude of the response over the amplitude of the drive"),
         "phase": (result.phase, "rad", "phase of the response to the drive"),
         "ratio_error": (result.ratio_error, unit, "standard error of the ratio"),
         "phase_error": (result.phase_error, "rad", "standard error of the phase"),
@@ -195,14 +198,14 @@ def stage_response(
 
 def _count_whole_periods(time: np.ndarray, frequency: float, discard: float | None) -> int:
     duration = float(time[-1] - time[0]) if len(time) else 0.0
-    left = duration - (0.5 * duration if discard is None else discard)
-    # A period is whole with the sample that would begin the next one.
-    left += duration / max(len(time) - 1, 1)
-    periods = int(left * frequency + 1e-6)
+    remaining = duration - (0.5 * duration if discard is None else discard)
+    # A period ends one sample interval after its last sample.
+    remaining += duration / max(len(time) - 1, 1)
+    periods = int(remaining * frequency + 1e-6)
     if periods < LEAST_PERIODS:
         raise InputError(
-            f"{max(periods, 0)} whole periods are left after the transient; at least "
-            f"{LEAST_PERIODS} are needed: a longer record, or a smaller discard"
+            f"{max(periods, 0)} whole periods remain after the transient; {LEAST_PERIODS} or "
+            "more are needed: give a longer record, or a smaller discard"
         )
     return periods
 
@@ -211,48 +214,50 @@ def _fit_harmonics(
     time: np.ndarray, values: np.ndarray, frequency: float, number: int, drifting: bool = True
 ) -> tuple[np.ndarray, float]:
     """Amplitudes X_k (K,) and drift (per second) of sum_k Re(X_k exp(i k w t)) + mean + drift t."""
-    turn = 2.0 * np.pi * frequency * np.multiply.outer(time, np.arange(1, number + 1))
+    phases = 2.0 * np.pi * frequency * np.multiply.outer(time, np.arange(1, number + 1))
     slope = [frequency * time[:, None]] if drifting else []
-    basis = np.concatenate([np.cos(turn), np.sin(turn), np.ones((len(time), 1)), *slope], axis=1)
+    basis = np.concatenate([np.cos(phases), np.sin(phases), np.ones((len(time), 1)), *slope], axis=1)
     result = np.linalg.lstsq(basis, values, rcond=None)[0]
     drift = float(result[-1]) * frequency if drifting else 0.0
     return result[:number] - 1j * result[number : 2 * number], drift
 
 
-def _transfer_function(into: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """Response's harmonics (K,) in the phase of the drive, over its amplitude."""
-    size = abs(into[0])
-    if size == 0.0:
-        raise InputError("the drive has no amplitude at its frequency; give the drive's frequency")
-    turns = np.arange(1, len(out) + 1)
-    return np.asarray(out * np.exp(-1j * turns * np.angle(into[0])) / size)
+def _transfer_function(drive_harmonics: np.ndarray, response_harmonics: np.ndarray) -> np.ndarray:
+    """Harmonics (K,) of the response, relative to the drive's phase and divided by its amplitude."""
+    amplitude = abs(drive_harmonics[0])
+    if amplitude == 0.0:
+        raise InputError("the drive has no amplitude at this frequency; give the drive's frequency")
+    orders = np.arange(1, len(response_harmonics) + 1)
+    return np.asarray(response_harmonics * np.exp(-1j * orders * np.angle(drive_harmonics[0])) / amplitude)
 
 
 def _transfer_of_each_period(
     time: np.ndarray, drive: np.ndarray, response: np.ndarray, frequency: float, harmonics: int, periods: int
 ) -> np.ndarray:
-    """`_transfer_function` of every single period (p, K), of signals without drift."""
+    """`_transfer_function` of each period (p, K), for signals without drift."""
     position = (time - time[-1]) * frequency + periods
-    which = np.clip(np.ceil(position - 1e-9).astype(int) - 1, 0, periods - 1)
+    period_of_sample = np.clip(np.ceil(position - 1e-9).astype(int) - 1, 0, periods - 1)
     rows = []
     for period_number in range(periods):
-        here = which == period_number
-        parts = (
-            _fit_harmonics(time[here], values[here], frequency, harmonics, drifting=False)[0]
+        in_period = period_of_sample == period_number
+        drive_and_response = (
+            _fit_harmonics(time[in_period], values[in_period], frequency, harmonics, drifting=False)[0]
             for values in (drive, response)
         )
-        rows.append(_transfer_function(*parts))
+        rows.append(_transfer_function(*drive_and_response))
     return np.array(rows)
 
 
-def _errors_of_ratio_and_phase(transfer: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the standard errors along and across each complex mean (K,)."""
+def _errors_of_ratio_and_phase(
+    transfer: np.ndarray, period_transfers: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the standard errors along and across each complex mean (K,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         direction = np.where(transfer == 0.0, 1.0, transfer / np.abs(transfer))
-    turned = spread * direction.conj()
-    number = np.sqrt(len(spread))
-    # Along the mean the scatter is that of the amplitude, across it that of the phase.
-    return turned.real.std(axis=0, ddof=1) / number, turned.imag.std(axis=0, ddof=1) / number
+    aligned = period_transfers * direction.conj()
+    root_count = np.sqrt(len(period_transfers))
+    # Scatter along the mean is scatter of the amplitude; scatter across it is scatter of the phase.
+    return aligned.real.std(axis=0, ddof=1) / root_count, aligned.imag.std(axis=0, ddof=1) / root_count
 
 
 def _find_driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
@@ -281,8 +286,8 @@ def _drive_and_response(
 
     record = run.piston(driven.name)
     if isinstance(driven, Push):
-        since = record.time - run.stage(driven.name).start
-        force = driven.mean + driven.amplitude * np.sin(2.0 * np.pi * driven.frequency * since)
+        stage_time = record.time - run.stage(driven.name).start
+        force = driven.mean + driven.amplitude * np.sin(2.0 * np.pi * driven.frequency * stage_time)
         return record.time, force, record.height, "m/N"
     if record.force is None:
         wall = piston_wall_key(run.scene.cell.lines)
@@ -291,11 +296,11 @@ def _drive_and_response(
 
 
 LEAST_STROKE = 0.01
-"""A reversal of the piston by less than this fraction of its whole range makes no cycle."""
+"""Minimum reversal of the piston that counts as a cycle, as a fraction of its whole range."""
 
 
 class CompressionCycle(NamedTuple):
-    """Samples of a cycle: from a highest point down and up to the next one."""
+    """Samples of a cycle: from one maximum of the height, down, and up to the next maximum."""
 
     start: int
     lowest: int
@@ -305,23 +310,22 @@ class CompressionCycle(NamedTuple):
 def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     """Work of the piston on the bed over one cycle, the area of the loop of force over height.
 
-    The loop is that of [D, Fig. 3.4].
+    The loop is shown in [D, Fig. 3.4].
 
     Parameters
     ----------
     height : float (n,)
-        Height of the piston over a cycle that begins at its greatest height: down and up again [m]; at
-        least three samples.
+        Height of the piston over a cycle that begins at its maximum height: down and up again [m]; three or
+        more samples.
     force : float (n,)
         Force of the grains on the piston, upwards [N].
 
     Returns
     -------
     float
-        -(integral of F dh) [J], positive where the bed takes up energy, by the trapezoidal rule; NaN where
-        a height or force is. Only the part of the loop up to the lower of the first and the last
-        height is counted, so that it is closed: a cycle that begins elsewhere than at its top loses what
-        lies above.
+        -(integral of F dh) [J], positive if the bed takes up energy, by the trapezoidal rule; NaN if a height
+        or force is NaN. To close the loop, only the part up to the lower of the first and the last height is
+        included; a cycle that does not begin at its top loses the part above.
 
     Raises
     ------
@@ -339,14 +343,14 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     """
     height, force = check_series("height and force", height, force)
     if len(height) < 3:
-        raise InputError(f"a cycle of {len(height)} samples; give at least 3 samples")
-    # The loop is closed up to the lower of its two highest points only.
+        raise InputError(f"a cycle of {len(height)} samples; give 3 or more")
+    # The loop is closed only up to the lower of its two end points.
     top = min(height[0], height[-1])
     return -_work_below_height(height, force, top)
 
 
 def cycle_bounds(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
-    """Cycles of a motion, from each highest point to the next; height [m]."""
+    """Cycles of a motion, from each maximum of the height to the next; height [m]."""
     height = np.asarray(height, dtype=np.float64)
     turns = _turning_points(height, LEAST_STROKE * np.ptp(height) if len(height) else 0.0)
     return [
@@ -359,8 +363,8 @@ def cycle_bounds(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
 def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     """Hysteresis of every cycle of compression and expansion of a run [D, Fig. 3.4].
 
-    Energies are those of `hysteresis_energy`. Reversals by less than `LEAST_STROKE` of the piston's whole
-    range make no cycle.
+    Energies are computed by `hysteresis_energy`. Reversals by less than `LEAST_STROKE` of the piston's whole
+    range do not count as cycles.
 
     Parameters
     ----------
@@ -370,8 +374,8 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        ``energy`` [J], ``start`` and ``stop`` [s], ``lowest`` and ``highest`` [m] (between which the
-        loop is closed) on ``cycle``; empty where there is no cycle.
+        ``energy`` [J], ``start`` and ``stop`` [s], ``lowest`` and ``highest`` [m] (between which the loop is
+        closed) on ``cycle``; empty if there is no cycle.
 
     Raises
     ------
@@ -389,22 +393,22 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
         "energy": ([hysteresis_energy(height[k], force[k]) for k in parts], "J", "energy lost"),
         "start": ([time[cycle.start] for cycle in cycles], "s", "start of the compression"),
         "stop": ([time[cycle.stop] for cycle in cycles], "s", "end of the expansion"),
-        "lowest": ([height[cycle.lowest] for cycle in cycles], "m", "least height"),
+        "lowest": ([height[cycle.lowest] for cycle in cycles], "m", "minimum height"),
         "highest": (
             [min(height[cycle.start], height[cycle.stop]) for cycle in cycles],
             "m",
-            "height up to which the loop is counted",
+            "height up to which the loop is included",
         ),
     }
     return xarray.Dataset(labelled_columns("cycle", columns), coords={"cycle": np.arange(len(cycles))})
 
 
 def _work_below_height(height: np.ndarray, force: np.ndarray, top: float) -> float:
-    """Integral of F dh over the parts of the path at or below the height ``top``."""
+    """Integral of F dh over the parts of the path at heights up to ``top``."""
     start, step = height[:-1], np.diff(height)
     with np.errstate(divide="ignore", invalid="ignore"):
         fraction = (top - start) / step
-    # Each piece of the path counts from share a to share b of its length.
+    # Each segment of the path is included from fraction a to fraction b of its length.
     crossing = np.clip(np.where(step == 0.0, 0.0, fraction), 0.0, 1.0)
     a = np.where(step < 0.0, crossing, 0.0)
     b = np.where(step > 0.0, crossing, 1.0)
@@ -413,18 +417,18 @@ def _work_below_height(height: np.ndarray, force: np.ndarray, top: float) -> flo
     return float(np.sum(mean_force * (b - a) * step))
 
 
-def _turning_points(height: np.ndarray, least: float) -> list[int]:
-    """Return the samples where the motion turns by more than ``least``, and both ends."""
+def _turning_points(height: np.ndarray, minimum_reversal: float) -> list[int]:
+    """Return the samples at which the motion reverses by more than ``minimum_reversal``, and both ends."""
     turns: list[int] = []
     low = high = 0
     rising: bool | None = None
     for k, value in enumerate(height):
         high = k if value > height[high] else high
         low = k if value < height[low] else low
-        if rising is not True and value - height[low] > least:
+        if rising is not True and value - height[low] > minimum_reversal:
             turns.append(low)
             rising, high = True, k
-        elif rising is not False and height[high] - value > least:
+        elif rising is not False and height[high] - value > minimum_reversal:
             turns.append(high)
             rising, low = False, k
     if rising is not None:
@@ -432,7 +436,7 @@ def _turning_points(height: np.ndarray, least: float) -> list[int]:
     return turns
 
 
-def _last_sample_of_turn(height: np.ndarray, turn: int, after: int) -> int:
-    """Last sample of a rest that begins at a turning point."""
-    same = np.flatnonzero(height[turn:after] == height[turn])
-    return turn + int(same[-1])
+def _last_sample_of_turn(height: np.ndarray, turn: int, next_turn: int) -> int:
+    """Last sample of a rest at a turning point."""
+    at_rest = np.flatnonzero(height[turn:next_turn] == height[turn])
+    return turn + int(at_rest[-1])

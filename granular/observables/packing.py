@@ -1,4 +1,4 @@
-"""Packing fraction of the bed, its profile over the height, and distances of the grains."""
+"""Packing fraction of the bed, its profile over the height, and distances between grains."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 BLOCK = 1024
-"""Grains whose distances to all others are held simultaneously."""
+"""Number of grains whose distances to all others are held in memory at the same time."""
 
 
 def packing_fraction(diameters: np.ndarray, width: float, height: float | np.ndarray) -> np.ndarray:
-    """Packing fraction: area of the grains over that of the cell [D, eq. 2.2].
+    """Packing fraction: area of the grains over area of the cell [D, eq. 2.2].
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
     Returns
     -------
     float64 (...)
-        Fraction without unit, in the shape of ``height``.
+        Dimensionless fraction, in the shape of ``height``.
 
     Raises
     ------
@@ -64,8 +64,8 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
 def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
     """Packing fraction below the piston at every record of a run [D, eq. 2.2].
 
-    The area of the grains over that of the cell, its width times the piston's height. Where grains
-    leave the cell, those of the latest frame count.
+    It is the area of the grains over the area of the cell, which is its width times the piston's height. If
+    grains leave the cell, the grains of the latest frame are counted.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
     Returns
     -------
     xarray.DataArray
-        Fraction without unit, on ``time`` [s].
+        Dimensionless fraction on ``time`` [s].
 
     Raises
     ------
@@ -87,11 +87,11 @@ def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
     heights = data["piston_height"].values
     fraction = packing_fraction(data["diameter"].values, run.scene.cell.width, heights)
     if "grain_count" in data:
-        # Fraction of the grains' area that is still in the cell, at every record.
+        # Fraction of the grains' area still in the cell, at every record.
         areas = np.square(data["diameter"].values)
-        left = is_present(data["position"].values) @ areas / areas.sum()
+        fraction_left = is_present(data["position"].values) @ areas / areas.sum()
         latest = np.searchsorted(data["frame_time"].values, data["time"].values, side="right") - 1
-        fraction = fraction * left[np.maximum(latest, 0)]
+        fraction = fraction * fraction_left[np.maximum(latest, 0)]
     label = Observable("packing", "1", "packing fraction")
     return labelled_array(fraction, "time", {"time": data["time"]}, label)
 
@@ -106,7 +106,7 @@ def _check_positive_length(name: str, values: float | np.ndarray) -> None:
 def area_fraction_profile(
     positions: np.ndarray, diameters: np.ndarray, width: float, edges: np.ndarray
 ) -> np.ndarray:
-    """Fraction of each horizontal strip of the cell that the grains cover, exactly.
+    """Exact fraction of each horizontal strip of the cell covered by grains.
 
     Parameters
     ----------
@@ -117,19 +117,19 @@ def area_fraction_profile(
     width : float
         Width of the cell [m], above 0.
     edges : float (k + 1,)
-        Heights that part the strips [m], two at least, increasing.
+        Heights of the strips' edges [m], two or more, increasing.
 
     Returns
     -------
     float64 (k,)
-        Local area fraction of each strip [D, Fig. 3.2], without unit, from the area of each disc between
-        two horizontal lines; 0 in a strip without grains.
+        Local area fraction of each strip [D, Fig. 3.2], dimensionless, from the area of each disc between two
+        horizontal lines; 0 in a strip without grains.
 
     Raises
     ------
     InputError
-        If shapes do not fit, a diameter of a grain that is there or the width is not above 0 m, there are
-        fewer than two edges, or they do not increase.
+        If shapes do not match, the diameter of a present grain or the width is not above 0 m, there are fewer
+        than two edges, or they do not increase.
 
     Examples
     --------
@@ -147,11 +147,11 @@ def area_fraction_profile(
     diameters = check_grain_values("diameters", diameters, len(positions))
     edges = np.asarray(edges, dtype=np.float64)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
-        raise InputError("edges must be at least two heights that increase; sort them")
+        raise InputError("edges needs 2 or more increasing heights; sort them")
     _check_positive_length("width", width)
-    here = is_present(positions)
-    _check_positive_length("diameter", diameters[here])
-    covered = _disc_area_between_lines(positions[here, 1], diameters[here] / 2.0, edges)
+    present = is_present(positions)
+    _check_positive_length("diameter", diameters[present])
+    covered = _disc_area_between_lines(positions[present, 1], diameters[present] / 2.0, edges)
     return np.asarray(covered / (width * np.diff(edges)))
 
 
@@ -168,9 +168,9 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
     Returns
     -------
     xarray.DataArray
-        Fraction without unit on (``frame``, ``depth``), by `area_fraction_profile`; ``depth`` is that of
-        the middle of each strip below the piston [m]. A strip that the bottom cuts counts with the part
-        that is in the cell; below the bottom stands NaN.
+        Dimensionless fraction on (``frame``, ``depth``), from `area_fraction_profile`; ``depth`` is the depth
+        of the middle of each strip below the piston [m]. For a strip cut by the bottom, the part in the cell
+        is used; values below the bottom are NaN.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _frame_area_fraction_by_depth(
     bounds = np.maximum(height - depths, 0.0)
     inside = np.diff(bounds) < 0.0
     profile = np.full(len(depths) - 1, np.nan)
-    # Strips in the cell are the first ones; heights increase from the last of them up.
+    # The first strips lie in the cell; heights increase from the last of them upwards.
     edges = bounds[: np.count_nonzero(inside) + 1][::-1]
     diameters = run.dataset["diameter"].values
     result = area_fraction_profile(positions, diameters, run.scene.cell.width, edges)
@@ -209,15 +209,15 @@ def _frame_area_fraction_by_depth(
 
 
 def _disc_area_between_lines(centres: np.ndarray, radii: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Area of all discs from each horizontal line to the next (k - 1,)."""
+    """Area of all discs between successive horizontal lines (k - 1,)."""
     u = np.clip((lines[:, None] - centres) / radii, -1.0, 1.0)
     parts = np.arcsin(u) + u * np.sqrt(1.0 - u**2) + 0.5 * np.pi
-    # Differences disc by disc: a strip that no disc reaches has exactly no area.
+    # Differences are taken disc by disc, so that a strip that no disc reaches has exactly zero area.
     return np.asarray(np.diff(parts, axis=0) @ radii**2)
 
 
 def mean_pair_distance(positions: np.ndarray) -> float:
-    """Mean distance of two grains, over all n (n - 1)/2 pairs, as [D, eq. 2.1] reads.
+    """Mean distance between two grains, over all n (n - 1)/2 pairs, as written in [D, eq. 2.1].
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def mean_pair_distance(positions: np.ndarray) -> float:
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2).
+        If the positions do not have the shape (n, 2).
 
     Examples
     --------
@@ -253,10 +253,10 @@ def mean_pair_distance(positions: np.ndarray) -> float:
 
 
 def depaula_pair_distance(positions: np.ndarray) -> float:
-    """Half of `mean_pair_distance`: the convention of de Paula's tables and figures.
+    """Half of `mean_pair_distance`, the convention of de Paula's tables and figures.
 
-    De Paula's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by
-    N (N - 1), while its eq. 2.1 sums over all i and j.
+    De Paula's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by N (N - 1), whereas
+    eq. 2.1 of [D] sums over all i and j.
 
     Parameters
     ----------
@@ -266,12 +266,12 @@ def depaula_pair_distance(positions: np.ndarray) -> float:
     Returns
     -------
     float
-        Half of the mean distance of all pairs [m]; NaN for fewer than two grains.
+        Half the mean distance over all pairs [m]; NaN for fewer than two grains.
 
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2).
+        If the positions do not have the shape (n, 2).
 
     Examples
     --------
@@ -300,7 +300,7 @@ def _sum_of_pair_distances(points: np.ndarray) -> float:
 
 
 def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:
-    """Least distance of a grain's centre from the piston, the delta of [D, eq. 4.29].
+    """Minimum distance of a grain's centre from the piston, delta in [D, eq. 4.29].
 
     Parameters
     ----------
@@ -312,12 +312,12 @@ def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:
     Returns
     -------
     float
-        Distance [m], negative where a centre is above the piston; NaN without grains.
+        Distance [m], negative if a centre is above the piston; NaN without grains.
 
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2).
+        If the positions do not have the shape (n, 2).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Plastic events, and the plastic strain that moving dislocations add up to.
+"""Plastic events, and the plastic strain due to the motion of dislocations.
 
 Events are drops of a force or an energy while a bed is driven.
 
@@ -7,14 +7,14 @@ that moves by d changes the mean plastic distortion of the area A around it by
 
     d beta_ij = b_i (z x d)_j / A
 
-with z out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958): glide shears, climb
-changes the area. The sum over all of them is the change of sum b_i (z x r)_j, so that a pair that
-is born apart, or annihilates, counts by the displacement that it would have had; the Burgers
-vectors of such an event have to add up.
+with z out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958): glide shears the area, climb
+changes its size. The sum over all dislocations is the change of sum b_i (z x r)_j, so that a pair that is
+born at a distance, or annihilates, contributes the displacement that separates it; the Burgers vectors of
+such an event have to be conserved.
 
-The bed's own plastic strain is that by its piston less that of the bonds between neighbours: with
-the texture M = <r r> over the bonds the elastic strain is (1/2) log M (Graner, Dollet, Raufaste and
-Marmottant, Eur. Phys. J. E 25, 349, 2008).
+The plastic strain of the bed is the strain imposed by the piston minus the elastic strain of the bonds
+between neighbours. With the texture M = <r r> over the bonds, the elastic strain is (1/2) log M (Graner,
+Dollet, Raufaste and Marmottant, Eur. Phys. J. E 25, 349, 2008).
 """
 
 from __future__ import annotations
@@ -43,38 +43,38 @@ class PlasticEvents(NamedTuple):
     """Drops of a quantity, in the order of time."""
 
     begin: Int[np.ndarray, "k"]  # sample at the top of each drop
-    end: Int[np.ndarray, "k"]  # sample at its foot
-    size: Float[np.ndarray, "k"]  # in the unit of the quantity
-    time: Float[np.ndarray, "k"]  # at the top [s]
+    end: Int[np.ndarray, "k"]  # sample at the bottom of each drop
+    size: Float[np.ndarray, "k"]  # size of each drop, in units of the quantity
+    time: Float[np.ndarray, "k"]  # time at the top of each drop [s]
 
 
 class DropStatistics(NamedTuple):
-    """Sizes of drops."""
+    """Statistics of the sizes of drops."""
 
-    exponent: float  # tau of a density ~ size^-tau above the least size
+    exponent: float  # tau of a density ~ size^-tau above the smallest size
     error: float  # standard error of tau
     events: int
-    mean: float  # in the unit of the drops
+    mean: float  # mean size, in units of the drops
 
 
 def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -> PlasticEvents:
-    """Plastic events: stretches along which a quantity falls without a rise, by ``smallest_drop`` or more.
+    """Find plastic events: monotonic drops of a quantity by ``smallest_drop`` or more.
 
     Parameters
     ----------
     time : float (n,)
         Times of the samples [s], increasing.
     values : float (n,)
-        Values of any unit, finite, such as the piston's force under compression,
+        Finite values in any units, such as the piston's force under compression,
         ``run.dataset["piston_force"]``.
     smallest_drop : float
-        Smallest drop that counts, above 0 and above the noise, in the unit of the values.
+        Smallest drop that counts as an event, above 0 and above the noise, in units of the values.
 
     Returns
     -------
     PlasticEvents
-        Samples at the top and the foot (k,), drop (k,) in the unit of the values, and time at the top (k,)
-        [s] of each event; k is 0 without events.
+        Samples at the top and the bottom (k,), drop (k,) in units of the values, and time at the top (k,) [s]
+        of each event; k is 0 without events.
 
     Raises
     ------
@@ -83,10 +83,10 @@ def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -
     """
     times, series = check_series("time and values", time, values)
     if not np.isfinite(series).all():
-        raise InputError("a value is not finite; leave such samples out")
+        raise InputError("a value is not finite; remove such samples")
     if not smallest_drop > 0.0:
         raise InputError(
-            f"smallest_drop {smallest_drop:g} is not above 0; give the smallest drop that counts"
+            f"smallest_drop {smallest_drop:g} is not above 0; give the smallest drop that counts as an event"
         )
     falls = np.concatenate([[False], np.diff(series) < 0.0, [False]])
     edges = np.flatnonzero(np.diff(falls.astype(np.int8)))
@@ -97,23 +97,23 @@ def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -
 
 
 def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
-    """Exponent of a power law of drops, by greatest likelihood, and their mean.
+    """Maximum-likelihood exponent of a power law of drop sizes, and their mean.
 
     tau = 1 + k/sum log(size/smallest_drop), with the error (tau - 1)/sqrt(k) (Clauset, Shalizi and Newman,
-    SIAM Review 51, 661, 2009). Whether a power law holds at all it does not say.
+    SIAM Review 51, 661, 2009). It does not test whether a power law holds.
 
     Parameters
     ----------
     sizes : float (k,)
-        Sizes of the drops, finite, in any one unit.
+        Sizes of the drops, finite, in any unit.
     smallest_drop : float
         Smallest drop that counts, above 0, in the same unit.
 
     Returns
     -------
     DropStatistics
-        Exponent and its standard error, without unit, NaN for fewer than two drops and where all are as
-        small as ``smallest_drop``; the mean in the unit of the drops, NaN without them; and their number.
+        Exponent and its standard error, dimensionless, NaN for fewer than two drops or if all equal
+        ``smallest_drop``; the mean in units of the drops, NaN without drops; and their number.
 
     Raises
     ------
@@ -122,10 +122,11 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
     """
     drops = np.asarray(sizes, dtype=np.float64)
     if drops.ndim != 1 or not np.isfinite(drops).all():
-        raise InputError(f"drops of the shape {drops.shape}; finite values (k,) are wanted")
+        raise InputError(f"drops of the shape {drops.shape}; give finite values (k,)")
     if not smallest_drop > 0.0 or (drops < smallest_drop).any():
         raise InputError(
-            f"drops below smallest_drop = {smallest_drop:g}, or it is not above 0; leave them out"
+            f"drops below smallest_drop = {smallest_drop:g}, or smallest_drop is not above 0; "
+            "remove smaller drops, or give a value above 0"
         )
     count = len(drops)
     logs = float(np.log(drops / smallest_drop).sum())
@@ -138,34 +139,36 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
 class DislocationSlip(NamedTuple):
     """Plastic distortion by dislocations since the first frame."""
 
-    moves: Float[np.ndarray, "f 2 2"]  # by displacements, against the grains around
-    events: Float[np.ndarray, "f 2 2"]  # by births, annihilations and reactions that conserve vectors
-    rim: Float[np.ndarray, "f 2 2"]  # by stretches between the edge and where a defect came in or left
+    moves: Float[np.ndarray, "f 2 2"]  # by displacements relative to the surrounding grains
+    events: Float[np.ndarray, "f 2 2"]  # by births, annihilations and reactions that conserve Burgers vectors
+    rim: Float[
+        np.ndarray, "f 2 2"
+    ]  # by paths between the edge and the points at which defects enter or leave
     defects: tuple[FrameDefects, ...]
     tracks: tuple[DefectTrack, ...]
-    conserved: float  # fraction of events away from the rim that conserve the vectors
+    conserved: float  # fraction of events away from the rim that conserve the Burgers vectors
 
     @property
     def total(self) -> np.ndarray:
-        """Plastic distortion of moves, events and rim together, float64 (f, 2, 2), without unit."""
+        """Total plastic distortion of moves, events and rim, float64 (f, 2, 2), dimensionless."""
         return self.moves + self.events + self.rim
 
 
 def axial_strain_difference(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
-    """Difference yy less xx of strain tensors: the strain that a piston drives at a constant width."""
+    """Difference yy minus xx of strain tensors: the strain imposed by a piston at constant width."""
     return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
 
 
 def areal_strain(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
-    """Trace of strain tensors; of plastic strain it is the part that climb makes, grains lost or gained."""
+    """Trace of strain tensors; for plastic strain, the part due to climb (grains lost or gained)."""
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
 
 def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
-    """Plastic distortion by the dislocations of frames that hold the same grains.
+    """Plastic distortion due to dislocations in frames of the same grains.
 
-    A dislocation with the Burgers vector b that moves by d changes the mean distortion of the area
-    A by b_i (z x d)_j/A, z being the normal (Orowan, Proc. Phys. Soc. 52, 8, 1940).
+    A dislocation with the Burgers vector b that moves by d changes the mean distortion of the area A by b_i
+    (z x d)_j/A, where z is the normal (Orowan, Proc. Phys. Soc. 52, 8, 1940).
 
     Parameters
     ----------
@@ -175,16 +178,16 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     Returns
     -------
     DislocationSlip
-        Distortion since the first frame (f, 2, 2) by moves, events and the rim, without unit, NaN from a
-        frame on in which no grain and all its neighbours have interior cells; and the defects and tracks
-        behind it.
+        Distortion since the first frame (f, 2, 2) by moves, events and the rim, dimensionless; NaN from the
+        first frame without a grain whose cell and neighbours' cells are all interior; and the underlying
+        defects and tracks.
 
     Raises
     ------
     InputError
-        If the shape is another one, there is no frame, or one has no interior cells.
+        If the shape is wrong, there is no frame, or a frame has no interior cells.
     """
-    frames = check_frames(frames, least=1)
+    frames = check_frames(frames, minimum_count=1)
     defects = detect_defects_in_frames(frames)
     tracks = link_defect_tracks(defects)
     spacing = float(np.mean([entry.spacing for entry in defects]))
@@ -238,14 +241,14 @@ def _add_track_slip(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, s
     for k in range(1, len(track.frames)):
         before, after = track.frames[k - 1], track.frames[k]
         position = track.positions[k - 1]
-        # Against the grains around it: a defect that the bed carries along does not slip.
+        # Relative to the surrounding grains: a defect that is carried along by the bed does not slip.
         near = np.linalg.norm(frames[before] - position, axis=1) < CORE * spacing
         carried = np.nanmean(frames[after, near] - frames[before, near], axis=0)
         moves[after] += slip_area_tensor(track.burgers, track.positions[k] - position - carried)
 
 
 def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
-    """Sum of `slip_area_tensor`, as if ended tracks had gone to the event, and new ones had come from it."""
+    """Sum of `slip_area_tensor` for ended tracks moved to the event and started tracks moved from it."""
     total = np.zeros((2, 2))
     for track in (tracks[point] for point in event.ended):
         total += slip_area_tensor(track.burgers, event.position - track.positions[-1])
@@ -255,10 +258,11 @@ def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndar
 
 
 def elastic_strain(frames: np.ndarray) -> np.ndarray:
-    """Elastic strain (1/2) log M of the bonds in the inner part of a bed, less that of the first frame.
+    """Elastic strain (1/2) log M of the bonds in the inner part of a bed, relative to the first frame.
 
-    M = <r r> is the texture, over the bonds r between Voronoi neighbours (Graner, Dollet, Raufaste and
-    Marmottant, Eur. Phys. J. E 25, 349, 2008), one of which has an interior cell as all its neighbours have.
+    M = <r r> is the texture, averaged over bonds r between Voronoi neighbours (Graner, Dollet, Raufaste and
+    Marmottant, Eur. Phys. J. E 25, 349, 2008). For one grain of each bond its cell and all its neighbours'
+    cells are interior.
 
     Parameters
     ----------
@@ -268,15 +272,15 @@ def elastic_strain(frames: np.ndarray) -> np.ndarray:
     Returns
     -------
     float64 (f, 2, 2)
-        Strain of each frame, without unit; NaN for a frame without such bonds, and for all frames where the
+        Strain of each frame, dimensionless; NaN for a frame without such bonds, and for all frames if the
         first has none.
 
     Raises
     ------
     InputError
-        If the shape is another one, or there is no frame.
+        If the shape is wrong, or there is no frame.
     """
-    array = check_frames(frames, least=1)
+    array = check_frames(frames, minimum_count=1)
     result = np.array([_log_texture(frame, voronoi_cells(frame)) for frame in array])
     return np.asarray(result - result[0])
 
@@ -291,7 +295,7 @@ def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
 
 
 def grains_with_interior_neighbours(cells: VoronoiCells) -> Bool[np.ndarray, "n"]:
-    """Grains whose cell and whose neighbours' cells are interior: those where defects are known."""
+    """Grains whose cell and whose neighbours' cells are interior; only there can defects be detected."""
     result = cells.interior.copy()
     result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False
     return result

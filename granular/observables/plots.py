@@ -1,6 +1,6 @@
-"""Pictures of the observables. Each function draws into the axes given, or into a new figure.
+"""Plots of the observables. Each function draws on the given axes, or in a new figure.
 
-Matplotlib is imported where it is used. Save a picture with ``ax.figure.savefig("file.png")``.
+Matplotlib is imported on first use. Save a plot with ``ax.figure.savefig("file.png")``.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ __all__ = [
 ]
 
 _PATHS = (COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[5], COLOURS[6])
-"""Colours of paths, none of which is like a colour of the cells below them."""
+"""Colours of paths, all different from the colours of the cells below them."""
 
 
 def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = None) -> Axes:
     """Draw the interior Voronoi cells, coloured by their number of sides, and the grains' centres.
 
-    The colours are those of ``granular render --colour sides``: de Paula has green and red, which
-    some eyes do not tell apart.
+    The colours are the same as in ``granular render --colour sides``. They replace the green and red of de
+    Paula, which some readers cannot distinguish.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes |
     Parameters
     ----------
     tracked : xarray.Dataset
-        Tracks, as `track_defects` makes them.
+        Tracks, as returned by `track_defects`.
     positions : float64 (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     ax : Axes, optional
@@ -164,16 +164,16 @@ def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes |
         if kind == "dislocation":
             ax.quiver(*path[-1], *arrow, **ARROWS_TO_SCALE, width=0.004, zorder=4)
     if shown:
-        looks: dict[str, Any] = {"color": "#333333", "linestyle": "none", "markersize": 6.0}
-        signs = [("o", "first seen"), ("x", "last seen"), (r"$\rightarrow$", "Burgers vector")]
+        legend_style: dict[str, Any] = {"color": "#333333", "linestyle": "none", "markersize": 6.0}
+        markers = [("o", "first detected"), ("x", "last detected"), (r"$\rightarrow$", "Burgers vector")]
         sides, handles = ax.get_legend(), ax.get_legend_handles_labels()[0]
         handles += [
-            Line2D([], [], marker=sign, label=name, markerfacecolor="white", **looks)
-            for sign, name in (signs if "dislocation" in shown else signs[:2])
+            Line2D([], [], marker=marker, label=name, markerfacecolor="white", **legend_style)
+            for marker, name in (markers if "dislocation" in shown else markers[:2])
         ]
         ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
         if sides is not None:
-            sides.set_clip_on(False)  # it stands next to the axes
+            sides.set_clip_on(False)  # the legend is next to the axes
             ax.add_artist(sides)
     return style_as_map(ax)
 
@@ -184,7 +184,7 @@ def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     series : xarray.DataArray
-        Observable, as `per_frame` makes it.
+        Observable, as returned by `per_frame`.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -226,7 +226,7 @@ def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
     Raises
     ------
     InputError
-        If nothing acts on the piston.
+        If no force acts on the piston.
     """
     ax = axes_or_new(ax)
     height, force = 1e3 * run.dataset["piston_height"].values, piston_force(run).values
@@ -244,7 +244,7 @@ def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes
     Parameters
     ----------
     profile : xarray.DataArray
-        Area fraction on ``depth`` [m], as `area_fraction_by_depth` makes it.
+        Area fraction on ``depth`` [m], as returned by `area_fraction_by_depth`.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -270,7 +270,7 @@ def plot_correlation_function(function: xarray.DataArray, ax: Axes | None = None
     Parameters
     ----------
     function : xarray.DataArray
-        Correlation on ``distance`` [m], as `per_distance` makes it.
+        Correlation on ``distance`` [m], as returned by `per_distance`.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -318,10 +318,10 @@ def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = 
 def plot_forces(
     positions: np.ndarray, forces: np.ndarray, species: np.ndarray, ax: Axes | None = None
 ) -> Axes:
-    """Draw the resulting force on each grain as an arrow [D, Fig. 4.23].
+    """Draw the resultant force on each grain as an arrow [D, Fig. 4.23].
 
-    Each species' arrows are drawn over its greatest force, in a colour of its own; grains whose
-    force (n, 2) is NaN have none.
+    The arrows of each species are scaled by its maximum force and share one colour; grains whose force (n, 2)
+    is NaN have no arrow.
 
     Parameters
     ----------
@@ -363,9 +363,9 @@ def plot_order_correlation(orders: np.ndarray, fractions: np.ndarray, ax: Axes |
     Parameters
     ----------
     orders : float64 (k,)
-        Psi6 of each bed, without unit.
+        Psi6 of each bed, dimensionless.
     fractions : float64 (k,)
-        Fraction of hexagons of each bed, without unit.
+        Fraction of hexagons of each bed, dimensionless.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -393,9 +393,9 @@ def plot_biexponential(fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: 
     fit : BiexponentialFit
         Fitted law.
     x : float64 (k,)
-        Abscissae of the samples, in the unit that was fitted.
+        Abscissae of the samples, in the units used for the fit.
     y : float64 (k,)
-        Ordinates of the samples, in the unit that was fitted.
+        Ordinates of the samples, in the units used for the fit.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -419,7 +419,7 @@ def plot_response(responses: list[xarray.Dataset], ax: Axes | None = None) -> Ax
     Parameters
     ----------
     responses : list of xarray.Dataset
-        Responses, as `stage_response` makes them.
+        Responses, as returned by `stage_response`.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 

@@ -1,4 +1,4 @@
-"""Statistics of samples: Pearson's correlation, order of directions, modes, and histograms."""
+"""Statistics of samples: Pearson correlation, order of directions, number of modes, histograms."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ class PearsonCorrelation(NamedTuple):
     """Pearson's correlation."""
 
     coefficient: float  # -1 to 1; NaN if a quantity does not vary
-    p_value: float  # of one this far from 0 for independent normal samples
+    p_value: float  # probability of a coefficient this far from 0 for independent normal samples
     samples: int
 
 
 def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrelation:
-    """Pearson's correlation of two quantities, such as Psi6 and n6 of many beds [D, Fig. 4.13].
+    """Pearson correlation of two quantities, such as Psi6 and n6 of many beds [D, Fig. 4.13].
 
-    The probability is that of Student's t (SciPy's ``pearsonr``).
+    The p-value follows from Student's t distribution (SciPy's ``pearsonr``).
 
     Parameters
     ----------
     first, second : float (n,)
-        Samples, each of any unit; those where one is not finite are ignored.
+        Samples, in any units; pairs with a value that is not finite are ignored.
 
     Returns
     -------
     PearsonCorrelation
-        Coefficient from -1 to 1 and its probability by chance, both without unit and NaN where one of the
-        quantities does not vary, and the number of samples.
+        Coefficient from -1 to 1 and its p-value, both dimensionless, NaN if one of the quantities does not
+        vary; and the number of samples.
 
     Raises
     ------
     InputError
-        If the shapes differ or are not (n,), or fewer than three samples are left.
+        If the shapes differ or are not (n,), or fewer than three samples are finite.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrela
     known = np.isfinite(x) & np.isfinite(y)
     count = int(np.count_nonzero(known))
     if count < 3:
-        raise InputError(f"{count} samples; a correlation needs at least 3")
+        raise InputError(f"{count} samples; a correlation needs 3 or more")
     x, y = x[known], y[known]
     if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return PearsonCorrelation(np.nan, np.nan, count)
@@ -64,36 +64,35 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrela
 
 
 class DirectionalOrder(NamedTuple):
-    """Order of the directions of vectors: 0 for none, 1 where all point alike."""
+    """Order of the directions of vectors: 0 without order, 1 if all are parallel."""
 
     polar: float  # |mean of exp(i theta)|
-    axial: float  # |mean of exp(2 i theta)|: a vector and its opposite are the same
+    axial: float  # |mean of exp(2 i theta)|: a vector and its opposite are equivalent
     polar_p: float  # Rayleigh's test
     axial_p: float  # Rayleigh's test
     vectors: int
 
 
 def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
-    """Polar and axial order parameter of the directions of vectors, |mean exp(i k theta)|, k = 1 and 2.
+    """Polar (k = 1) and axial (k = 2) order parameters |mean exp(i k theta)| of vector directions.
 
-    Vectors that are not finite, or 0, are left out, and lengths do not count. The probability is
-    exp(-n R^2) with the first correction for few vectors (Mardia and Jupp, Directional Statistics,
-    2000, sect. 6.3.1).
+    Vectors that are 0 or not finite are ignored, and lengths are irrelevant. The p-value is exp(-n R^2) with
+    the first correction for few vectors (Mardia and Jupp, Directional Statistics, 2000, sect. 6.3.1).
 
     Parameters
     ----------
     vectors : float (n, 2)
-        Vectors of any unit.
+        Vectors in any units.
 
     Returns
     -------
     DirectionalOrder
-        Both parameters from 0 to 1, without unit, their probabilities by chance, and the number of vectors.
+        Both parameters from 0 to 1, dimensionless, their p-values, and the number of vectors.
 
     Raises
     ------
     InputError
-        If no vector is left, or the shape is another one.
+        If every vector is 0 or not finite, or the shape is wrong.
 
     Examples
     --------
@@ -106,7 +105,7 @@ def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
     array = check_vectors(vectors, "vectors")
     array = array[np.isfinite(array).all(axis=1) & (array != 0.0).any(axis=1)]
     if not len(array):
-        raise InputError("0 vectors; at least 1 that is not 0 has a direction")
+        raise InputError("0 vectors have a direction; give 1 or more finite vectors other than 0")
     angle = np.arctan2(array[:, 1], array[:, 0])
     polar, axial = (float(abs(np.exp(1j * k * angle).mean())) for k in (1, 2))
     count = len(array)
@@ -121,37 +120,37 @@ def _rayleigh_p_value(order: float, count: int) -> float:
     return float(np.clip(np.exp(-z) * (1.0 + (2.0 * z - z * z) / (4.0 * count)), 0.0, 1.0))
 
 
-# The dip of three different values is 1/6, whichever they are.
+# The dip of any three different values is 1/6.
 LEAST_VALUES = 4
-# The probability is known to sqrt(p/2000): 0.005 at 5 %.
+# The standard error of the p-value is sqrt(p/2000): 0.005 at 5 %.
 DRAWS = 2000
-"""Samples of the uniform distribution that a dip is compared with."""
+"""Number of uniform samples with which a dip is compared."""
 LARGEST_DRAWN = 200
-"""Values of such a sample at most: beyond, the dip falls with the root of their number."""
+"""Maximum size of such a sample; for larger sizes the dip scales as one over the square root of the size."""
 
 
 class DipTest(NamedTuple):
-    """The outcome of the test."""
+    """The result of a dip test."""
 
-    dip: float  # distance of the distribution from the nearest with one mode
-    p: float  # probability of so large a dip in the uniform distribution
+    dip: float  # distance of the distribution from the nearest unimodal one
+    p: float  # probability of a dip this large for the uniform distribution
 
 
 def dip_test(values: np.ndarray) -> DipTest:
-    """Test values for more than one mode (Hartigan and Hartigan 1985, doi:10.1214/aos/1176346577).
+    """Test whether values have more than one mode (Hartigan and Hartigan 1985, doi:10.1214/aos/1176346577).
 
-    The probability is that of dips of uniform samples (`DRAWS` of them) of as many values, or of
-    `LARGEST_DRAWN` where there are more: the dip falls with the root of their number.
+    The p-value comes from the dips of `DRAWS` uniform samples of the same size. For more than `LARGEST_DRAWN`
+    values, samples of that size are used, and the dip is scaled by the square root of the size.
 
     Parameters
     ----------
     values : float (n,)
-        Values of any unit; those that are not finite are ignored.
+        Values in any unit; values that are not finite are ignored.
 
     Returns
     -------
     DipTest
-        Dip, and its probability under one mode, at least 1/(`DRAWS` + 1), both without unit.
+        Dip, and its p-value for one mode, 1/(`DRAWS` + 1) or more, both dimensionless.
 
     Raises
     ------
@@ -170,7 +169,7 @@ def dip_test(values: np.ndarray) -> DipTest:
     known = np.sort(known[np.isfinite(known)])
     count = len(known)
     if count < LEAST_VALUES:
-        raise InputError(f"{count} values; the dip test needs at least {LEAST_VALUES}")
+        raise InputError(f"{count} values; the dip test needs {LEAST_VALUES} or more")
     result = dip_statistic(known)
     drawn = min(count, LARGEST_DRAWN)
     null = _dips_of_uniform_samples(drawn) * np.sqrt(drawn / count)
@@ -178,20 +177,20 @@ def dip_test(values: np.ndarray) -> DipTest:
 
 
 def dip_statistic(values: Float[np.ndarray, "n"]) -> float:
-    """Dip of sorted values: the greatest distance of their distribution from the nearest with one mode."""
+    """Dip of sorted values: the maximum distance of their distribution from the nearest unimodal one."""
     x, heights = np.unique(values, return_counts=True)
     if len(x) == 1:
         return 0.5 / len(values)
     jumps = heights / len(values)
     upper = np.cumsum(jumps)
     lower = upper - jumps
-    # Between two ends that close in on the mode, greatest convex minorant and least concave majorant are
-    # compared where either touches (Hartigan, Appl. Stat. 34, 320, 1985, AS 217).
+    # Between two ends that converge to the mode, the greatest convex minorant and the least concave majorant
+    # are compared at the points that either of them touches (Hartigan, Appl. Stat. 34, 320, 1985, AS 217).
     start, stop, result = 0, len(x) - 1, 1.0 / len(values)
     while True:
-        part = slice(start, stop + 1)
-        minorant, touching = _convex_minorant(x[part], lower[part])
-        mirrored, touched = _convex_minorant(-x[part][::-1], -upper[part][::-1])
+        between = slice(start, stop + 1)
+        minorant, touching = _convex_minorant(x[between], lower[between])
+        mirrored, touched = _convex_minorant(-x[between][::-1], -upper[between][::-1])
         majorant, touched = -mirrored[::-1], (stop - start - touched)[::-1]
         gaps, others = (majorant - minorant)[touching], (majorant - minorant)[touched]
         if others.max() > gaps.max():
@@ -203,8 +202,8 @@ def dip_statistic(values: Float[np.ndarray, "n"]) -> float:
         gap = max(gaps.max(), others.max())
         if gap <= result:
             return 0.5 * result
-        adjacent = np.abs(upper[part] - minorant)[: left + 1].max()
-        beyond = np.abs(majorant - lower[part])[right:].max()
+        adjacent = np.abs(upper[between] - minorant)[: left + 1].max()
+        beyond = np.abs(majorant - lower[between])[right:].max()
         result = max(result, adjacent, beyond)
         if (left, right) == (0, stop - start) or gap <= result:
             return 0.5 * result
@@ -212,7 +211,7 @@ def dip_statistic(values: Float[np.ndarray, "n"]) -> float:
 
 
 def _convex_minorant(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Greatest convex function at or below y, at every x, and where it touches."""
+    """Greatest convex minorant of y at every x, and the points at which it touches y."""
     hull: list[int] = []
     for k in range(len(x)):
         while len(hull) > 1:
@@ -234,11 +233,11 @@ MOST_BINS = 1000
 
 
 class Histogram(NamedTuple):
-    """A histogram of bins of one width."""
+    """A histogram with bins of equal width."""
 
     edges: Float[np.ndarray, "k+1"]  # in the unit of the values
     counts: Int[np.ndarray, "k"]
-    density: Float[np.ndarray, "k"]  # in one over the unit of the values; its integral is 1
+    density: Float[np.ndarray, "k"]  # density in one over the unit of the values; its integral is 1
 
 
 def knuth_bin_count(values: Float[np.ndarray, "n"]) -> int:
@@ -249,7 +248,7 @@ def knuth_bin_count(values: Float[np.ndarray, "n"]) -> int:
     count, low, high = len(values), values[0], values[-1]
     if low == high:
         return 1
-    # Every number is tried, lest a local maximum be taken for the highest.
+    # Every number is tried, because the posterior has local maxima.
     bins = np.arange(1, min(count, MOST_BINS) + 1)
     counts = (np.histogram(values, np.linspace(low, high, m + 1))[0] for m in bins)
     filled = np.array([gammaln(filling + 0.5).sum() for filling in counts])
@@ -265,15 +264,15 @@ def knuth_bin_count(values: Float[np.ndarray, "n"]) -> int:
 
 
 def knuth_histogram(values: np.ndarray) -> Histogram:
-    """Histogram of values by Knuth's rule, from the least to the greatest of them.
+    """Histogram of values by Knuth's rule, from their minimum to their maximum.
 
-    Bins are as many as `knuth_bin_count` gives (K. H. Knuth, Digital Signal Processing 95, 102581, 2019;
-    [D, eq. 4.33]). Values that are all the same have one bin about them, of width 1.
+    The number of bins is given by `knuth_bin_count` (K. H. Knuth, Digital Signal Processing 95, 102581, 2019;
+    [D, eq. 4.33]). If all values are equal, there is one bin of width 1 about them.
 
     Parameters
     ----------
     values : float (n,)
-        Values of any unit; those that are not finite are left out.
+        Values in any unit; values that are not finite are ignored.
 
     Returns
     -------
@@ -303,29 +302,29 @@ def _sorted_finite_values(values: np.ndarray) -> np.ndarray:
     array = np.asarray(values, dtype=np.float64).ravel()
     array = np.sort(array[np.isfinite(array)])
     if not len(array):
-        raise InputError("0 values; at least 1 finite value makes a histogram")
+        raise InputError("0 finite values; a histogram needs 1 or more")
     return array
 
 
 RATES = (-30.0, -12.0, -6.0, -3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 6.0, 12.0, 30.0)
-"""Rates of the starts, over the span of x; every two of them make one."""
+"""Initial rates, times the span of x; every pair of them is a starting point."""
 
-# Faster, an exponential is over within a sixtieth of the span, between two samples.
+# Faster exponentials decay within a sixtieth of the span, between two samples.
 LARGEST_RATE = 60.0
-"""Bound of the rates, over the span of x."""
+"""Bound on the magnitude of the rates, times the span of x."""
 
 REFINED = 12
-"""Number of starts, the best ones, that are followed to their minimum."""
+"""Number of best starting points that are optimised to their minimum."""
 
 
 class BiexponentialFit(NamedTuple):
     """A exp(l1 x) + B exp(l2 x), with l1 <= l2."""
 
-    amplitudes: Float[np.ndarray, "2"]  # (A, B), in the unit of y
+    amplitudes: Float[np.ndarray, "2"]  # (A, B), in units of y
     rates: Float[np.ndarray, "2"]  # (l1, l2), in one over the unit of x
-    amplitude_intervals: Float[np.ndarray, "2 2"]  # 95 %: lower and upper end, for A and B
-    rate_intervals: Float[np.ndarray, "2 2"]  # the same for l1 and l2; infinite: open
-    residual: float  # standard deviation with n - 4 degrees of freedom, in the unit of y
+    amplitude_intervals: Float[np.ndarray, "2 2"]  # 95 % intervals of A and B: lower and upper end
+    rate_intervals: Float[np.ndarray, "2 2"]  # 95 % intervals of l1 and l2; infinite if undetermined
+    residual: float  # standard deviation with n - 4 degrees of freedom, in units of y
 
     def values(self, x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Evaluate the fitted law A exp(l1 x) + B exp(l2 x)."""
@@ -333,23 +332,23 @@ class BiexponentialFit(NamedTuple):
 
 
 def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
-    """Least-squares fit of A exp(l1 x) + B exp(l2 x), as [D, Fig. 4.8, Table 4.5] for F_max(R).
+    """Least-squares fit of A exp(l1 x) + B exp(l2 x), as in [D, Fig. 4.8, Table 4.5] for F_max(R).
 
-    The rates are sought from many starts, within -60 and 60 over the span of x, with the best amplitudes
-    for every pair of rates (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 413, 1973).
-    The intervals, of 95 % confidence, are those of the law linearised at the minimum, with Student's t.
+    The rates are searched from many starting points, between -60 and 60 divided by the span of x, with the
+    best amplitudes for every pair of rates (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10,
+    413, 1973). The 95 % confidence intervals follow from the law linearised at the minimum, with Student's t.
 
     Parameters
     ----------
     x, y : float (n,)
-        Samples, each of any unit, all finite, with at least five different x.
+        Samples in any units, all finite, with five or more different x.
 
     Returns
     -------
     BiexponentialFit
-        Amplitudes A and B (2,) in the unit of y, rates l1 <= l2 (2,) in one over the unit of x, their
-        intervals (2, 2), infinite where the data leave a value open, NaN where every y is 0, and the
-        standard deviation of the residuals in the unit of y.
+        Amplitudes A and B (2,) in units of y, rates l1 <= l2 (2,) in one over the unit of x, their intervals
+        (2, 2), infinite if the data do not determine a value, NaN if every y is 0, and the standard deviation
+        of the residuals in units of y.
 
     Raises
     ------
@@ -368,9 +367,9 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     """
     x, y = check_series("x and y", x, y)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise InputError("x or y holds a value that is not finite; drop such samples")
+        raise InputError("x or y has a value that is not finite; remove such samples")
     if len(np.unique(x)) < 5:
-        raise InputError(f"{len(np.unique(x))} different x; four parameters with intervals need at least 5")
+        raise InputError(f"{len(np.unique(x))} different x; four parameters with intervals need 5 or more")
     start, width = float(x.min()), float(np.ptp(x))
     u = (x - start) / width
     rates = _best_exponential_rates(u, y)
@@ -386,13 +385,13 @@ def _exponential_basis(u: np.ndarray, rates: np.ndarray) -> np.ndarray:
 
 def _best_amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
     basis = _exponential_basis(u, rates)
-    # Columns of one length: beside exp(60) the rank test of `lstsq` would drop the other.
+    # Columns are scaled to equal length: next to exp(60), the rank test of `lstsq` would drop the other one.
     sizes = np.linalg.norm(basis, axis=0)
     return np.asarray(np.linalg.lstsq(basis / sizes, y, rcond=None)[0] / sizes)
 
 
 def _best_exponential_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Two rates over the range that leave the least sum of squares."""
+    """Two rates, times the span of x, that minimise the sum of squares."""
     from scipy.optimize import least_squares
 
     size = float(np.abs(y).max()) or 1.0
@@ -417,22 +416,22 @@ def _fit_with_intervals(
     from scipy.special import stdtrit
 
     basis = _exponential_basis(x, rates)
-    left = y - basis @ amplitudes
-    free = len(x) - 4
-    variance = float(left @ left) / free
+    residuals = y - basis @ amplitudes
+    degrees_of_freedom = len(x) - 4
+    variance = float(residuals @ residuals) / degrees_of_freedom
     slopes = np.concatenate([basis, basis * amplitudes * x[:, None]], axis=1)
-    widths = stdtrit(free, 0.975) * np.sqrt(variance * _inverse_normal_diagonal(slopes))
+    widths = stdtrit(degrees_of_freedom, 0.975) * np.sqrt(variance * _inverse_normal_diagonal(slopes))
     values = np.concatenate([amplitudes, rates])
     intervals = np.stack([values - widths, values + widths], axis=1)
     return BiexponentialFit(amplitudes, rates, intervals[:2], intervals[2:], float(np.sqrt(variance)))
 
 
 def _inverse_normal_diagonal(slopes: np.ndarray) -> np.ndarray:
-    """Diagonal of (J^T J)^-1; infinite where J leaves a parameter open."""
+    """Diagonal of (J^T J)^-1; infinite for parameters that J does not determine."""
     sizes = np.linalg.norm(slopes, axis=0)
     if not (sizes > 0.0).all():
         return np.full(slopes.shape[1], np.inf)
-    singular, turns = np.linalg.svd(slopes / sizes, full_matrices=False)[1:]
+    singular, directions = np.linalg.svd(slopes / sizes, full_matrices=False)[1:]
     if singular[-1] < singular[0] * len(slopes) * np.finfo(float).eps:
         return np.full(slopes.shape[1], np.inf)
-    return np.asarray(((turns / singular[:, None]) ** 2).sum(axis=0) / sizes**2)
+    return np.asarray(((directions / singular[:, None]) ** 2).sum(axis=0) / sizes**2)

@@ -1,7 +1,7 @@
 """Voronoi cells of the grains, and the fractions of pentagons, hexagons and heptagons.
 
-Only cells wholly inside the box spanned by the outermost grain centres are counted, as in
-[D, 4.2.4, Algorithm 4.3]; such cells are called interior.
+Only cells entirely inside the box of the outermost grain centres are counted, as in [D, 4.2.4, Algorithm
+4.3]; such cells are called interior.
 """
 
 from __future__ import annotations
@@ -15,22 +15,26 @@ from granular.shared.array_types import Bool, Float, Int
 from granular.shared.errors import InputError
 
 SHORTEST_SIDE = 1e-9
-"""A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""
+"""Sides shorter than this, in mean spacings, are rounding errors: four or more grains lie on one circle."""
 
 INSIDE = 1e-12
-"""Greatest distance of a corner outside of the box, in sizes of the box: rounding."""
+"""Tolerance for rounding of a corner outside the box, in sizes of the box."""
 
 
 class VoronoiCells(NamedTuple):
     """The Voronoi diagram of n grains, as arrays."""
 
-    sides: Int[np.ndarray, "n"]  # of each cell, the number of neighbours; 0: absent
-    area: Float[np.ndarray, "n"]  # area of each interior cell [m^2], NaN for the others
-    side_squares: Float[np.ndarray, "n"]  # sum over the sides of each interior cell, NaN for others [m^2]
-    interior: Bool[np.ndarray, "n"]  # the cell lies wholly in the box of the outermost centres
-    neighbours: Int[np.ndarray, "m 2"]  # every pair once
+    sides: Int[np.ndarray, "n"]  # number of sides of each cell (= neighbours); 0 if absent
+    area: Float[np.ndarray, "n"]  # area of each interior cell [m^2], NaN for other cells
+    side_squares: Float[
+        np.ndarray, "n"
+    ]  # sum of squared sides of each interior cell [m^2], NaN for other cells
+    interior: Bool[np.ndarray, "n"]  # whether the cell lies entirely in the box of the outermost centres
+    neighbours: Int[np.ndarray, "m 2"]  # pairs of neighbours, each once
     triangles: Int[np.ndarray, "t 3"]  # Delaunay triangles
-    corners: Float[np.ndarray, "t 2"]  # their circumcentres, the corners of the cells [m]
+    corners: Float[
+        np.ndarray, "t 2"
+    ]  # circumcentres of the triangles, which are the corners of the cells [m]
 
 
 class PolygonFractions(NamedTuple):
@@ -44,16 +48,16 @@ class PolygonFractions(NamedTuple):
 
     @property
     def by_name(self) -> dict[str, float]:
-        """Four fractions by their names, pentagons to others, without unit; NaN without interior cells."""
+        """Four fractions by name, pentagons to others, dimensionless; NaN without interior cells."""
         return dict(zip(self._fields[:4], self[:4], strict=True))
 
 
 def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     """Voronoi cells of the grains.
 
-    A side of no length (four or more grains on one circle, as in a square lattice) is no side, and
-    those grains are no neighbours. Of grains at exactly the same point one has a cell. Fewer than
-    three grains, or grains in a line, have no interior cell and no neighbours.
+    A side of zero length (four or more grains on one circle, as in a square lattice) does not count, and its
+    grains are not neighbours. Of grains at exactly the same point only one has a cell. Fewer than three
+    grains, or grains in a line, have no interior cell and no neighbours.
 
     Parameters
     ----------
@@ -63,19 +67,20 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     Returns
     -------
     VoronoiCells
-        Sides (n,), 0 for absent grains; areas [m^2] and sums of the squared sides [m^2] (n,), NaN without
-        an interior cell; interior cells (n,), neighbours (m, 2), triangles (t, 3) and corners [m] (t, 2).
+        Numbers of sides (n,), 0 for absent grains; areas [m^2] and sums of the squared sides [m^2] (n,), NaN
+        without an interior cell; whether cells are interior (n,), neighbours (m, 2), triangles (t, 3) and
+        corners [m] (t, 2).
 
     Raises
     ------
     InputError
-        If the positions have another shape than (n, 2).
+        If the positions do not have the shape (n, 2).
 
     Notes
     -----
-    The corners of the Voronoi cells are the circumcentres of the Delaunay triangles
-    [D, 4.2.3.1]; the Delaunay triangulation is that of Qhull (Barber, Dobkin, Huhdanpaa, ACM Trans.
-    Math. Software 22, 469, 1996).
+    The corners of the Voronoi cells are the circumcentres of the Delaunay triangles [D, 4.2.3.1]; the
+    Delaunay triangulation is computed by Qhull (Barber, Dobkin, Huhdanpaa, ACM Trans. Math. Software 22, 469,
+    1996).
 
     Examples
     --------
@@ -92,35 +97,37 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     positions = check_vectors(positions)
     points = present_positions(positions)
     triangles, across = _delaunay_triangulation(points)
-    # Numbered as all grains are, also absent ones.
+    # Convert to the numbering of all grains, including absent ones.
     triangles = np.flatnonzero(is_present(positions))[triangles]
     corners = circumcentres(positions, triangles)
     pairs, lengths, outer = _neighbour_pairs_and_sides(triangles, across, corners)
     spacing = np.sqrt(np.prod(np.ptp(points, axis=0)) / len(points)) if len(points) else 0.0
-    real = outer | ~(lengths <= SHORTEST_SIDE * spacing)
+    neighbouring = outer | ~(lengths <= SHORTEST_SIDE * spacing)
     interior = _find_interior_cells(positions, triangles, corners, pairs[outer])
 
     gap = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
-    # Each side and its grain make a triangle of height gap/2.
+    # Each side forms a triangle of height gap/2 with its grain.
     area, squares = (
-        np.where(interior, _sum_pairs_per_grain(pairs, np.where(outer, 0.0, of_side), len(positions)), np.nan)
-        for of_side in (gap * lengths / 4.0, lengths**2)
+        np.where(
+            interior, _sum_pairs_per_grain(pairs, np.where(outer, 0.0, pair_values), len(positions)), np.nan
+        )
+        for pair_values in (gap * lengths / 4.0, lengths**2)
     )
-    sides = np.bincount(pairs[real].ravel(), minlength=len(positions))
-    return VoronoiCells(sides, area, squares, interior, pairs[real], triangles, corners)
+    sides = np.bincount(pairs[neighbouring].ravel(), minlength=len(positions))
+    return VoronoiCells(sides, area, squares, interior, pairs[neighbouring], triangles, corners)
 
 
 def check_cells(
     positions: Float[np.ndarray, "n 2"], cells: VoronoiCells | None
 ) -> tuple[Float[np.ndarray, "n 2"], VoronoiCells]:
-    """Check positions [m], and that Voronoi cells are those of as many grains, or find them."""
+    """Check positions [m], and compute Voronoi cells or check that given ones have as many grains."""
     positions = check_vectors(positions)
     if cells is None:
         cells = voronoi_cells(positions)
     if len(cells.sides) != len(positions):
         raise InputError(
-            f"Voronoi cells of {len(cells.sides)} grains for {len(positions)} positions; give those of "
-            "the same positions"
+            f"Voronoi cells of {len(cells.sides)} grains for {len(positions)} positions; give "
+            "the cells of these positions"
         )
     return positions, cells
 
@@ -136,7 +143,7 @@ def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
     Returns
     -------
     PolygonFractions
-        Four fractions without unit, which add up to 1, or NaN without interior cells; and ``cells``, the
+        Four dimensionless fractions, which add up to 1, or NaN without interior cells; and ``cells``, the
         number of interior cells.
 
     Examples
@@ -170,8 +177,8 @@ def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
     Returns
     -------
     dict of int to array
-        Corners [m] of each interior cell, float64 (k, 2), by the grain's number; empty without interior
-        cells. Where four grains or more lie on one circle, their common corner stands more than once.
+        Corners [m] of each interior cell, float64 (k, 2), by the grain's index; empty without interior cells.
+        If four or more grains lie on one circle, their common corner is repeated.
 
     Examples
     --------
@@ -185,15 +192,15 @@ def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
     >>> {len(one) for one in corners.values()}
     {6}
     """
-    around: dict[int, list[int]] = {int(i): [] for i in np.flatnonzero(cells.interior)}
+    triangles_around: dict[int, list[int]] = {int(i): [] for i in np.flatnonzero(cells.interior)}
     for triangle, grains in enumerate(cells.triangles.tolist()):
         for grain in grains:
-            if grain in around:
-                around[grain].append(triangle)
+            if grain in triangles_around:
+                triangles_around[grain].append(triangle)
     polygons = {}
-    for grain, chosen in around.items():
-        corners = cells.corners[chosen]
-        # A convex cell: its corners turn about their mean.
+    for grain, around_grain in triangles_around.items():
+        corners = cells.corners[around_grain]
+        # The cell is convex: its corners are ordered by angle about their mean.
         arms = corners - corners.mean(axis=0)
         polygons[grain] = corners[np.argsort(np.arctan2(arms[:, 1], arms[:, 0]))]
     return polygons
@@ -203,15 +210,15 @@ def _delaunay_triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     """Delaunay triangles (t, 3), and the triangle across each side, -1 outside (t, 3)."""
     from scipy.spatial import Delaunay, QhullError
 
-    none = np.empty((0, 3), dtype=np.intp)
+    empty = np.empty((0, 3), dtype=np.intp)
     if len(points) < 3:
-        return none, none
-    # Places about the middle lose fewest bits where they are squared.
+        return empty, empty
+    # Positions relative to the mean lose the fewest bits when they are squared.
     centred = points - points.mean(axis=0)
     try:
         mesh = Delaunay(centred)
     except QhullError:
-        return none, none
+        return empty, empty
     return mesh.simplices.astype(np.intp), mesh.neighbors.astype(np.intp)
 
 
@@ -232,22 +239,26 @@ def circumcentres(
 def _neighbour_pairs_and_sides(
     triangles: np.ndarray, across: np.ndarray, corners: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Neighbour pairs (m, 2), the lengths of the sides between them (m,), and which are endless."""
-    here = np.repeat(np.arange(len(triangles)), 3)
-    there = across.ravel()
+    """Neighbour pairs (m, 2), the lengths of the sides between them (m,), and which sides are infinite."""
+    triangle = np.repeat(np.arange(len(triangles)), 3)
+    opposite = across.ravel()
     pairs = np.stack([triangles[:, [1, 2, 0]].ravel(), triangles[:, [2, 0, 1]].ravel()], axis=1)
-    once = (there < 0) | (here < there)
-    here, there, pairs = here[once], there[once], pairs[once]
-    outer = there < 0
+    first_occurrence = (opposite < 0) | (triangle < opposite)
+    triangle, opposite, pairs = (
+        triangle[first_occurrence],
+        opposite[first_occurrence],
+        pairs[first_occurrence],
+    )
+    outer = opposite < 0
     with np.errstate(invalid="ignore"):
-        lengths = np.linalg.norm(corners[here] - corners[there], axis=1)
+        lengths = np.linalg.norm(corners[triangle] - corners[opposite], axis=1)
     return pairs, np.where(outer, np.inf, lengths), outer
 
 
 def _find_interior_cells(
     points: np.ndarray, triangles: np.ndarray, corners: np.ndarray, rim: np.ndarray
 ) -> np.ndarray:
-    """Cells that are bounded and have all corners inside the box of the centres, bool (n,)."""
+    """Whether each cell is bounded with all corners inside the box of the centres, bool (n,)."""
     inside = np.zeros(len(points), dtype=bool)
     if not len(triangles):
         return inside
@@ -261,14 +272,14 @@ def _find_interior_cells(
 
 
 def _sum_pairs_per_grain(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Sum over the pairs of each grain (count,)."""
+    """Sum of values over the pairs of each grain (count,)."""
     return np.asarray(
         np.bincount(pairs[:, 0], values, minlength=count) + np.bincount(pairs[:, 1], values, minlength=count)
     )
 
 
 def hexagon_regularity(cells: VoronoiCells) -> np.ndarray:
-    """Regularity of each interior hexagon, 1 for a regular one and less for any other.
+    """Regularity of each interior hexagon: 1 for a regular hexagon, less than 1 otherwise.
 
     Parameters
     ----------
@@ -278,8 +289,8 @@ def hexagon_regularity(cells: VoronoiCells) -> np.ndarray:
     Returns
     -------
     float64 (n,)
-        4/sqrt(3) * area / (sum of the squares of the sides) [D, eq. 4.25], without unit; NaN where the
-        cell is no interior hexagon, for which alone 1 is the greatest value.
+        4/sqrt(3) * area / (sum of the squares of the sides) [D, eq. 4.25], dimensionless; NaN for cells other
+        than interior hexagons, because 1 is the maximum only for hexagons.
 
     Examples
     --------

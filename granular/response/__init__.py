@@ -1,6 +1,6 @@
-"""Response of a machine (the host of a damper) to what shakes it."""
+"""Response of a machine (the host of a damper) to a harmonic drive or an impulse."""
 
 import lazy_loader
 
-# Names, which stand in __init__.pyi, are imported when they are used: the command costs nothing before.
+# The names listed in __init__.pyi are imported when first used, so that the command line starts quickly.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""The command ``response``: a machine that carries a damper, shaken or struck."""
+"""The command ``response``: frequency or impulse response of a machine that carries a damper."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 POINTS = 25
-"""Frequencies of sines, if not given."""
+"""Default number of frequencies of sines."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Drive:
-    """Amplitudes of what shakes the machine."""
+    """Amplitudes of the drive of the machine."""
 
     force: Annotated[
         tuple[Annotated[float, quantity("N")], ...],
@@ -41,10 +41,10 @@ class Drive:
     ] = ()
 
     def shake(self, scene: Scene) -> tuple[Scene, list[float] | None]:
-        """Scene under the first amplitude that was given, and all of them."""
+        """Scene with the first given drive amplitude, and all given amplitudes."""
         given = {name: list(sizes) for name, sizes in vars(self).items() if sizes}
         if len(given) > 1:
-            raise InputError(f"--{' and --'.join(given)} together; give one of them")
+            raise InputError(f"--{' and --'.join(given)} given together; give one of them")
         host = scene.effects.host
         if host is None:
             raise InputError(
@@ -53,7 +53,7 @@ class Drive:
             )
         if not given and host.excitation is None:
             raise InputError(
-                f"nothing shakes the host of {quote(scene.name)}; give --force, --acceleration or "
+                f"the host of {quote(scene.name)} has no drive; give --force, --acceleration or "
                 "--displacement"
             )
         for name, sizes in given.items():
@@ -72,42 +72,40 @@ examples:
   %(prog)s machine --impulse --force 500N --fraction 0.1 --dt 'auto*4' -o out/impulse
   %(prog)s machine --impulse --force 500N --fraction 0.5 --duration 6s --dt 'auto*4'
 
-Each sine is a run; --sweep makes one run of all. report.html in DIR shows what was found.""")
+Each sine is a separate run; --sweep covers all frequencies in one run. report.html in DIR shows the
+results.""")
 def response(
     scene: SceneName,
     *,
     changes: Changes,
     lowest: Annotated[Hertz | None, Option("lowest frequency of the sine", "F", name="--from")] = None,
     highest: Annotated[Hertz | None, Option("highest frequency of the sine", "F", name="--to")] = None,
-    points: Annotated[int | None, Option("frequencies (25; 200 read off a sweep)", "N")] = None,
+    points: Annotated[int | None, Option("number of frequencies (25; 200 from a sweep)", "N")] = None,
     drive: Drive,
     duration: Annotated[
-        Seconds | None, Option("how long each sine acts (20 s), or a struck machine is looked at (10 s)", "T")
+        Seconds | None, Option("duration of each sine (20 s), or of the run after an impulse (10 s)", "T")
     ] = None,
     sweep: Annotated[
         Seconds | None,
         Option(
-            "in place of sines, one run under a sweep from the lowest to the highest frequency that takes "
-            "this long, of the first amplitude",
+            "instead of sines, one run with a sweep of this duration from the lowest to the "
+            "highest frequency, with the first amplitude",
             "T",
         ),
     ] = None,
     impulse: Annotated[
-        bool,
-        Option(
-            "in place of sines, strike the machine once, by half a sine in time, and say how soon it is down"
-        ),
+        bool, Option("instead of sines, apply one half-sine impulse and print the settling time")
     ] = False,
-    length: Annotated[Seconds | None, Option("of the impulse (20 ms)", "T")] = None,
+    length: Annotated[Seconds | None, Option("duration of the impulse (20 ms)", "T")] = None,
     fraction: Annotated[
         Fraction | None,
-        Option("fraction of its peak within which a struck machine is down: 0.1 (default) or '10 %%'", "S"),
+        Option("fraction of the peak that defines the settling time: 0.1 (default) or '10 %%'", "S"),
     ] = None,
     out: Annotated[
         str | None,
         Option(
-            "directory for report.html, response.csv and response.png, or for impulse.csv and impulse.png, "
-            "which keeps what is done",
+            "directory for report.html, response.csv and response.png, or for impulse.csv and "
+            "impulse.png; finished runs are kept there",
             "DIR",
             "-o",
         ),
@@ -116,7 +114,7 @@ def response(
     workers: WorkerCount = None,
     output: Output,
 ) -> None:
-    """Frequency response of a machine that carries a damper, or how soon it settles."""
+    """Compute the frequency response or settling time of a machine with a damper."""
     settings: dict[str, Any] = {"dt": dt, "out": out, "progress": output.progress}
     settings |= given(duration=duration)
     loaded = changes.load(scene)
@@ -134,8 +132,8 @@ def response(
     count = POINTS if points is None else points
     if not 0.0 < lowest < highest or count < 2:
         raise InputError(
-            f"--from {lowest:g} --to {highest:g} --points {count}: give "
-            "two frequencies, the lower one first, and at least 2 points"
+            f"--from {lowest:g} --to {highest:g} --points {count}: give two frequencies, the "
+            "lower one first, and 2 points or more"
         )
     if sweep is not None:
         refuse_options("a sweep, only with sines", duration=duration, workers=workers)
@@ -154,7 +152,7 @@ def response(
 
 
 def _print_response(result: FrequencyResponse, swept: bool, out: str | None, output: Output) -> None:
-    """Say how far the machine moves."""
+    """Print the amplitudes of the machine."""
     from granular.response.transients import sweep_rate_at_peak
 
     blocks: list[Block] = [result.table]
@@ -164,8 +162,8 @@ def _print_response(result: FrequencyResponse, swept: bool, out: str | None, out
         if figures["sweep_rate"] is not None:
             blocks.append(
                 Text(
-                    f"sweep rate at the peak: {figures['sweep_rate']:.2g} of what the machine with "
-                    "its damper can follow; far below 1 is slow enough"
+                    f"sweep rate at the peak: {figures['sweep_rate']:.2g} of the limit that the machine "
+                    "with its damper can follow; values far below 1 are slow enough"
                 )
             )
     if out is not None:
@@ -176,11 +174,11 @@ def _print_response(result: FrequencyResponse, swept: bool, out: str | None, out
 def _measure_impulse(
     scene: Scene, forces: tuple[float, ...], settings: dict[str, Any], output: Output
 ) -> None:
-    """Strike the machine and say how soon it is down."""
+    """Apply an impulse to the machine and print its settling time."""
     from granular.response.transients import run_impulse
 
     if len(forces) > 1:
-        raise InputError(f"--force is given {len(forces)} times; an impulse has one")
+        raise InputError(f"--force is given {len(forces)} times; an impulse has one force")
     result, out = run_impulse(scene, forces[0], **settings), settings["out"]
     figures: dict[str, Any] = {
         "seconds": result.settling_time,

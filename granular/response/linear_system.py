@@ -1,16 +1,16 @@
-"""Exact responses of linear hosts: alone, with the ideal tuned mass, and what a damper is to them.
+"""Exact responses of linear hosts without damper and with the ideal tuned mass; equivalent dampers.
 
-A body of mass M on a spring k and a dashpot c, shaken by F sin(omega t), swings with the amplitude
-|F/(k - omega^2 M + i omega c + D)|, where D is the dynamic stiffness of what hangs on it: for a
-mass m on a spring s and a dashpot d, D = -omega^2 m (s + i omega d)/(s - omega^2 m + i omega d).
+A body of mass M on a spring k and a dashpot c, driven by F sin(omega t), oscillates with the amplitude |F/(k
+- omega^2 M + i omega c + D)|, where D is the dynamic stiffness of the attached system: for a mass m on a
+spring s and a dashpot d, D = -omega^2 m (s + i omega d)/(s - omega^2 m + i omega d).
 
-Without damping of the host, the tuned mass with the least peak has (Den Hartog, Mechanical
-Vibrations (1956), 3.3), for the mass ratio mu = m/M,
+For an undamped host, the tuned mass with the lowest peak has (Den Hartog, Mechanical Vibrations (1956), 3.3),
+for the mass ratio mu = m/M,
 
     frequency over the host's = 1/(1 + mu),    damping ratio = sqrt(3 mu/(8 (1 + mu))),
 
-the ratio to the critical damping of the tuned mass at its frequency; Den Hartog gives it at the
-host's, which is 1 + mu higher.
+relative to the critical damping of the tuned mass at its own frequency; Den Hartog refers it to the host's
+frequency, which is higher by the factor 1 + mu.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Comple
 
 
 def slowest_decay_rate(host: Host) -> float:
-    """Decay rate of the host's mode that rings longest; c/(2 M) of one weakly damped body [1/s]."""
+    """Decay rate of the slowest mode of the host; c/(2 M) for one weakly damped body [1/s]."""
     masses, springs, dashpots = matrices_of_chain(host)
     inertia, identity = masses[:, None], np.eye(len(masses))
     rates = np.block([[0.0 * identity, identity], [-springs / inertia, -dashpots / inertia]])
@@ -86,7 +86,7 @@ def damper_mass(scene: Scene) -> float:
 def without_damper(
     scene: Scene, host: Host, quantity: str, amplitude: float, frequencies: Any
 ) -> Float[np.ndarray, "2 f"]:
-    """Amplitudes [m] of a host alone and with the tuned mass under a drive [N, m/s^2, m]; in [Hz]."""
+    """Amplitudes [m] of a host without damper and with tuned mass; drive [N, m/s^2, m], frequencies [Hz]."""
     plain, mass = host.to_plain(), damper_mass(scene)
     driven = Host.from_plain(plain | {"excitation": plain["excitation"] | {quantity: amplitude}})
     spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
@@ -100,9 +100,9 @@ def linear_host_comparison(
     quantity: str,
     amplitudes: Sequence[float],
     frequencies: Sequence[float],
-    swing: Complex[np.ndarray, "s f"],
+    response: Complex[np.ndarray, "s f"],
 ) -> dict[str, tuple[str, str, np.ndarray]]:
-    """Amplitudes (s, f) without damper and with tuned mass [m], and its values [kg, N/m, kg/s, W]."""
+    """Amplitudes (s, f) without damper and with tuned mass, damper equivalents [m, kg, N/m, kg/s, W]."""
     omega = math.tau * np.array(frequencies)
     curves = [without_damper(scene, host, quantity, size, frequencies) for size in amplitudes]
     alone, ideal = np.stack(curves, axis=1)
@@ -110,18 +110,18 @@ def linear_host_comparison(
         "alone": ("m", "amplitude without the damper", alone),
         "ideal": ("m", "amplitude with Den Hartog's tuned mass of the same weight", ideal),
     }
-    # Only a force on a single body fixes the damper's dynamic stiffness.
+    # The damper's dynamic stiffness is determined only by a force on a single body.
     if len(host.bodies) > 1 or (host.excitation is not None and host.excitation.is_base_motion):
         return result
-    # The force of the damper on the host that leaves this displacement, as a dynamic stiffness.
+    # The damper's force on the host that produces this displacement, as a dynamic stiffness.
     body = host.bodies[-1]
-    own = body.stiffness - omega**2 * body.mass + 1j * omega * body.damping
-    added = np.array(amplitudes)[:, None] / swing - own
-    power = 0.5 * 1j * omega * added * np.abs(swing) ** 2  # complex: what is taken, and swings
+    host_stiffness = body.stiffness - omega**2 * body.mass + 1j * omega * body.damping
+    added = np.array(amplitudes)[:, None] / response - host_stiffness
+    power = 0.5 * 1j * omega * added * np.abs(response) ** 2  # complex: dissipated and reactive power
     return result | {
         "effective_mass": ("kg", "mass that the damper adds to the host", -added.real / omega**2),
         "added_stiffness": ("N/m", "stiffness that the damper adds to the host", added.real),
         "added_damping": ("kg/s", "damping that the damper adds to the host", added.imag / omega),
-        "taken_power": ("W", "mean power that the damper takes", -power.real),
-        "loss_factor": ("1", "power taken over that which swings", np.abs(power.real / power.imag)),
+        "taken_power": ("W", "mean power dissipated by the damper", -power.real),
+        "loss_factor": ("1", "dissipated power over reactive power", np.abs(power.real / power.imag)),
     }

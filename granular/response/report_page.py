@@ -1,4 +1,4 @@
-"""The report of a response: one HTML file, with curves of small motions."""
+"""The report of a response as one HTML file, with curves of small motions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium, equilibrium
-from granular.linear.roots import harmonic_answers, require_free_piston
+from granular.linear.roots import harmonic_displacements, require_free_piston
 from granular.response.response import FrequencyResponse
 from granular.response.transients import sweep_rate_at_peak
 from granular.shared.array_types import Complex, Float
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 
 UNSTEADY = 0.05
-"""Change of the amplitude, while it is taken, from which on a note says so."""
+"""Change of the amplitude during the measurement above which a note is shown."""
 MAX_SWEEP_RATE = 0.3
-"""Rate of a sweep (`sweep_rate_at_peak`) from which on a note says so."""
+"""Rate of a sweep (`sweep_rate_at_peak`) above which a note is shown."""
 _DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", "-.", ":")
 _DENSE = 60
-"""Frequencies from which on points are not marked."""
+"""Number of frequencies above which points are not marked."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PageComparison:
-    """Prediction that is compared with a response, such as that of a law."""
+    """A prediction to be compared with a response, such as the prediction of a law."""
 
     title: str
     words: str
@@ -50,7 +50,7 @@ class PageComparison:
 def response_page(
     response: FrequencyResponse, comparison: PageComparison | None = None, missing: str = ""
 ) -> Page:
-    """Report of a response as an HTML page: the curves, the peaks, the damper's part and the settings."""
+    """Report of a response as an HTML page: curves, peaks, effect of the damper, settings."""
     return Page(
         f"The response of scene {response.scene.name!r}",
         peak_summary_sentence(response),
@@ -79,11 +79,11 @@ def _blocks(response: FrequencyResponse, comparison: PageComparison | None, miss
 
 
 def peak_summary_sentence(response: FrequencyResponse) -> str:
-    """Say the peak at the greatest amplitude, with the damper and without, in one sentence."""
+    """Return a sentence with the peak at the largest drive amplitude, with and without the damper."""
     row = max(response.peaks(), key=lambda peak: peak["amplitude"])
     words = (
-        f"{amplitude_phrase(response, row['amplitude'])}: {_format_in_mm(row['peak'])} mm at most, at "
-        f"{row['frequency']:.3g} Hz"
+        f"{amplitude_phrase(response, row['amplitude'])}: {_format_in_mm(row['peak'])} mm "
+        f"maximum, at {row['frequency']:.3g} Hz"
     )
     if "alone" not in row:
         return f"{words}."
@@ -99,16 +99,16 @@ def _draw_curves(response: FrequencyResponse, comparison: PageComparison | None)
         axes.get_legend().remove()
         label_log_axis_plainly(axes.yaxis)
         count = response.dataset.sizes["amplitude"]
-        own = axes.get_lines()[:count]
-        for k, line in enumerate(own):
+        own_handles = axes.get_lines()[:count]
+        for k, line in enumerate(own_handles):
             line.set(color=COLOURS[k % len(COLOURS)], linestyle="-", linewidth=1.6)
             if response.dataset.sizes["frequency"] < _DENSE:
                 line.set(marker="o", markersize=5)
         if "linear" in response.dataset:
             for k, curve in enumerate(response.dataset.linear.values):
-                look = {"color": COLOURS[k % len(COLOURS)], "linewidth": 1.0, "linestyle": (0, (4, 3))}
+                style = {"color": COLOURS[k % len(COLOURS)], "linewidth": 1.0, "linestyle": (0, (4, 3))}
                 name = "small motions" if k == 0 else None
-                axes.plot(response.dataset.frequency, 1e3 * curve, label=name, **look)
+                axes.plot(response.dataset.frequency, 1e3 * curve, label=name, **style)
         names = _draw_comparison_curves(axes, response, comparison)
         handles, words = axes.get_legend_handles_labels()
         drawing.legend(
@@ -123,18 +123,18 @@ def _draw_curves(response: FrequencyResponse, comparison: PageComparison | None)
 def _draw_comparison_curves(
     axes: Axes, response: FrequencyResponse, comparison: PageComparison | None
 ) -> Mapping[str, object]:
-    """Draw the curves to compare; return a line of each name for the legend."""
+    """Draw the curves to be compared; return one line per name for the legend."""
     from matplotlib.lines import Line2D
 
     handles: dict[str, object] = {}
     if comparison is None:
         return handles
     sizes = response.dataset.amplitude.values.tolist()
-    for (name, curves), look in zip(comparison.curves.items(), _DASHES, strict=False):
+    for (name, curves), style in zip(comparison.curves.items(), _DASHES, strict=False):
         for size, curve in curves.items():
             colour = COLOURS[sizes.index(size) % len(COLOURS)]
-            axes.plot(comparison.frequencies, 1e3 * curve, color=colour, linestyle=look, lw=1.3)
-        handles[name] = Line2D([], [], color=COLOURS[-1], linestyle=look, lw=1.3)
+            axes.plot(comparison.frequencies, 1e3 * curve, color=colour, linestyle=style, lw=1.3)
+        handles[name] = Line2D([], [], color=COLOURS[-1], linestyle=style, lw=1.3)
     return handles
 
 
@@ -143,9 +143,9 @@ def _curve_caption(response: FrequencyResponse, comparison: PageComparison | Non
     if response.scene.effects.host is not None and not response.scene.effects.host.bodies:
         words = "Displacement of the load on the piston"
     if "alone" in response.dataset:
-        words += ", with the damper, without it, and with Den Hartog's tuned mass in its place"
+        words += ", with the damper, without it, and with Den Hartog's tuned mass instead"
     if "linear" in response.dataset:
-        words += "; dashed in the colour of each amplitude, by the bed's small motions about its equilibrium"
+        words += "; dashed, in the colour of each amplitude: small motions of the bed about its equilibrium"
     if comparison is not None:
         words += f"; in the colour of each amplitude: {', '.join(comparison.curves)}"
     return f"{words}."
@@ -170,20 +170,20 @@ def _peak_table(response: FrequencyResponse) -> Iterator[Block]:
     yield Table(head, cells)
     if keys:
         yield Text(
-            "Alone is the machine without the damper; ideal is Den Hartog's tuned mass of the "
-            "damper's weight, on a spring and a dashpot of the best size. Both are exact, and "
-            "taken between the lowest and the highest frequency above."
+            "Alone: the machine without the damper. Ideal: with Den Hartog's tuned mass of the "
+            "damper's weight, on the optimal spring and dashpot. Both are exact, and evaluated "
+            "between the lowest and the highest frequency above."
         )
         curve = response.linear_curves(rows[-1]["amplitude"])["alone"]
         if int(curve.argmax()) in (0, len(curve) - 1):
             yield Caution(
-                "The machine alone swings most outside of these frequencies: how many times the "
-                "damper lowers its peak is shown by a response that reaches further."
+                "The peak of the machine without the damper lies outside these frequencies; compute "
+                "a wider range to see by which factor the damper reduces it."
             )
 
 
 def steadiness_notes(response: FrequencyResponse) -> Iterator[Block]:
-    """Cautions on oscillations that are not steady, and on a sweep that was too fast."""
+    """Warnings about unsteady oscillations and too fast a sweep."""
     data = response.dataset
     rate = sweep_rate_at_peak(response)
     if rate is not None and rate > MAX_SWEEP_RATE:
@@ -198,10 +198,10 @@ def steadiness_notes(response: FrequencyResponse) -> Iterator[Block]:
     worst = data.unsteady.where(data.unsteady == data.unsteady.max(), drop=True)
     if float(worst.max()) > UNSTEADY:
         yield Caution(
-            f"Not all swings are steady. {amplitude_phrase(response, float(worst.amplitude[0]))}, "
+            f"Not all oscillations are steady. {amplitude_phrase(response, float(worst.amplitude[0]))}, "
             f"at {float(worst.frequency[0]):.4g} Hz, the amplitude still changes "
-            f"by {100.0 * float(worst.max()):.2g} % while it is taken. Where that matters, "
-            "let the sines act for longer (--duration)."
+            f"by {100.0 * float(worst.max()):.2g} % during the measurement. For more accuracy, "
+            "use longer sines (--duration)."
         )
 
 
@@ -214,11 +214,11 @@ def _settings(response: FrequencyResponse) -> Iterator[Block]:
         rate = sweep_rate_at_peak(response)
         rows.append(("sweep rate at the peak", "not known" if rate is None else format_number(rate, 2)))
     elif lasts is not None:
-        rows.append(("each sine acts for", f"{lasts:g} s, of which the last 0.4 are taken"))
+        rows.append(("duration of each sine", f"{lasts:g} s, of which the last 0.4 are evaluated"))
     rows.append(("frequencies", str(response.dataset.sizes["frequency"])))
     yield Table(("setting", "value"), rows)
     if table_frequency_count(response) < response.dataset.sizes["frequency"]:
-        yield Text("The tables show some of the frequencies; response.csv holds all.")
+        yield Text("The tables show a selection of the frequencies; response.csv has all.")
     yield Printout(response.scene.to_toml())
 
 
@@ -240,26 +240,27 @@ LOSSES = {
 
 
 def damper_section(response: FrequencyResponse) -> Iterator[Block]:
-    """Tables and pictures of what the damper is to the machine, over frequency and displacement."""
-    yield Heading("The swings, and what the damper is to the machine")
+    """Tables and plots of the damper's equivalent mass and damping, against frequency and displacement."""
+    yield Heading("Amplitudes, and the effect of the damper on the machine")
     data = response.dataset
     if "added_damping" in data:
         yield Picture(
             partial(_draw_equivalent_damping, response),
-            "Damping and stiffness that the damper adds to the machine, over the machine's displacement: a "
-            "point a frequency. A linear damper has the same values at all amplitudes of one frequency.",
+            "Damping and stiffness that the damper adds to the machine, against the machine's "
+            "displacement, one point per frequency. For a linear damper the values at one "
+            "frequency do not depend on amplitude.",
         )
         yield Text(
-            "What the damper adds to the machine is the mass, and the dashpot, that would leave it "
-            "the same displacement. The added stiffness is the added mass, times -omega². The loss "
-            "factor is the power that the damper takes over that which swings to and fro; where "
-            "next to nothing swings, it is large and says little."
+            "The added mass and damping are the mass and dashpot that would give the machine "
+            "the same displacement. The added stiffness is the added mass times -omega². The "
+            "loss factor is dissipated power over reactive power; it is large and not "
+            "meaningful if the reactive power is almost zero."
         )
     for size in data.amplitude.values.tolist():
         yield from _swing_table(response, size)
-    words = "Piston is the amplitude of the piston over the cell"
+    words = "Piston: amplitude of the piston relative to the cell"
     if "unsteady" in data:
-        words += "; unsteady says by how much the machine's amplitude changes while it is taken"
+        words += "; unsteady: change of the machine's amplitude during the measurement"
     yield Text(f"{words}.")
 
 
@@ -267,10 +268,10 @@ def _draw_equivalent_damping(response: FrequencyResponse) -> Figure:
     with figure(2, 1, height=6.4, size=READABLE, sharex=True) as (drawing, both):
         for k, size in enumerate(response.dataset.amplitude.values.tolist()):
             part = response.dataset.sel(amplitude=size)
-            swing, colour = 1e3 * part.displacement, COLOURS[k % len(COLOURS)]
-            look = {"color": colour, "linestyle": "none", "marker": MARKS[k % len(MARKS)]}
-            both[0].plot(swing, part.added_damping, label=amplitude_phrase(response, size), **look)
-            both[1].plot(swing, 1e-3 * part.added_stiffness, **look)
+            displacement, colour = 1e3 * part.displacement, COLOURS[k % len(COLOURS)]
+            style = {"color": colour, "linestyle": "none", "marker": MARKS[k % len(MARKS)]}
+            both[0].plot(displacement, part.added_damping, label=amplitude_phrase(response, size), **style)
+            both[1].plot(displacement, 1e-3 * part.added_stiffness, **style)
         both[0].set_ylabel("added damping [kg/s]")
         both[1].set(ylabel="stiffness [kN/m]", xlabel="displacement of the machine [mm]")
         drawing.legend(loc="outside upper left", ncols=2)
@@ -299,7 +300,7 @@ def _swing_table(response: FrequencyResponse, size: float) -> Iterator[Block]:
 
 
 def _format_table_number(value: float, digits: int) -> str:
-    """Return the number for a table; without an exponent where it can be."""
+    """Format a number for a table, without an exponent if possible."""
     if value == 0.0 or not np.isfinite(value) or not 1e-3 <= abs(value) < 1e6:
         return format_number(value, digits)
     decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
@@ -307,10 +308,10 @@ def _format_table_number(value: float, digits: int) -> str:
 
 
 def energy_section(response: FrequencyResponse) -> Iterator[Block]:
-    """Tables of the energies that are taken in a period, at each amplitude."""
+    """Tables of the energies dissipated per period, at each amplitude."""
     if "work_a_period" not in response.dataset:
         return
-    yield Heading("Where the energy of a period goes")
+    yield Heading("Energy dissipated per period")
     for size in response.dataset.amplitude.values.tolist():
         part = response_at_table_frequencies(response, size)
         losses = energy_losses_per_period(part)
@@ -326,21 +327,22 @@ def energy_section(response: FrequencyResponse) -> Iterator[Block]:
         yield Text(f"{amplitude_phrase(response, size)}:")
         yield Table(head, rows)
     yield Text(
-        "Work is what shakes the machine does in a period, the others are where it goes. Affine "
-        "drag is that of grains which follow the piston evenly, a third of them at its speed; "
-        "rearranging is all drag beyond that, of grains that change their places, and below 0 "
-        "where they follow less. What is missing, or too much, is in a swing that still changes."
+        "Work is done by the drive in a period; the other columns are losses. Affine drag "
+        "is the drag of grains that follow the piston in proportion to height (a third of "
+        "the drag at the piston's speed). Rearranging is all drag beyond that, due to "
+        "grains that change places; it is negative if grains follow less. Any remaining "
+        "difference is due to oscillations that still change."
     )
 
 
 def energy_losses_per_period(part: xarray.Dataset) -> dict[str, np.ndarray]:
-    """Energies that each cause takes in a period of the drive [J]; part [Hz]."""
+    """Energies dissipated by each cause in a period of the drive [J]; part [Hz]."""
     values = {str(name): column.values for name, column in part.data_vars.items()}
     if "affine_loss_a_period" in values and "drag_loss_a_period" in values:
         values["rearranging"] = values["drag_loss_a_period"] - values["affine_loss_a_period"]
     known = {name: values[key] for key, name in LOSSES.items() if key in values}
     shown = {*LOSSES, "drag_loss_a_period", "work_a_period"}
-    for key, column in values.items():  # of effects of a user's own
+    for key, column in values.items():  # user-defined effects
         if key.endswith("_loss_a_period") and key not in shown:
             known[key.removesuffix("_loss_a_period").replace("_", " ")] = column
     return {name: column for name, column in known.items() if np.any(column != 0.0)}
@@ -349,24 +351,24 @@ def energy_losses_per_period(part: xarray.Dataset) -> dict[str, np.ndarray]:
 MOST_ROWS = 25
 _NAMES = {
     "force": ("force [N]", "Under {size:g} N", 1.0),
-    "acceleration": ("base [m/s²]", "On a base that is shaken by {size:g} m/s²", 1.0),
+    "acceleration": ("base [m/s²]", "On a base that accelerates with {size:g} m/s²", 1.0),
     "displacement": ("base [mm]", "On a base that moves by {size:g} mm", 1e3),
 }
 
 
 def amplitude_phrase(response: FrequencyResponse, amplitude: float) -> str:
-    """Words for an amplitude at the head of a sentence, such as "Under 5 N"; amplitude [N; m/s^2; m]."""
+    """Phrase for an amplitude at the start of a sentence, such as "Under 5 N"; amplitude [N; m/s^2; m]."""
     _, words, scale = _NAMES[response.quantity]
     return words.format(size=scale * amplitude)
 
 
 def table_frequency_count(response: FrequencyResponse) -> int:
-    """Count the frequencies that the page's tables show, `MOST_ROWS` at most."""
+    """Count the frequencies shown in the page's tables, up to `MOST_ROWS`."""
     return min(response.dataset.sizes["frequency"], MOST_ROWS)
 
 
 def response_at_table_frequencies(response: FrequencyResponse, amplitude: float) -> xarray.Dataset:
-    """Response at one amplitude, at the tables' frequencies, its peak among them [Hz]; amplitude in SI."""
+    """Response at one amplitude and the tables' frequencies [Hz], including its peak; amplitude in SI."""
     part = response.dataset.sel(amplitude=amplitude)
     count = part.sizes["frequency"]
     indices = np.unique(np.linspace(0, count - 1, table_frequency_count(response)).round().astype(int))
@@ -376,14 +378,14 @@ def response_at_table_frequencies(response: FrequencyResponse, amplitude: float)
 
 
 def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
-    """Add the field ``linear``, the displacements by small motions [m], or say in ``no_linear`` why not."""
+    """Add the field ``linear``, displacements from small motions [m], or the reason ``no_linear``."""
     data = response.dataset
     quantity, frequencies = response.quantity, data.frequency.values
     try:
         single = np.abs(linear_displacements(equilibrium(response.scene), quantity, frequencies))
     except GranularError as error:
         return dataclasses.replace(response, dataset=data.assign_attrs(no_linear=one_line(str(error))))
-    attributes = {"units": "m", "long_name": "amplitude of the last body with the bed's small motions"}
+    attributes = {"units": "m", "long_name": "amplitude of the last body from the bed's small motions"}
     field = (data.displacement.dims, data.amplitude.values[:, None] * single, attributes)
     return dataclasses.replace(response, dataset=data.assign(linear=field))
 
@@ -391,7 +393,7 @@ def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
 def linear_displacements(
     rest: Equilibrium, quantity: str, frequencies: Float[np.ndarray, "f"]
 ) -> Complex[np.ndarray, "f"]:
-    """Displacement of the last body, or of a load on the piston, over the drive [m/N, s^2 or 1]."""
+    """Displacement of the last body, or of a load on the piston, per unit drive [m/N, s^2 or 1]."""
     bed = rest.pencil.bed
     piston, host = require_free_piston(rest), rest.scene.effects.host
     assert host is not None
@@ -401,4 +403,4 @@ def linear_displacements(
     else:
         push = -(rest.pencil.mass @ bed.frame_and_uplift()[1])
     answer = bed.size - 1 if host.bodies else piston
-    return harmonic_answers(rest, frequencies, push, 2 if quantity == "displacement" else 0)[:, answer]
+    return harmonic_displacements(rest, frequencies, push, 2 if quantity == "displacement" else 0)[:, answer]

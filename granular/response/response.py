@@ -1,4 +1,4 @@
-"""The frequency response of a host with its damper, by stepped sines; kept in a file."""
+"""The frequency response of a host with its damper by stepped sines, and its file format."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 FRACTION = 0.4
-"""Last part of a sine's duration, in which the swing is taken for steady."""
+"""Final fraction of a sine's duration in which the oscillation is assumed steady."""
 LEAST_PERIODS = 4
 
 
@@ -55,18 +55,18 @@ def last_whole_periods(start: float, end: float, frequency: float) -> tuple[floa
 
 @keep_measure_name("granular.response.response:steady_figures#88116dfe")
 def steady_figures(run: Trajectory) -> Mapping[str, Any]:
-    """Amplitudes, energies and steadiness at the end of a run whose host is shaken by a sine [m, J, s]."""
+    """Amplitudes, energies and steadiness at the end of a run whose host is driven by a sine [m, J, s]."""
     host, data = run.scene.effects.host, run.dataset
     assert host is not None
     assert host.excitation is not None
     frequency, began = float(host.excitation.frequency or 0.0), host.excitation.start
     time = data.time.values
     first, last = last_whole_periods(began, float(time[-1]), frequency)
-    inside = time >= first - 1e-9  # [s]; recorded times carry rounding
+    inside = time >= first - 1e-9  # [s]; recorded times have rounding errors
     moment, drive = time[inside], time[inside] - began
     height = data.piston_height.values[inside] if "piston_height" in data else np.zeros(len(drive))
     body = data.host_displacement.values[inside] if host.bodies else height
-    swing, stroke = (complex_amplitude(drive, series, frequency) for series in (body, height))
+    amplitude, stroke = (complex_amplitude(drive, series, frequency) for series in (body, height))
     middle = len(drive) // 2
     halves = [
         abs(complex_amplitude(drive[part], body[part], frequency))
@@ -74,8 +74,8 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
     ]
     periods = (moment[-1] - moment[0]) * frequency
     figures = {
-        "real": swing.real,
-        "imaginary": swing.imag,
+        "real": amplitude.real,
+        "imaginary": amplitude.imag,
         "stroke_real": stroke.real,
         "stroke_imaginary": stroke.imag,
         "greatest": 0.5 * float(np.ptp(body)),
@@ -88,7 +88,7 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
     drag = run.scene.effects.drag
     if drag is not None:
         faces = run.scene.grains.face_area_ratios()[run.scene.grains.species_indices()]
-        # Affine motion, v = V y/H: the drag of the grains averages to a third of its value at the piston.
+        # For affine motion, v = V y/H, the mean drag of the grains is a third of its value at the piston.
         affine = drag.coefficient * float(faces.sum()) / 3.0
         figures["affine_loss_a_period"] = math.pi * math.tau * frequency * affine * abs(stroke) ** 2
     figures["last"] = last
@@ -96,39 +96,40 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
 
 
 PERIODS = 6.0
-"""Periods of the drive in which one amplitude is resolved."""
+"""Number of drive periods used for one amplitude."""
 POINTS = 200
 
 
 def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
-    """Amplitudes of the last body and of the piston while a sweep passes, in one run.
+    """Amplitudes of the last body and of the piston during a sweep in one run.
 
-    About each moment, over 6 periods of the drive, the displacement is taken for
-    a sin(phase) + b cos(phase) + c + d t with the phase of the sweep (least squares, as the sine fit of
-    IEEE Std 1057 in `complex_amplitude`). A sweep shows the steady response where its frequency
-    changes little while the machine forgets: with the change f' of the frequency and the decay rate
-    delta, f' << delta^2/(2 pi). This is the toolkit's own estimate: within a decay, 1/delta, the
-    frequency moves by much less than the peak's half-width, delta/(2 pi). A hardening or softening
-    machine jumps elsewhere upwards than downwards.
+    Around each time, over 6 periods of the drive, the displacement is fitted by a sin(phase) + b cos(phase) +
+    c + d t with the phase of the sweep (least squares, as in the sine fit of IEEE Std 1057 in
+    `complex_amplitude`). A sweep shows the steady response if its frequency changes little within the decay
+    time of the machine: with the rate of change f' of the frequency and the decay rate delta, f' <<
+    delta^2/(2 pi). The derivation is: within the decay time 1/delta, the frequency changes by much less than
+    the half-width of the peak, delta/(2 pi). In a hardening or softening machine the jump occurs at different
+    frequencies in upward and downward sweeps.
 
     Parameters
     ----------
     run : Trajectory
-        Run of a host with bodies under a sweep, finished or cut off.
+        Finished or interrupted run of a host with bodies under a sweep.
     points : int
-        Number p of frequencies of the result, from 2.
+        Number p of frequencies of the result, 2 or more.
 
     Returns
     -------
     xarray.Dataset
-        On ``frequency`` (p,) [Hz], increasing: ``displacement`` [m], ``phase`` behind the drive, from -pi
-        to pi [rad], and ``stroke`` of the piston over the cell [m] where there is a piston.
+        On ``frequency`` (p,) [Hz], increasing: ``displacement`` [m], ``phase`` lag behind the drive, from -pi
+        to pi [rad], and ``stroke``, the amplitude of the piston relative to the cell [m], if there is a
+        piston.
 
     Raises
     ------
     InputError
-        If the host has no bodies or is not shaken by a sweep, ``points`` is below 2, or the run holds
-        less than 6 periods of the sweep.
+        If the host has no bodies or is not driven by a sweep, ``points`` is below 2, or the run covers less
+        than 6 periods of the sweep.
     """
     import xarray
 
@@ -142,14 +143,15 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     low, high = float(drive.frequency or 0.0), float(drive.to or 0.0)
     length, data = float(drive.duration or 0.0), run.dataset
     time = data.time.values - drive.start
-    seen = {"displacement": data.host_displacement.values}
+    recorded = {"displacement": data.host_displacement.values}
     if "piston_height" in data:
-        seen["stroke"] = data.piston_height.values
-    frequencies, swings = swept_amplitudes(time, list(seen.values()), (low, high, length), points)
+        recorded["stroke"] = data.piston_height.values
+    frequencies, amplitudes = swept_amplitudes(time, list(recorded.values()), (low, high, length), points)
     result = {
-        name: ("frequency", np.abs(swing), {"units": "m"}) for name, swing in zip(seen, swings, strict=True)
+        name: ("frequency", np.abs(amplitude), {"units": "m"})
+        for name, amplitude in zip(recorded, amplitudes, strict=True)
     }
-    result["phase"] = ("frequency", -np.angle(swings[0]), {"units": "rad"})
+    result["phase"] = ("frequency", -np.angle(amplitudes[0]), {"units": "rad"})
     return xarray.Dataset(result, coords={"frequency": ("frequency", frequencies, {"units": "Hz"})})
 
 
@@ -159,50 +161,50 @@ def swept_amplitudes(
     """Complex amplitudes in an exponential sweep by local least squares; time [s], sweep [Hz, Hz, s]."""
     low, high, length = sweep
     if points < 2:
-        raise InputError(f"points = {points}; give at least 2")
+        raise InputError(f"points = {points}; give 2 or more")
     rate = math.log(high / low) / length
     phase = math.tau * low * np.expm1(rate * time) / rate
-    middles = math.log1p(rate * 0.5 * PERIODS / low) / rate  # half the first span
+    middles = math.log1p(rate * 0.5 * PERIODS / low) / rate  # half the first interval
     last = min(length, float(time[-1]))
     moments = np.linspace(middles, last - 0.5 * PERIODS / (low * math.exp(rate * last)), points)
     if moments[-1] <= moments[0]:
         raise InputError(
-            f"the run holds {last:g} s of the sweep, less than {PERIODS:g} of its periods; run longer"
+            f"the run covers {last:g} s of the sweep, less than {PERIODS:g} of its periods; run longer"
         )
     frequencies = low * np.exp(rate * moments)
-    swings = [np.empty(points, dtype=np.complex128) for _ in values]
+    amplitudes = [np.empty(points, dtype=np.complex128) for _ in values]
     for k, (moment, frequency) in enumerate(zip(moments, frequencies, strict=True)):
         near = np.abs(time - moment) <= 0.5 * PERIODS / frequency
-        for swing, value in zip(swings, values, strict=True):
-            swing[k] = _amplitude_over_phase(phase[near], time[near] - moment, value[near])
-    return frequencies, swings
+        for amplitude, value in zip(amplitudes, values, strict=True):
+            amplitude[k] = _amplitude_over_phase(phase[near], time[near] - moment, value[near])
+    return frequencies, amplitudes
 
 
 DURATION = 20.0
-"""Duration of a sine [s], if not given."""
+"""Default duration of a sine [s]."""
 DENSE = 4001
-"""Frequencies at which peaks of closed forms are looked for."""
+"""Number of frequencies at which peaks of closed-form curves are searched."""
 AMPLITUDES = ("force", "acceleration", "displacement")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """A host's response to sines.
+    """Response of a host to sinusoidal drives.
 
     Attributes
     ----------
     scene : Scene
         Scene of the damper and its host.
     dataset : xarray.Dataset
-        On ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI: ``displacement``
-        of the last body (of the load, where the cell stands on the base), ``alone`` without damper
-        and ``ideal`` with Den Hartog's tuned mass of the damper's weight; ``stroke`` of the piston
-        over the cell; ``effective_mass``, ``added_damping``, ``added_stiffness`` and
-        ``loss_factor`` of the damper; ``transmissibility``; energies taken in a period;
-        ``unsteady``.
+        On ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI: ``displacement`` of the
+        last body (of the load, if the cell stands on the base), ``alone`` without damper and ``ideal`` with
+        Den Hartog's tuned mass of the damper's weight; ``stroke``, the amplitude of the piston relative to
+        the cell; ``effective_mass``, ``added_damping``, ``added_stiffness`` and ``loss_factor`` of the
+        damper; ``transmissibility``; energies dissipated per period; ``unsteady``, the change of the
+        amplitude during the measurement.
     settings : dict
-        Settings of the simulation: ``dt``, ``duration`` [s], and ``sweep``, the first and last
-        frequency [Hz], where one sweep gave it.
+        Settings of the simulation: ``dt``, ``duration`` [s], and ``sweep``, the first and last frequency
+        [Hz], if it was measured by a sweep.
     """
 
     scene: Scene
@@ -216,11 +218,11 @@ class FrequencyResponse:
 
     @property
     def peak(self) -> float:
-        """Greatest displacement of the machine over all frequencies and amplitudes, float [m]."""
+        """Maximum displacement of the machine over all frequencies and amplitudes, float [m]."""
         return float(self.dataset.displacement.max())
 
     def peaks(self) -> list[dict[str, float]]:
-        """List the peaks [m] and their frequencies [Hz] with the damper, without it, with the tuned mass."""
+        """List peaks [m] and their frequencies [Hz] with the damper, without it and with the tuned mass."""
         result = []
         for value in self.dataset.amplitude.values:
             part = self.dataset.sel(amplitude=value)
@@ -250,7 +252,7 @@ class FrequencyResponse:
         return Table(tuple(rows[0]), [[format_number(value) for value in row.values()] for row in rows])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacement [mm] over the frequency [Hz], with and without the damper."""
+        """Draw the displacement [mm] against frequency [Hz], with and without the damper."""
         from granular.shared.plotting import axes_or_new, line_style
 
         ax = axes_or_new(ax)
@@ -285,29 +287,29 @@ def frequency_response(
     workers: int | None = None,
     progress: bool = True,
 ) -> FrequencyResponse:
-    """Run a scene for each frequency of the sine that shakes its host.
+    """Measure the frequency response of a scene's host, with one run for each sine.
 
-    The sine begins at the excitation's ``start`` and acts for ``duration``; the last 0.4 of that
-    are taken for steady, which ``unsteady`` judges.
+    The sine begins at the excitation's ``start`` and lasts for ``duration``. The last 0.4 of it are assumed
+    steady; ``unsteady`` measures how well this holds.
 
     Parameters
     ----------
     scene : Scene
-        With a host under a sine.
+        Scene with a host under a sine.
     frequencies : sequence of float, f long
-        Frequencies of the sines [Hz], each above 0, none twice.
+        Frequencies of the sines [Hz], distinct and above 0.
     amplitudes : sequence of float, s long, optional
-        Amplitudes of the force [N], or of the base's acceleration [m/s^2] or displacement [m], each
-        above 0, none twice; the scene's own if not given.
+        Amplitudes of the force [N], or of the base's acceleration [m/s^2] or displacement [m], distinct and
+        above 0; the scene's amplitude if not given.
     duration : float
-        Time that each sine acts [s], 10 periods of the lowest frequency at least.
+        Duration of each sine [s], 10 periods of the lowest frequency or more.
     dt : float or str
-        Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
-        "auto*2" is half or twice as long.
+        Time step [s]; "auto" follows the stiffest mode that the bed can reach, "auto/2" or "auto*2" is half
+        or twice that step.
     out : str or Path, optional
-        Directory that keeps what is done; the same call goes on from there.
+        Directory that keeps finished runs; repeating the same call continues from there.
     workers : int, optional
-        Processes, from 1; as many as there are processors if not given.
+        Number of processes, 1 or more; the number of processors if not given.
     progress : bool
         Show a progress bar.
 
@@ -319,15 +321,15 @@ def frequency_response(
     Raises
     ------
     InputError
-        If the scene has no host under a sine, a frequency or amplitude is not positive, there is none or
-        one twice, the duration is too short, ``dt`` is no time step, or ``out`` cannot be written.
+        If the scene has no host under a sine, a frequency or amplitude is not positive, missing or repeated,
+        the duration is too short, ``dt`` is not a time step, or ``out`` cannot be written.
     GranularError
-        If a run failed; the others are kept in ``out``.
+        If a run failed; the other runs are kept in ``out``.
 
     Warns
     -----
     UserWarning
-        Where runs raised warnings: how many, and the first.
+        If runs raised warnings: their number, and the first warning.
     """
     host = _require_host_under_sine(scene, frequencies, duration)
     assert host.excitation is not None
@@ -365,8 +367,8 @@ def _require_host_under_sine(scene: Scene, frequencies: Sequence[float], duratio
             "excitation of the kind 'sine', or take the packaged scene 'machine'"
         )
     if not len(frequencies) or not all(f > 0.0 for f in frequencies):
-        raise InputError(f"frequencies {list(frequencies)}: give some, each above 0 Hz")
-    # Then the last `FRACTION` of the run has the `LEAST_PERIODS` that amplitudes are read from.
+        raise InputError(f"frequencies {list(frequencies)}: give one or more, each above 0 Hz")
+    # The last `FRACTION` of the run then has `LEAST_PERIODS`, from which amplitudes are determined.
     if duration * min(frequencies) < 10.0:
         raise InputError(
             f"duration = {duration:g} s is less than 10 periods of {min(frequencies):g} Hz; give "
@@ -389,27 +391,27 @@ def _steady_dataset(
     def field(name: str) -> np.ndarray:
         return np.array([figure[name] for figure in figures]).reshape(shape)
 
-    swing = field("real") + 1j * field("imaginary")
+    amplitude = field("real") + 1j * field("imaginary")
     stroke = field("stroke_real") + 1j * field("stroke_imaginary")
     result: dict[str, tuple[str, str, np.ndarray]] = {
-        "displacement": ("m", "amplitude of the last body", np.abs(swing)),
-        "phase": ("rad", "phase of the last body behind the drive", -np.angle(swing)),
+        "displacement": ("m", "amplitude of the last body", np.abs(amplitude)),
+        "phase": ("rad", "phase of the last body behind the drive", -np.angle(amplitude)),
         "greatest": ("m", "half the range of the last body", field("greatest")),
         "stroke": ("m", "amplitude of the piston over the cell", np.abs(stroke)),
-        "unsteady": ("1", "change of the amplitude while it is taken", field("unsteady")),
+        "unsteady": ("1", "change of the amplitude during the measurement", field("unsteady")),
     }
     for name in figures[0]:
         if name.endswith("_a_period"):
-            what = name.removesuffix("_a_period").replace("_", " ")
-            result[name] = ("J", f"{what} in a period", field(name))
+            label = name.removesuffix("_a_period").replace("_", " ")
+            result[name] = ("J", f"{label} in a period", field(name))
     omega = math.tau * np.array(frequencies)
     if host.bodies:
-        result |= linear_host_comparison(scene, host, key, sizes, frequencies, swing)
+        result |= linear_host_comparison(scene, host, key, sizes, frequencies, amplitude)
     if host.excitation is not None and host.excitation.is_base_motion:
         shake = np.array(sizes)[:, None] * (np.ones_like(omega) if key == "acceleration" else -(omega**2))
-        total = swing - shake / omega**2
+        total = amplitude - shake / omega**2
         ratio = np.abs(total) / np.abs(shake / omega**2)
-        result["transmissibility"] = ("1", "amplitude over that of the base", ratio)
+        result["transmissibility"] = ("1", "amplitude over the base's amplitude", ratio)
     return response_dataset(key, sizes, frequencies, result)
 
 
@@ -426,8 +428,8 @@ def response_dataset(
     units = {"force": "N", "acceleration": "m/s^2", "displacement": "m"}[quantity]
     return xarray.Dataset(
         {
-            name: (dims, values, {"units": unit, "long_name": what})
-            for name, (unit, what, values) in fields.items()
+            name: (dims, values, {"units": unit, "long_name": label})
+            for name, (unit, label, values) in fields.items()
         },
         coords={
             "amplitude": ("amplitude", list(amplitudes), {"units": units, "long_name": quantity}),
@@ -441,26 +443,26 @@ MOST_BYTES = 64 * 2**20
 
 
 def save_response(response: FrequencyResponse, directory: str | Path) -> Path:
-    """Write a response to ``response.json`` in a directory; the path of the file.
+    """Write a response to ``response.json`` in a directory, and return the path of the file.
 
-    Its numbers keep every bit, NaN and infinite ones too; a file that is there is replaced.
+    Numbers are stored exactly, including NaN and infinity; an existing file is replaced.
 
     Parameters
     ----------
     response : FrequencyResponse
         Measured response.
     directory : str or Path
-        Directory of the result; it is made where there is none.
+        Directory of the result; created if missing.
 
     Returns
     -------
     Path
-        The file that was written.
+        Path of the written file.
 
     Raises
     ------
     InputError
-        If the directory cannot be made or the file not written.
+        If the directory cannot be created or the file cannot be written.
     """
     path = Path(directory) / FILE
     make_directory(path.parent)
@@ -474,7 +476,7 @@ def save_response(response: FrequencyResponse, directory: str | Path) -> Path:
 
 
 def load_response(directory: str | Path) -> FrequencyResponse:
-    """Read a response that `save_response` or the command ``response`` wrote.
+    """Read a response written by `save_response` or the command ``response``.
 
     Parameters
     ----------
@@ -484,18 +486,18 @@ def load_response(directory: str | Path) -> FrequencyResponse:
     Returns
     -------
     FrequencyResponse
-        The response, in SI units, with the bits that were written.
+        The response, in SI units, exactly as written.
 
     Raises
     ------
     InputError
-        If the directory has none, or its file is damaged, above 64 MiB, or of a scene with an effect or
-        stage of the user's own that was not imported.
+        If the directory has no response, or its file is damaged, above 64 MiB, or belongs to a scene with a
+        user-defined effect or stage that was not imported.
     """
     path = Path(directory) / FILE
     if not path.exists():
         raise InputError(
-            f"{quote(str(directory))} holds no {FILE}; write one by granular-damper response SCENE -o DIR"
+            f"{quote(str(directory))} has no {FILE}; create it by granular-damper response SCENE -o DIR"
         )
     text = read_text(path, MOST_BYTES)
     try:
@@ -503,7 +505,7 @@ def load_response(directory: str | Path) -> FrequencyResponse:
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
         kind = "" if isinstance(error, InputError) else f"{type(error).__name__} "
         raise InputError(
-            f"{sanitize(path)} cannot be read: {kind}{error}; write it anew by granular-damper response"
+            f"{sanitize(path)} cannot be read: {kind}{error}; create it again by granular-damper response"
         ) from None
 
 

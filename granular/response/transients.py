@@ -1,4 +1,4 @@
-"""One run of a host under a sweep, or under an impulse: its response, and its settling time."""
+"""Frequency response of a host from one sweep, and settling time after an impulse."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from granular.effects.excitation import Excitation
 
 RUN = "run"
-"""Directory of the run, within the one that is given."""
+"""Directory of the run, within the given directory."""
 LENGTH, DURATION = 0.02, 10.0
-"""Length of an impulse and duration of the run [s], if not given."""
+"""Default duration of an impulse and default duration of the run [s]."""
 
 
 def run_frequency_sweep(
@@ -47,27 +47,27 @@ def run_frequency_sweep(
     out: str | Path | None = None,
     progress: bool = True,
 ) -> FrequencyResponse:
-    """Response of a scene's host, read off one run under a slow sweep.
+    """Measure the response of a scene's host in one run under a slow sweep.
 
-    What shakes the host is that of the scene, a force on it or a motion of its base, with its
-    amplitude and its start, as a sweep. See `swept_response` for how slow is slow;
-    `sweep_rate_at_peak` gives the speed of this one for what it found.
+    The drive is the scene's force on the host or motion of its base, with the same amplitude and start, as a
+    sweep. See `swept_response` for the required slowness; `sweep_rate_at_peak` gives the rate of the sweep
+    relative to this limit.
 
     Parameters
     ----------
     scene : Scene
-        With a host of bodies that something shakes.
+        Scene with a host of bodies under a drive.
     lowest, highest : float
         First and last frequency [Hz], above 0 and increasing.
     duration : float
-        Duration of the sweep [s], 12 periods of the first frequency at least.
+        Duration of the sweep [s], 12 periods of the first frequency or more.
     points : int
-        Number p of frequencies at which the response is given, from 2.
+        Number p of frequencies at which the response is given, 2 or more.
     dt : float or str
         Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
         "auto*2" is half or twice as long.
     out : str or Path, optional
-        Directory that keeps the run, in ``run``; the same call goes on from there.
+        Directory that keeps the run, in ``run``; repeating the same call continues from there.
     progress : bool
         Show a progress bar.
 
@@ -79,24 +79,24 @@ def run_frequency_sweep(
     Raises
     ------
     InputError
-        If the scene has no such host or nothing shakes it, the frequencies do not increase, the sweep is
-        shorter than 12 periods, ``points`` is below 2, ``dt`` is no time step, or ``out`` holds another run.
+        If the scene has no such host or drive, the frequencies do not increase, the sweep is shorter than 12
+        periods, ``points`` is below 2, ``dt`` is not a time step, or ``out`` holds another run.
     RunError
-        If the simulation fails, as where grains leave the cell.
+        If the simulation fails, for example because grains leave the cell.
     """
     _, drive, key, size = _host_and_drive(scene)
     if not 0.0 < lowest < highest < math.inf:
         raise InputError(
             f"a sweep from {lowest:g} Hz to {highest:g} Hz: give two frequencies above 0, the "
-            "lower one first; a sweep only rises"
+            "lower one first; sweeps only increase"
         )
     if points < 2:
-        raise InputError(f"points = {points}; give at least 2")
-    least = 2.0 * PERIODS / lowest
-    if not least <= duration < math.inf:
+        raise InputError(f"points = {points}; give 2 or more")
+    minimum_duration = 2.0 * PERIODS / lowest
+    if not minimum_duration <= duration < math.inf:
         raise InputError(
             f"a sweep of {duration:g} s is shorter than {2.0 * PERIODS:g} periods of its lowest "
-            f"frequency, {lowest:g} Hz; give at least {least:.3g} s"
+            f"frequency, {lowest:g} Hz; give {minimum_duration:.3g} s or more"
         )
     sweep = {
         "kind": "sweep",
@@ -106,31 +106,31 @@ def run_frequency_sweep(
         "to": highest,
         "duration": duration,
     }
-    shaken = scene.replace(**{"effects.host.excitation": sweep})
-    run = _simulate_driven(shaken, drive.start + duration, dt, out, progress)
+    driven_scene = scene.replace(**{"effects.host.excitation": sweep})
+    run = _simulate_driven(driven_scene, drive.start + duration, dt, out, progress)
     return response_of_sweep(run, points)
 
 
 def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyResponse:
-    """Response of a host, read off a run under a frequency sweep; see `swept_response` [m, rad, Hz]."""
+    """Response of a host from a run under a frequency sweep; see `swept_response` [m, rad, Hz]."""
     data = swept_response(run, points)
     host, drive, key, size = _host_and_drive(run.scene)
     frequencies, sizes = data.frequency.values.tolist(), [size]
-    swing = (data.displacement * np.exp(-1j * data.phase)).values[None]
+    amplitude = (data.displacement * np.exp(-1j * data.phase)).values[None]
     result = {
         "displacement": ("m", "amplitude of the last body", data.displacement.values[None]),
         "phase": ("rad", "phase of the last body behind the drive", data.phase.values[None]),
     }
     if "stroke" in data:
-        what = "amplitude of the piston over the cell"
-        result["stroke"] = ("m", what, data.stroke.values[None])
-    result |= linear_host_comparison(run.scene, host, key, sizes, frequencies, swing)
+        label = "amplitude of the piston over the cell"
+        result["stroke"] = ("m", label, data.stroke.values[None])
+    result |= linear_host_comparison(run.scene, host, key, sizes, frequencies, amplitude)
     settings = {"dt": run.settings()["dt"], "duration": drive.duration, "sweep": [drive.frequency, drive.to]}
     return FrequencyResponse(run.scene, response_dataset(key, sizes, frequencies, result), settings)
 
 
 def sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
-    """Rate f' at which a sweep passed its peak, over delta^2/(2 pi), which should be far below 1."""
+    """Rate f' of a sweep at its peak, over delta^2/(2 pi); it should be far below 1."""
     host, data = response.scene.effects.host, response.dataset
     if host is None or "sweep" not in response.settings or "added_damping" not in data:
         return None
@@ -146,17 +146,17 @@ def sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ImpulseResponse:
-    """Swing of a host after an impulse, and its settling time."""
+    """Motion of a host after an impulse, and its settling time."""
 
     scene: Scene
     time: Float[np.ndarray, "n"]  # since the end of the impulse [s]
-    displacement: Float[np.ndarray, "n"]  # displacement of the last body from rest [m]
+    displacement: Float[np.ndarray, "n"]  # displacement of the last body from equilibrium [m]
     fraction: float
     settling_time: float  # [s]
 
     @property
     def settling_time_without_damper(self) -> float:
-        """Time that the host would take without the damper, ln(1/fraction)/delta, float [s]."""
+        """Settling time of the host without the damper, ln(1/fraction)/delta, float [s]."""
         host = self.scene.effects.host
         assert host is not None
         delta = slowest_decay_rate(host)
@@ -164,7 +164,7 @@ class ImpulseResponse:
 
     @property
     def peak(self) -> float:
-        """Greatest displacement after the impulse, float [m]."""
+        """Maximum displacement after the impulse, float [m]."""
         return float(np.abs(self.displacement).max())
 
     @property
@@ -181,12 +181,13 @@ class ImpulseResponse:
             else f"{self.settling_time_without_damper:.3g} s"
         )
         return (
-            f"{self.settling_time:.3g} s until it swings less than {self.fraction:g} of its peak, "
+            f"{self.settling_time:.3g} s until the displacement stays below {self.fraction:g} of "
+            "its peak, "
             f"{1e3 * self.peak:.3g} mm; without the damper {alone}"
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacement [mm] over the time [s], and the fraction of its peak that settling means."""
+        """Draw the displacement [mm] against time [s], and the threshold of settling."""
         from granular.shared.plotting import COLOURS, GREY, axes_or_new
 
         ax = axes_or_new(ax)
@@ -210,28 +211,28 @@ def run_impulse(
     out: str | Path | None = None,
     progress: bool = True,
 ) -> ImpulseResponse:
-    """Strike a scene's host, and measure its settling time.
+    """Apply an impulse to a scene's host, and measure its settling time.
 
-    The impulse begins when what shakes the host in the scene begins, or at once, and takes its place.
+    The impulse replaces the scene's drive and starts at the same time, or immediately without a drive.
 
     Parameters
     ----------
     scene : Scene
-        With a host of bodies.
+        Scene with a host of bodies.
     force : float
-        Peak of the impulse, half a sine [N]; not 0.
+        Peak force of the half-sine impulse [N]; not 0.
     fraction : float
         Fraction of the peak, above 0 and below 1; see `settling_time`.
     length : float
         Duration of the impulse [s], above 0.
     duration : float
-        Duration of the simulation from the begin of the impulse [s], above ``length``.
+        Duration of the simulation from the start of the impulse [s], above ``length``.
     dt : float or str
         Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
         "auto*2" is half or twice as long.
     out : str or Path, optional
-        Directory that keeps the run, in ``run``; the same call, also with another fraction or a
-        longer duration, goes on from there.
+        Directory that keeps the run, in ``run``; repeating the call, also with another fraction or a longer
+        duration, continues from there.
     progress : bool
         Show a progress bar.
 
@@ -243,10 +244,10 @@ def run_impulse(
     Raises
     ------
     InputError
-        If the scene has no such host, a number is out of its limits, the host still swings wider at
-        the end, or ``out`` holds another run.
+        If the scene has no such host, a value is out of its limits, the host has not settled at the end, or
+        ``out`` holds another run.
     RunError
-        If the simulation fails, as where grains leave the cell.
+        If the simulation fails, for example because grains leave the cell.
     """
     host = _require_host(scene)
     check_peak_fraction(fraction)
@@ -254,16 +255,16 @@ def run_impulse(
         raise InputError(f"an impulse of {force:g} N; give a force that is not 0")
     if not 0.0 < length < duration < math.inf:
         raise InputError(
-            f"an impulse of {length:g} s, looked at for {duration:g} s: give a length above 0 and "
-            "a longer duration"
+            f"an impulse of {length:g} s in a run of {duration:g} s: give a length above 0 and a "
+            "longer duration"
         )
     start = 0.0 if host.excitation is None else host.excitation.start
-    struck = {"kind": "impulse", "force": force, "start": start, "duration": length}
-    scene = scene.replace(**{"effects.host.excitation": struck})
+    impulse_scene = {"kind": "impulse", "force": force, "start": start, "duration": length}
+    scene = scene.replace(**{"effects.host.excitation": impulse_scene})
     run = _simulate_driven(scene, start + duration, dt, out, progress)
-    time, swing = run.dataset.time.values - start - length, run.dataset.host_displacement.values
-    seconds, behind = settling_time(run, fraction), time >= 0.0
-    return ImpulseResponse(scene, time[behind], swing[behind], fraction, seconds)
+    time, displacement = run.dataset.time.values - start - length, run.dataset.host_displacement.values
+    seconds, after_impulse = settling_time(run, fraction), time >= 0.0
+    return ImpulseResponse(scene, time[after_impulse], displacement[after_impulse], fraction, seconds)
 
 
 def _require_host(scene: Scene) -> Host:
@@ -277,17 +278,17 @@ def _require_host(scene: Scene) -> Host:
 
 
 def _host_and_drive(scene: Scene) -> tuple[Host, Excitation, str, float]:
-    """Host and what shakes it, with the key of its amplitude and the amplitude [N; m/s^2; m]."""
+    """Host and its drive, with the key of the drive's amplitude and the amplitude [N; m/s^2; m]."""
     host = _require_host(scene)
     if host.excitation is None:
         raise InputError(
-            f"nothing shakes the host of {quote(scene.name)}; give effects.host.excitation a "
+            f"the host of {quote(scene.name)} has no drive; give effects.host.excitation a "
             "force, an acceleration or a displacement"
         )
     key = next(name for name in AMPLITUDES if getattr(host.excitation, name) is not None)
     size = float(getattr(host.excitation, key))
     if size == 0.0:
-        raise InputError(f"the {key} that shakes the host is 0; give one above 0")
+        raise InputError(f"the {key} of the host's drive is 0; give a value above 0")
     return host, host.excitation, key, size
 
 
@@ -303,26 +304,26 @@ def _simulate_driven(
 def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
     """Time from the end of the impulse until the last body stays within a fraction of its peak [s].
 
-    The displacement is counted from its rest, and the peak is the greatest one behind the impulse.
-    The envelope exp(-delta t) of a body of its own with the decay rate delta is a tenth after ln(10)/delta.
+    The displacement is measured from equilibrium, and the peak is its maximum after the impulse. For a single
+    body with the decay rate delta, the envelope exp(-delta t) falls to a tenth after ln(10)/delta.
 
     Parameters
     ----------
     run : Trajectory
-        Run of a host with bodies that is shaken by an impulse.
+        Run of a host with bodies under an impulse.
     fraction : float
         Fraction of the peak, above 0 and below 1.
 
     Returns
     -------
     float
-        Settling time [s], up to the first record behind the last that is wider.
+        Settling time [s], up to the first record after the last one above the threshold.
 
     Raises
     ------
     InputError
-        If the host has no body or feels no impulse, the fraction is out of its limits, the run ends
-        before the impulse, or the body still swings wider at its end or never moved.
+        If the host has no body or no impulse acts, the fraction is out of its limits, the run ends before the
+        impulse, or the body has not settled at the end or never moved.
 
     Examples
     --------
@@ -343,11 +344,11 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
     """
     host = run.scene.effects.host
     if host is None or not host.bodies or host.excitation is None:
-        raise InputError(f"the scene {quote(run.scene.name)} has no host that something shakes")
+        raise InputError(f"the scene {quote(run.scene.name)} has no host with a drive")
     if host.excitation.kind != "impulse":
         raise InputError(
-            f"the host is shaken by {quote(host.excitation.kind)}; give an impulse, behind which "
-            "it swings freely"
+            f"the host is driven by {quote(host.excitation.kind)}; give an impulse, after which "
+            "it oscillates freely"
         )
     impulse_end = host.excitation.start + (host.excitation.duration or 0.0)
     return settling_time_of_samples(
@@ -358,23 +359,25 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
 def settling_time_of_samples(
     time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], impulse_end: float, fraction: float
 ) -> float:
-    """Time from an impulse's end until a displacement [m] stays within a fraction of its peak [s]."""
+    """Time from the end of an impulse until a displacement [m] stays within a fraction of its peak [s]."""
     check_peak_fraction(fraction)
     behind = time >= impulse_end
     if not behind.any():
-        raise InputError(f"the run ends at {time[-1]:g} s, before the impulse does, {impulse_end:g} s")
+        raise InputError(
+            f"the run ends at {time[-1]:g} s, before the end of the impulse at {impulse_end:g} s"
+        )
     sizes = np.abs(displacement[behind])
     wide = np.flatnonzero(sizes > fraction * sizes.max())
     last = int(wide[-1]) if len(wide) else 0
     if last >= len(sizes) - 1 or sizes.max() == 0.0:
         raise InputError(
-            f"at the end of the run, {time[-1]:g} s, the body still swings wider than "
-            f"{fraction:g} of its peak; run longer, or take a greater fraction"
+            f"at the end of the run, {time[-1]:g} s, the body still exceeds {fraction:g} of its "
+            "peak; run longer, or give a larger fraction"
         )
     return float(time[behind][last + 1] - impulse_end)
 
 
 def check_peak_fraction(fraction: float) -> None:
-    """Refuse a number that is no fraction of the peak."""
+    """Raise an error if a value is not a fraction of the peak."""
     if not 0.0 < fraction < 1.0:
         raise InputError(f"fraction = {fraction:g} must be above 0 and below 1; give 0.1 for a tenth")

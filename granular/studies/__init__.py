@@ -1,1 +1,1 @@
-"""Studies: one scene under many changes, each case computed once."""
+"""Studies: many variations of one scene, each case computed once."""

@@ -1,4 +1,4 @@
-"""Slopes of a damper over settled beds that differ by their random start."""
+"""Slopes of a damper, averaged over settled beds with different random packings."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ __all__ = ["SlopesOverBeds", "slopes_over_beds"]
 
 
 class SlopesOverBeds(NamedTuple):
-    """Figures of small motions and their slopes, of several settled beds of a scene.
+    """Small-motion figures and their slopes for several settled beds of a scene.
 
     Attributes
     ----------
     seeds : tuple of int
-        Random starts of the beds.
+        Random seeds of the beds' initial arrangements.
     keys : tuple of str
         Keys of the scene's numbers.
     figures : float64 (b, 3)
@@ -50,7 +50,7 @@ class SlopesOverBeds(NamedTuple):
 
     @property
     def deviation(self) -> Float[np.ndarray, "k 3"]:
-        """Standard deviation of the slopes from bed to bed."""
+        """Standard deviation of the slopes over the beds."""
         return np.asarray(self.values.std(axis=0, ddof=1))
 
     @property
@@ -64,7 +64,7 @@ class SlopesOverBeds(NamedTuple):
         Returns
         -------
         dict of str to Any
-            Figures of each bed; by the keys of the numbers, three slopes each.
+            Figures of each bed; and three slopes for each key.
         """
         parts = {"mean": self.mean.values, "deviation": self.deviation, "error": self.standard_error}
         return {"seeds": list(self.seeds), "figures": self.figures.tolist()} | {
@@ -80,19 +80,19 @@ def slopes_over_beds(
     out: str | Path | None = None,
     progress: bool = True,
 ) -> SlopesOverBeds:
-    """Differentiate equilibrium height, frequency and damping ratio of several settled beds of a scene.
+    """Differentiate equilibrium height, frequency and damping ratio over several settled beds.
 
     Parameters
     ----------
     scene : Scene
-        Scene with a free piston; its beds start from ``arrangement.seed`` and the seeds after it.
+        Scene with a free piston; its beds use ``arrangement.seed`` and the seeds after it.
     beds : int
-        Number of beds, from 2. They settle on all processors.
+        Number of beds, 2 or more. They are settled in parallel on all processors.
     keys : sequence of str, optional
-        Dotted keys of the scene's numbers; without, all that `granular.linear.small_motions` finds.
+        Dotted keys of the scene's numbers; all keys known to `granular.linear.small_motions` if not given.
     out : str or Path, optional
-        Directory that keeps the settled beds, so that a second call settles none; a folder of the toolkit
-        among the user's caches if not given.
+        Directory that keeps the settled beds, so that a second call reuses them; a folder of the toolkit in
+        the user's cache if not given.
     progress : bool
         Show a progress bar on standard error.
 
@@ -104,12 +104,12 @@ def slopes_over_beds(
     Raises
     ------
     InputError
-        If the scene has no free piston or cannot settle, a bed has no equilibrium or root, a key is no number
-        of the scene, or there are fewer than 2 beds.
+        If the scene has no free piston or cannot settle, a bed has no equilibrium or root, a key is not a
+        number of the scene, or there are fewer than 2 beds.
     """
     check_free_piston(scene)
     if beds < 2:
-        raise InputError(f"beds = {beds} have no deviation; give 2 or more")
+        raise InputError(f"beds = {beds} gives no standard deviation; give 2 or more")
     figures, values, seeds = [], [], []
     for state in settled_beds(scene, beds, out=out, progress=progress):
         rest = equilibrium_from(*state)
@@ -124,11 +124,11 @@ def slopes_over_beds(
 def settled_beds(
     scene: Scene, beds: int, *, out: str | Path | None = None, progress: bool = True
 ) -> list[tuple[Scene, Float[np.ndarray, "n 2"], Float[np.ndarray, "p"]]]:
-    """Return scene, positions and heights [m] at the equilibrium of each bed of `slopes_over_beds`."""
+    """Settle the beds of `slopes_over_beds`; return scene, positions and heights [m] at each equilibrium."""
     first, folder = scene.arrangement.seed, toolkit_cache_folder()
     seeds = range(first, first + beds)
     settling = scene.replace(**settling_changes(scene, COARSE_REST))
-    # Doubts are of the fall, which has no part in the equilibrium.
+    # Warnings concern the fall, which does not affect the equilibrium.
     with warnings.catch_warnings(action="ignore"):
         study = sweep(
             settling,
@@ -150,6 +150,6 @@ def settled_beds(
 
 @keep_measure_name("granular.studies.bed_slopes:equilibrium_state#2")
 def equilibrium_state(run: Trajectory) -> Mapping[str, Any]:
-    """Positions and heights [m] at the equilibrium next to a run's end."""
+    """Positions and heights [m] at the equilibrium closest to the end of a run."""
     rest = equilibrium(run)
     return {"positions": rest.positions.tolist(), "height": rest.heights.tolist()}

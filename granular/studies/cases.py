@@ -1,4 +1,4 @@
-"""The cases of a study: a scene with its changes, a key that says what is computed, and the outcome."""
+"""The cases of a study: a scene with its changes, a key that identifies the computation, the outcome."""
 
 from __future__ import annotations
 
@@ -27,41 +27,42 @@ from granular.shared.version import __version__
 Measure = Callable[[Trajectory], Mapping[str, Any]]
 M = TypeVar("M", bound=Measure)
 
-KEY_LENGTH = 20  # 80 bits: of a million cases two clash with a chance of 4e-13
+KEY_LENGTH = 20  # 80 bits: a collision among a million cases has a probability of 4e-13
 
 
 @dataclasses.dataclass(frozen=True)
 class Case:
     """One case of a study."""
 
-    changes: dict[str, Any]  # dotted keys and settings with their values
+    changes: dict[str, Any]  # values by dotted keys and settings
     scene: Scene
-    settings: dict[str, Any]  # keywords of `simulate`
+    settings: dict[str, Any]  # keyword arguments of `simulate`
     key: str  # digest of scene, settings and measure
 
 
 MACHINE = "machine"
-"""A disk, memory or a process failed: the same case may succeed a moment later."""
+"""A disk, memory or a process failed; the same case may succeed later."""
 PROGRAM = "program"
-"""The measure or the toolkit has an error: the case fails until that is corrected."""
+"""The measure or the toolkit has an error; the case fails until it is corrected."""
 ELSEWHERE = "elsewhere"
 """Another sweep is computing the case."""
 
 
 @dataclasses.dataclass(frozen=True)
 class CaseOutcome:
-    """Outcome of a case; only what the physics says is kept.
+    """Outcome of a case; only outcomes determined by the physics are kept on disk.
 
     Attributes
     ----------
     figures : mapping of str to numbers
-        By the measure; none of a case that failed.
+        Results of the measure; empty for a failed case.
     error : str or None
-        Class and message of the error of a case that failed.
+        Class and message of the error of a failed case.
     warning : str or None
-        Of a case that succeeded in doubt.
+        Warning of a case that succeeded.
     cause : str or None
-        Of an error that is not one of the physics, and so is not kept: `MACHINE`, `PROGRAM` or `ELSEWHERE`.
+        Cause of an error that is not due to the physics, and is therefore not kept: `MACHINE`, `PROGRAM` or
+        `ELSEWHERE`.
     """
 
     figures: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -72,28 +73,28 @@ class CaseOutcome:
 
 @dataclasses.dataclass(frozen=True)
 class OutcomeCache:
-    """Outcomes in a study's directory, each in a file named by the key of its case."""
+    """Outcomes in the directory of a study, each in a file named after the key of its case."""
 
     directory: Path
 
     @property
     def files(self) -> ResultCache:
-        """Files of the outcomes."""
+        """Files that hold the outcomes."""
         return ResultCache(self.directory / "cases")
 
     def read(self, key: str, *, warn: bool = True) -> CaseOutcome | None:
-        """Read the outcome of a case; None if there is none."""
+        """Read the outcome of a case; None if it is not stored."""
         plain = self.files.read(key, warn=warn)
         return None if plain is None else CaseOutcome(plain["figures"], plain["error"], plain.get("warning"))
 
     def keep(self, key: str, outcome: CaseOutcome) -> None:
-        """Keep the outcome of a case."""
+        """Store the outcome of a case."""
         warning = {} if outcome.warning is None else {"warning": outcome.warning}
         self.files.keep(key, {"figures": outcome.figures, "error": outcome.error, **warning})
 
 
 def keep_measure_name(name: str) -> Callable[[M], M]:
-    """Give a measure a fixed name, which finds earlier results; remove it when its results change."""
+    """Give a measure a fixed name under which earlier results are found; remove it when results change."""
 
     def named(measure: M) -> M:
         measure.keep_measure_name = name  # type: ignore[attr-defined]  # functions may have any
@@ -103,7 +104,7 @@ def keep_measure_name(name: str) -> Callable[[M], M]:
 
 
 def measure_identity(measure: Measure) -> str:
-    """Name of a measure for the key of a case, with the digest of its code and of all that it uses."""
+    """Identify a measure in the key of a case: name, with a digest of its code and all that it uses."""
     if hasattr(measure, "keep_measure_name"):
         return str(measure.keep_measure_name)
     name = getattr(measure, "__qualname__", type(measure).__qualname__)
@@ -117,20 +118,20 @@ def make_cases(
     settings: Mapping[str, Any],
     measure: Measure,
 ) -> list[Case]:
-    """Make all combinations of the grid's values, followed by the cases given one by one."""
-    values = {name: _values_list(name, some) for name, some in grid.items()}
+    """Make the cases of a study: all combinations of the grid, followed by the individual cases."""
+    values = {name: _values_list(name, listed) for name, listed in grid.items()}
     combined = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
-    every = [*(combined if values else []), *map(dict, cases)]
-    if not every:
-        raise InputError("the study has no case; give a grid or a list of cases")
+    all_changes = [*(combined if values else []), *map(dict, cases)]
+    if not all_changes:
+        raise InputError("the study has no cases; give a grid or a list of cases")
     identity = measure_identity(measure)
-    made = [_make_case(scene, changes, dict(settings), identity) for changes in every]
+    result = [_make_case(scene, changes, dict(settings), identity) for changes in all_changes]
     seen: dict[str, Case] = {}
-    for case in made:
+    for case in result:
         if case.key in seen:
             raise InputError(f"two cases are the same: {seen[case.key].changes} and {case.changes}")
         seen[case.key] = case
-    return made
+    return result
 
 
 def _values_list(name: str, values: Iterable[Any]) -> list[Any]:
@@ -140,14 +141,14 @@ def _values_list(name: str, values: Iterable[Any]) -> list[Any]:
 
 
 def _make_case(scene: Scene, changes: dict[str, Any], settings: dict[str, Any], identity: str) -> Case:
-    own = {name: value for name, value in changes.items() if name in settings}
-    settings = settings | own
+    case_settings = {name: value for name, value in changes.items() if name in settings}
+    settings = settings | case_settings
     parse_time_step(settings["dt"])
     method = resolve_method(settings["method"])
     settings["method"] = method_as_run_setting(method)
-    if "method" in own:
+    if "method" in case_settings:
         changes = changes | {"method": method.name}
-    changed = scene.replace(**{name: changes[name] for name in changes if name not in own})
+    changed = scene.replace(**{name: changes[name] for name in changes if name not in case_settings})
     content = {"scene": changed.to_plain(), "settings": settings, "measure": identity, "version": __version__}
     if user_code := custom_code_digests(changed):
         content["own"] = user_code
@@ -169,7 +170,7 @@ def last_values(run: Trajectory) -> Mapping[str, Any]:
 
 @keep_measure_name("reduced_models.simulated:piston_columns#85abaa33")
 def piston_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Columns of the piston's record as lists [s, m, m/s, N], for `PistonRecord.from_columns`."""
+    """Columns of the piston's record as lists [s, m, m/s, N], as input of `PistonRecord.from_columns`."""
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
@@ -181,26 +182,26 @@ MEASURES = Registry[Measure](
     "a function",
     from_files=True,
 )
-"""Measures by their names, without those of a user's files."""
+"""Built-in measures by name."""
 
 
 def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) -> Measure:
-    """Find a measure by its name: "last-values", one of the user's own, or one of a package."""
-    # A name is looked up and never imported: no study's file decides which code runs.
+    """Find a measure by name: "last-values", a user-defined measure, or one from an installed package."""
+    # Names are looked up and never imported, so that a study file cannot choose the code that runs.
     known = {**(user_measures or {}), "last-values": last_values}
     return known[name] if name in known else MEASURES.find(name)
 
 
 @dataclasses.dataclass(frozen=True)
 class CustomMeasure:
-    """A function of a user's file, with the file's text: any other process can have it so."""
+    """A function of a user's file, with the file's text, so that it can be sent to any other process."""
 
     file: UserFile
     name: str
     keep_measure_name: str
 
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
-        """Return the function's figures of a run."""
+        """Evaluate the function on a run."""
         result = user_definitions(self.file)[self.name]
         if (marked := observable_metadata(result)) is not None:
             last = per_frame(run, result)[-1]
@@ -213,7 +214,7 @@ class CustomMeasure:
 
 
 def custom_measures(file: UserFile) -> dict[str, CustomMeasure]:
-    """Make measures of the functions and observables that a user's file defines."""
+    """Make measures from the functions and observables defined in a user's file."""
     return {
         name: CustomMeasure(file, name, measure_identity(function))
         for name, function in user_definitions(file).items()

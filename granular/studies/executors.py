@@ -1,4 +1,4 @@
-"""Executors that compute cases, on this machine or a cluster, and the work on one case."""
+"""Executors that compute cases on this machine or a cluster, and the computation of one case."""
 
 from __future__ import annotations
 
@@ -21,28 +21,29 @@ from granular.studies.cases import ELSEWHERE, MACHINE, PROGRAM, Case, CaseOutcom
 T = TypeVar("T")
 
 LOOK_SECONDS = 1.0
-"""Time between checks that the process that started this one still lives."""
+"""Interval between checks that the parent process is still alive [s]."""
 
 _GROWTH_VARIABLE = "LOKY_MAX_MEMORY_LEAK_SIZE"
 GROWTH = "2e9"
-"""Memory [bytes] by which a process grows before loky starts another; two compiled laws pass its own 3e8."""
+"""Growth of a process's memory [bytes] at which loky replaces it; two compiled laws exceed loky's default of
+3e8."""
 
 
 class ExecutorLostError(GranularError):
-    """The executor is gone, with all its workers."""
+    """The executor has been lost, with all its workers."""
 
 
 class ProcessPool(Executor):
-    """Processes that start with the first task and stay: each loads the compiled code once."""
+    """Processes that start with the first task and persist, so that each loads the compiled code once."""
 
     def __init__(self, count: int | None = None) -> None:
         self.count = count or os.cpu_count() or 1
         self._pool: Any = None
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
-        """Submit a task to the processes, which start with the first one."""
+        """Submit a task; the processes start with the first one."""
         if self._pool is not None:
-            # A process that dies takes the tasks of all others with it; the next task starts new ones.
+            # If one process dies, the tasks of all processes are lost; the next task starts new processes.
             with contextlib.suppress(BrokenExecutor):
                 future: Future[T] = self._pool.submit(function, *arguments, **keywords)
                 return future
@@ -58,27 +59,27 @@ class ProcessPool(Executor):
         return first
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes."""
+        """Stop the processes."""
         if self._pool is not None:
             self._pool.shutdown(wait=wait, kill_workers=cancel_futures)
             self._pool = None
 
 
 def exit_with_parent(parent: int) -> None:
-    """Start a thread that ends this process within a second after its parent."""
+    """Start a thread that ends this process within a second after the parent process has ended."""
 
-    # A process that loses its parent belongs to another one from then on; Windows does not show it.
+    # A process whose parent has ended gets another parent process; Windows does not show this.
     def look() -> None:
         while os.getppid() == parent:
             time.sleep(LOOK_SECONDS)
-        os._exit(1)  # whatever the other threads do
+        os._exit(1)  # regardless of other threads
 
-    threading.Thread(target=look, daemon=True, name="look for the parent").start()
+    threading.Thread(target=look, daemon=True, name="watch the parent").start()
 
 
 @contextlib.contextmanager
 def case_executor(executor: Executor | None, count: int | None = None) -> Iterator[Executor]:
-    """Give an executor for cases: one that is given, or processes that end with the block."""
+    """Yield the given executor, or processes that end with the block."""
     if executor is not None:
         yield executor
         return
@@ -97,22 +98,23 @@ OF_THE_MACHINE = (OSError, StoreError, MemoryError)
 def compute_case(
     case: Case, measure: Measure, directory: Path | None, keep_runs: bool, wait: bool = True
 ) -> CaseOutcome:
-    """Compute the outcome of a case, or read the one that was computed before."""
+    """Compute the outcome of a case, or read the stored one."""
     try:
         if directory is None:
             return _run_case(case, measure, None)
         cache = OutcomeCache(directory)
         make_directory(cache.files.directory)
-        with lock_file(cache.files.directory / f".{case.key}.lock", wait) as alone:
-            if not alone:
+        with lock_file(cache.files.directory / f".{case.key}.lock", wait) as acquired:
+            if not acquired:
                 return CaseOutcome(error="another sweep computes it", cause=ELSEWHERE)
-            done = cache.read(case.key, warn=False)  # the study has said what is damaged
-            if done is None:
-                done = _run_case(case, measure, directory / "runs" / case.key if keep_runs else None)
-                # A worker writes its result itself: it is not lost with the command that waits for it.
-                with contextlib.suppress(StoreError):  # the study tries it again
-                    cache.keep(case.key, done)
-            return done
+            outcome = cache.read(case.key, warn=False)  # the study has already reported damaged files
+            if outcome is None:
+                outcome = _run_case(case, measure, directory / "runs" / case.key if keep_runs else None)
+                # The worker itself stores its result, so that it is not lost if the waiting command is
+                # killed.
+                with contextlib.suppress(StoreError):  # the study retries it
+                    cache.keep(case.key, outcome)
+            return outcome
     except OF_THE_MACHINE as error:
         return CaseOutcome(error=f"{type(error).__name__}: {error}", cause=MACHINE)
     except Exception as error:
@@ -123,11 +125,11 @@ def _run_case(case: Case, measure: Measure, out: Path | None) -> CaseOutcome:
     from granular.run.simulation import simulate
 
     try:
-        with warnings.catch_warnings(record=True, action="always") as raised:
+        with warnings.catch_warnings(record=True, action="always") as caught:
             run = simulate(
                 case.scene, **case.settings, out=out, resume=out is not None, threads=1, progress=False
             )
-            # NumPy's scalars as Python's own, so that JSON keeps every bit.
+            # NumPy scalars are converted to Python numbers, so that JSON keeps every bit.
             figures = {
                 name: value.item() if hasattr(value, "item") else value
                 for name, value in measure(run).items()
@@ -136,61 +138,61 @@ def _run_case(case: Case, measure: Measure, out: Path | None) -> CaseOutcome:
         raise
     except GranularError as error:
         return CaseOutcome(error=f"{type(error).__name__}: {error}")
-    doubts = [str(warning.message) for warning in raised if issubclass(warning.category, UserWarning)]
-    return CaseOutcome(figures, warning="; ".join(dict.fromkeys(doubts)) or None)
+    messages = [str(warning.message) for warning in caught if issubclass(warning.category, UserWarning)]
+    return CaseOutcome(figures, warning="; ".join(dict.fromkeys(messages)) or None)
 
 
 RETRIES = 2
-"""Workers that Dask lets a case lose before it calls it lost."""
+"""Number of workers that a case may lose before Dask gives it up."""
 
 
 def cluster_executor(dask: str | None, mpi: bool) -> contextlib.AbstractContextManager[Executor | None]:
-    """Connect to a Dask cluster, or to the processes of MPI."""
+    """Connect to a Dask cluster or to MPI processes."""
     if dask is None:
         return _connect_to_mpi() if mpi else contextlib.nullcontext()
     if mpi:
-        raise InputError("--dask and --mpi name two executors; give one of them")
+        raise InputError("--dask and --mpi both choose an executor; give one of them")
     return _connect_to_dask(dask)
 
 
 class DaskClusterExecutor(Executor):
-    """A Dask cluster whose scheduler may go away: no task then waits for ever."""
+    """A Dask cluster; if the scheduler is lost, waiting tasks fail instead of hanging."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
         """Submit a task to the cluster."""
-        # The next task waits until the scheduler answers again, for as long as the client tries.
+        # Wait for the scheduler to respond again, as long as the client retries.
         while self._client.status == "connecting":
             time.sleep(0.1)
         if self._client.status != "running":
             raise ExecutorLostError(
-                "the Dask scheduler is gone; start it again, and the same command goes on"
+                "the Dask scheduler is gone; restart it, then run the same command again to continue"
             )
-        there = self._client.submit(function, *arguments, pure=False, retries=RETRIES, **keywords)
-        here: Future[T] = Future()
+        remote = self._client.submit(function, *arguments, pure=False, retries=RETRIES, **keywords)
+        local: Future[T] = Future()
 
-        def take_back(future: Future[T]) -> None:
+        def cancel_remote(future: Future[T]) -> None:
             if future.cancelled() and self._client.status == "running":
-                there.cancel()
+                remote.cancel()
 
-        here.add_done_callback(take_back)
-        there.add_done_callback(lambda done: _pass_on_result(here, done))
-        return here
+        local.add_done_callback(cancel_remote)
+        remote.add_done_callback(lambda done: _pass_on_result(local, done))
+        return local
 
 
-def _pass_on_result(here: Future[Any], there: Any) -> None:
-    """Pass on what has become of a task."""
-    with contextlib.suppress(InvalidStateError):  # of one that was taken back
+def _pass_on_result(local: Future[Any], remote: Any) -> None:
+    """Pass on the result, error or cancellation of a task."""
+    with contextlib.suppress(InvalidStateError):  # the task was cancelled
         try:
-            here.set_result(there.result())
+            local.set_result(remote.result())
         except (OSError, CancelledError, TimeoutError) as error:
-            here.set_exception(BrokenExecutor(f"the scheduler was lost: {error}"))
+            local.set_exception(BrokenExecutor(f"the scheduler was lost: {error}"))
         except InvalidStateError:
             raise
         except Exception as error:
-            here.set_exception(error)
+            local.set_exception(error)
 
 
 @contextlib.contextmanager
@@ -199,14 +201,14 @@ def _connect_to_dask(address: str) -> Iterator[Executor]:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise InputError("--dask needs Dask; install it with: pip install 'granular-damper[dask]'") from None
-    # The command says itself what is lost.
+    # The command itself reports lost cases.
     for name in ("distributed", "distributed.client", "tornado", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:
         raise InputError(
-            f"no Dask scheduler answers at {quote(address)} ({type(error).__name__}); check the address"
+            f"no Dask scheduler responds at {quote(address)} ({type(error).__name__}); check the address"
         ) from None
     with client:
         yield DaskClusterExecutor(client)

@@ -1,13 +1,13 @@
-"""Flow of magnets out of a silo through openings of several widths.
+"""Flow rate of magnets out of a silo, for openings of several widths.
 
-The bed settles over the closed opening, once for each random start. Then the opening is there, and grains
-fall out. The flow rate is that of the middle of the discharge: from the time at which a tenth of the grains
-has left to that at which a half has, or to the last one of the run. If no grain leaves for `STILL` seconds
-before, the opening is clogged.
+The bed settles over the closed opening, once for each random packing. Then the opening is opened and grains
+fall out. The flow rate is measured in the middle of the discharge, between the times at which a tenth and a
+half of the grains have left, or up to the last grain of the run. If no grain leaves for `STILL` seconds
+before that, the opening counts as clogged.
 
-The fitted law is Beverloo's in two dimensions, Q = C sqrt(g/D) (b/D - k)^(3/2): grains fall freely from an
-arch over the opening b, of which a margin k D is not used (Beverloo, Leniger and van de Velde 1961,
-doi:10.1016/0009-2509(61)85030-6). Repelling magnets flow by about that power of the width, and clog
+The fitted law is Beverloo's law in two dimensions, Q = C sqrt(g/D) (b/D - k)^(3/2): grains fall freely from
+an arch over the opening b, of which a margin k D does not contribute (Beverloo, Leniger and van de Velde
+1961, doi:10.1016/0009-2509(61)85030-6). Repelling magnets follow approximately this power law, and clog
 without contact (Lumay et al. 2015, doi:10.4279/pip.070013).
 """
 
@@ -33,20 +33,20 @@ if TYPE_CHECKING:
 __all__ = ["SiloFlow", "silo", "with_opening"]
 
 FIRST, LAST = 0.1, 0.5
-"""Fractions of the grains that have left between which the flow rate is taken."""
+"""Fractions of grains that have left at the start and end of the measured interval."""
 
 STILL = 1.0
-"""Time without a grain that leaves after which an opening counts as clogged [s]."""
+"""Time without a leaving grain after which an opening counts as clogged [s]."""
 
 STEP = "auto*4"
-"""Step of the discharge: the energy ledger closes to 1e-5 of the energy turned over."""
+"""Time step of the discharge; with it the energy ledger closes to 1e-5 of the exchanged energy."""
 
 SETTLING = [{"kind": "hold", "name": "settle", "until": "rest", "duration": "60 s", "tolerance": "1e-2 D"}]
-"""Protocol in which the bed comes to rest over the closed opening."""
+"""Protocol that lets the bed settle over the closed opening."""
 
 
 class SiloFlow(NamedTuple):
-    """Flow rates of a silo.
+    """Flow rates out of a silo.
 
     Attributes
     ----------
@@ -57,9 +57,9 @@ class SiloFlow(NamedTuple):
     openings : float64 (b,)
         Widths of the opening [m].
     rates : float64 (b, s)
-        Flow rate through each opening from each start [grains/s]; NaN if too few grains left.
+        Flow rate for each opening and packing [grains/s]; NaN if too few grains left.
     clogged : bool (b, s)
-        Whether the opening was clogged before half of the grains had left.
+        Whether the opening clogged before half of the grains had left.
     left : int64 (b, s)
         Number of grains that left.
     """
@@ -73,9 +73,9 @@ class SiloFlow(NamedTuple):
 
     @property
     def law(self) -> tuple[float, float]:
-        """Factor C and margin k of the fitted law, by least squares over all flows that did not clog.
+        """Factor C and margin k of the fitted law, by least squares over all unclogged flows.
 
-        Not numbers if fewer than two openings flow.
+        Both are NaN if fewer than two openings flow.
         """
         # Linear in sqrt(g/D) C: (Q / sqrt(g/D))^(2/3) = C^(2/3) (b/D - k).
         flows = ~self.clogged & np.isfinite(self.rates)
@@ -104,12 +104,12 @@ class SiloFlow(NamedTuple):
         return np.asarray(factor * np.sqrt(self.gravity / self.diameter) * free**1.5)
 
     def rows(self) -> list[list[str]]:
-        """Return opening, mean rate, its scatter over the starts, the law's rate and clogs, in texts.
+        """Return opening, mean rate, its spread over packings, the law's rate and number of clogs, as text.
 
         Returns
         -------
         list of lists of str
-            One list for each opening.
+            One row for each opening.
         """
         rows = []
         for index, opening in enumerate(self.openings):
@@ -134,19 +134,19 @@ class SiloFlow(NamedTuple):
         head = ["opening", "grains/s", "sd", "law", "clogged"]
         law = f"Q = {factor:.3f} sqrt(g/D) (b/D - {margin:.2f})^(3/2)"
         if not np.isfinite(factor):
-            law = "no law: fewer than two openings flow"
+            law = "no fitted law: fewer than two openings flow"
         return [Table(head, self.rows()), Text(law)]
 
     def __str__(self) -> str:
         return blocks_text(self.blocks())
 
     def to_plain(self) -> dict[str, Any]:
-        """Figures as plain data, in SI.
+        """Return rates and fitted law as plain data, in SI.
 
         Returns
         -------
         dict
-            Fields by their names, with ``factor`` and ``margin`` of the law.
+            Fields by name, with ``factor`` and ``margin`` of the law.
         """
         factor, margin = self.law
         arrays = {name: value.tolist() for name, value in self._asdict().items() if hasattr(value, "tolist")}
@@ -154,7 +154,7 @@ class SiloFlow(NamedTuple):
         return arrays | {"factor": factor if known else None, "margin": margin if known else None}
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the flow rates over the openings, and the law; clogged flows as crosses at 0.
+        """Plot flow rates and the law against the opening; clogged flows are crosses at 0.
 
         Parameters
         ----------
@@ -171,48 +171,48 @@ class SiloFlow(NamedTuple):
         ax = axes_or_new(ax)
         widths = self.openings / self.diameter
         rates = np.where(self.clogged, 0.0, self.rates)
-        for mask, mark, words in ((~self.clogged, "o", "flows"), (self.clogged, "x", "clogged")):
+        for mask, marker, label in ((~self.clogged, "o", "flows"), (self.clogged, "x", "clogged")):
             index = np.nonzero(mask)
-            ax.plot(widths[index[0]], rates[index], mark, color=COLOURS[0], label=words)
-        across = np.linspace(0.0, 1.05 * float(widths.max()), 200)
-        ax.plot(across, self.predict(across * self.diameter), color=COLOURS[1], label="fitted law")
+            ax.plot(widths[index[0]], rates[index], marker, color=COLOURS[0], label=label)
+        curve = np.linspace(0.0, 1.05 * float(widths.max()), 200)
+        ax.plot(curve, self.predict(curve * self.diameter), color=COLOURS[1], label="fitted law")
         ax.set(xlabel="opening [D]", ylabel="flow rate [grains/s]")
         ax.legend()
         return ax
 
 
 def with_opening(scene: Scene, width: float) -> Scene:
-    """Return a silo with another opening between the lowest ends of its sides; width [m].
+    """Return a silo with another opening width between the lowest ends of its sides; width [m].
 
     Parameters
     ----------
     scene : Scene
-        Scene whose cell has two free ends at the height 0.
+        Scene whose cell has two free ends at height 0.
     width : float
-        Distance of these ends [m]; 0 closes the silo. The other ends of both sides stay.
+        Distance between these ends [m]; 0 closes the silo. The other ends of both sides do not move.
 
     Returns
     -------
     Scene
-        Silo with both ends moved evenly.
+        Silo with both ends moved symmetrically.
 
     Raises
     ------
     InputError
-        If the scene has no such opening, or one of that width does not lie between these other ends.
+        If the scene has no such opening, or the width does not fit between the other ends.
     """
     floors = [line.ends(0.0, 0.0) for line in scene.cell.lines if scene.cell.is_polygon]
     ends = [end for floor in floors for end in floor]
     free = sorted(end for end in ends if ends.count(end) == 1 and end[1] == 0.0)
     if len(free) != 2:
-        raise InputError(f"scene {scene.name!r} is no silo: give cell.sides with one opening at the height 0")
+        raise InputError(f"scene {scene.name!r} is not a silo: give cell.sides with one opening at height 0")
     middle = 0.5 * (free[0][0] + free[1][0])
-    far = [end[0] for floor in floors if {*floor} & {*free} for end in {*floor} - {*free}]
-    limit = 2.0 * min(abs(x - middle) for x in far)
+    outer_ends = [end[0] for floor in floors if {*floor} & {*free} for end in {*floor} - {*free}]
+    limit = 2.0 * min(abs(x - middle) for x in outer_ends)
     if not 0.0 <= width < limit:
         raise InputError(
-            f"an opening of {width:g} m must be at least 0 m and less than {limit:g} m, the room between the "
-            "other ends of its sides; give another width, or longer sides"
+            f"an opening of {width:g} m must be 0 m or more and less than {limit:g} m, the "
+            "distance between the other ends of its sides; give another width, or longer sides"
         )
     moved = {end: (middle + sign * 0.5 * width, 0.0) for end, sign in zip(free, (-1.0, 1.0), strict=True)}
     sides = scene.to_plain()["cell"]["sides"]
@@ -222,18 +222,18 @@ def with_opening(scene: Scene, width: float) -> Scene:
 
 
 def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: bool = False) -> SiloFlow:
-    """Measure the flow of magnets out of a silo through several openings, from several random starts.
+    """Measure the flow of magnets out of a silo for several openings and random packings.
 
     Parameters
     ----------
     scene : Scene
-        Scene with one opening at the bottom; the packaged ``silo`` is one.
+        Scene with one opening at the bottom, such as the packaged ``silo``.
     openings : sequence of float
         Widths of the opening [m].
     starts : int
-        Number of settled beds: seeds of the arrangement from 1 on.
+        Number of settled beds; their arrangement seeds are 1, 2, ...
     progress : bool
-        Whether to show the runs' progress.
+        Whether to show the progress of the runs.
 
     Returns
     -------
@@ -243,7 +243,7 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
     Raises
     ------
     InputError
-        If the scene is no silo, or a width is negative.
+        If the scene is not a silo, or a width is negative.
 
     References
     ----------
@@ -274,7 +274,7 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
 
 
 def _discharges(scene: Scene, openings: Sequence[float], seed: int, progress: bool) -> list[Trajectory]:
-    """Run the flows out of one settled bed."""
+    """Discharge one settled bed through each opening."""
     closed = with_opening(scene.replace(**{"arrangement.seed": seed, "protocol": SETTLING}), 0.0)
     positions = settled_state(closed)[1]
     resting = scene.replace(arrangement={"positions": positions.tolist()})

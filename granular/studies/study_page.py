@@ -1,4 +1,4 @@
-"""The page of a study: its figures over what is varied, as pictures and as a table."""
+"""The page of a study: its figures against the varied quantities, as plots and as a table."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 MOST_PANELS, MOST_LINES, MOST_ROWS = 6, 8, 200
-"""Figures that are drawn, lines in a panel, and rows of the table: a page is read by people."""
+"""Maximum numbers of plotted figures, lines in a panel and rows of the table, to keep the page readable."""
 _LAST = ("warning", "error", "key")
 _SEED = "arrangement.seed"
-"""Random starts are repetitions, not an axis."""
+"""Keys that count as repetitions, not as an axis."""
 
 
 def study_page(study: Study) -> Page:
-    """Page of a study: what is varied, its figures over that, and the table [SI]."""
+    """Page of a study: varied quantities, figures against them, and the table [SI]."""
     varied = ", ".join(study.varied) or "nothing"
     return Page(
         f"Study of {study.cases[0].scene.name}",
@@ -51,7 +51,7 @@ def _blocks(study: Study) -> Iterator[Block]:
         left = f" The first {len(shown)} of {len(figures)}." if len(figures) > len(shown) else ""
         yield Picture(
             partial(_draw_figures, study, table, axis, others, shown),
-            f"Figures of the cases over {axis}, lines through the means of repeated cases.{left}",
+            f"Figures of the cases over {axis}; lines pass through the means of repeated cases.{left}",
         )
     if _SEED in varied:
         yield from _repeated_cases(study, figures)
@@ -63,7 +63,7 @@ def _blocks(study: Study) -> Iterator[Block]:
     )
     if len(table) > MOST_ROWS:
         yield Text(f"The first {MOST_ROWS} of {len(table)} cases; table.csv has all of them.")
-    for name, title in (("error", "Cases that failed"), ("warning", "Cases in doubt")):
+    for name, title in (("error", "Cases that failed"), ("warning", "Cases with warnings")):
         if name in table and table[name].notna().any():
             yield Heading(title)
             yield Items(_texts_with_case_numbers(table[name]))
@@ -77,7 +77,7 @@ def _end_time_text(study: Study) -> str:
 
 
 def _repeated_cases(study: Study, figures: list[str]) -> Iterator[Block]:
-    """Means of the figures over random starts, ± standard deviation."""
+    """Means of the figures over random packings, ± standard deviation."""
     others = [name for name in study.varied if name != _SEED]
     table, groups = study.table, dict[tuple[str, ...], list[int]]()
     for index, row in enumerate(table[others].to_numpy()):
@@ -87,9 +87,9 @@ def _repeated_cases(study: Study, figures: list[str]) -> Iterator[Block]:
         for values, indices in list(groups.items())[:MOST_ROWS]
     ]
     header = [*(_label_with_unit(study, name) for name in (*others, "starts", *figures))]
-    yield Heading("Means over random starts")
+    yield Heading("Means over random packings")
     yield Table(header, rows)
-    yield Text("± is the standard deviation over the random starts that did not fail.")
+    yield Text("± is the standard deviation over the random packings whose cases did not fail.")
 
 
 def _mean_text(column: pandas.Series[Any]) -> str:
@@ -100,7 +100,7 @@ def _mean_text(column: pandas.Series[Any]) -> str:
 
 
 def _texts_with_case_numbers(column: pandas.Series[Any]) -> list[str]:
-    """Texts with the numbers of their cases, each once."""
+    """Distinct texts, each with the numbers of its cases."""
     cases: dict[str, list[str]] = {}
     for k, text in enumerate(column, 1):
         if isinstance(text, str):
@@ -135,11 +135,11 @@ def _draw_figures(
 
 def _draw_line(panel: Axes, points: pandas.DataFrame, index: int, label: str, lines: bool) -> None:
     axis, name = points.columns
-    look = line_style(index)
-    panel.plot(points[axis], points[name], "o", markersize=3.5, color=look["color"])
+    style = line_style(index)
+    panel.plot(points[axis], points[name], "o", markersize=3.5, color=style["color"])
     if lines:
         mean = points.groupby(axis)[name].mean()
-        panel.plot(mean.index, mean.to_numpy(), linewidth=1.2, label=figure_label(label), **look)
+        panel.plot(mean.index, mean.to_numpy(), linewidth=1.2, label=figure_label(label), **style)
 
 
 def _label_with_unit(study: Study, name: str) -> str:
@@ -154,23 +154,24 @@ def _cell_text(value: Any) -> str:
 
 
 def tolerances_page(result: Tolerances, scene: Scene) -> Page:
-    """Page of a damper's tolerances."""
+    """Page of the tolerances of a damper."""
     blocks = [*tolerance_blocks(result), Heading("Scene"), Printout(scene.to_toml())]
     return Page(f"Tolerances of scene {scene.name!r}", f"{len(result.parts)} parts.", blocks, result=result)
 
 
 def tolerance_blocks(result: Tolerances) -> Iterator[Block]:
-    """Bars, table and notes of a damper's tolerances."""
+    """Bar charts, table and notes of the tolerances of a damper."""
     yield Heading("Tolerances of the parts")
     yield Text(
-        f"Small motions: {result.means}; {result.summary}. Of dampers built of such parts, about 95 % lie "
-        "within twice that. Except in a line 'of the parts', any ± outside of this section is numerical: of "
-        "fit, step, and the random packing of the bed, by which built dampers differ too."
+        f"Small motions: {result.means}; {result.summary}. About 95 % of dampers built of "
+        "such parts lie within twice these deviations. Outside this section, any ± except "
+        "in a line 'of the parts' is numerical: from fit, time step and the random packing "
+        "of the bed (real dampers also differ in packing)."
     )
     yield Picture(
         partial(_draw_bars, result),
-        "Relative standard deviations by each part alone and by all together."
-        + " Grey: random starts of the bed, which are not of the parts." * (len(result.figures) > 1),
+        "Relative standard deviations due to each part alone and to all parts together."
+        + " Grey: spread over random packings, which is not due to the parts." * (len(result.figures) > 1),
     )
     moved_by = dict(zip((part.key for part in result.parts), result.contributions, strict=True))
     largest = (
@@ -179,8 +180,8 @@ def tolerance_blocks(result: Tolerances) -> Iterator[Block]:
         if keys
     )
     yield Text(
-        f"Largest causes: {'; '.join(largest) or 'none'}. Each is one standard deviation, in % of "
-        "the figure itself: that of zeta is in % of zeta, not of critical."
+        f"Largest causes: {'; '.join(largest) or 'none'}. Each is one standard deviation, in "
+        "% of the figure itself; for zeta in % of zeta, not of critical."
     )
     header, *rows = table_rows(result)
     yield Table(header, rows)

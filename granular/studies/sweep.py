@@ -1,8 +1,7 @@
-"""`sweep`: many changes of one scene, on any executor, each case once; a study as TOML.
+"""`sweep`: run many variations of one scene on any executor, each case once; studies as TOML files.
 
-scene = "damper"               # a packaged scene, or a path from here
-measure = "last-values"        # or the name of a measure of one's own
-dt = "auto*2"                  # as in simulate; t_end and method likewise
+scene = "damper"               # a packaged scene, or a path from here measure = "last-values"        # or the
+name of a user-defined measure dt = "auto*2"                  # as in simulate; t_end and method likewise
 
 [changes]                      # in every case
 "grains.count" = 92
@@ -11,9 +10,8 @@ dt = "auto*2"                  # as in simulate; t_end and method likewise
 "piston.mass" = [2.0, 3.0]
 "arrangement.seed" = [1, 2, 3]
 
-[[cases]]                      # and one by one
-"piston.mass" = "4 kg"
-dt = "auto"                    # dt, t_end and method may be a case's own
+[[cases]]                      # further individual cases "piston.mass" = "4 kg" dt = "auto" # dt, t_end and
+method may differ between cases
 """
 
 from __future__ import annotations
@@ -56,22 +54,22 @@ if TYPE_CHECKING:
 
 
 ATTEMPTS = 3
-"""Workers that a case may lose before it is given up: one that dies may have been killed from
-outside, one that dies thrice is killed by the case."""
+"""Number of workers that a case may lose before it is given up: a single worker may have been killed
+externally, but three deaths are attributed to the case."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Study:
-    """The outcome of a sweep.
+    """The cases and outcomes of a sweep.
 
     Attributes
     ----------
     cases : tuple of Case
-        Cases, those of the grid first; at least one.
+        One or more cases, the cases of the grid first.
     outcomes : tuple of CaseOutcome
         Figures, error and warning of each case, in the order of the cases.
     reused : int
-        Number of cases that had been computed before.
+        Number of cases that had already been computed.
     """
 
     cases: tuple[Case, ...]
@@ -82,8 +80,8 @@ class Study:
     def table(self) -> pandas.DataFrame:
         """Row for each case: its changes and figures [SI], its warning and error, its key; a DataFrame.
 
-        A figure that a case lacks, as a failed one, is NaN there. ``table.attrs["units"]`` holds the
-        units of the columns that have one.
+        A figure that a case lacks, for example because it failed, is NaN. ``table.attrs["units"]`` holds the
+        units of columns that have one.
         """
         import pandas
 
@@ -102,14 +100,14 @@ class Study:
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """Dotted keys and settings that some case changes, each once, a tuple of str."""
+        """Distinct dotted keys and settings that are changed in any case, as a tuple of str."""
         return tuple(dict.fromkeys(key for case in self.cases for key in case.changes))
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units by names, of changes and of figures that are records of a run or belong to its stages.
+        """SI units, by name, of changes and of figures that are records or stage values of a run.
 
-        What is without unit is left out, and so are other figures of an own measure.
+        Dimensionless quantities and other figures of user-defined measures are omitted.
         """
         scene = self.cases[0].scene
         units = {variable.name: variable.unit for variable in scalar_variables(scene)}
@@ -124,13 +122,13 @@ class Study:
 
     @property
     def failed(self) -> tuple[Case, ...]:
-        """Cases that failed, by an error of the physics or of the machine, as a tuple of `Case`."""
+        """Cases that failed because of the physics or of the machine, as a tuple of `Case`."""
         pairs = zip(self.cases, self.outcomes, strict=True)
         return tuple(case for case, outcome in pairs if outcome.error is not None)
 
     @property
     def unfinished(self) -> tuple[Case, ...]:
-        """Cases that failed by no error of the physics, a tuple: the next sweep tries them again."""
+        """Cases that failed for reasons other than the physics, as a tuple; the next sweep retries them."""
         pairs = zip(self.cases, self.outcomes, strict=True)
         return tuple(case for case, outcome in pairs if outcome.cause is not None)
 
@@ -140,7 +138,8 @@ class Study:
         Returns
         -------
         str
-            Comma-separated values of `table`; a name with a unit is ``piston.mass [kg]``, and NaN is empty.
+            Comma-separated values of `table`; names include units, such as ``piston.mass [kg]``, and NaN is
+            empty.
         """
         table = self.table
         units = table.attrs["units"]
@@ -149,7 +148,7 @@ class Study:
 
 
 def _si_changes(case: Case, keys: Sequence[str]) -> dict[str, Any]:
-    """Return a case's values of all that the study varies, quantities as numbers in SI."""
+    """Return the values of all varied keys in a case, quantities as numbers in SI."""
     result = {}
     for key in keys:
         field = find_field(case.scene, key)
@@ -177,39 +176,38 @@ def sweep(
     progress: bool = True,
     title: str = "cases",
 ) -> Study:
-    """Run a scene under many changes.
+    """Run many variations of a scene.
 
     Parameters
     ----------
     scene : Scene
-        Scene that is changed.
+        Scene to be varied.
     grid : mapping of str to values
-        Dotted keys and the values that each takes; all combinations are run. ``dt``, ``t_end`` and
-        ``method`` are keys as well, for cases with their own.
+        Lists of values by dotted key; all combinations are run. The keys ``dt``, ``t_end`` and ``method`` are
+        allowed as well and override the arguments.
     cases : sequence of mapping
-        Further changes, one by one.
+        Changes of further individual cases.
     measure : function of Trajectory
-        Results of a run to store, by name, as numbers. It must be a function that other
-        processes can have.
+        Function that returns the results of a run to be stored, as numbers by name. It must be transferable
+        to other processes.
     dt : float or str
-        Time step [s] of cases that have none of their own, as in `simulate`.
+        Time step [s] of cases that do not set one, as in `simulate`.
     t_end : float, optional
-        End [s] of cases that have none of their own; each run has one thread.
+        End time [s] of cases that do not set one; each run uses one thread.
     method : str, Method or mapping
-        Method of cases that have none of their own.
+        Integration method of cases that do not set one.
     out : str or Path, optional
-        Directory that keeps each outcome as soon as it is there. Called again, the sweep goes on:
-        a case with the same scene, settings and measure is not computed twice, nor by two sweeps
-        that use the directory simultaneously. Errors of the physics are kept; what the machine did,
-        such as a full disk, is tried again, and once more when the sweep is called again.
+        Directory in which each outcome is stored as soon as it is available. A repeated call continues the
+        sweep: a case with the same scene, settings and measure is not computed twice, not even by two
+        simultaneous sweeps on one directory. Errors due to the physics are stored. Cases that failed because
+        of the machine, such as a full disk, are retried, and again in the next call.
     keep_runs : bool
-        Keep the whole runs in ``out`` too; a case that was cut off then goes on from its last
-        checkpoint.
+        Keep the complete runs in ``out`` too; an interrupted case then resumes from its last checkpoint.
     executor : concurrent.futures.Executor, optional
-        Executor of the cases: a Dask client's ``get_executor()``, an MPIPoolExecutor, ... It is
-        left open. Without: processes on this machine.
+        Executor of the cases: a Dask client's ``get_executor()``, an MPIPoolExecutor, ... It is not shut
+        down. If not given, processes on this machine.
     workers : int, optional
-        Number of processes, from 1; as many as there are processors if not given.
+        Number of processes, 1 or more; the number of processors if not given.
     progress : bool
         Show a progress bar on standard error.
     title : str
@@ -218,39 +216,39 @@ def sweep(
     Returns
     -------
     Study
-        Also of the cases that failed, such as by a ``t_end`` below 0: their row tells why.
+        All cases, including failed ones, such as with a ``t_end`` below 0; their rows give the error.
 
     Raises
     ------
     InputError
-        If the study has no case, two are alike, a change, a time step or a method does not fit, ``workers``
-        is below 1, ``keep_runs`` is asked for without ``out``, or ``out`` cannot be made.
+        If the study has no cases, two cases are equal, a change, time step or method is invalid, ``workers``
+        is below 1, ``keep_runs`` is set without ``out``, or ``out`` cannot be created.
     ExecutorLostError
-        If the scheduler of a cluster is gone; ``out`` keeps what was done.
+        If the scheduler of a cluster is lost; finished cases remain in ``out``.
     KeyboardInterrupt
-        On Ctrl-C; ``out`` keeps what was done.
+        On Ctrl-C; finished cases remain in ``out``.
 
     Warns
     -----
     UserWarning
-        Once, where cases raised warnings: how many, and the first. The table has all of them.
+        Once, if cases raised warnings: their number and the first warning. The table has all of them.
     """
     if keep_runs and out is None:
-        raise InputError("keep_runs = True needs out, the directory to keep them in")
+        raise InputError("keep_runs = True needs out, the directory of the runs")
     if workers is not None and workers < 1:
-        raise InputError(f"workers = {workers}; give a number of processes from 1")
+        raise InputError(f"workers = {workers}; give 1 process or more")
     settings = {"dt": dt, "t_end": t_end, "method": method}
-    every = make_cases(scene, grid or {}, cases, settings, measure)
+    all_cases = make_cases(scene, grid or {}, cases, settings, measure)
     directory = None if out is None else Path(out).absolute()
     if directory is not None:
         make_directory(OutcomeCache(directory).files.directory)
-    done = _stored_outcomes(every, directory)
+    done = _stored_outcomes(all_cases, directory)
     reused = len(done)
-    waiting = [case for case in every if case.key not in done]
+    waiting = [case for case in all_cases if case.key not in done]
     with (
         case_executor(executor, min(len(waiting), workers or os.cpu_count() or 1)) as pool,
         progress_bar(
-            wanted=progress, total=len(every), initial=reused, desc=title, unit="case", smoothing=0.1
+            wanted=progress, total=len(all_cases), initial=reused, desc=title, unit="case", smoothing=0.1
         ) as bar,
     ):
         failed = 0
@@ -260,20 +258,20 @@ def sweep(
             if failed:
                 bar.set_postfix_str(f"{failed} failed", refresh=False)
             bar.update()
-    study = Study(tuple(every), tuple(done[case.key] for case in every), reused)
-    _warn_of_doubtful_cases(study)
+    study = Study(tuple(all_cases), tuple(done[case.key] for case in all_cases), reused)
+    _warn_of_cases_with_warnings(study)
     return study
 
 
-def _warn_of_doubtful_cases(study: Study) -> None:
+def _warn_of_cases_with_warnings(study: Study) -> None:
     pairs = zip(study.cases, study.outcomes, strict=True)
-    doubtful = [(case, outcome.warning) for case, outcome in pairs if outcome.warning is not None]
-    if doubtful:
-        case, words = doubtful[0]
+    with_warnings = [(case, outcome.warning) for case, outcome in pairs if outcome.warning is not None]
+    if with_warnings:
+        case, message = with_warnings[0]
         changes = ", ".join(f"{key} = {value}" for key, value in case.changes.items())
         warnings.warn(
-            f"{len(doubtful)} of {len(study.cases)} cases are in doubt (see the table), the first "
-            f"({sanitize(changes)}): {words}",
+            f"{len(with_warnings)} of {len(study.cases)} cases raised warnings (see the table), the first "
+            f"({sanitize(changes)}): {message}",
             stacklevel=3,
         )
 
@@ -289,40 +287,40 @@ def _stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str,
 def compute_outcomes_with_retries(
     cases: Sequence[Case], measure: Measure, directory: Path | None, keep_runs: bool, pool: Executor
 ) -> Iterator[tuple[Case, CaseOutcome]]:
-    """Compute cases as the executor is free, and try again those that failed by the machine."""
+    """Compute cases as workers become free, and retry cases that failed because of the machine."""
     waiting = {case.key: case for case in cases}
-    deaths, alone = 0, 0
-    put_off: dict[str, set[str]] = {MACHINE: set(), ELSEWHERE: set()}
-    unkept: list[tuple[Case, CaseOutcome]] = []
+    deaths, single_batches = 0, 0
+    retried: dict[str, set[str]] = {MACHINE: set(), ELSEWHERE: set()}
+    unstored: list[tuple[Case, CaseOutcome]] = []
     while waiting:
-        batch = list(waiting.values())[: 1 if alone else None]
+        batch = list(waiting.values())[: 1 if single_batches else None]
         lost = {case.key for case in batch}
-        submitted = [(case, case.key in put_off[ELSEWHERE]) for case in batch]
+        submitted = [(case, case.key in retried[ELSEWHERE]) for case in batch]
         for case, outcome in _compute_cases(submitted, measure, directory, keep_runs, pool):
             lost.discard(case.key)
             cause = outcome.cause
-            if cause in put_off and case.key not in put_off[cause]:
-                put_off[cause].add(case.key)
+            if cause in retried and case.key not in retried[cause]:
+                retried[cause].add(case.key)
                 waiting[case.key] = waiting.pop(case.key)
                 continue
             del waiting[case.key]
             if cause is None and _store_outcome(case, outcome, directory).cause is not None:
-                unkept.append((case, outcome))
+                unstored.append((case, outcome))
                 continue
             yield case, outcome
-        alone = max(0, alone - 1)
+        single_batches = max(0, single_batches - 1)
         if not lost:
             continue
         deaths += 1
         if deaths >= ATTEMPTS and len(batch) == 1:
             del waiting[batch[0].key]
-            yield batch[0], CaseOutcome(error=f"the worker died, {ATTEMPTS} times", cause=MACHINE)
-            deaths, alone = 0, 0
-        # A worker that dies takes its other cases along. So the next ones, of which one was running then, are
-        # tried alone: who dies alone has nobody else to blame.
+            yield batch[0], CaseOutcome(error=f"the worker died {ATTEMPTS} times", cause=MACHINE)
+            deaths, single_batches = 0, 0
+        # A worker that dies loses its other cases too. The next cases, one of which was running at that time,
+        # are therefore tried one at a time, so that a further death is attributable to one case.
         elif deaths >= ATTEMPTS - 1:
-            alone = 2 * (os.cpu_count() or 1)
-    for case, outcome in unkept:
+            single_batches = 2 * (os.cpu_count() or 1)
+    for case, outcome in unstored:
         yield case, _store_outcome(case, outcome, directory)
 
 
@@ -333,7 +331,7 @@ def _compute_cases(
     keep_runs: bool,
     pool: Executor,
 ) -> Iterator[tuple[Case, CaseOutcome]]:
-    """Cases, with whether each is waited for elsewhere, as they come; the rest is taken back at the end."""
+    """Yield outcomes of cases (each with whether to wait for another sweep); cancel the rest at the end."""
     futures: dict[Future[CaseOutcome], Case] = {}
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
@@ -344,19 +342,19 @@ def _compute_cases(
             if outcome is not None:
                 yield futures[future], outcome
     finally:
-        # Processes of ours end with all their tasks; loky stumbles over tasks taken back before.
+        # Local processes end with all their tasks; loky fails on tasks that were cancelled before.
         if not isinstance(pool, ProcessPool):
             for future in futures:
                 future.cancel()
 
 
 def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> CaseOutcome:
-    """Keep an outcome that its worker has not kept, whose disk may be another, and return it."""
+    """Store an outcome that its worker could not store here, for example on another disk, and return it."""
     if directory is None:
         return outcome
     cache = OutcomeCache(directory)
     try:
-        if cache.read(case.key, warn=False) is None:  # a damaged one was told of before
+        if cache.read(case.key, warn=False) is None:  # damaged files have already been reported
             cache.keep(case.key, outcome)
     except StoreError as error:
         return dataclasses.replace(outcome, error=f"{type(error).__name__}: {error}", cause=MACHINE)
@@ -364,13 +362,13 @@ def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> 
 
 
 def future_outcome(future: Future[CaseOutcome]) -> CaseOutcome | None:
-    """Take the outcome that a worker returned."""
+    """Get the outcome returned by a worker."""
     try:
         return future.result()
     except (concurrent.futures.BrokenExecutor, concurrent.futures.CancelledError):
         return None
     except Exception as error:
-        if type(error).__name__ == "KilledWorker":  # of Dask, which is imported only by its users
+        if type(error).__name__ == "KilledWorker":  # an error of Dask, which is imported only if used
             return None
         return CaseOutcome(error=f"{type(error).__name__}: {error}", cause=PROGRAM)
 
@@ -379,14 +377,14 @@ KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")
 
 
 def load_study(path: str | Path, user_measures: Mapping[str, Measure] | None = None) -> dict[str, Any]:
-    """Read a study's TOML file into the arguments of `sweep`."""
+    """Read the TOML file of a study into the arguments of `sweep`."""
     path = Path(path)
     plain = read_toml(path)
     for key in plain:
         if key not in KEYS:
             raise InputError(f"{path.name}: {unknown_word_message(key, KEYS, 'key')}")
     if "scene" not in plain:
-        raise InputError(f"{path.name}: scene must be given, a packaged one or a path")
+        raise InputError(f"{path.name}: the key scene is missing; give a packaged scene or a path")
     for key, kind in (("changes", dict), ("grid", dict), ("cases", list)):
         if not isinstance(plain.get(key, kind()), kind):
             raise InputError(f"{path.name}: {key} must be a {'table' if kind is dict else 'list'}")
@@ -401,11 +399,11 @@ def load_study(path: str | Path, user_measures: Mapping[str, Measure] | None = N
 
 
 def _flatten_keys(changes: dict[str, Any], above: str = "") -> dict[str, Any]:
-    """Nested tables as dotted keys: TOML reads piston.mass = 1 as a table of its own."""
+    """Convert nested tables to dotted keys: TOML reads piston.mass = 1 as a nested table."""
     flat: dict[str, Any] = {}
     for key, value in changes.items():
         name = f"{above}.{key}" if above else key
-        nested = isinstance(value, dict) and name != "method"  # a method may be given by its table
+        nested = isinstance(value, dict) and name != "method"  # a method may be given as a table
         flat |= _flatten_keys(value, name) if nested else {name: value}
     return flat
 
@@ -414,7 +412,7 @@ T = TypeVar("T")
 
 
 class BackgroundCase(NamedTuple):
-    """A case that was handed to an executor."""
+    """A case submitted to an executor."""
 
     case: Case
     future: Future[CaseOutcome]
@@ -422,14 +420,14 @@ class BackgroundCase(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class BackgroundCall(Generic[T]):
-    """A call that was handed to a process; None: that its caller is to make."""
+    """A call submitted to a process; with None, the caller computes it."""
 
     future: Future[T] | None
     function: Callable[..., T]
     args: tuple[Any, ...]
 
     def result(self) -> T:
-        """Wait for the call, or make it here if no process has begun it, or its process died."""
+        """Wait for the call, or compute it here if no process has started it or its process died."""
         if self.future is not None and not self.future.cancel():
             with contextlib.suppress(BrokenExecutor):
                 return self.future.result()
@@ -437,11 +435,11 @@ class BackgroundCall(Generic[T]):
 
 
 class BackgroundCaseRunner:
-    """Cases that are computed while the caller works; what nobody waits for is ended."""
+    """Cases computed in the background; cases nobody waits for are cancelled at the end."""
 
     def __init__(self, measure: Measure, executor: Executor | None) -> None:
         self._measure, self._own = measure, executor is None
-        # One processor stays for the caller, who works meanwhile.
+        # One processor is reserved for the caller.
         self._pool = executor or ProcessPool(max(1, (os.cpu_count() or 1) - 1))
         self._started: list[BackgroundCase] = []
 
@@ -458,30 +456,32 @@ class BackgroundCaseRunner:
     def submit_cases(
         self, scene: Scene, changes: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
     ) -> list[BackgroundCase]:
-        """Hand cases to the executor, without waiting for them."""
+        """Submit cases to the executor without waiting for them."""
         started = []
         for case in make_cases(scene, {}, changes, settings, self._measure) if changes else ():
             try:
                 future = self._pool.submit(compute_case, case, self._measure, None, False, True)
-            except BrokenExecutor as error:  # whoever waits tries again
+            except BrokenExecutor as error:  # retried by the caller that waits
                 future = Future()
                 future.set_exception(error)
             started.append(BackgroundCase(case, future))
         self._started += started
         return started
 
-    def submit_call(self, function: Callable[..., T], *args: Any, here: bool = False) -> BackgroundCall[T]:
-        """Hand a call to the processes of this machine; another executor is for runs alone."""
+    def submit_call(
+        self, function: Callable[..., T], *args: Any, in_caller: bool = False
+    ) -> BackgroundCall[T]:
+        """Submit a call to processes of this machine; other executors are used for runs only."""
         future: Future[T] | None = None
-        if self._own and not here:
-            with contextlib.suppress(BrokenExecutor):  # whoever asks for the result computes it
+        if self._own and not in_caller:
+            with contextlib.suppress(BrokenExecutor):  # computed by the caller that requests the result
                 future = self._pool.submit(function, *args)
         return BackgroundCall(future, function, args)
 
     def wait_for_outcomes(
         self, started: Sequence[BackgroundCase], title: str, progress: bool
     ) -> list[CaseOutcome]:
-        """Wait for cases, and compute the last ones; those whose process died are tried again."""
+        """Wait for cases, and compute the remaining ones; cases whose process died are retried."""
         waiting = {entry.future for entry in started}
         done = {future for future in waiting if future.done()}
         outcomes: dict[str, CaseOutcome] = {}

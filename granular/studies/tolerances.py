@@ -1,8 +1,8 @@
-"""Tolerances of a damper's parts: how much each one moves equilibrium, frequency and damping ratio.
+"""Tolerances of a damper's parts: their effect on equilibrium height, frequency and damping ratio.
 
-A tolerance is a standard deviation. Each part's number is moved by it to both sides, and the changed bed
-follows its forces from the settled one to an equilibrium, in the same packing or another one. Its root is
-found there. Dampers with all parts drawn at once are found likewise.
+A tolerance is a standard deviation. Each part's value is shifted by it in both directions. From the settled
+packing the changed bed relaxes to an equilibrium, in the same packing or another one, and its root is found
+there. The same is done for dampers whose parts are all drawn at random.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from granular.linear import motion_friction, piston_roots
 from granular.linear.bed_forces import check_free_piston, with_number
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
-from granular.linear.friction import names_friction
+from granular.linear.friction import has_friction
 from granular.linear.roots import Root, refine_root, require_free_piston
 from granular.linear.small_motions import number_keys
 from granular.scene.scene import Scene
@@ -35,26 +35,26 @@ from granular.studies.bed_slopes import settled_beds
 
 _SECTIONS = ("grains.", "cell.", "piston.", "effects.")
 _LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}
-"""Keys that may follow from others, which they take away: their tolerance comes on top of the others'."""
+"""Keys that can follow from other keys and override them; their tolerance adds to the others' tolerances."""
 
 
 class Part(NamedTuple):
-    """A part's number and its tolerance.
+    """The value of a part and its tolerance.
 
     Attributes
     ----------
     key : str
-        Dotted key of the number.
+        Dotted key of the value.
     value : float
-        Number in the scene, in SI; temperatures [deg C].
+        Value in the scene, in SI; temperatures in [deg C].
     unit : str
         Its unit.
     deviation : float
         Standard deviation, in that unit.
     relative : bool
-        True if the deviation goes with the number.
+        True if the deviation is proportional to the value.
     one_sided : bool
-        True for a 0 that cannot be negative, which only rises.
+        True for a value of 0 that cannot be negative, which is only increased.
     """
 
     key: str
@@ -66,17 +66,17 @@ class Part(NamedTuple):
 
     @property
     def slope_unit(self) -> str:
-        """Unit of slopes; none if they are over the relative change: not of 0 and temperatures."""
+        """Unit of slopes; empty for slopes per relative change (all except zeros and temperatures)."""
         return "" if self.value and self.unit != "degC" else f" /{self.unit.replace('degC', 'K')}"
 
     @property
     def slope_step(self) -> float:
-        """Deviation over which slopes are: relative, or in their unit."""
+        """Deviation by which slopes are taken: relative, or in the unit of the value."""
         return self.deviation / (1.0 if self.slope_unit else abs(self.value))
 
     @property
     def text(self) -> str:
-        """Number and tolerance in words."""
+        """Value and tolerance as text."""
         size, name = {"1": (1.0, ""), "degC": (1.0, " °C"), "m": (1e3, " mm")}.get(
             self.unit, (1.0, f" {self.unit}")
         )
@@ -87,9 +87,11 @@ class Part(NamedTuple):
 
 
 def read_parts(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:
-    """Read tolerances by the keys of a scene's numbers; texts are parsed, never evaluated."""
+    """Read tolerances by the keys of a scene's values; text is parsed, never evaluated."""
     if not tolerances:
-        raise InputError("no part has a tolerance; give one, as grains.remanence: 2.5 %, or the usual ones")
+        raise InputError(
+            "no part has a tolerance; give one, such as grains.remanence: 2.5 %, or the usual ones"
+        )
     return tuple(_read_part(scene, key, tolerance) for key, tolerance in tolerances.items())
 
 
@@ -98,8 +100,8 @@ def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
     of_part = key.startswith(_SECTIONS) and not key.endswith((".share", ".pitch", "piston.height"))
     if not of_part or not isinstance(value, float) or not isinstance(kind, QuantityKind):
         raise InputError(
-            f"{quote(key)} is no number of a part of the scene {quote(scene.name)}; "
-            f"there are {', '.join(number_keys(scene))}"
+            f"{quote(key)} is not a number of a part of the scene {quote(scene.name)}; give one "
+            f"of {', '.join(number_keys(scene))}"
         )
     text, unit = str(tolerance).strip(), kind.unit
     relative = text.endswith("%")
@@ -116,9 +118,11 @@ def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
     return Part(key, value, kind.unit, size * deviation, relative, value == 0.0 == kind.least)
 
 
-def move_parts(scene: Scene, parts: Sequence[Part], by: Float[np.ndarray, "k"]) -> Scene:
-    """Move the number of each part by a multiple of its deviation."""
-    for part, multiple in sorted(zip(parts, by, strict=True), key=lambda pair: _LAST.get(pair[0].key, 0)):
+def move_parts(scene: Scene, parts: Sequence[Part], multiples: Float[np.ndarray, "k"]) -> Scene:
+    """Shift the value of each part by a multiple of its deviation."""
+    for part, multiple in sorted(
+        zip(parts, multiples, strict=True), key=lambda pair: _LAST.get(pair[0].key, 0)
+    ):
         if multiple == 0.0:
             continue
         value = (find_field(scene, part.key) or (part.value,))[0]
@@ -128,13 +132,13 @@ def move_parts(scene: Scene, parts: Sequence[Part], by: Float[np.ndarray, "k"]) 
             scene, part.key, value + float(abs(multiple) if part.one_sided else multiple) * step
         )
         if part.key == "effects.drag.viscosity" and drag is not None and not drag.is_from_liquid:
-            # The drag of a disc was measured: the liquid is the piston's.
+            # The drag of a disc was measured; the liquid determines the piston's drag only.
             scene = with_number(scene, "effects.drag.coefficient", drag.coefficient)
     return scene
 
 
 def usual_parts(scene: Scene) -> dict[str, str | float]:
-    """Usual tolerances of the parts that a scene names, as `tolerances` takes them.
+    """Usual tolerances of the parts given in a scene, as input of `tolerances`.
 
     Parameters
     ----------
@@ -144,8 +148,9 @@ def usual_parts(scene: Scene) -> dict[str, str | float]:
     Returns
     -------
     dict of str to str or float
-        Standard deviations by key: limits of ``usual_tolerances.toml``, which names their sources, over the
-        square root of 3. That is the standard deviation if nothing is known between the limits.
+        Standard deviations by key: the limits in ``usual_tolerances.toml``, which cites their sources,
+        divided by the square root of 3. This is the standard deviation of a uniform distribution between the
+        limits.
     """
     result: dict[str, str | float] = {}
     text = (Path(__file__).parent / "usual_tolerances.toml").read_text(encoding="utf-8")
@@ -168,28 +173,28 @@ __all__ = ["Part", "Tolerances", "tolerances", "tolerances_at", "usual_parts"]
 FIGURES = ("rest", "f0", "zeta")
 
 DRAWS = 200
-"""Number of drawn dampers if slopes are not enough: they know a standard deviation to 5 %."""
+"""Number of drawn dampers if slopes are not enough; it gives a standard deviation to 5 %."""
 
 STEPS = (1.0, 0.25, 0.0625)
-"""Deviations at which slopes are taken, a smaller one if the bed rearranges within it."""
+"""Multiples of the deviation at which slopes are taken; a smaller one is used if the bed rearranges."""
 
 REARRANGED = 0.2
-"""Largest displacement of a grain, beside an even strain, from which a bed has rearranged [D]: a grain that
-changes its neighbours moves by half a spacing or so."""
+"""Displacement of a grain, relative to a uniform strain, above which the bed counts as rearranged [D]; a
+grain that changes neighbours moves by about half a spacing."""
 
 CURVED = 0.05
-"""Part of a standard deviation that departures from slopes may add before slopes alone are said not to do."""
+"""Fraction that nonlinearity may add to a standard deviation before slopes are reported as not enough."""
 
 ROUNDED = 1e-8
-"""Relative change of a figure below which it is rounding, and no departure from a slope."""
+"""Relative change of a figure below which it is rounding error, not nonlinearity."""
 
 BEDS_DIFFER = 0.1
-"""Relative standard error of a total, by the number of beds, from which it is said."""
+"""Relative standard error of a total, due to the number of beds, above which it is reported."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tolerances(Shown):
-    """Standard deviations of a damper's figures by the tolerances of its parts.
+    """Standard deviations of a damper's figures due to the tolerances of its parts.
 
     The figures are equilibrium height [m], natural frequency [Hz] and damping ratio.
 
@@ -202,15 +207,17 @@ class Tolerances(Shown):
     figures : float64 (b, 3)
         Figures of each settled bed.
     slopes : float64 (b, k, 3)
-        Slopes of each bed, d ln figure/d ln number; d ln figure/d number of temperatures and zeros.
+        Slopes of each bed, d ln figure/d ln value; d ln figure/d value for temperatures and zeros.
     sides : float64 (b, k, 2, 3)
-        Relative change of the figures of each bed with each part moved by a standard deviation, up and down.
+        Relative change of the figures of each bed with each part shifted by one standard deviation, up and
+        down.
     drawn : float64 (d, 3)
-        Relative changes of the figures of drawn dampers; of none if slopes are enough.
+        Relative changes of the figures of drawn dampers; empty if slopes are enough.
     rearranged : int
-        Number of drawn dampers that pack otherwise than the settled bed.
+        Number of drawn dampers whose packing differs from the settled bed.
     amplitude : float or None
-        Amplitude of the damping ratio with dry friction [m]; None of small motions without it.
+        Amplitude at which dry friction is included in the damping ratio [m]; None for small motions without
+        dry friction.
     """
 
     scene: str
@@ -224,29 +231,29 @@ class Tolerances(Shown):
 
     @property
     def contributions(self) -> Float[np.ndarray, "k 3"]:
-        """Relative standard deviations of the figures by each part alone: rms changes over beds and sides."""
-        # A damper's bed is one of them: its variance is the mean of theirs.
+        """Relative standard deviations of the figures by part: rms changes over beds and directions."""
+        # A damper has one of these beds, so that its variance is the mean of their variances.
         return np.sqrt((self.sides**2).mean(axis=(0, 2)))
 
     @property
     def sums_of_squares(self) -> Float[np.ndarray, "3"]:
-        """Relative standard deviations of the figures: root of the sum of the squared contributions."""
+        """Relative standard deviations of the figures: root of the sum of squared contributions."""
         return np.sqrt((self.contributions**2).sum(axis=0))
 
     @property
     def totals(self) -> Float[np.ndarray, "3"]:
-        """Relative standard deviations of the figures, of the drawn dampers if there are any."""
+        """Relative standard deviations of the figures, from the drawn dampers if there are any."""
         return self.sums_of_squares if len(self.drawn) < 2 else np.asarray(self.drawn.std(axis=0, ddof=1))
 
     @property
     def spread(self) -> Float[np.ndarray, "3"]:
-        """Relative standard deviations of the figures from bed to bed, which no part makes."""
+        """Relative standard deviations of the figures over beds (packings), not due to any part."""
         means = self.figures.mean(axis=0)
         return np.asarray(self.figures.std(axis=0, ddof=1) / np.where(means > 0.0, means, 1.0))
 
     @property
     def errors(self) -> Float[np.ndarray, "3"]:
-        """Relative standard errors of the totals, as beds differ; zeros of a single bed, which tells none."""
+        """Relative standard errors of the totals from the spread over beds; zeros for a single bed."""
         beds, variances = len(self.figures), (self.sides**2).mean(axis=2).sum(axis=1)
         if len(self.drawn) > beds:
             variances = np.array([self.drawn[k::beds].var(axis=0) for k in range(beds)])
@@ -255,16 +262,16 @@ class Tolerances(Shown):
 
     @property
     def curved(self) -> tuple[str, ...]:
-        """Keys of parts whose departures from slopes add more than a twentieth to a standard deviation."""
+        """Keys of parts whose nonlinearity adds more than a twentieth to a standard deviation."""
         by_slopes = self.slopes * np.array([part.slope_step for part in self.parts])[:, None]
         departures = self.sides - by_slopes[:, :, None] * np.array([[1.0], [-1.0]])
-        # A change a x + c x^2 with x of the standard normal distribution has the variance a^2 + 2 c^2.
-        square = np.maximum((by_slopes**2).mean(axis=0).sum(axis=0), ROUNDED**2)
-        excess = np.sqrt(1.0 + 2.0 * (departures**2).mean(axis=(0, 2)) / square) - 1.0
+        # A change a x + c x^2 with standard normal x has the variance a^2 + 2 c^2.
+        variance = np.maximum((by_slopes**2).mean(axis=0).sum(axis=0), ROUNDED**2)
+        excess = np.sqrt(1.0 + 2.0 * (departures**2).mean(axis=(0, 2)) / variance) - 1.0
         return tuple(part.key for part, row in zip(self.parts, excess, strict=True) if row.max() > CURVED)
 
     def largest(self, count: int = 3) -> dict[str, tuple[str, ...]]:
-        """Keys of the parts that move each figure most.
+        """Keys of the parts with the largest effect on each figure.
 
         Parameters
         ----------
@@ -274,7 +281,7 @@ class Tolerances(Shown):
         Returns
         -------
         dict of str to tuple of str
-            Keys by figure, the largest contribution first, and none of a part that does not move it.
+            Keys by figure, the largest contribution first, without parts that have no effect.
         """
         order = np.argsort(-self.contributions, axis=0)[:count].T.tolist()
         return {
@@ -308,14 +315,14 @@ class Tolerances(Shown):
 
     @property
     def means(self) -> str:
-        """Mean figures in one line."""
+        """Mean figures as one line."""
         rest, frequency, damping = self.figures.mean(axis=0)
         figures = f"rest {1e3 * rest:.5g} mm, f0 {frequency:.5g} Hz, zeta {100.0 * damping:.4g} %"
         return f"{figures} (mean over {len(self.figures)} settled bed(s))"
 
     @property
     def summary(self) -> str:
-        """Totals and the largest causes in one line."""
+        """Totals and the largest causes as one line."""
         rest, frequency, damping = self.figures.mean(axis=0) * self.totals
         causes = (f"of {name} {keys[0]}" for name, keys in self.largest(1).items() if keys)
         return (
@@ -326,28 +333,35 @@ class Tolerances(Shown):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Meaning of the table in sentences."""
+        """Sentences that explain the table."""
         notes = [
-            "A tolerance is one standard deviation of a part from batch to batch: a given one (--part) is "
-            "taken as that, a usual one (--usual) is a limit over the square root of 3. All magnets of a "
-            "bed share it. Scatter of single magnets within a batch hardly counts: in the packaged damper, "
-            "3 % of the moment changes rest and frequency by 0.02 %, the damping ratio by 0.3 %.",
-            "Parts that are not listed are taken as exact.",
+            "A tolerance is one standard deviation of a part between batches: a given value "
+            "(--part) is used as such, a usual one (--usual) is a limit divided by the square "
+            "root of 3. All magnets of a bed share it. Scatter between single magnets of a "
+            "batch has little effect: in the packaged damper, 3 % of the moment changes rest "
+            "and frequency by 0.02 %, the damping ratio by 0.3 %.",
+            "Parts that are not listed are assumed exact.",
             "A slope is in % of the figure per % of the part; with a unit, it is a relative change per unit. "
-            "Slopes differ from bed to bed, by the standard deviation behind ±, which one bed does not have.",
-            "The damping ratio is that of small motions, without dry friction."
+            "The value after ± is the standard deviation of the slope over beds; a single bed has none.",
+            "The damping ratio is for small motions, without dry friction."
             if self.amplitude is None
-            else f"The damping ratio is with dry friction, at an amplitude of {1e3 * self.amplitude:g} mm.",
+            else f"The damping ratio includes dry friction, at an amplitude of {1e3 * self.amplitude:g} mm.",
         ]
         if self.curved:
-            remedy = "the drawn dampers contain it" if len(self.drawn) > 1 else "draw dampers (--draws 200)"
+            remedy = "the drawn dampers include this" if len(self.drawn) > 1 else "draw dampers (--draws 200)"
             keys = ", ".join(self.curved)
-            notes.append(f"Slopes alone are not enough for {keys}, whose second difference counts: {remedy}.")
+            notes.append(f"Slopes alone are not enough for {keys}, whose effect is nonlinear: {remedy}.")
         for name, error in zip(FIGURES, self.errors, strict=True):
             if error > BEDS_DIFFER:
-                notes.append(f"Beds differ: ± of {name} is known to {100.0 * error:.0f} %; more --beds help.")
+                notes.append(
+                    f"Beds differ: ± of {name} has a standard error of {100.0 * error:.0f} %; give more "
+                    "--beds to reduce it."
+                )
         if self.rearranged:
-            notes.append(f"Grains pack otherwise in {self.rearranged} drawn dampers, which count so.")
+            notes.append(
+                f"The packing differs from the settled bed in {self.rearranged} drawn dampers, which "
+                "are included."
+            )
         return tuple(notes)
 
     def blocks(self) -> list[Block]:
@@ -365,7 +379,7 @@ class Tolerances(Shown):
 
 
 def table_rows(result: Tolerances) -> list[tuple[str, ...]]:
-    """Header and rows of the table, with the sum of all parts."""
+    """Header and rows of the table, including the sum over all parts."""
     beds, draws = len(result.figures), len(result.drawn)
     header = (
         "part",
@@ -384,7 +398,7 @@ def table_rows(result: Tolerances) -> list[tuple[str, ...]]:
     if draws > 1:
         sums.append((f"{draws} drawn dampers", "all parts at once", result.totals))
     if beds > 1:
-        sums.append((f"{beds} random starts", "not of the parts", result.spread))
+        sums.append((f"{beds} random packings", "not due to the parts", result.spread))
     return rows + [(name, words, "", "", "", *_percents(values)) for name, words, values in sums]
 
 
@@ -403,27 +417,28 @@ def tolerances(
     out: str | Path | None = None,
     progress: bool = True,
 ) -> Tolerances:
-    """Find how far a damper's parts move its equilibrium height, frequency and damping ratio.
+    """Compute how tolerances of parts affect equilibrium height, frequency and damping ratio of a damper.
 
     Parameters
     ----------
     scene : Scene
-        Scene with a free piston; its beds start from ``arrangement.seed`` and the seeds after it.
+        Scene with a free piston; its beds use ``arrangement.seed`` and the seeds after it.
     parts : mapping of str to str or float
-        Standard deviations by the dotted keys of the scene's numbers: relative, as "2.5%", or absolute, as
-        "0.05 mm" or in SI; of temperatures in kelvin. See `granular.studies.tolerances.usual_parts`.
+        Standard deviations by dotted keys of the scene's values: relative, such as "2.5%", or absolute, such
+        as "0.05 mm" or a number in SI; for temperatures in kelvin. See
+        `granular.studies.tolerances.usual_parts`.
     beds : int
         Number of settled beds over which contributions are averaged.
     amplitude : float, optional
-        Amplitude of the piston [m] at which the scene's dry friction adds to the damping ratio, while all
-        grains slide (`granular.linear.motion_friction`); small motions without friction if not given.
+        Amplitude of the piston [m] at which the scene's dry friction adds to the damping ratio, assuming that
+        all grains slide (`granular.linear.motion_friction`); if not given, small motions without friction.
     draws : int, optional
-        Number of dampers whose parts are drawn all at once, each from a normal distribution, about one bed
-        after another; 200 if slopes alone are not enough, and none otherwise, if not given.
+        Number of dampers whose parts are all drawn at random from normal distributions, cycling through the
+        beds. If not given: 200 if slopes alone are not enough, otherwise none.
     seed : int
-        Seed of the drawn numbers.
+        Seed of the random numbers.
     out : str or Path, optional
-        Directory that keeps the settled beds; a folder of the toolkit among the user's caches if not given.
+        Directory that keeps the settled beds; a folder of the toolkit in the user's cache if not given.
     progress : bool
         Show a progress bar on standard error.
 
@@ -435,9 +450,9 @@ def tolerances(
     Raises
     ------
     InputError
-        If the scene has no free piston or cannot settle, a key is no number of the scene, a tolerance has
-        another unit or is not positive, or a damper within the tolerances has no equilibrium; or
-        if an amplitude is given and the scene names no friction.
+        If the scene has no free piston or cannot settle, a key is not a number of the scene, a tolerance has
+        another unit or is not positive, or a damper within the tolerances has no equilibrium; or if an
+        amplitude is given and the scene has no friction.
 
     Examples
     --------
@@ -448,14 +463,14 @@ def tolerances(
     check_free_piston(scene)
     if beds < 1 or min(draws or 0, seed) < 0:
         raise InputError(
-            f"beds = {beds}, draws = {draws}, seed = {seed}; give 1 bed or more, and draws and seed from 0 on"
+            f"beds = {beds}, draws = {draws}, seed = {seed}; give 1 bed or more, and draws and seed 0 or more"
         )
     if amplitude is not None and not amplitude > 0.0:
         raise InputError(f"amplitude = {amplitude:g} m must be above 0")
-    if amplitude is not None and not names_friction(scene):
+    if amplitude is not None and not has_friction(scene):
         raise InputError(
-            f"the scene {scene.name!r} names no friction, and amplitude = {amplitude:g} m is for it; give "
-            "effects.friction, piston.friction or no amplitude"
+            f"the scene {scene.name!r} has no friction, which amplitude = {amplitude:g} m "
+            "requires; give effects.friction, piston.friction or no amplitude"
         )
     read = read_parts(scene, parts)
     states = settled_beds(scene, beds, out=out, progress=progress)
@@ -472,7 +487,7 @@ def tolerances_at(
     seed: int = 0,
     progress: bool = False,
 ) -> Tolerances:
-    """Find the same about given equilibria.
+    """Compute tolerances for beds at given equilibria.
 
     Parameters
     ----------
@@ -481,7 +496,7 @@ def tolerances_at(
     parts : sequence of Part
         Parts and their tolerances.
     amplitude, draws, seed, progress : float or None, int or None, int, bool
-        As of `tolerances`.
+        As in `tolerances`.
 
     Returns
     -------
@@ -490,21 +505,21 @@ def tolerances_at(
     """
     beds = [_Bed(rest, parts, amplitude) for rest in rests]
     figures = np.array([bed.figures for bed in beds])
-    bar = progress_bar(wanted=progress, iterable=beds, desc="beds with parts moved")
+    bar = progress_bar(wanted=progress, iterable=beds, desc="beds with shifted parts")
     slopes, sides = map(np.array, zip(*(bed.parts_alone() for bed in bar), strict=True))
-    name, none = rests[0].scene.name, np.empty((0, 3))
-    result = Tolerances(name, tuple(parts), figures, slopes, sides, none, amplitude=amplitude)
+    name, no_draws = rests[0].scene.name, np.empty((0, 3))
+    result = Tolerances(name, tuple(parts), figures, slopes, sides, no_draws, amplitude=amplitude)
     if draws is None:
         draws = DRAWS if result.curved else 0
     numbers = np.random.default_rng(seed).standard_normal((draws, len(parts)))
     bar = progress_bar(wanted=progress and draws > 0, iterable=numbers, desc="drawn dampers")
-    drawn = [bed.changes(by) for bed, by in zip(itertools.cycle(beds), bar, strict=False)]
+    drawn = [bed.changes(multiples) for bed, multiples in zip(itertools.cycle(beds), bar, strict=False)]
     changes = np.array([change for change, _ in drawn]).reshape(draws, 3)
-    return dataclasses.replace(result, drawn=changes, rearranged=sum(far for _, far in drawn))
+    return dataclasses.replace(result, drawn=changes, rearranged=sum(rearranged for _, rearranged in drawn))
 
 
 class _Bed:
-    """A settled bed whose parts are moved."""
+    """A settled bed whose parts can be shifted."""
 
     def __init__(self, rest: Equilibrium, parts: Sequence[Part], amplitude: float | None) -> None:
         self._rest, self._parts, self._amplitude = rest, parts, amplitude
@@ -518,37 +533,34 @@ class _Bed:
         return np.array([rest.piston_height, root.frequency, ratio])
 
     def parts_alone(self) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2 3"]]:
-        """Slopes with each part, and relative changes at a deviation up and down."""
+        """Slopes for each part, and relative changes at one deviation up and down."""
         slopes, sides = [], []
         for part, unit in zip(self._parts, np.eye(len(self._parts)), strict=True):
             for step in STEPS:
-                up, far = self.changes(step * unit)
-                down, back = (-up, far) if part.one_sided else self.changes(-step * unit)
+                up, rearranged_up = self.changes(step * unit)
+                down, rearranged_down = (-up, rearranged_up) if part.one_sided else self.changes(-step * unit)
                 if step == 1.0:
                     sides.append((up, down))
-                if not (far or back):
+                if not (rearranged_up or rearranged_down):
                     break
             slopes.append(0.5 * (up - down) / (step * part.slope_step))
         return np.array(slopes), np.array(sides)
 
-    def changes(self, by: Float[np.ndarray, "k"]) -> tuple[Float[np.ndarray, "3"], bool]:
-        """Relative changes of the figures with each part moved by a multiple of its deviation.
-
-        Also whether the bed has rearranged.
-        """
+    def changes(self, multiples: Float[np.ndarray, "k"]) -> tuple[Float[np.ndarray, "3"], bool]:
+        """Relative changes of the figures with each part shifted by a multiple of its deviation."""
         rest = self._rest
         try:
-            scene = move_parts(rest.scene, self._parts, by)
-            wider = np.array([scene.cell.width / rest.scene.cell.width, 1.0])
-            after = equilibrium_from(scene, rest.positions * wider, rest.heights, rest.pencil)
-            root = refine_root(after.pencil, require_free_piston(rest), self._root.s)
+            scene = move_parts(rest.scene, self._parts, multiples)
+            width_ratio = np.array([scene.cell.width / rest.scene.cell.width, 1.0])
+            changed = equilibrium_from(scene, rest.positions * width_ratio, rest.heights, rest.pencil)
+            root = refine_root(changed.pencil, require_free_piston(rest), self._root.s)
         except InputError as error:
-            moved = [f"{part.key} by {b:+.2g}" for part, b in zip(self._parts, by, strict=True) if b]
-            raise InputError(f"with {', '.join(moved)} deviations: {error}; give smaller ones") from None
+            shifted = [f"{part.key} by {b:+.2g}" for part, b in zip(self._parts, multiples, strict=True) if b]
+            raise InputError(f"with {', '.join(shifted)} deviations: {error}; give smaller ones") from None
         if root is None:
-            raise InputError("within the tolerances the piston does not oscillate any more; lower the drag")
-        figures = self._figures_of(after, root)
-        strain = wider * [1.0, figures[0] / self.figures[0]]
-        farthest = np.hypot(*(after.positions - rest.positions * strain).T).max()
+            raise InputError("within the tolerances the piston becomes overdamped; reduce the drag")
+        figures = self._figures_of(changed, root)
+        strain = width_ratio * [1.0, figures[0] / self.figures[0]]
+        largest_displacement = np.hypot(*(changed.positions - rest.positions * strain).T).max()
         ratios = np.divide(figures, self.figures, out=np.ones(3), where=self.figures > 0.0)
-        return ratios - 1.0, bool(farthest > REARRANGED * rest.pencil.bed.length)
+        return ratios - 1.0, bool(largest_displacement > REARRANGED * rest.pencil.bed.length)

@@ -17,7 +17,7 @@ import numpy as np
 
 from granular.linear import piston_roots
 from granular.linear.equilibrium import Equilibrium
-from granular.linear.friction import motion_friction, names_friction
+from granular.linear.friction import has_friction, motion_friction
 from granular.parts.liquids import bow_of_plate, find_liquid, silicone_oil_viscosity_ratio
 from granular.parts.magnets import GRADES, REMANENCE_SLOPE, Grade
 from granular.scene.scene import Scene
@@ -392,7 +392,7 @@ def _first_measurements(scene: Scene) -> Iterator[Block]:
 def usual_tolerances(bed: Equilibrium, amplitude: float) -> Tolerances:
     """Usual tolerances of a bed's parts, with dry friction at an amplitude [m] if there is any."""
     parts = read_parts(bed.scene, usual_parts(bed.scene))
-    return tolerances_at([bed], parts, amplitude=amplitude if names_friction(bed.scene) else None, draws=0)
+    return tolerances_at([bed], parts, amplitude=amplitude if has_friction(bed.scene) else None, draws=0)
 
 
 def _disc_sizes_text(scene: Scene) -> str:

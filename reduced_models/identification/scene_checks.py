@@ -120,11 +120,11 @@ def is_rest(scene: Scene, index: int) -> bool:
 
 def release_stages(scene: Scene) -> tuple[Mapping[str, Any], ...]:
     """Stages behind the rest that a scene begins with, as plain data; none where a run decides the rest."""
-    from granular.linear.bed_forces import rubs_dry
+    from granular.linear.bed_forces import has_dry_friction
 
     moves = {"host", "shaking", "bath"} & {effect.key for effect in scene.effects.acting}
     names = [stage.name for stage in scene.protocol]
-    if moves or rubs_dry(scene) or len(names) < 2 or not is_rest(scene, 0):
+    if moves or has_dry_friction(scene) or len(names) < 2 or not is_rest(scene, 0):
         return ()
     if scene.output.record not in names[1:]:
         return ()
@@ -164,9 +164,9 @@ def read_parts_of_source(
 
 def friction_of(run: Trajectory) -> MotionFriction | None:
     """Dry friction along the piston's motion, by the bed at its first rest; None if nothing tells it."""
-    from granular.linear.friction import motion_friction, names_friction
+    from granular.linear.friction import has_friction, motion_friction
 
-    if not names_friction(run.scene) or not is_rest(run.scene, 0):
+    if not has_friction(run.scene) or not is_rest(run.scene, 0):
         return None
     try:
         return motion_friction(rest_of(run))
@@ -240,7 +240,7 @@ class SceneChecks:
             # The caller makes the others; a process takes its calls before it comes to them.
             half = len(fits) // 2
             self._fall_fits = [
-                self._background.submit_call(fit_law_to_fall, *args, here=k >= half)
+                self._background.submit_call(fit_law_to_fall, *args, in_caller=k >= half)
                 for k, args in enumerate(fits)
             ]
 

@@ -1,4 +1,4 @@
-"""Equilibria of small beds, and sources that have none."""
+"""Equilibria of small beds, and sources without an equilibrium."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -21,7 +21,7 @@ MASS, GRAVITY = 0.05, 9.8
 
 
 @quick_in_plain_python
-def test_a_grain_between_walls_rests_and_moves_as_two_springs_do() -> None:
+def test_a_grain_between_walls_behaves_as_a_mass_on_two_springs() -> None:
     infinite = {side: {"law": "infinite"} for side in ("left", "right", "bottom", "top")}
     scene = small_damper(
         **{
@@ -34,7 +34,7 @@ def test_a_grain_between_walls_rests_and_moves_as_two_springs_do() -> None:
     )
     rest = at_rest(scene)
     grain, force = float(scene.grains.masses()[0]), Scales.from_grains(scene.grains).force
-    # F (D/w)^3 on either side; the piston's weight on one, and that of the grain on the other.
+    # F (D/w)^3 on either side; the piston's weight on one side, and the grain's weight on the other.
     weights = np.array([MASS, MASS + grain]) * GRAVITY
     over, under = D * (force / weights) ** (1.0 / 3.0)
     np.testing.assert_allclose(rest.positions, [[0.5 * scene.cell.width, under]], rtol=1e-11)
@@ -50,7 +50,7 @@ def test_a_grain_between_walls_rests_and_moves_as_two_springs_do() -> None:
         assert np.abs(wanted - root.s).min() < 1e-8 * abs(root.s)
 
 
-def test_forces_at_the_equilibrium_vanish_by_an_evaluation_too() -> None:
+def test_evaluate_gives_zero_forces_at_the_equilibrium() -> None:
     rest = at_rest(small_damper())
     found = evaluate(rest.scene, rest.positions, None, rest.piston_height)
     assert rest.is_stable
@@ -59,7 +59,7 @@ def test_forces_at_the_equilibrium_vanish_by_an_evaluation_too() -> None:
     assert found.piston_force == pytest.approx(0.3 * GRAVITY, rel=1e-12)
 
 
-def test_a_bed_under_friction_has_the_equilibrium_of_one_without() -> None:
+def test_dry_friction_does_not_change_the_equilibrium() -> None:
     rest = at_rest(small_damper())
     rubbed = moved(rest, **{"effects.drag": None, "effects.friction": True, "piston.friction": 0.1})
     found = equilibrium_from(rubbed, rest.positions + 1e-4 * D, rest.piston_height)
@@ -69,12 +69,12 @@ def test_a_bed_under_friction_has_the_equilibrium_of_one_without() -> None:
 
 
 @pytest.mark.long  # compiles a mesh
-def test_a_periodic_cell_has_two_modes_without_force(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_periodic_cell_has_two_zero_frequency_modes(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = crystal(10, 12, **{"pairs.method": "mesh", "arrangement.jitter": 0.02})
     rest = equilibrium_from(scene, scene.initial_positions_and_velocities()[0], None)
     assert rest.is_stable
     squares = normal_modes(rest).squared_angular_frequencies
-    # The mesh holds the grains by its error of forces.
+    # The force error of the mesh gives the shifts a small stiffness.
     assert (np.abs(squares[:2]) < 3e-4 * squares[-1]).all()
     assert squares[2] > 3e-3 * squares[-1]
     mode = normal_modes(rest).shapes[:, 5]
@@ -95,37 +95,40 @@ def test_a_periodic_cell_has_two_modes_without_force(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"pairs": {"method": "cut-off"}}, "'cut-off': pairs end at a distance where their force jumps"),
-        ({"pairs": {"method": "verlet-list"}}, "'verlet-list': pairs end"),
+        (
+            {"pairs": {"method": "cut-off"}},
+            "'cut-off': pairs are cut off at a distance at which their force jumps",
+        ),
+        ({"pairs": {"method": "verlet-list"}}, "'verlet-list': pairs are cut off"),
     ],
 )
-def test_pairs_that_end_with_a_force_are_refused(changes: dict[str, object], words: str) -> None:
+def test_cut_offs_with_a_force_jump_are_refused(changes: dict[str, object], words: str) -> None:
     scene = small_damper(**changes)
     with pytest.raises(InputError, match=words):
         equilibrium_from(scene, scene.initial_positions_and_velocities()[0], 0.03)
 
 
-def test_nearest_images_are_refused() -> None:
+def test_nearest_image_pair_sums_are_refused() -> None:
     scene = crystal(4, 4)
     with pytest.raises(InputError, match="give 'mesh', which takes 40 grains or more"):
         equilibrium_from(scene, scene.initial_positions_and_velocities()[0], None)
 
 
-def test_sources_without_a_bed_at_rest_are_refused() -> None:
+def test_sources_without_a_settled_bed_are_refused() -> None:
     with pytest.raises(InputError, match=r"give grains\.count"):
         equilibrium(small_damper(**{"grains.count": 0}))
     with pytest.raises(InputError, match="give one until = 'rest'"):
         equilibrium(small_damper(**{"protocol": [{"name": "r", "kind": "hold", "duration": 1.0}]}))
 
 
-@pytest.mark.long  # quick: other sources that have no bed at rest
+@pytest.mark.long  # the quick tests check other sources without a settled bed
 def test_a_bed_without_a_floor_is_refused() -> None:
     scene = small_damper(**{"effects.walls": {"bottom": "none"}})
     with pytest.raises(InputError, match="give a run that has come to rest"):
         equilibrium_from(scene, scene.initial_positions_and_velocities()[0], 0.03)
 
 
-def test_a_held_piston_has_modes_and_no_roots() -> None:
+def test_a_bed_under_a_held_piston_has_modes_but_no_roots() -> None:
     rest = at_rest(
         small_damper(**{"piston.mass": None, "protocol": [{"name": "r", "kind": "hold", "duration": 1.0}]})
     )
@@ -136,8 +139,8 @@ def test_a_held_piston_has_modes_and_no_roots() -> None:
         piston_roots(rest)
 
 
-def test_newton_ends_where_an_equilibrium_has_just_vanished(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Force -(q^2 + 1e-8) of one coordinate: it is smallest at 0, and never 0."""
+def test_newton_stops_if_an_equilibrium_has_just_vanished(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The force -(q^2 + 1e-8) on one coordinate has its smallest magnitude at 0, but never vanishes."""
 
     def matrices(at: np.ndarray) -> SimpleNamespace:
         made.append(at)
@@ -150,13 +153,13 @@ def test_newton_ends_where_an_equilibrium_has_just_vanished(monkeypatch: pytest.
     monkeypatch.setattr("granular.linear.equilibrium.make_pencil", lambda bed, at: matrices(at))
     start = np.array([1e-2])
     first: Any = matrices(start)
-    with pytest.raises(InputError, match=r"no equilibrium is near: forces of 1\.?\d*e-08 N stay"):
+    with pytest.raises(InputError, match=r"no equilibrium is near: forces of 1\.?\d*e-08 N remain"):
         _newton(bed, start, (), first, fresh=True)
     assert len(made) <= 8
 
 
 @pytest.mark.long
-def test_a_bed_with_a_soft_mode_is_relaxed_until_newton_s_method_ends() -> None:
+def test_a_bed_with_a_soft_mode_is_relaxed_until_newton_converges() -> None:
     changes = {"grains.remanence": 1.025 * 1.3, "arrangement.seed": 210}
     scene = load_scene("damper").replace(**changes)
     rest = equilibrium(simulate(scene.replace(**settling_changes(scene, COARSE_REST)), progress=False))

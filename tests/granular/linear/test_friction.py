@@ -1,4 +1,4 @@
-"""Dry friction along the piston's motion, against hand calculation and against runs."""
+"""Dry friction during the piston's motion, compared with hand calculation and simulations."""
 
 import itertools
 import math
@@ -19,11 +19,11 @@ LIFTS, COEFFICIENTS = (0.2, 0.5, 1.0), (0.01, 0.02, 0.05)  # [D], mu_s
 
 @pytest.fixture(scope="module")
 def rest() -> Equilibrium:
-    """A bed of twelve magnets."""
+    """A bed of twelve magnets at equilibrium."""
     return at_rest(small_damper(**{"effects.drag.coefficient": DRAG}))
 
 
-def test_sums_are_those_of_displaced_equilibria(rest: Equilibrium) -> None:
+def test_friction_sums_agree_with_displaced_equilibria(rest: Equilibrium) -> None:
     found = motion_friction(rest, static=0.02)
     bed, at, step = rest.pencil.bed, rest.pencil.at, 1e-3 * D
     assert bed.piston is not None
@@ -44,7 +44,7 @@ def test_sums_are_those_of_displaced_equilibria(rest: Equilibrium) -> None:
     assert found.bending == pytest.approx(-(pushes[0] + pushes[1]) / step**2, rel=1e-2)
 
 
-def test_loads_are_the_source_s_sum_over_pairs(rest: Equilibrium) -> None:
+def test_normal_loads_are_the_pair_sum_of_the_source(rest: Equilibrium) -> None:
     across = rest.positions[:, None] - rest.positions[None]
     distance = np.hypot(*across.transpose(2, 0, 1)) + np.where(np.eye(12), np.inf, 0.0)
     found, half = (
@@ -61,8 +61,8 @@ def test_loads_are_the_source_s_sum_over_pairs(rest: Equilibrium) -> None:
     assert aligned.moving_load == pytest.approx(0.5 * found.moving_load, rel=1e-9)
 
 
-def test_friction_of_the_scene_and_of_the_piston_count(rest: Equilibrium) -> None:
-    with pytest.raises(InputError, match="names no friction"):
+def test_friction_of_grains_and_of_the_piston_is_included(rest: Equilibrium) -> None:
+    with pytest.raises(InputError, match="has no friction"):
         motion_friction(rest)
     scene = rest.scene.replace(
         **{"effects.friction": {"static": 0.5, "dynamic": 0.4}, "piston.friction": "0.25 N"}
@@ -75,57 +75,57 @@ def test_friction_of_the_scene_and_of_the_piston_count(rest: Equilibrium) -> Non
 
 @pytest.fixture
 def straight() -> MotionFriction:
-    """Friction on a straight spring, of an amplitude of 0.1 mm."""
+    """Friction on a linear spring, with an amplitude scale of 0.1 mm."""
     return MotionFriction(40.0, 20.0, 0.36, 3600.0, 0.0, 0.04, 3.5)
 
 
-def test_amplitudes(straight: MotionFriction) -> None:
+def test_sticking_and_drag_amplitudes(straight: MotionFriction) -> None:
     assert straight.sticking_amplitude == pytest.approx(0.7e-3)
     assert straight.equivalent_damping_ratio(straight.drag_amplitude) == pytest.approx(0.04)
-    # Friction takes 4 F_c a in a cycle, a drag 2 pi zeta k a^2.
+    # Friction dissipates 4 F_c a per cycle, drag 2 pi zeta k a^2.
     loss = 2.0 * math.pi * straight.equivalent_damping_ratio(2e-3) * 3600.0 * 2e-3**2
     assert loss == pytest.approx(4.0 * 0.36 * 2e-3)
     assert "grains stick below 0.7 mm" in str(straight)
 
 
-def test_turning_points_of_a_straight_spring(straight: MotionFriction) -> None:
+def test_turning_points_on_a_linear_spring(straight: MotionFriction) -> None:
     found = np.abs(straight.turning_points(-2e-3, 3))
     decay, f = math.exp(-2.0 * math.pi * 0.04 / math.sqrt(1.0 - 0.04**2)), 1e-4
     for before, after in itertools.pairwise(found):
         assert (after + f) ** 2 == pytest.approx(decay * (before - f) ** 2 + 4.0 / 3.0 * f**2, rel=1e-9)
-    # At last sliding does not reach the floor: a stroke is no longer than 2 F_c/k.
+    # Finally sliding does not reach the floor: a stroke is 2 F_c/k or shorter.
     strokes = np.abs(np.diff(straight.turning_points(2e-3, 100)))
     assert len(strokes) < 20
     assert strokes[-1] >= 2e-4
 
 
-def test_friction_of_the_guide_alone_takes_four_slips_a_cycle() -> None:
+def test_guide_friction_alone_reduces_the_amplitude_by_four_slips_per_cycle() -> None:
     guide = MotionFriction(0.0, 0.0, 0.36, 3600.0, 0.0, 0.0, 3.5, guide_force=0.36)
     np.testing.assert_allclose(
         guide.turning_points(9.5e-4, 9), [9.5e-4, -7.5e-4, 5.5e-4, -3.5e-4, 1.5e-4, 5e-5]
     )
     assert "stick" not in str(guide)
-    assert "no drag acts beside it" in str(guide)
+    assert "no drag acts" in str(guide)
 
 
-def test_strong_drag_alone_has_the_decrement_of_its_damping_ratio() -> None:
+def test_strong_drag_without_friction_has_the_decrement_of_its_damping_ratio() -> None:
     drag = MotionFriction(0.0, 0.0, 0.0, 3600.0, 0.0, 0.4, 3.5)
     found = drag.turning_points(1e-3, 1)[1]
     assert found == pytest.approx(-1e-3 * math.exp(-math.pi * 0.4 / math.sqrt(1.0 - 0.4**2)), rel=1e-9)
 
 
-def test_turning_points_of_a_bent_spring_keep_its_energy() -> None:
+def test_turning_points_on_a_nonlinear_spring_conserve_energy() -> None:
     free = MotionFriction(0.0, 0.0, 0.0, 3600.0, -2e5, 0.0, 3.5)
     up, down = free.turning_points(6e-3, 1)
     energies = [1800.0 * z**2 - 2e5 / 6.0 * z**3 for z in (up, down)]
     assert energies[1] == pytest.approx(energies[0], rel=1e-9)
     assert -up < down < 0.0
-    with pytest.raises(InputError, match="beyond the motion that three terms"):
+    with pytest.raises(InputError, match="too large for the cubic expansion"):
         free.turning_points(-60e-3, 1)
 
 
 def _run(rest: Equilibrium, static: float, lift: float) -> Trajectory:
-    """Run of a bed that is lifted from its equilibrium, with friction; lift [m]."""
+    """Simulate a bed with friction that is lifted from its equilibrium; lift [m]."""
     changes: dict[str, Any] = {
         "arrangement": {"positions": rest.positions.tolist()},
         "piston.height": rest.piston_height,
@@ -140,7 +140,7 @@ def _run(rest: Equilibrium, static: float, lift: float) -> Trajectory:
 
 
 def _turning_points(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Indices and heights of the turning points of a record, its first sample among them."""
+    """Indices and heights of the turning points of a record, including its first sample."""
     slope = np.diff(height)
     turns = np.flatnonzero(slope[:-1] * slope[1:] < 0.0) + 1
     return np.append(0, turns), height[np.append(0, turns)]
@@ -148,7 +148,7 @@ def _turning_points(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["damper", "magnets"])
-def test_turning_points_are_those_of_runs(name: str) -> None:
+def test_predicted_turning_points_agree_with_simulations(name: str) -> None:
     walls = {f"effects.walls.{side}": "experimental" for side in ("left", "right", "bottom", "top")}
     bed = equilibrium(load_scene(name).replace(**walls))
     judged = 0
@@ -163,12 +163,12 @@ def test_turning_points_are_those_of_runs(name: str) -> None:
             halves = 0.5 * np.abs(np.diff(heights))
             halves = halves[: int((halves > 3.0 * slip).sum())]
             said = 0.5 * np.abs(np.diff(found.turning_points(lift * D, len(halves))))
-            # Every distance above 7 F_c/k within 5 %, and above 3 F_c/k within 15 %. At 1 D the disordered
-            # bed of discs loses 7 % more to its drag than the root says, also without friction.
+            # Strokes above 7 F_c/k agree within 5 %, above 3 F_c/k within 15 %. At 1 D the disordered bed of
+            # discs dissipates 7 % more by drag than the root predicts, even without friction.
             above = 0.1 if (name, static, lift) == ("magnets", 0.01, 1.0) else 0.05
             limits = np.where(halves > found.sticking_amplitude, above, 0.15)
             assert (np.abs(said / halves - 1.0) < limits).all(), (static, lift, said / halves)
-            # The first half-oscillation starts in a bed that slides already, without a turning point.
+            # In the first half-oscillation the bed already slides, without a previous turning point.
             times, frames = np.asarray(record.time), run.dataset["frame_time"].values - start
             still = ~run.dataset["velocity"].values.any(axis=2)
             loads = run.dataset["normal_load"].values

@@ -1,4 +1,4 @@
-"""Matrices of small motions: of two grains, of machines, and products with them against full ones."""
+"""Matrices of small motions for two grains and machines, and matrix-free products against full matrices."""
 
 from typing import Any
 
@@ -44,9 +44,7 @@ def solve_by_full_matrices(
     return result
 
 
-def test_krylov_takes_the_equilibrium_root_and_slopes_of_full_matrices(
-    rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_krylov_solver_agrees_with_full_matrices(rest: Equilibrium, monkeypatch: pytest.MonkeyPatch) -> None:
     first = piston_roots(rest)[0]
     found = slopes(rest, KEYS, first).values
     monkeypatch.setattr(Pencil, "solve", solve_by_full_matrices)
@@ -59,7 +57,7 @@ def test_krylov_takes_the_equilibrium_root_and_slopes_of_full_matrices(
     np.testing.assert_allclose(found, slopes(direct, KEYS, again).values, rtol=1e-7, atol=1e-7)
 
 
-def test_the_lowest_modes_of_a_large_bed_are_those_of_full_matrices(
+def test_lowest_modes_of_a_large_bed_agree_with_full_matrices(
     rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stiffness, frequencies = rest.lowest_stiffness, normal_modes(rest, 4).frequencies
@@ -71,7 +69,7 @@ def test_the_lowest_modes_of_a_large_bed_are_those_of_full_matrices(
 
 
 @quick_in_plain_python
-def test_contact_keeps_its_stiffness_at_a_small_overlap() -> None:
+def test_contact_stiffness_is_accurate_at_a_small_overlap() -> None:
     overlap, modulus = 2e-4 * D, 1e9
     scene = small_damper(
         **{
@@ -113,7 +111,7 @@ HOSTS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("mount", HOSTS)
-def test_the_mass_matrix_is_that_of_the_velocities_over_the_base(mount: str) -> None:
+def test_mass_matrix_gives_the_kinetic_energy_relative_to_the_base(mount: str) -> None:
     bed = BedForces(small_damper(**{"effects.host": HOSTS[mount]}))
     speeds = np.random.default_rng(1).normal(size=bed.size)
     across, up = speeds[:12], speeds[12:24]
@@ -126,7 +124,7 @@ def test_the_mass_matrix_is_that_of_the_velocities_over_the_base(mount: str) -> 
     assert 0.5 * speeds @ (bed.mass_matrix() @ speeds) == pytest.approx(energy, rel=1e-13)
 
 
-def test_a_chain_alone_has_its_two_frequencies() -> None:
+def test_a_two_mass_chain_has_its_two_frequencies() -> None:
     masses, springs, dashpots = matrices_of_chain(Host.from_plain(HOSTS["cell"]))
     found = eigh(springs, np.diag(masses), eigvals_only=True)
     # w^4 m1 m2 - w^2 (m1 k2 + m2 (k1 + k2)) + k1 k2 = 0
@@ -139,15 +137,16 @@ def test_a_chain_alone_has_its_two_frequencies() -> None:
 
 
 @pytest.mark.parametrize("mount", HOSTS)
-def test_a_slow_base_takes_all_along(mount: str) -> None:
+def test_a_slowly_moving_base_carries_everything_along(mount: str) -> None:
     rest = at_rest(small_damper(**{"effects.host": HOSTS[mount]}))
     assert transmissibility(rest, np.array([1e-3]))[0] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_the_weight_of_a_free_cell_and_of_its_grains_rests_on_the_piston() -> None:
+def test_the_piston_carries_the_weight_of_a_free_cell_and_its_grains() -> None:
     rest = at_rest(small_damper(**{"effects.host": HOSTS["piston"]}))
     weight = 9.8 * (0.3 + float(rest.scene.grains.masses().sum()))
     assert rest.pencil.bed.weight == pytest.approx(weight, rel=1e-12)
     alone = at_rest(small_damper(**{"piston.mass": 0.3}))
-    # Upside down, the wall at the piston bears what the bottom bears under a free piston of the cell's mass.
+    # Upside down, the wall at the piston carries the same load as the bottom under a free piston with the
+    # cell's mass.
     assert rest.piston_height == pytest.approx(alone.piston_height, rel=1e-9)

@@ -1,4 +1,4 @@
-"""Roots, modes, response and slopes of a small damper, each by another way."""
+"""Roots, modes, response and slopes of a small damper, each checked by an independent method."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ def rest() -> Equilibrium:
 
 @pytest.fixture(scope="module")
 def light() -> Equilibrium:
-    """A bed under a piston that is as light as some grains: many modes share its motion."""
+    """A bed under a piston as light as a few grains, so that many modes contribute to its motion."""
     return at_rest(small_damper(**{"piston.mass": 0.004, "effects.drag.coefficient": 0.005}))
 
 
@@ -31,8 +31,8 @@ def test_roots_solve_the_equations_of_motion(rest: Equilibrium, light: Equilibri
             assert root.shape[one.pencil.bed.piston] == 1.0
 
 
-def test_a_light_piston_moves_by_several_roots(light: Equilibrium) -> None:
-    """Their residues are those of all roots of the matrices."""
+def test_several_roots_contribute_to_the_motion_of_a_light_piston(light: Equilibrium) -> None:
+    """Their residues agree with the residues of all roots of the matrices."""
     pencil, found = light.pencil, piston_roots(light)
     size, piston = pencil.bed.size, pencil.bed.piston
     inverse = np.diag(1.0 / pencil.mass.diagonal())
@@ -43,7 +43,7 @@ def test_a_light_piston_moves_by_several_roots(light: Equilibrium) -> None:
         ]
     )
     roots, shapes = np.linalg.eig(rates)
-    # The answer to a unit impulse on the piston is the sum of residues times exp(s t).
+    # The response to a unit impulse on the piston is the sum of residues times exp(s t).
     residues = shapes[piston] * np.linalg.inv(shapes)[:, size + piston] * inverse[piston, piston]
     chosen = (roots.imag > 0.0) & (np.abs(residues) >= 0.05 * np.abs(residues).max())
     assert len(found) == chosen.sum() > 1
@@ -52,21 +52,21 @@ def test_a_light_piston_moves_by_several_roots(light: Equilibrium) -> None:
         assert roots[nearest] == pytest.approx(root.s, rel=1e-8)
         assert residues[nearest] == pytest.approx(root.residue, rel=1e-6)
     fractions = 2.0 * pencil.mass[piston, piston] * np.real(roots * residues)
-    assert fractions.sum() == pytest.approx(2.0, rel=1e-9)  # each root and its conjugate
+    assert fractions.sum() == pytest.approx(2.0, rel=1e-9)  # each root with its conjugate
     for root in found:
         assert root.mass_fraction == pytest.approx(fractions[np.argmin(np.abs(roots - root.s))], rel=1e-6)
 
 
 @pytest.mark.parametrize("drag", [1.2, 10.0])
-def test_a_piston_that_creeps_is_refused(drag: float) -> None:
-    """Its roots are real, though grains about it oscillate."""
+def test_an_overdamped_piston_is_refused(drag: float) -> None:
+    """Its roots are real, although surrounding grains oscillate."""
     heavy = at_rest(small_damper(**{"piston.mass": 0.02, "piston.drag": drag}))
-    with pytest.raises(InputError, match=r"oscillations hold \S+ of the piston's motion"):
+    with pytest.raises(InputError, match=r"oscillations account for \S+ of the piston's motion"):
         piston_roots(heavy)
 
 
-def test_a_saddle_is_refused() -> None:
-    """One grain above another: each step aside lowers the energy."""
+def test_an_unstable_equilibrium_is_refused() -> None:
+    """One grain above another: each sideways displacement lowers the energy."""
     scene = small_damper(**{"grains.count": 2})
     width = scene.cell.width
     column = np.array([[0.5 * width, 2.0 * D], [0.5 * width, 4.0 * D]])
@@ -76,7 +76,7 @@ def test_a_saddle_is_refused() -> None:
         piston_roots(saddle)
 
 
-def test_the_fractions_of_all_modes_add_up(rest: Equilibrium) -> None:
+def test_fractions_of_all_modes_add_up_to_one(rest: Equilibrium) -> None:
     modes = normal_modes(rest)
     piston = rest.pencil.bed.piston
     assert len(modes.frequencies) == 25
@@ -85,7 +85,7 @@ def test_the_fractions_of_all_modes_add_up(rest: Equilibrium) -> None:
     np.testing.assert_allclose(few.frequencies, modes.frequencies[:3], rtol=1e-10)
 
 
-def test_the_stiffness_at_rest_is_the_weight_over_the_sag(rest: Equilibrium) -> None:
+def test_static_stiffness_is_weight_over_sag(rest: Equilibrium) -> None:
     heights = [
         equilibrium_from(
             rest.scene.replace(**{"piston.mass": 0.3 * (1.0 + change)}), rest.positions, rest.piston_height
@@ -133,7 +133,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 QUICK = ("damper",)
 HARDER = {"hard contact": (2e8, 5e8, 1e9)}
-"""Moduli in turn [Pa]: the smallest overlap becomes 1e-3 D, three changes of a number."""
+"""Successive moduli [Pa]: the smallest overlap becomes 1e-3 D, three relative changes of a value."""
 
 
 def logarithms(rest: Equilibrium) -> np.ndarray:
@@ -145,7 +145,7 @@ def logarithms(rest: Equilibrium) -> np.ndarray:
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.long) for name in SCENES]
 )
-def test_slopes_are_those_of_changed_scenes(name: str) -> None:
+def test_slopes_agree_with_changed_scenes(name: str) -> None:
     rest = at_rest(small_damper(**SCENES[name]))
     for modulus in HARDER.get(name, ()):
         scene = rest.scene.replace(**{"effects.contact.modulus": modulus})
@@ -163,13 +163,13 @@ def test_slopes_are_those_of_changed_scenes(name: str) -> None:
         np.testing.assert_allclose(found.of(key), wanted, rtol=error, atol=error, err_msg=key)
 
 
-def test_a_key_that_is_no_number_is_refused() -> None:
+def test_a_key_without_a_number_is_refused() -> None:
     rest = at_rest(small_damper())
-    with pytest.raises(InputError, match=r"'cell\.length' is no number"):
+    with pytest.raises(InputError, match=r"'cell\.length' is not a number"):
         slopes(rest, ["grains.remanence"]).of("cell.length")
 
 
-def test_numbers_of_named_materials_have_slopes_and_temperatures_none() -> None:
+def test_values_from_named_materials_have_slopes_but_temperatures_do_not() -> None:
     scene = small_damper(
         **{
             "grains.remanence": None,
@@ -182,6 +182,6 @@ def test_numbers_of_named_materials_have_slopes_and_temperatures_none() -> None:
     assert {"grains.remanence", "effects.drag.viscosity"} <= set(found)
     assert "grains.temperature" not in found
     at_bed = slopes(at_rest(scene))
-    # Forces and liquid go with the square of the remanence and with the viscosity.
+    # Forces scale with the square of the remanence, the liquid's drag with the viscosity.
     assert at_bed.of("grains.remanence")[0] == pytest.approx(0.7, abs=0.1)
     assert at_bed.of("effects.drag.viscosity")[2] == pytest.approx(1.0, abs=0.05)

@@ -1,4 +1,4 @@
-"""The summary of small motions, its pictures, its page and its command."""
+"""The summary of small motions, its plots, its page and its command."""
 
 import json
 import math
@@ -33,7 +33,7 @@ SMALL = {"grains.count": 24, "cell.width": "20 D", "piston.mass": 2.5, "effects.
 
 @pytest.fixture(scope="module")
 def settled() -> tuple[Scene, np.ndarray, float]:
-    """A bed of 24 magnets that has come to rest."""
+    """A settled bed of 24 magnets."""
     scene, positions, height = settled_state(load_scene("damper").replace(**SMALL))
     assert height is not None
     return scene, positions, height
@@ -49,30 +49,30 @@ Changed = Callable[..., Equilibrium]
 
 @pytest.fixture(scope="module")
 def changed(settled: tuple[Scene, np.ndarray, float]) -> Changed:
-    """Equilibrium of the same bed with another scene."""
+    """Equilibrium of the same bed after changes of its scene."""
     scene, positions, height = settled
     return lambda **changes: equilibrium_from(scene.replace(**changes), positions, height)
 
 
-def test_the_oscillator_of_the_figures_has_the_root(found: SmallMotions) -> None:
+def test_the_equivalent_oscillator_has_the_first_root(found: SmallMotions) -> None:
     root, mass = found.roots[0], 2.5 + found.moving_mass
     left = mass * root.s**2 + found.damping * root.s + found.stiffness
     assert abs(left) < 1e-9 * found.stiffness
     assert 0.0 < found.moving_mass < 24 * found.rest.scene.grains.masses()[0]
-    # A still piston has neither its own inertia nor drag: storage falls with the grains' inertia alone.
+    # A fixed piston has neither inertia nor drag: storage falls only because of the grains' inertia.
     at_root = dynamic_stiffness(found.rest, np.array([root.frequency]))[0]
     assert found.dynamic_stiffness - at_root == pytest.approx(
         2.5 * (math.tau * root.frequency) ** 2, rel=1e-9
     )
 
 
-def test_participation_is_of_all_modes(found: SmallMotions) -> None:
+def test_participation_covers_all_modes(found: SmallMotions) -> None:
     assert len(found.participation) == 49
     assert found.participation.sum() == pytest.approx(1.0, abs=1e-9)
     assert found.participation.max() == pytest.approx(found.roots[0].mass_fraction, abs=0.01)
 
 
-def test_losses_are_shared_by_drag_and_piston(changed: Changed) -> None:
+def test_losses_are_divided_between_drag_and_piston(changed: Changed) -> None:
     found = small_motions(changed(**{"piston.drag": "3 kg/s"}))
     moved = np.abs(found.roots[0].shape) ** 2
     drag = DRAG * moved[:48].sum()
@@ -83,7 +83,7 @@ def test_losses_are_shared_by_drag_and_piston(changed: Changed) -> None:
 
 
 @pytest.mark.long  # compiles a loop with eddy currents, and one without
-def test_losses_are_shared_by_two_flows(changed: Changed) -> None:
+def test_losses_are_divided_between_drag_and_eddy_currents(changed: Changed) -> None:
     eddy: dict[str, Any] = {
         "effects.eddy": {"conductivity": "3.5e7 S/m", "thickness": "2 mm", "distance": "2 mm"}
     }
@@ -96,7 +96,7 @@ def test_losses_are_shared_by_two_flows(changed: Changed) -> None:
 
 
 @pytest.mark.long  # compiles loops with eddy currents
-def test_a_blade_keeps_its_loss_where_other_flows_are_taken_away(changed: Changed) -> None:
+def test_loss_of_the_blade_does_not_depend_on_removing_other_flows(changed: Changed) -> None:
     parts = {
         "effects.drag.liquid": "silicone oil 350 cSt",
         "cell.separation": "3.4 mm",
@@ -110,22 +110,22 @@ def test_a_blade_keeps_its_loss_where_other_flows_are_taken_away(changed: Change
     assert found["piston"] > 0.01
 
 
-def test_friction_is_said_to_be_outside(changed: Changed, found: SmallMotions) -> None:
+def test_a_note_says_that_friction_is_not_included(changed: Changed, found: SmallMotions) -> None:
     rubbed = small_motions(changed(**{"effects.friction": {"static": 0.3, "dynamic": 0.2}}))
-    assert "dry friction is not in the equilibrium" in str(rubbed)
-    assert "Dry friction is not in the equilibrium" in modes_page(rubbed).to_html()
+    assert "dry friction is not included in the equilibrium" in str(rubbed)
+    assert "Dry friction is not included in the equilibrium" in modes_page(rubbed).to_html()
     assert rubbed.to_plain()["dry_friction"] is True
     assert rubbed.roots[0].s == pytest.approx(found.roots[0].s, rel=1e-9)
     assert "dry friction" not in str(found)
 
 
-def test_figures_are_strict_json(found: SmallMotions) -> None:
+def test_plain_data_are_strict_json(found: SmallMotions) -> None:
     plain = json.loads(json.dumps(found.to_plain(), allow_nan=False))
     assert plain["roots"][0]["frequency"] == found.roots[0].frequency
     assert plain["slopes"]["piston.mass"] == slopes(found.rest, ["piston.mass"]).values[0].tolist()
 
 
-def test_pictures_show_all_grains_and_modes(found: SmallMotions) -> None:
+def test_plots_show_all_grains_and_modes(found: SmallMotions) -> None:
     axes = plot_mode(found.rest, found.roots[0].shape)
     grains, piston = (part for part in axes.collections if hasattr(part, "U"))
     assert len(grains.U) == 24
@@ -138,13 +138,13 @@ def test_pictures_show_all_grains_and_modes(found: SmallMotions) -> None:
 def test_the_page_has_its_sections(found: SmallMotions) -> None:
     page = modes_page(found).to_html()
     assert page.count("<svg") == 3
-    for words in ("Modes", "Response to a small harmonic motion", "What a percent changes", "piston.mass"):
+    for words in ("Modes", "Response to a small harmonic motion", "Logarithmic slopes", "piston.mass"):
         assert words in page
-    assert "cell.separation" not in page  # has no part in any force
+    assert "cell.separation" not in page  # does not enter any force
     assert f"{found.roots[0].frequency:.6g} Hz" in page
 
 
-def test_command_on_a_run(
+def test_the_command_analyses_a_run(
     settled: tuple[Scene, np.ndarray, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = settled[0].replace(protocol=settled[0].to_plain()["protocol"][:1], **{"output.record": None})
@@ -172,7 +172,7 @@ def test_a_scene_without_a_free_piston_is_refused_before_it_runs() -> None:
         main(["modes", "damper", "--set", "protocol.drop.until=none", "--set", "protocol.drop.duration=1"])
 
 
-def test_a_machine_settles_without_its_drive(found: SmallMotions) -> None:
+def test_a_bed_on_a_machine_settles_without_its_drive(found: SmallMotions) -> None:
     scene = load_scene("machine").replace(**SMALL, **{"piston.height": "20 D", "arrangement.height": "19 D"})
     rest = equilibrium_from(*settled_state(scene))
     assert rest.pencil.bed.machine is not None
@@ -191,7 +191,7 @@ def response_of(scene: Scene, quantity: str) -> FrequencyResponse:
     )
 
 
-def test_response_of_a_load_is_the_transmissibility(changed: Changed) -> None:
+def test_response_of_a_mass_on_a_moving_base_is_the_transmissibility(changed: Changed) -> None:
     drive = {"kind": "sine", "displacement": "1 mm", "frequency": "3 Hz"}
     rest = changed(**{"effects.host": {"mount": "base", "bodies": [], "excitation": drive}})
     frequencies = np.array([1.0, 3.0, 9.0])
@@ -201,10 +201,10 @@ def test_response_of_a_load_is_the_transmissibility(changed: Changed) -> None:
     np.testing.assert_allclose(-((math.tau * frequencies) ** 2) * accelerated, swing, rtol=1e-9)
 
 
-def test_response_of_a_machine_under_a_force_begins_at_its_spring(changed: Changed) -> None:
+def test_static_response_of_a_machine_to_a_force_is_its_spring_compliance(changed: Changed) -> None:
     rest = changed(**{"effects.host": load_scene("machine").effects.host.to_plain()})
     assert linear_displacements(rest, "force", np.array([1e-4]))[0] == pytest.approx(1.0 / 41.7e3, rel=1e-6)
-    # Of the bed in a cell that moves by 1, the inertia of all it holds is the force on the machine.
+    # If the cell moves by 1, the force on the machine is the inertia of everything in the cell.
     frequency = 3.1
     alone, rate = changed().pencil, (math.tau * frequency) ** 2
     uplift = changed().pencil.bed.frame_and_uplift()[1]
@@ -218,7 +218,7 @@ def test_response_of_a_machine_under_a_force_begins_at_its_spring(changed: Chang
     assert linear_displacements(rest, "force", np.array([frequency]))[0] == pytest.approx(expected, rel=1e-8)
 
 
-def test_no_curve_of_small_motions_says_why() -> None:
+def test_a_missing_small_motion_curve_is_explained() -> None:
     scene = load_scene("machine").replace(**{"grains.count": 0})
     kept = add_linear_response(response_of(scene, "force"))
     assert "linear" not in kept.dataset

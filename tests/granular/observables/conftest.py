@@ -1,4 +1,4 @@
-"""Arrangements and trajectories with known answers, and brute force to compare with."""
+"""Arrangements and trajectories with known results, and brute-force Voronoi cells for comparison."""
 
 import itertools
 from collections.abc import Callable
@@ -20,7 +20,7 @@ TWO_SPECIES = [
 
 
 class Cell(NamedTuple):
-    """A Voronoi cell by brute force: neighbours, corners in order, and whether it is interior."""
+    """A Voronoi cell found by brute force: neighbours, corners in order, and whether it is interior."""
 
     neighbours: list[int]
     corners: np.ndarray
@@ -39,7 +39,9 @@ def rotated(points: np.ndarray, angle: float) -> np.ndarray:
 
 
 def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> np.ndarray:
-    """Of an edge dislocation by linear elasticity, with a soft core; zero where no grain is."""
+    """Displacement around an edge dislocation in linear elasticity, with a softened core; zero for absent
+    grains.
+    """
     angle = np.arctan2(burgers[1], burgers[0])
     x, y = rotated(points - core, -angle).T
     r2, nu, turn = x**2 + y**2 + 0.09, 1.0 / 3.0, 1.0 / (2.0 * np.pi)
@@ -51,7 +53,7 @@ def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> n
 
 
 def brute_cells(points: np.ndarray) -> list[Cell]:
-    """Voronoi cells from all triples of grains whose circumcircle holds no other grain."""
+    """Voronoi cells from all triples of grains whose circumcircle contains no other grain."""
     triples = np.array(list(itertools.combinations(range(len(points)), 3)))
     a, b, c = (points[triples[:, k]] for k in range(3))
     # The two perpendicular bisectors: (b - a).x = (b.b - a.a)/2 about the point a.
@@ -88,7 +90,7 @@ def side_lengths(corners: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def make_run(small_bed: Scene) -> MakeRun:
-    """A trajectory from given frames and records, of a bed with as many grains."""
+    """Make a trajectory from given frames and records."""
 
     def make(
         positions: np.ndarray,

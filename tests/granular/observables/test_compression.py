@@ -1,4 +1,4 @@
-"""Forces taken apart: they add up to those of the engine, and to the virial theorem."""
+"""Pair and wall forces add up to the engine's forces and satisfy the virial theorem."""
 
 from typing import Any
 
@@ -55,7 +55,7 @@ CHANGES: tuple[dict[str, Any], ...] = (
     {"effects.walls": {"left": SLAB, "right": "none", "bottom": "infinite", "top": "slab"}},
     {"effects.walls": {"left": FORMULA}, "grains.spread": 0.1},
     {"effects.contact": {"modulus": "1 MPa"}},
-    # Discs without other effects, two of them pressed together: within the tables' error of the force there.
+    # For discs without other effects, two of them pressed together: within the error of the tabulated force.
     {
         **{"grains.magnets": "cylinders", "grains.spread": 0.05, "pairs.method": "direct"},
         **{f"effects.{name}": None for name in ("walls", "gravity", "drag")},
@@ -65,7 +65,7 @@ CHANGES: tuple[dict[str, Any], ...] = (
 
 
 def check_parts(changes: dict[str, Any], random: np.random.Generator) -> None:
-    """Check that forces between grains and of walls add up to those of the engine."""
+    """Check that pair forces and wall forces add up to the engine's forces."""
     scene, positions = bed().replace(**changes), places(random)
     of_discs = "grains.magnets" in changes
     if "effects.contact" in changes or of_discs:
@@ -84,13 +84,13 @@ def check_parts(changes: dict[str, Any], random: np.random.Generator) -> None:
 
 
 @quick_in_plain_python
-def test_the_parts_add_up_to_the_force_of_the_engine(random: np.random.Generator) -> None:
-    """Of other laws in plain Python, tests/plain_python/test_sums_in_scenes.py."""
+def test_pair_and_wall_forces_add_up_to_the_engine_force(random: np.random.Generator) -> None:
+    """Other laws are tested without compilation in tests/plain_python/test_sums_in_scenes.py."""
     check_parts(CHANGES[0], random)
 
 
-def test_compression_is_the_sum_of_the_magnitudes(random: np.random.Generator) -> None:
-    """By the formulas of the source, pair by pair."""
+def test_compressive_force_is_the_sum_of_force_magnitudes(random: np.random.Generator) -> None:
+    """Compare with the formulas of the source, evaluated pair by pair."""
     scene, positions = bed(), places(random)
     moments = 1.3 / (4e-7 * np.pi) * np.pi * 0.003 / 4.0 * scene.grains.diameters() ** 2
     unit = 4e-7 * np.pi * (1.3 / (4e-7 * np.pi) * np.pi * 0.003 * 0.005**2 / 4.0) ** 2
@@ -109,8 +109,8 @@ def test_compression_is_the_sum_of_the_magnitudes(random: np.random.Generator) -
 
 
 @quick_in_plain_python
-def test_virials_add_up_to_force_times_height(random: np.random.Generator) -> None:
-    """The virial theorem: what the piston's force does not hold, the grains' own forces do."""
+def test_virials_add_up_to_piston_force_times_height(random: np.random.Generator) -> None:
+    """Virial theorem: the residual forces on the grains balance the part that the piston does not carry."""
     scene, positions = bed(), places(random)
     found = evaluate(scene, positions)
     own = found.force.copy()
@@ -122,8 +122,8 @@ def test_virials_add_up_to_force_times_height(random: np.random.Generator) -> No
     assert total[0, 0] == pytest.approx(across, rel=1e-12)
 
 
-def test_stress_of_a_crystal_is_that_of_the_lattice() -> None:
-    """1.6675 (F*/D) rho^2.5 of an endless triangular lattice, here of a patch's inner grains."""
+def test_grain_stress_in_a_crystal_equals_the_lattice_sum() -> None:
+    """1.6675 (F*/D) rho^2.5 for an infinite triangular lattice, compared with the inner grains of a patch."""
     spacing, side = 0.012, 46
     positions = hexagonal(side, side, spacing) + 0.1
     scene = load_scene("bed").replace(
@@ -142,14 +142,14 @@ def test_stress_of_a_crystal_is_that_of_the_lattice() -> None:
     unit = 4e-7 * np.pi * 0.08775**2 / (np.pi * 0.006**4)
     lattice = 1.6675 * unit / 0.006 * density**2.5
     pressures = grain_pressures(scene, positions, cells=cells)
-    # The patch lacks the far neighbours, whose share falls with its radius, 23 spacings.
+    # The patch lacks distant neighbours, whose share falls with the patch radius of 23 spacings.
     assert pressures[middle] == pytest.approx(lattice, rel=0.04)
     assert stresses[middle, 0, 0] == pytest.approx(stresses[middle, 1, 1], rel=0.01)
     assert abs(stresses[middle, 0, 1]) < 0.01 * pressures[middle]
     assert np.isnan(pressures[0])
 
 
-def test_absent_grains_press_nobody(random: np.random.Generator) -> None:
+def test_absent_grains_exert_no_force(random: np.random.Generator) -> None:
     scene, positions = bed(), places(random)
     positions[3] = np.nan
     found = compressive_forces(scene, positions)
@@ -163,7 +163,7 @@ def test_absent_grains_press_nobody(random: np.random.Generator) -> None:
 
 def test_unknown_laws_and_shapes_are_input_errors() -> None:
     law = [{"energy": "a*exp(-r/l)", "a": "1 mJ", "l": "2 mm"}]
-    with pytest.raises(InputError, match=r"effects\.pair_law: what it does between grains"):
+    with pytest.raises(InputError, match=r"effects\.pair_law: its force between grains"):
         compressive_forces(bed(**{"effects.pair_law": law}), np.zeros((COUNT, 2)))
     with pytest.raises(InputError, match="7 positions for 30 grains"):
         compressive_forces(bed(), np.zeros((7, 2)))
@@ -173,8 +173,8 @@ def test_unknown_laws_and_shapes_are_input_errors() -> None:
 
 @pytest.mark.parametrize("mount", ["cell", "piston"])
 @quick_in_plain_python
-def test_a_host_is_no_law_between_grains(mount: str) -> None:
-    """One that carries the piston has the cell upside down: the weight points at the piston."""
+def test_a_host_does_not_change_forces_between_grains(mount: str) -> None:
+    """If the host carries the piston, the cell is upside down and the weight points towards the piston."""
     scene = load_scene("machine")
     if mount == "piston":
         change = {"effects.host.mount": mount, "piston.mass": "1 kg", "effects.host.cell_mass": "1 kg"}
@@ -193,8 +193,9 @@ def test_a_host_is_no_law_between_grains(mount: str) -> None:
     np.testing.assert_allclose(found, total, rtol=0.0, atol=1e-12 * np.abs(total).max())
 
 
-def test_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
-    """Observable of frames and distributions are of the same forces."""
+def test_force_observables_and_distributions_of_a_run_use_the_same_forces(
+    make_run: MakeRun, random: np.random.Generator
+) -> None:
     changes = {"grains.species": TWO, "cell.width": "0.08 m", "piston.height": "0.06 m"}
     frames = np.stack([places(random), places(random)])
     run = make_run(frames, changes, heights=np.full(2, HEIGHT))
@@ -217,7 +218,7 @@ def test_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("pooled", [False, True])
-def test_a_frame_without_a_grain_inside_is_refused(make_run: MakeRun, pooled: bool) -> None:
+def test_a_force_distribution_needs_interior_cells(make_run: MakeRun, pooled: bool) -> None:
     """A row of grains has no interior cell."""
     row = np.stack([0.006 + 0.0126 * np.arange(6), np.full(6, 0.02)], axis=1)
     changes = {"grains.count": 6, "cell.width": "0.08 m", "piston.height": "0.06 m"}

@@ -1,4 +1,6 @@
-"""Twenty made films: each defect is one track from first to last frame, where it was put."""
+"""Twenty synthetic sequences: each defect gives one track from first to last frame, at its prescribed
+position.
+"""
 
 import csv
 import dataclasses
@@ -35,7 +37,7 @@ MIDDLE = LATTICE[(ROWS // 2) * COLUMNS + COLUMNS // 2] + [0.3, math.sqrt(3.0) / 
 
 
 class Made(NamedTuple):
-    """A defect that was put into a film."""
+    """A defect prescribed in a synthetic sequence."""
 
     kind: str
     burgers: np.ndarray
@@ -58,7 +60,9 @@ def direction(sixth: int) -> np.ndarray:
 def dislocation(
     start: tuple[float, float], velocity: tuple[float, float], sixth: int = 0, first: int = 0, last: int = 39
 ) -> Made:
-    """One whose way, along its Burgers vector and across, begins at the middle plus ``start``."""
+    """A dislocation that starts at the centre plus ``start`` and moves along and across its Burgers
+    vector.
+    """
     b = direction(sixth)
     across = np.array([-b[1], b[0]])
     turned = np.stack([b, across])
@@ -80,10 +84,10 @@ NOTHING = np.zeros(2)
 
 
 def hopping(kind: str, every: int) -> tuple[list[Made], Callable[..., np.ndarray]]:
-    """A vacancy or an interstitial that goes to the next site every so many frames."""
+    """A vacancy or an interstitial that hops to the next site every ``every`` frames."""
     first = (ROWS // 2) * COLUMNS + 14
     aside = NOTHING if kind == "vacancy" else np.array([0.5, math.sqrt(3.0) / 6.0])
-    # Over an integer of hops the line through the steps has their mean speed.
+    # Over an integer number of hops the fitted line has the mean speed of the steps.
     made = Made(
         kind, NOTHING, LATTICE[first] + aside - [0.5 - 0.5 / every, 0.0], np.array([1.0 / every, 0.0])
     )
@@ -101,7 +105,7 @@ def hopping(kind: str, every: int) -> tuple[list[Made], Callable[..., np.ndarray
 
 
 def boundary(turn: float, speed: float) -> tuple[list[Made], Callable[..., np.ndarray]]:
-    """Two crystals, one turned against the other, that meet at a line."""
+    """Two crystals that meet at a line, one rotated relative to the other."""
     block = hexagonal(60, 60) - hexagonal(60, 60).mean(axis=0)
     halves = rotated(block, 0.5 * turn), rotated(block, -0.5 * turn)
     made = Made("grain boundary", NOTHING, np.array([-4.0, 0.0]), np.array([speed, 0.0]))
@@ -169,7 +173,7 @@ STEP = 0.05
 
 
 def place_among(one: Made, made: list[Made], frame: int) -> np.ndarray:
-    """Where the others' displacements have carried it: the mean of both sides of its row."""
+    """Position shifted by the displacements of the other defects: the mean of both sides of its row."""
     place = one.place(frame)
     if one.kind != "dislocation":
         return place
@@ -206,7 +210,7 @@ def check(name: str, found: Dataset) -> None:
         assert found["kind"].values[mine] == one.kind
         seen = np.flatnonzero(np.isfinite(paths[:, mine, 0]))
         if not at_rim:
-            # Seen wherever it was put; a jitter may hide it for a frame.
+            # Detected at its prescribed position; jitter may hide it for a frame.
             assert (seen[0], seen[-1]) == (one.first, one.last)
             assert len(seen) >= 0.9 * (one.last - one.first + 1)
         wanted = np.array([place_among(one, made, frame) for frame in seen])
@@ -226,7 +230,7 @@ def check(name: str, found: Dataset) -> None:
 
 @pytest.fixture(scope="module")
 def annihilated(make_run: MakeRun) -> tuple[Trajectory, Dataset]:
-    """The film of a pair that meets, and its tracks."""
+    """The sequence of a pair that annihilates, and its tracks."""
     run = run_of(FILMS["pair annihilated"][1], make_run)
     return run, track_defects(run)
 
@@ -234,12 +238,14 @@ def annihilated(make_run: MakeRun) -> tuple[Trajectory, Dataset]:
 @pytest.mark.parametrize(
     "name", [pytest.param(one, marks=() if one in QUICK else pytest.mark.long) for one in FILMS]
 )
-def test_made_film(name: str, make_run: MakeRun, annihilated: tuple[Trajectory, Dataset]) -> None:
+def test_defects_of_synthetic_sequences_are_tracked(
+    name: str, make_run: MakeRun, annihilated: tuple[Trajectory, Dataset]
+) -> None:
     known = annihilated[1] if name == "pair annihilated" else None
     check(name, track_defects(run_of(FILMS[name][1], make_run)) if known is None else known)
 
 
-def test_burgers_vectors_are_those_of_pentagon_and_heptagon() -> None:
+def test_circuit_burgers_vector_matches_the_pentagon_heptagon_pair() -> None:
     for sixth in range(6):
         points = LATTICE + displacement(LATTICE, MIDDLE, direction(sixth))
         found = detect_defects(points)
@@ -248,8 +254,8 @@ def test_burgers_vectors_are_those_of_pentagon_and_heptagon() -> None:
         assert found.charge[0] == 0
 
 
-def test_exact_hole_and_crystal_without_defects() -> None:
-    """Six grains on one circle: whatever triangles they have, a site is missing."""
+def test_an_empty_lattice_site_is_a_vacancy_and_a_crystal_has_no_defects() -> None:
+    """Six grains on one circle: a site is missing whichever triangulation is chosen."""
     site = (ROWS // 2) * COLUMNS + 20
     found = detect_defects(np.delete(LATTICE, site, 0))
     assert found.kinds == ("vacancy",)
@@ -257,14 +263,14 @@ def test_exact_hole_and_crystal_without_defects() -> None:
     assert not detect_defects(LATTICE).kinds
 
 
-def test_total_burgers_vector_is_kept(annihilated: tuple[Trajectory, Dataset]) -> None:
+def test_total_burgers_vector_is_conserved(annihilated: tuple[Trajectory, Dataset]) -> None:
     found = annihilated[1]
     np.testing.assert_allclose(found["total_burgers"], 0.0, atol=1e-12)
     assert found.attrs["conserved"] == 1.0
     assert found["count"].sel(defect="dislocation").values[[0, -1]].tolist() == [2, 0]
 
 
-def test_paths_are_drawn(annihilated: tuple[Trajectory, Dataset]) -> None:
+def test_plot_draws_every_defect_path(annihilated: tuple[Trajectory, Dataset]) -> None:
     run, found = annihilated
     axes = plot_defect_paths(found, run.dataset["position"].values[-1])
     (path,) = [one for one in axes.get_lines() if one.get_label() == "dislocation"]
@@ -296,8 +302,10 @@ def test_the_command_writes_tables_and_a_picture(
     assert launch(main, ["defects", "runs/bed", "--start", "5 m"]) == 2
 
 
-def test_motion_is_parted_along_the_burgers_vector_and_across() -> None:
-    """Climb is that along the vector turned by +90 degrees; seen in frames 1, 2 and 4 of a line."""
+def test_velocity_is_resolved_into_glide_and_climb() -> None:
+    """Climb is the component along the Burgers vector turned by +90 degrees; detected in frames 1, 2 and
+    4.
+    """
     times, frames = np.linspace(0.0, 2.0, 5), [1, 2, 4]
     burgers = 0.01 * np.array([0.6, 0.8])
     velocity = 3.0 * np.array([0.6, 0.8]) - 2.0 * np.array([-0.8, 0.6])
@@ -312,16 +320,16 @@ def test_motion_is_parted_along_the_burgers_vector_and_across() -> None:
     assert math.isnan(alone.climb)
 
 
-def test_direction_of_the_lattice_is_followed_beyond_60_degrees() -> None:
+def test_lattice_direction_is_tracked_beyond_60_degrees() -> None:
     turned = [rotated(LATTICE, 0.1 * k) for k in range(16)]
     angles = [one.angle for one in detect_defects_in_frames(np.array(turned))]
     np.testing.assert_allclose(np.diff(angles), 0.1, atol=1e-6)
 
 
-def test_what_cannot_be(make_run: MakeRun) -> None:
+def test_tracking_refuses_invalid_input(make_run: MakeRun) -> None:
     run = make_run(SPACING * LATTICE[None])
-    with pytest.raises(InputError, match="least 0"):
-        track_defects(run, least=0)
+    with pytest.raises(InputError, match="minimum_frames = 0"):
+        track_defects(run, minimum_frames=0)
     with pytest.raises(InputError, match="reach -1"):
         link_defect_tracks([], -1.0)
     with pytest.raises(InputError, match="larger bed"):

@@ -1,4 +1,4 @@
-"""Cycles: their work, and the response to a sinusoidal drive."""
+"""Work of compression cycles, and harmonic response to a sinusoidal drive."""
 
 import numpy as np
 import pytest
@@ -20,8 +20,8 @@ from granular.shared.errors import InputError
 from .conftest import MakeRun
 
 
-def test_loop_of_known_area() -> None:
-    """An ellipse with the half axes 2 m and 3 N, run so that the force is larger going down."""
+def test_hysteresis_energy_is_the_area_of_an_ellipse() -> None:
+    """An ellipse with half axes 2 m and 3 N, traversed so that the force is larger on the way down."""
     turn = np.linspace(0.0, 2.0 * np.pi, 4001)
     height, force = 5.0 + 2.0 * np.cos(turn), 10.0 + 3.0 * np.sin(turn)
     assert hysteresis_energy(height, force) == pytest.approx(6.0 * np.pi, rel=1e-5)
@@ -30,15 +30,15 @@ def test_loop_of_known_area() -> None:
 
 
 @pytest.mark.parametrize("top", [1.6, 2.3])
-def test_open_cycle_is_closed_at_the_lower_top(top: float) -> None:
-    """Force 5 down and 3 up between 1 and the lower of both tops: 2 (top - 1)."""
+def test_open_cycle_is_closed_at_its_lower_end(top: float) -> None:
+    """Force 5 down and 3 up between 1 and the lower of both ends: work 2 (top - 1)."""
     down, up = np.linspace(2.0, 1.0, 7), np.linspace(1.0, top, 11)
     height = np.concatenate([down, up])
     force = np.concatenate([np.full(7, 5.0), np.full(11, 3.0)])
     assert hysteresis_energy(height, force) == pytest.approx(2.0 * (min(top, 2.0) - 1.0), rel=1e-12)
 
 
-def test_cycles_are_told_apart() -> None:
+def test_cycles_are_separated_despite_rests_and_jitter() -> None:
     leg = np.linspace(2.0, 1.0, 50)
     rest = np.full(20, 2.0)
     height = np.concatenate([rest, leg, leg[::-1], rest, leg, leg[::-1], rest])
@@ -70,8 +70,8 @@ def cycle(small_bed: Scene) -> Trajectory:
     )
 
 
-def test_energy_of_a_run_is_the_work_from_outside(cycle: Trajectory) -> None:
-    """The ledger integrates the same work step by step; the records are a millisecond apart."""
+def test_hysteresis_energy_of_a_run_equals_the_external_work(cycle: Trajectory) -> None:
+    """The energy ledger integrates the same work at every step; the records are 1 ms apart."""
     found = hysteresis_cycles(cycle)
     assert found.sizes["cycle"] == 2
     time, work = cycle.dataset["time"].values, cycle.dataset["work"].values
@@ -87,13 +87,13 @@ def test_energy_of_a_run_is_the_work_from_outside(cycle: Trajectory) -> None:
     assert found["energy"].attrs["units"] == "J"
 
 
-def test_forces_and_packing_of_a_run(cycle: Trajectory) -> None:
+def test_wall_forces_balance_and_packing_follows_the_piston(cycle: Trajectory) -> None:
     forces = wall_forces(cycle)
     assert forces.dims == ("time", "wall")
     assert forces["wall"].values.tolist() == ["left", "right", "bottom", "piston"]
     np.testing.assert_array_equal(forces.sel(wall="piston"), piston_force(cycle))
     np.testing.assert_array_equal(forces.sel(wall="left"), cycle.dataset["left_force"])
-    # At rest the bottom carries the piston force and the weight of the grains.
+    # At rest the bottom supports the piston force and the weight of the grains.
     settled = int(np.searchsorted(cycle.dataset["time"].values, 0.49))
     weight = 23 * 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0 * 9.8
     difference = forces.sel(wall="bottom") - forces.sel(wall="piston")
@@ -109,12 +109,12 @@ def test_a_scene_without_walls_is_an_input_error(make_run: MakeRun) -> None:
         wall_forces(run)
     with pytest.raises(InputError, match="piston force"):
         hysteresis_cycles(run)
-    with pytest.raises(InputError, match="at least 3 samples"):
+    with pytest.raises(InputError, match="give 3 or more"):
         hysteresis_energy(np.ones(2), np.ones(2))
 
 
-def test_known_harmonics_are_found_exactly() -> None:
-    """Whatever the phase of the drive, the mean and the drift, on uneven samples."""
+def test_known_harmonics_are_recovered_exactly() -> None:
+    """For any phase of the drive, mean and drift, with unevenly spaced samples."""
     random = np.random.default_rng(2)
     time = np.sort(random.uniform(3.0, 9.0, 2000))
     turn = 2.0 * np.pi * 2.5 * time + 1.1
@@ -135,8 +135,8 @@ def test_known_harmonics_are_found_exactly() -> None:
     assert found.ratio_error.max() < 1e-10
 
 
-def test_linear_oscillator_after_its_transient() -> None:
-    """M z'' + c z' + k z = F sin(w t): the textbook's ratio and phase."""
+def test_response_of_a_linear_oscillator_after_its_transient() -> None:
+    """M z'' + c z' + k z = F sin(w t): amplitude ratio and phase from the textbook formula."""
     mass, damping, stiffness, frequency, force = 2.0, 3.0, 500.0, 2.0, 10.0
     omega = 2.0 * np.pi * frequency
     time = np.arange(0.0, 50.0, 0.002)
@@ -156,7 +156,7 @@ def test_linear_oscillator_after_its_transient() -> None:
     assert found.ratio[1:].max() < 1e-5 * found.ratio[0]
 
 
-def test_transient_that_is_left_in_shows_in_the_error() -> None:
+def test_a_remaining_transient_increases_the_standard_error() -> None:
     time = np.arange(0.0, 10.0, 0.005)
     drive = np.sin(2.0 * np.pi * 2.0 * time)
     answer = drive * (1.0 + np.exp(-time))
@@ -166,8 +166,8 @@ def test_transient_that_is_left_in_shows_in_the_error() -> None:
     assert late.ratio[0] == pytest.approx(1.0, abs=1e-3)
 
 
-def test_errors_are_as_large_as_the_scatter() -> None:
-    """Over many noisy records, estimates scatter by the error that each of them states."""
+def test_standard_errors_match_the_scatter_of_repeated_records() -> None:
+    """Estimates from many noisy records scatter by their standard error."""
     time = np.arange(0.0, 10.0, 0.01)
     turn = 2.0 * np.pi * 3.0 * time
     drive = np.sin(turn)
@@ -179,18 +179,18 @@ def test_errors_are_as_large_as_the_scatter() -> None:
     for value, error in (("ratio", "ratio_error"), ("phase", "phase_error")):
         scatter = np.std([getattr(one, value) for one in found], axis=0)
         stated = np.sqrt(np.mean([getattr(one, error) ** 2 for one in found], axis=0))
-        # The scatter of 300 has a relative standard error of 4 %, of 100 one of 7 %.
+        # The standard deviation of 300 values has a relative standard error of 4 %, of 100 values 7 %.
         np.testing.assert_allclose(stated / scatter, 1.0, atol=0.16)
     assert np.mean([one.ratio[0] for one in found]) == pytest.approx(2.0, abs=0.01)
     assert np.mean([one.phase[0] for one in found]) == pytest.approx(-0.5, abs=0.005)
 
 
-def test_unfit_records_are_input_errors() -> None:
+def test_harmonic_response_refuses_invalid_records() -> None:
     time = np.arange(0.0, 2.0, 0.01)
     wave = np.sin(2.0 * np.pi * time)
     with pytest.raises(InputError, match="2 whole periods"):
         harmonic_response(time, wave, wave, 1.0, discard=0.0)
-    with pytest.raises(InputError, match="samples a period"):
+    with pytest.raises(InputError, match="samples per period"):
         harmonic_response(time, wave, wave, 20.0)
     with pytest.raises(InputError, match="no amplitude"):
         harmonic_response(time, np.zeros(200), wave, 5.0, discard=0.0)
@@ -205,14 +205,14 @@ def test_unfit_records_are_input_errors() -> None:
 
 
 @pytest.fixture(scope="module")
-def swinging(small_bed: Scene) -> Scene:
+def bed_under_oscillation(small_bed: Scene) -> Scene:
     return small_bed.replace(
         **{
             "effects.drag.coefficient": "1 kg/s",
             "protocol": [
                 {"name": "settle", "kind": "hold", "duration": 0.5},
                 {
-                    "name": "swing",
+                    "name": "oscillation",
                     "kind": "oscillate",
                     "amplitude": "0.1 D",
                     "frequency": "4 Hz",
@@ -223,17 +223,17 @@ def swinging(small_bed: Scene) -> Scene:
     )
 
 
-def test_bed_under_a_swinging_piston_is_a_damped_spring(swinging: Scene) -> None:
-    """The force rises as the piston descends, and the drag makes it lead: work goes in."""
-    run = simulate(swinging, progress=False)
+def test_bed_under_an_oscillating_piston_responds_as_a_damped_spring(bed_under_oscillation: Scene) -> None:
+    """The force rises as the piston descends, and drag makes it lead, so that the bed takes up work."""
+    run = simulate(bed_under_oscillation, progress=False)
     found = stage_response(run)
-    assert found.attrs["stage"] == "swing"
+    assert found.attrs["stage"] == "oscillation"
     assert found.attrs["periods"] == 6
     assert found.attrs["drive_amplitude"] == pytest.approx(0.6e-3, rel=1e-6)
     assert found["ratio"].attrs["units"] == "N/m"
     phase = float(found["phase"][0])
     assert -np.pi < phase < -0.5 * np.pi
-    # The work a period, pi F z sin(angle by which -F leads z), is that of the ledger.
+    # The work per period, pi F z sin(angle by which -F leads z), agrees with the energy ledger.
     data = run.dataset
     lag = float(found["ratio"][0]) * np.sin(phase) * 0.6e-3**2 * np.pi
     time, work = data["time"].values, data["work"].values
@@ -243,14 +243,14 @@ def test_bed_under_a_swinging_piston_is_a_damped_spring(swinging: Scene) -> None
         stage_response(run, "settle")
 
 
-def test_a_run_without_drive_is_an_input_error(make_run: MakeRun) -> None:
+def test_stage_response_refuses_a_run_without_drive(make_run: MakeRun) -> None:
     with pytest.raises(InputError, match="0 stages with a sinusoidal drive; give it"):
         stage_response(make_run(np.zeros((1, 3, 2))))
 
 
 @pytest.mark.long
-def test_pushed_damper_answers_like_its_small_swing(damper: Scene) -> None:
-    """Period 0.288 s and damping ratio 0.037 of the released piston give the answer at 3 Hz."""
+def test_response_to_a_push_matches_the_damped_small_oscillation(damper: Scene) -> None:
+    """Period 0.288 s and damping ratio 0.037 of the released piston give the response at 3 Hz."""
     run = simulate(
         damper.replace(
             **{

@@ -1,4 +1,4 @@
-"""Observables of runs in a periodic cell: the same at all images of the grains."""
+"""Observables of runs in a periodic cell do not depend on the image of a grain."""
 
 import dataclasses
 from collections.abc import Callable
@@ -40,20 +40,20 @@ def scene(count: int, width: float = WIDTH, height: float = HEIGHT) -> Scene:
     )
 
 
-def in_the_cell(make_run: MakeRun, frames: np.ndarray, velocities: Any = None) -> Trajectory:
+def make_periodic_run(make_run: MakeRun, frames: np.ndarray, velocities: Any = None) -> Trajectory:
     run = make_run(frames, {"arrangement.height": "0.3 m"}, velocities=velocities)
     return dataclasses.replace(run, scene=scene(frames.shape[1]))
 
 
 def walk() -> np.ndarray:
-    """A crystal that shakes and drifts, and a grain less, so that there are defects."""
+    """A fluctuating, drifting crystal with one grain removed, so that it has defects."""
     sites = scene(COLUMNS * ROWS).initial_positions_and_velocities()[0]
     steps = 0.08 * SPACING * np.random.default_rng(1).normal(size=(4, *sites.shape))
     return np.delete(sites + steps.cumsum(axis=0) + 0.004, 90, axis=1)
 
 
 def defect_places(run: Trajectory) -> np.ndarray:
-    return np.asarray(track_defects(run, least=1)["position"].values)
+    return np.asarray(track_defects(run, minimum_frames=1)["position"].values)
 
 
 def forces(run: Trajectory) -> np.ndarray:
@@ -73,22 +73,22 @@ def stress(run: Trajectory) -> np.ndarray:
 
 
 @pytest.mark.parametrize("measure", [lindemann, relaxation, non_affine_series, stress, defect_places, forces])
-def test_it_does_not_matter_at_which_image_a_grain_is(
+def test_observables_do_not_depend_on_the_image_of_a_grain(
     make_run: MakeRun, measure: Callable[[Trajectory], Any]
 ) -> None:
-    """As after long diffusion, where places that are not brought back are far apart."""
+    """As after long diffusion, when unwrapped positions are far apart."""
     frames = walk()
     turns = np.random.default_rng(2).integers(-3, 4, frames.shape[1:])
-    wanted = measure(in_the_cell(make_run, frames))
-    found = measure(in_the_cell(make_run, frames + turns * [WIDTH, HEIGHT]))
+    wanted = measure(make_periodic_run(make_run, frames))
+    found = measure(make_periodic_run(make_run, frames + turns * [WIDTH, HEIGHT]))
     np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-12)
     assert np.isfinite(np.asarray(wanted, dtype=float)).any()
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("columns", "short"), [(12, 0.107), (64, 0.020)])
-def test_nearest_images_leave_out_a_part_of_the_pressure(columns: int, short: float) -> None:
-    """Next to 3/2 of the energy over the area, which holds for any sum of r^-3 in the plane."""
+def test_nearest_images_omit_part_of_the_pressure(columns: int, short: float) -> None:
+    """Compare with 3/2 of the energy over the area, which holds for any sum of r^-3 in the plane."""
     width = columns * 2.4 * 0.006
     still = scene(columns**2, width, width * np.sqrt(0.75)).replace(**{"pairs.method": "mesh"})
     places = still.initial_positions_and_velocities()[0]
@@ -97,22 +97,22 @@ def test_nearest_images_leave_out_a_part_of_the_pressure(columns: int, short: fl
     assert 1.0 - found / wanted == pytest.approx(short, abs=1e-3)
 
 
-def test_a_movie_takes_grains_across_a_side_by_the_short_way(make_run: MakeRun) -> None:
+def test_a_movie_interpolates_across_a_periodic_side(make_run: MakeRun) -> None:
     frames = np.array([[[0.99 * WIDTH, 0.5 * HEIGHT]], [[1.01 * WIDTH, 0.5 * HEIGHT]]])
     speed = np.broadcast_to([0.02 * WIDTH, 0.0], frames.shape)
-    run = in_the_cell(make_run, frames, speed)
+    run = make_periodic_run(make_run, frames, speed)
     place = [one.positions[0, 0] / WIDTH for one in interpolate_bed(run, [0, 1], np.array([0.25, 0.75]))]
     np.testing.assert_allclose(place, [0.995, 0.005], atol=1e-12)
 
 
-def test_packing_is_that_of_the_cell(make_run: MakeRun) -> None:
-    run = in_the_cell(make_run, walk())
+def test_packing_fraction_of_a_periodic_cell_uses_the_whole_cell(make_run: MakeRun) -> None:
+    run = make_periodic_run(make_run, walk())
     found = per_frame(run, "packing").values
     covered = (COLUMNS * ROWS - 1) * np.pi / 4.0 * 0.006**2
     np.testing.assert_allclose(found, covered / (WIDTH * HEIGHT))
 
 
-def test_a_scene_tells_of_its_sides() -> None:
+def test_a_scene_prints_its_periodic_sides() -> None:
     assert "126 mm high (21 D), periodic, packing" in scene_text(
         scene(24).replace(**{"cell.height": "126 mm"})
     )

@@ -1,4 +1,4 @@
-"""Moduli of the crystal of dipoles by its lattice sum, and of beds by small strains."""
+"""Moduli of the dipole crystal from its lattice sum, and of beds from small strains."""
 
 import math
 from collections.abc import Callable
@@ -49,8 +49,8 @@ def strength_of(scene: Scene) -> float:
     return dipole_pair_strength(scales.current * scales.length**2)
 
 
-def test_lattice_sum() -> None:
-    """Against the sum over a large disc and a continuum beyond."""
+def test_lattice_sum_matches_a_sum_over_a_large_disc() -> None:
+    """Compare with the sum over a large disc and a continuum beyond it."""
     reach = 400
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-2 * reach, 2 * reach + 1))
     squares = (i * i + i * j + j * j).ravel()
@@ -59,8 +59,8 @@ def test_lattice_sum() -> None:
     assert hexagonal_lattice_sum() == pytest.approx(brute, rel=1e-5)
 
 
-def test_crystal_follows_the_power_and_the_known_limits() -> None:
-    """In units of Gamma T/a^2; von Gruenberg et al. 2004 have K = 1.258 Gamma."""
+def test_crystal_moduli_follow_the_power_law_and_published_limits() -> None:
+    """In units of Gamma T/a^2; von Gruenberg et al. 2004 give K = 1.258 Gamma."""
     one, four = crystal_moduli(1.0, 1.0), crystal_moduli(4.0, 1.0)
     assert four.pressure / one.pressure == pytest.approx(32.0, rel=1e-12)
     step = 1e-5
@@ -78,7 +78,7 @@ def test_crystal_follows_the_power_and_the_known_limits() -> None:
 
 
 @pytest.mark.parametrize("reach", [3.0, 6.0, pytest.param(10.0, marks=pytest.mark.long)])
-def test_patch_of_a_crystal_has_the_moduli_of_the_lattice(bed: Scene, reach: float) -> None:
+def test_inner_part_of_a_crystal_patch_has_the_lattice_moduli(bed: Scene, reach: float) -> None:
     points = hexagonal(int(2.0 * reach) + 10, int(2.4 * reach) + 10, SPACING)
     scene = scene_of(bed, len(points))
     found = bed_moduli(scene, points, reach)
@@ -99,8 +99,8 @@ def test_affine_moduli_of_dipoles_follow_from_the_pressure(bed: Scene, random: n
 
 
 @quick_in_plain_python
-def test_grains_in_contact_have_the_moduli_of_a_deformed_cell(bed: Scene) -> None:
-    """Energy of a periodic crystal of pressed grains, whose cell is deformed by 3e-4."""
+def test_moduli_of_grains_in_contact_match_a_deformed_periodic_cell(bed: Scene) -> None:
+    """Compare with the energy of a periodic crystal of compressed grains under a strain of 3e-4."""
     spacing, step = 0.97 * 0.006, 3e-4
     height = math.sqrt(3.0) * spacing
 
@@ -124,8 +124,8 @@ def test_grains_in_contact_have_the_moduli_of_a_deformed_cell(bed: Scene) -> Non
 
 
 @pytest.mark.long  # quick: the stiffness of discs in plain Python
-def test_discs_have_the_moduli_of_their_lattice(bed: Scene) -> None:
-    """Energy of a lattice of discs out to 30 spacings, and of dipoles beyond, over its spacing."""
+def test_moduli_of_discs_match_their_lattice_energy(bed: Scene) -> None:
+    """Differentiate the energy of a lattice by its spacing: discs within 30 spacings, dipoles beyond."""
     reach, step = 30, 1e-3
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-2 * reach, 2 * reach + 1))
     squares, times = np.unique(i * i + i * j + j * j, return_counts=True)
@@ -151,8 +151,8 @@ def test_discs_have_the_moduli_of_their_lattice(bed: Scene) -> None:
     assert found.bulk > 2.51 * found.pressure
 
 
-def test_relaxing_gives_back_what_a_solver_finds(bed: Scene, random: np.random.Generator) -> None:
-    """Energy of the inner grains after a shear, with what acts at the start as an outer force."""
+def test_relaxed_moduli_match_numerical_energy_minimisation(bed: Scene, random: np.random.Generator) -> None:
+    """Energy of the inner grains after a shear, with the initial residual forces as external forces."""
     points = SPACING * (hexagonal(11, 12) + 0.06 * random.normal(size=(132, 2)))
     scene = scene_of(bed, 132)
     reach = 3.0
@@ -197,11 +197,11 @@ def test_relaxing_gives_back_what_a_solver_finds(bed: Scene, random: np.random.G
     assert found.affine.shear - found.relaxed.shear == pytest.approx(lost, rel=0.02)
 
 
-def test_what_cannot_be(bed: Scene) -> None:
+def test_moduli_refuse_invalid_input(bed: Scene) -> None:
     points = hexagonal(6, 6, SPACING)
     with pytest.raises(InputError, match="larger bed"):
         bed_moduli(scene_of(bed, 36), points)
-    with pytest.raises(InputError, match="give all"):
+    with pytest.raises(InputError, match="give one for each grain"):
         bed_moduli(scene_of(bed, 30), points)
     with pytest.raises(InputError, match="density -1 is not above 0"):
         crystal_moduli(-1.0, 1.0)

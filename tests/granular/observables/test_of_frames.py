@@ -1,4 +1,4 @@
-"""Observables of the package and of the user's own, and their pictures."""
+"""Built-in and user-defined observables, and their plots."""
 
 import csv
 import subprocess
@@ -35,8 +35,8 @@ OWN = """
 import numpy as np
 from granular.observables import observable
 
-@observable("N", "greatest force on a grain")
-def greatest_force(frame):
+@observable("N", "maximum force on a grain")
+def maximum_force(frame):
     return np.nanmax(np.linalg.norm(frame.forces, axis=1))
 """
 
@@ -48,8 +48,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Trajectory:
     return simulate(scene, t_end=0.01, out=out, progress=False)
 
 
-@observable("N", "greatest force on a grain")
-def greatest_force(frame: Frame) -> float:
+@observable("N", "maximum force on a grain")
+def maximum_force(frame: Frame) -> float:
     return float(np.nanmax(np.linalg.norm(frame.forces, axis=1)))
 
 
@@ -58,20 +58,20 @@ def grain_momentum(frame: Frame) -> np.ndarray:
     return frame.masses[:, None] * frame.velocities
 
 
-def test_they_stand_in_the_dataset_with_unit_and_time(run: Trajectory) -> None:
+def test_observables_join_the_dataset_with_unit_and_time(run: Trajectory) -> None:
     data = run.dataset.assign(
-        greatest_force=per_frame(run, greatest_force), momentum=per_frame(run, grain_momentum)
+        maximum_force=per_frame(run, maximum_force), momentum=per_frame(run, grain_momentum)
     )
     force = np.linalg.norm(run.dataset["force"].values, axis=2)
-    assert (data["greatest_force"].values == force.max(axis=1)).all()
-    assert data["greatest_force"].attrs == {"units": "N", "long_name": "greatest force on a grain"}
+    assert (data["maximum_force"].values == force.max(axis=1)).all()
+    assert data["maximum_force"].attrs == {"units": "N", "long_name": "maximum force on a grain"}
     assert data["momentum"].dims == ("frame", "grain", "axis")
     assert (data["frame_time"] == run.dataset["frame_time"]).all()
     kinetic = (data["momentum"] * data["velocity"]).sum(("grain", "axis")).values / 2.0
     assert kinetic[-1] == pytest.approx(float(data["kinetic_energy"][-1]), rel=1e-12)
 
 
-def test_those_of_the_package_are_its_functions(run: Trajectory) -> None:
+def test_built_in_observables_equal_their_functions(run: Trajectory) -> None:
     data, masses = run.dataset, run.scene.grains.masses()
     expected = {
         "mean_distance": [mean_pair_distance(one) for one in data["position"].values],
@@ -83,7 +83,7 @@ def test_those_of_the_package_are_its_functions(run: Trajectory) -> None:
         np.testing.assert_array_equal(per_frame(run, OBSERVABLES[name]), per_frame(run, name))
 
 
-def test_a_run_without_piston_has_no_piston_height() -> None:
+def test_frames_of_a_run_without_piston_have_nan_piston_height() -> None:
     lone = simulate(load_scene("single-particle"), t_end=0.002, progress=False)
     found = per_frame(lone, lambda frame: frame.piston_height)
     assert np.isnan(found).all()
@@ -94,54 +94,56 @@ def test_a_run_without_piston_has_no_piston_height() -> None:
     [
         (lambda frame: frame.nothing, "fails at 0 s: AttributeError"),
         (lambda frame: "words", "fails at 0 s: ValueError"),
-        (lambda frame: np.zeros(3), r"the shape \(3,\); give a number, one a grain"),
+        (lambda frame: np.zeros(3), r"the shape \(3,\); give one number, one per grain"),
         (lambda frame: np.zeros(1 + int(frame.time > 0.0)), "values of the shape"),
     ],
 )
-def test_what_is_no_value_is_refused(run: Trajectory, function: Any, words: str) -> None:
+def test_functions_that_fail_or_return_wrong_shapes_are_refused(
+    run: Trajectory, function: Any, words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         per_frame(run, observable("1", name="mine")(function))
 
 
-def test_names_and_units_are_checked(run: Trajectory) -> None:
+def test_names_and_units_of_observables_are_checked(run: Trajectory) -> None:
     with pytest.raises(SceneError, match="fortnight"):
         observable("fortnight")
     with pytest.raises(InputError, match="'two words'; give a name"):
         observable("N", name="two words")(lambda frame: 0.0)
     with pytest.raises(InputError, match=r"did you mean 'hexatic_order'.*--import FILE"):
         per_frame(run, "hexatic_ordre")
-    with pytest.raises(InputError, match="a value a grain"):
+    with pytest.raises(InputError, match="a value for each grain"):
         observables_table(run, [grain_momentum])
 
 
-def test_the_command_writes_a_table(run: Trajectory, tmp_path: Path) -> None:
+def test_the_observe_command_writes_a_table(run: Trajectory, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(OWN)
-    words = ["observe", str(run.path), "mean_distance", "greatest_force", "--quiet"]
+    words = ["observe", str(run.path), "mean_distance", "maximum_force", "--quiet"]
     table = tmp_path / "table.csv"
     assert launch(main, [*words, "-o", str(table)]) == 2
     assert launch(main, [*words, "--import", str(tmp_path / "mine.py"), "-o", str(table)]) == 0
     with table.open(newline="") as file:
         rows = list(csv.reader(file))
-    assert rows[0] == ["time [s]", "mean_distance [m]", "greatest_force [N]"]
+    assert rows[0] == ["time [s]", "mean_distance [m]", "maximum_force [N]"]
     again = [*words, "--import", str(tmp_path / "mine.py"), "-o", str(table)]
-    assert launch(main, again) == 2  # nothing is replaced unasked
+    assert launch(main, again) == 2  # existing files are not overwritten
     assert launch(main, [*again, "--force"]) == 0
-    assert [float(row[2]) for row in rows[1:]] == per_frame(run, greatest_force).values.tolist()
+    assert [float(row[2]) for row in rows[1:]] == per_frame(run, maximum_force).values.tolist()
 
 
-def test_an_observable_is_a_measure_of_a_study(run: Trajectory, tmp_path: Path) -> None:
+def test_an_observable_can_be_the_measure_of_a_study(run: Trajectory, tmp_path: Path) -> None:
     from granular.user_code import import_user_code
 
     (tmp_path / "mine.py").write_text(OWN)
-    measure = import_user_code([tmp_path / "mine.py"])["greatest_force"]
-    assert measure(run) == {"greatest_force": per_frame(run, greatest_force).values[-1]}
+    measure = import_user_code([tmp_path / "mine.py"])["maximum_force"]
+    assert measure(run) == {"maximum_force": per_frame(run, maximum_force).values[-1]}
     (tmp_path / "named.py").write_text(OWN.replace("return", "return {'all': 1.0}\n    return"))
-    measure = import_user_code([tmp_path / "named.py"])["greatest_force"]
-    assert measure(run) == {"greatest_force.all": 1.0}
+    measure = import_user_code([tmp_path / "named.py"])["maximum_force"]
+    assert measure(run) == {"maximum_force.all": 1.0}
 
 
-def test_an_installed_distribution_offers_observables(installed: Callable[..., None]) -> None:
-    offered = {"lab": "greatest_force", "no": "no", "gone": "gone"}
+def test_an_installed_package_can_provide_observables(installed: Callable[..., None]) -> None:
+    offered = {"lab": "maximum_force", "no": "no", "gone": "gone"}
     installed("observables", OWN + "no = 3\n", offered)
     found = observable_metadata(OBSERVABLES.find("lab"))
     assert found is not None
@@ -154,7 +156,7 @@ def test_an_installed_distribution_offers_observables(installed: Callable[..., N
         OBSERVABLES.find("gone")
 
 
-def test_import_is_light_and_arrays_need_no_plotting() -> None:
+def test_importing_observables_does_not_import_heavy_libraries() -> None:
     code = (
         "import sys, numpy, granular.observables; "
         "print([one for one in ('scipy', 'matplotlib', 'xarray', 'numba') if one in sys.modules]); "
@@ -166,7 +168,7 @@ def test_import_is_light_and_arrays_need_no_plotting() -> None:
     assert done.stdout.split() == ["[]", "[]"]
 
 
-def test_cells_are_drawn_in_the_colours_of_their_sides(random: np.random.Generator) -> None:
+def test_cells_are_coloured_by_their_number_of_sides(random: np.random.Generator) -> None:
     points = random.random((150, 2)) * 0.1
     cells = observables.voronoi_cells(points)
     axes = plots.plot_cells(cells, points)
@@ -182,7 +184,7 @@ def test_cells_are_drawn_in_the_colours_of_their_sides(random: np.random.Generat
     assert named == [list(SIDES)[k] for k in sorted(set(np.clip(sides, 4, 8) - 4))]
 
 
-def test_pictures_show_what_was_measured(make_run: MakeRun, random: np.random.Generator) -> None:
+def test_plots_show_the_measured_values(make_run: MakeRun, random: np.random.Generator) -> None:
     frames = 0.006 * (hexagonal(9, 8) + 0.25 * random.normal(size=(3, 72, 2)))
     forces = random.normal(size=frames.shape)
     time = np.linspace(0.0, 2.0, 21)

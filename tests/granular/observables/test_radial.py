@@ -1,4 +1,4 @@
-"""Correlations in space against brute force, and order and motion in time."""
+"""Spatial correlations compared with brute force, and order and motion in time."""
 
 import itertools
 import math
@@ -26,13 +26,13 @@ from .conftest import MakeRun, hexagonal, rotated
 
 
 def distances(points: np.ndarray) -> np.ndarray:
-    """All pairs i < j, by brute force."""
+    """Distances of all pairs i < j, by brute force."""
     i, j = np.triu_indices(len(points), 1)
     return np.sqrt(((points[i] - points[j]) ** 2).sum(axis=1))
 
 
 def share_nearer(a: float, b: float, r: float) -> float:
-    """Fraction of the pairs of uniform points in a x b that are nearer than r, by quadrature."""
+    """Fraction of pairs of uniform points in a x b with a distance below r, by quadrature."""
 
     def strip(x: float) -> float:
         y = np.sqrt(max(r * r - x * x, 0.0))
@@ -51,17 +51,17 @@ def brute_force(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("lattice", [False, True])
-def test_brute_force_agrees(lattice: bool, random: np.random.Generator) -> None:
+def test_radial_distribution_matches_brute_force(lattice: bool, random: np.random.Generator) -> None:
     points = hexagonal(20, 17) if lattice else random.random((300, 2)) * [3.0, 1.3]
     shorter = np.ptp(points, axis=0).min()
     edges = np.linspace(0.0, 0.997 * shorter, 41)
-    # The rounding of sqrt decides about pairs at an edge: none may be there.
+    # Rounding of the square root decides about pairs exactly at an edge, so there must be none.
     assert np.abs(distances(points)[:, None] - edges).min() > 1e-9
     found = radial_distribution(points, edges)
     np.testing.assert_allclose(found.values, brute_force(points, edges), rtol=1e-12, atol=1e-13)
 
 
-def test_absent_grains_and_defaults(random: np.random.Generator) -> None:
+def test_absent_grains_are_ignored_and_default_edges_are_used(random: np.random.Generator) -> None:
     points = random.random((80, 2)) * [2.0, 1.0]
     gaps = np.insert(points, [0, 7], np.nan, axis=0)
     found, wanted = radial_distribution(gaps), radial_distribution(points)
@@ -69,17 +69,17 @@ def test_absent_grains_and_defaults(random: np.random.Generator) -> None:
     assert found.edges[-1] == pytest.approx(0.5 * np.ptp(points[:, 1]))
 
 
-def test_unfit_arguments_are_input_errors(random: np.random.Generator) -> None:
+def test_correlations_refuse_invalid_arguments(random: np.random.Generator) -> None:
     points = random.random((30, 2))
-    with pytest.raises(InputError, match="beyond the shorter side"):
+    with pytest.raises(InputError, match="exceeds the shorter side"):
         radial_distribution(points, np.array([0.0, 1.2]))
-    with pytest.raises(InputError, match="increase"):
+    with pytest.raises(InputError, match="increasing"):
         radial_distribution(points, np.array([0.3, 0.2]))
     with pytest.raises(InputError, match=r"the box has the shape \(3,\)"):
         radial_distribution(hexagonal(4, 4), box=np.ones(3))
-    with pytest.raises(InputError, match="outside of the box"):
+    with pytest.raises(InputError, match="outside the box"):
         radial_distribution(points, box=np.array([[0.0, 0.0], [0.5, 0.5]]))
-    with pytest.raises(InputError, match="at least 2"):
+    with pytest.raises(InputError, match="needs 2 or more"):
         radial_distribution(points[:1])
     with pytest.raises(InputError, match="interior cell"):
         bond_correlation(points[:3])
@@ -92,7 +92,7 @@ def test_bond_correlation_of_a_crystal_is_one() -> None:
     assert np.isnan(found.values[found.pairs == 0]).all()
 
 
-def test_bond_correlation_is_that_of_brute_force(random: np.random.Generator) -> None:
+def test_bond_correlation_matches_brute_force(random: np.random.Generator) -> None:
     points = random.random((200, 2))
     edges = np.linspace(0.0, 0.5, 16)
     found = bond_correlation(points, edges)
@@ -104,7 +104,9 @@ def test_bond_correlation_is_that_of_brute_force(random: np.random.Generator) ->
     np.testing.assert_allclose(found.values, wanted, rtol=0.0, atol=1e-12)
 
 
-def test_over_the_frames_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
+def test_per_distance_averages_frames_weighted_by_pairs(
+    make_run: MakeRun, random: np.random.Generator
+) -> None:
     frames = random.random((4, 40, 2)) * 0.06
     run = make_run(frames)
     edges = np.linspace(0.0, 0.02, 9)
@@ -127,8 +129,8 @@ def walk(random: np.random.Generator, frames: int, step: float) -> np.ndarray:
     return np.asarray(hexagonal(25, 20)[None] + np.cumsum(steps, axis=0))
 
 
-def test_random_walk(make_run: MakeRun, random: np.random.Generator) -> None:
-    """<r^2> = 2 s^2 t, gamma = 2 s^2 t/a^2 of independent normal steps."""
+def test_displacements_of_a_random_walk(make_run: MakeRun, random: np.random.Generator) -> None:
+    """For independent normal steps <r^2> = 2 s^2 t and gamma = 2 s^2 t/a^2."""
     frames, lags = walk(random, 60, 0.01), np.array([1, 4, 16])
     np.testing.assert_allclose(mean_square_displacement(frames, lags), 2e-4 * lags, rtol=0.05)
     np.testing.assert_allclose(lindemann_parameter(frames, lags), 2e-4 * lags, rtol=0.08)
@@ -140,16 +142,16 @@ def test_random_walk(make_run: MakeRun, random: np.random.Generator) -> None:
     assert float(per_lag(run, lindemann_parameter)[0]) == pytest.approx(2e-4, rel=0.08)
 
 
-def test_waves_move_grains_and_not_neighbours() -> None:
-    """A crystal that is carried along: the displacement grows, the Lindemann parameter is 0."""
+def test_lindemann_parameter_ignores_a_common_displacement() -> None:
+    """In a translated crystal the displacement grows while the Lindemann parameter stays 0."""
     frames = hexagonal(10, 10)[None] + 0.1 * np.arange(6.0)[:, None, None]
     assert mean_square_displacement(frames, np.array([5]))[0] == pytest.approx(0.5)
     np.testing.assert_allclose(lindemann_parameter(frames), 0.0, atol=1e-20)
     np.testing.assert_allclose(bond_relaxation(frames), 1.0, rtol=1e-9)
 
 
-def test_bond_orientation_of_a_turning_crystal(make_run: MakeRun) -> None:
-    """cos(6 omega t)."""
+def test_bond_relaxation_of_a_rotating_crystal(make_run: MakeRun) -> None:
+    """The correlation is g6(t) = cos(6 omega t)."""
     omega = 0.02
     frames = np.array([rotated(hexagonal(12, 12), omega * k) for k in range(20)])
     lags = np.array([1, 5, 19])
@@ -159,7 +161,7 @@ def test_bond_orientation_of_a_turning_crystal(make_run: MakeRun) -> None:
     )
 
 
-def test_strain_is_affine_and_a_hop_is_not(make_run: MakeRun) -> None:
+def test_d2min_is_zero_for_affine_strain_and_positive_for_a_hop(make_run: MakeRun) -> None:
     points = hexagonal(10, 10)
     gradient = np.array([[1.02, 0.05], [-0.01, 0.97]])
     strained = points @ gradient.T
@@ -173,7 +175,7 @@ def test_strain_is_affine_and_a_hop_is_not(make_run: MakeRun) -> None:
     strained[hop] += [0.3, 0.0]
     jumped = non_affine_motion(points, strained).d2min
     assert int(np.nanargmax(jumped)) != 0
-    # What one of six neighbours does alone: the best strain takes a third of it.
+    # One of six neighbours moves alone: the best local strain accounts for a third of its displacement.
     neighbours = np.flatnonzero(np.linalg.norm(points - points[hop], axis=1).round(6) == 1.0)
     np.testing.assert_allclose(
         jumped[neighbours], np.linalg.norm([0.3, 0.0]) ** 2 / 6.0 * (2.0 / 3.0), rtol=1e-6
@@ -184,7 +186,7 @@ def test_strain_is_affine_and_a_hop_is_not(make_run: MakeRun) -> None:
     assert float(series[2, neighbours[0]]) == pytest.approx(0.006**2 * jumped[neighbours[0]])
 
 
-def test_wrong_lags_and_frames(make_run: MakeRun) -> None:
+def test_invalid_lags_and_frames_are_refused(make_run: MakeRun) -> None:
     frames = np.array([hexagonal(6, 6)] * 4)
     with pytest.raises(InputError, match="take 1 to 3 frames"):
         mean_square_displacement(frames, np.array([4]))

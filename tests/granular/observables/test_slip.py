@@ -1,4 +1,4 @@
-"""Drops of a force, and Orowan's sum and the strain of bonds over made films."""
+"""Drops of a force, and plastic and elastic strain in synthetic sequences."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def area_of(frames: np.ndarray) -> float:
 
 
 def check(name: str, error: float = 0.06) -> None:
-    """The distortion b (z x d)/A of what was put in, from its first to its last frame."""
+    """Compare with the distortion b (z x d)/A of the prescribed defects, from first to last frame."""
     made, _ = FILMS[name]
     frames = frames_of(name)
     found = plastic_distortion(frames)
@@ -46,19 +46,19 @@ def check(name: str, error: float = 0.06) -> None:
     np.testing.assert_allclose(found.moves[-1], wanted, atol=error * np.abs(wanted).max())
 
 
-def test_glide_shears_as_it_was_driven() -> None:
+def test_glide_gives_the_prescribed_shear() -> None:
     check("glide with jitter")
 
 
 def test_climb_changes_the_area_and_glide_does_not() -> None:
-    """An extra half row above its end, which goes up, is shorter."""
+    """The extra half row above the core becomes shorter as the core moves up."""
     right, up = np.array([1.0, 0.0]), np.array([0.0, 1.0])
     assert areal_strain(slip_area_tensor(right, up)[None])[0] == -1.0
     assert areal_strain(slip_area_tensor(right, right)[None])[0] == 0.0
     assert slip_area_tensor(right, right)[0, 1] == 1.0
 
 
-def test_way_to_the_edge_is_along_the_burgers_vector() -> None:
+def test_glide_displacement_to_the_edge_is_along_the_burgers_vector() -> None:
     box = np.array([[0.0, 0.0], [10.0, 6.0]])
     np.testing.assert_allclose(
         glide_displacement_to_edge(np.array([3.0, 2.0]), np.array([1.0, 0.0]), box), [-3.0, 0.0]
@@ -68,23 +68,23 @@ def test_way_to_the_edge_is_along_the_burgers_vector() -> None:
     assert not glide_displacement_to_edge(np.array([11.0, 2.0]), np.array([1.0, 0.0]), box).any()
 
 
-def test_bonds_share_the_strain_of_a_lattice_and_no_rotation() -> None:
+def test_elastic_strain_follows_lattice_strain_but_not_rotation() -> None:
     lattice = hexagonal(14, 14)
     squeezed = lattice * np.array([1.02, 0.97])
     found = elastic_strain(np.array([lattice, squeezed, rotated(lattice, 0.1)]))
     assert axial_strain_difference(found)[1] == pytest.approx(np.log(0.97 / 1.02), rel=1e-3)
     assert areal_strain(found)[1] == pytest.approx(np.log(0.97 * 1.02), rel=1e-3)
-    # Which bonds are inner ones depends on the box about the grains, which does not turn with them.
+    # The choice of inner bonds depends on the bounding box, which does not rotate with the grains.
     np.testing.assert_allclose(found[2], 0.0, atol=2e-3)
     assert not plastic_distortion(np.array([lattice, squeezed])).total.any()
     assert np.isnan(elastic_strain(lattice[None, :4])).all()
     with pytest.raises(InputError, match="0 frames"):
         elastic_strain(lattice[None][:0])
-    with pytest.raises(InputError, match="no grain of a frame"):
+    with pytest.raises(InputError, match="a frame has no grain"):
         plastic_distortion(np.array([lattice, np.nan * lattice]))
 
 
-def test_drops_of_a_saw() -> None:
+def test_plastic_events_of_a_sawtooth() -> None:
     values = np.array([0.0, 1.0, 0.4, 0.3, 1.5, 1.45, 2.0, 0.0])
     found = plastic_events(np.arange(8.0) * 0.1, values, 0.1)
     assert found.begin.tolist() == [1, 6]
@@ -94,7 +94,7 @@ def test_drops_of_a_saw() -> None:
     assert len(plastic_events(np.arange(3.0), np.arange(3.0), 0.1).size) == 0
 
 
-def test_exponent_of_drawn_drops(random: np.random.Generator) -> None:
+def test_exponent_of_power_law_samples_is_recovered(random: np.random.Generator) -> None:
     sizes = 0.2 * random.random(20_000) ** (-1.0 / 0.7)
     found = drop_statistics(sizes, 0.2)
     assert abs(found.exponent - 1.7) < 3.0 * found.error
@@ -102,7 +102,7 @@ def test_exponent_of_drawn_drops(random: np.random.Generator) -> None:
     assert found.events == 20_000
 
 
-def test_of_a_run_and_wrong_input(make_run: MakeRun) -> None:
+def test_plastic_events_of_a_run_and_invalid_input(make_run: MakeRun) -> None:
     columns = {
         "time": np.arange(4.0),
         "piston_height": np.full(4, 0.3),
@@ -116,5 +116,5 @@ def test_of_a_run_and_wrong_input(make_run: MakeRun) -> None:
         plastic_events(np.arange(2.0), np.arange(2.0), 0.0)
     with pytest.raises(InputError, match="not finite"):
         plastic_events(np.arange(2.0), np.array([1.0, np.nan]), 1.0)
-    with pytest.raises(InputError, match=r"drops of the shape \(2,\); finite"):
+    with pytest.raises(InputError, match=r"drops of the shape \(2,\); give finite"):
         drop_statistics(np.array([1.0, np.nan]), 1.0)

@@ -23,12 +23,12 @@ from .conftest import TWO_SPECIES, MakeRun
 
 
 def test_published_packing_fractions() -> None:
-    """0.241 for 368 grains of 6 mm in 60 D x 20 D, 0.34 for 400 of 5 mm in 66 D x 14 D."""
+    """0.241 for 368 grains of 6 mm in 60 D x 20 D, 0.34 for 400 grains of 5 mm in 66 D x 14 D."""
     assert packing_fraction(np.full(368, 6e-3), 0.36, 0.12) == pytest.approx(0.241, abs=5e-4)
     assert packing_fraction(np.full(400, 5e-3), 0.33, 0.07) == pytest.approx(0.34, abs=5e-4)
 
 
-def test_packing_of_a_run_follows_piston_and_lost_grains(
+def test_packing_fraction_of_a_run_follows_the_piston_and_lost_grains(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
     frames = random.random((3, 4, 2)) * 0.1
@@ -50,7 +50,7 @@ def test_pair_distance_is_the_mean_over_pairs(count: int, random: np.random.Gene
     assert depaula_pair_distance(points) == pytest.approx(wanted / 2.0, rel=1e-12)
 
 
-def test_absent_grains_have_no_distance(make_run: MakeRun) -> None:
+def test_distances_are_nan_without_grains(make_run: MakeRun) -> None:
     frame = np.array([[0.0, 0.0], [np.nan, np.nan], [0.03, 0.04]])
     assert mean_pair_distance(frame) == pytest.approx(0.05)
     assert np.isnan(mean_pair_distance(frame[:2]))
@@ -59,7 +59,7 @@ def test_absent_grains_have_no_distance(make_run: MakeRun) -> None:
     assert float(series[0]) == pytest.approx(0.05)
 
 
-def test_least_piston_distance_by_species(make_run: MakeRun) -> None:
+def test_minimum_piston_distance_by_species(make_run: MakeRun) -> None:
     frames = np.array([[[0.1, 0.10], [0.2, 0.15], [0.1, 0.20], [np.nan, np.nan]]])
     run = make_run(frames, {"grains.species": TWO_SPECIES}, heights=np.array([0.21]))
     owner = run.dataset["species"].values
@@ -74,7 +74,7 @@ def test_least_piston_distance_by_species(make_run: MakeRun) -> None:
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10**6), cuts=st.lists(st.floats(0.05, 0.95), min_size=0, max_size=12, unique=True))
 def test_profile_adds_up_to_the_packing_fraction(seed: int, cuts: list[float]) -> None:
-    """However the cell is cut into strips, the covered areas add up to those of the discs."""
+    """For any division into strips, the covered areas add up to the areas of the discs."""
     random = np.random.default_rng(seed)
     diameters = random.uniform(0.01, 0.1, 30)
     points = random.uniform(0.05, 0.95, (30, 2))
@@ -86,7 +86,7 @@ def test_profile_adds_up_to_the_packing_fraction(seed: int, cuts: list[float]) -
     assert profile @ np.diff(edges) == pytest.approx(float(packing_fraction(diameters, 1.0, 1.0)), rel=1e-12)
 
 
-def test_profile_of_one_disc_is_the_integral_of_its_chords() -> None:
+def test_area_profile_of_one_disc_is_the_integral_of_its_chords() -> None:
     radius, centre = 0.3, 0.5
     edges = np.array([0.1, 0.25, 0.4, 0.5, 0.77, 0.9])
     profile = area_fraction_profile(np.array([[0.4, centre]]), np.array([0.6]), 2.0, edges)
@@ -97,19 +97,19 @@ def test_profile_of_one_disc_is_the_integral_of_its_chords() -> None:
         angle = 0.5 * (a + b) + 0.5 * (b - a) * nodes
         area = 0.5 * (b - a) * weights @ (2.0 * radius**2 * np.cos(angle) ** 2)
         assert profile[k] * 2.0 * (high - low) == pytest.approx(area, rel=1e-12)
-    # A strip through the centre of a disc cut at both ends of its chord: half the disc.
+    # A strip that ends at the centre of a disc covers half the disc.
     half = area_fraction_profile(np.array([[0.4, 0.5]]), np.array([0.6]), 1.0, np.array([0.5, 0.8]))
     assert half[0] * 0.3 == pytest.approx(np.pi * 0.09 / 2.0, rel=1e-13)
 
 
-def test_profile_by_depth(make_run: MakeRun) -> None:
-    """Strips hang from the piston; the last one ends at the bottom, below it stands NaN."""
+def test_area_fraction_by_depth_below_the_piston(make_run: MakeRun) -> None:
+    """Strips start at the piston; the last one ends at the bottom, and values below it are NaN."""
     frames = np.array([[[0.1, 0.05], [0.2, 0.020]], [[0.1, 0.017], [0.2, 0.010]]])
     run = make_run(frames, heights=np.array([0.06, 0.026]))
     profile = area_fraction_by_depth(run, thickness=0.012)
     assert profile["depth"].values == pytest.approx([0.006, 0.018, 0.030, 0.042, 0.054])
     disc = np.pi * 0.003**2 / (0.36 * 0.012)
-    # Heights 0.048 to 0.06 hold all of the first disc but a part of it below 0.048.
+    # Heights 0.048 to 0.06 contain the first disc except its part below 0.048.
     assert float(profile[0, :2].sum()) == pytest.approx(disc, rel=1e-12)
     assert float(profile[0, 2:].sum()) == pytest.approx(disc, rel=1e-12)
     # In the second frame the strips are 0.014 to 0.026, 0.002 to 0.014 and 0 to 0.002.
@@ -118,11 +118,11 @@ def test_profile_by_depth(make_run: MakeRun) -> None:
     assert np.isnan(profile[1, 3:]).all()
 
 
-def test_unfit_arguments_are_input_errors(make_run: MakeRun) -> None:
+def test_packing_functions_refuse_invalid_arguments(make_run: MakeRun) -> None:
     points = np.zeros((2, 2))
-    with pytest.raises(InputError, match="one a grain"):
+    with pytest.raises(InputError, match="one per grain"):
         area_fraction_profile(points, np.ones(3), 1.0, np.array([0.0, 1.0]))
-    with pytest.raises(InputError, match="increase"):
+    with pytest.raises(InputError, match="increasing"):
         area_fraction_profile(points, np.ones(2), 1.0, np.array([1.0, 0.0]))
     with pytest.raises(InputError, match="above 0 m"):
         packing_fraction(np.ones(2), 1.0, 0.0)

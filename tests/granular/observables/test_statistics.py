@@ -1,4 +1,4 @@
-"""Statistics of a bed: bins, modes, directions, correlations, temperatures and the bi-exponential law."""
+"""Statistics of a bed: bins, modes, directions, correlations, temperatures, the bi-exponential law."""
 
 import math
 
@@ -28,7 +28,7 @@ from .conftest import TWO_SPECIES, MakeRun, hexagonal
 
 
 def knuth_posterior(values: np.ndarray, bins: int) -> float:
-    """[D, eq. 4.33], term by term."""
+    """Log posterior [D, eq. 4.33], term by term."""
     counts = np.histogram(values, bins)[0]
     n = len(values)
     return (
@@ -41,7 +41,7 @@ def knuth_posterior(values: np.ndarray, bins: int) -> float:
 
 
 @pytest.mark.parametrize("kind", ["normal", "two", "long-tailed", "few"])
-def test_knuth_has_the_greatest_posterior(kind: str, random: np.random.Generator) -> None:
+def test_knuth_bin_count_maximises_the_posterior(kind: str, random: np.random.Generator) -> None:
     values = {
         "normal": random.normal(size=400),
         "two": np.concatenate([random.normal(0, 1, 200), random.normal(9, 0.5, 200)]),
@@ -52,11 +52,11 @@ def test_knuth_has_the_greatest_posterior(kind: str, random: np.random.Generator
     assert knuth_bin_count(values) == int(np.argmax(posteriors)) + 1
 
 
-def test_knuth_sees_no_structure_in_uniform_values(random: np.random.Generator) -> None:
+def test_knuth_rule_gives_one_bin_for_uniform_values(random: np.random.Generator) -> None:
     assert knuth_bin_count(random.random(2000)) == 1
 
 
-def test_histogram_is_a_density(random: np.random.Generator) -> None:
+def test_histogram_density_integrates_to_one(random: np.random.Generator) -> None:
     values = np.append(random.normal(size=500), np.nan)
     found = knuth_histogram(values)
     assert found.counts.sum() == 500
@@ -64,19 +64,19 @@ def test_histogram_is_a_density(random: np.random.Generator) -> None:
     same = knuth_histogram(np.full(4, 2.0))
     assert same.counts.tolist() == [4]
     assert same.edges[0] < 2.0 < same.edges[1]
-    with pytest.raises(InputError, match="0 values"):
+    with pytest.raises(InputError, match="0 finite values"):
         knuth_histogram(np.array([np.nan]))
 
 
-def test_fluctuation_is_about_the_mean_of_the_species() -> None:
+def test_force_fluctuation_is_relative_to_the_species_mean() -> None:
     magnitudes = np.array([1.0, 3.0, np.nan, 10.0, 10.0, 0.0])
     species = np.array([0, 0, 0, 1, 1, 2])
     found = relative_force_fluctuation(magnitudes, species)
     np.testing.assert_allclose(found, [0.5, 0.5, np.nan, 0.0, 0.0, np.nan])
 
 
-def test_forces_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
-    """The weight of each species is taken off; the fluctuation uses what is left."""
+def test_interaction_forces_exclude_weight(make_run: MakeRun, random: np.random.Generator) -> None:
+    """The weight of each species is subtracted; the fluctuation uses the remaining force."""
     changes = {"grains.species": TWO_SPECIES}
     magnetic = random.normal(size=(2, 40, 2))
     magnetic[1, 5] = np.nan
@@ -94,12 +94,12 @@ def test_forces_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None
     np.testing.assert_allclose(fluctuation[0], relative_force_fluctuation(sizes, owner), rtol=1e-10)
 
 
-def test_shaken_cells_inertia_is_taken_off(make_run: MakeRun) -> None:
+def test_interaction_forces_exclude_inertia_of_a_shaken_cell(make_run: MakeRun) -> None:
     shaking = {"amplitude": "2 mm", "frequency": "3 Hz", "angle": 0.4}
     changes = {"effects.shaking": shaking, "effects.gravity": None}
     omega = 6.0 * np.pi
     mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
-    # The frames of the trajectory are at 0 s and 1 s; the cell swings as sin(w t).
+    # The frames of the trajectory are at 0 s and 1 s; the cell oscillates as sin(w t).
     apparent = mass * 0.002 * omega**2 * np.sin(omega * np.arange(2.0))
     direction = np.array([np.cos(0.4), np.sin(0.4)])
     forces = np.ones((2, 9, 1)) * apparent[:, None, None] * direction
@@ -108,7 +108,7 @@ def test_shaken_cells_inertia_is_taken_off(make_run: MakeRun) -> None:
 
 
 @pytest.mark.parametrize(("count", "strength"), [(3, 0.5), (12, 2.0), (200, 0.1), (200, 5.0)])
-def test_pearson_is_that_of_scipy(count: int, strength: float, random: np.random.Generator) -> None:
+def test_pearson_correlation_equals_scipy(count: int, strength: float, random: np.random.Generator) -> None:
     x = random.normal(size=count)
     y = strength * x + random.normal(size=count)
     found = pearson_correlation(np.append(x, np.nan), np.append(y, 1.0))
@@ -118,19 +118,19 @@ def test_pearson_is_that_of_scipy(count: int, strength: float, random: np.random
     assert found.samples == count
 
 
-def test_pearson_at_its_limits() -> None:
+def test_pearson_correlation_of_perfect_and_constant_samples() -> None:
     line = np.arange(5.0)
     assert pearson_correlation(line, -2.0 * line).coefficient == pytest.approx(-1.0)
     assert pearson_correlation(line, -2.0 * line).p_value == pytest.approx(0.0, abs=1e-12)
     assert np.isnan(pearson_correlation(line, np.ones(5)).coefficient)
-    with pytest.raises(InputError, match="at least 3"):
+    with pytest.raises(InputError, match="needs 3 or more"):
         pearson_correlation(line[:2], line[:2])
 
 
-def test_temperature_of_equilibrium_is_that_of_all_species(
+def test_species_in_equilibrium_have_the_same_temperature(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
-    """M v_x^2 = T for both species of a gas that drifts; the drift has no part in it."""
+    """M v_x^2 = T for both species of a drifting gas; the drift does not contribute."""
     changes = {"grains.species": TWO_SPECIES}
     run = make_run(np.zeros((1, 1000, 2)), changes)
     masses = 7368.0 * np.pi * 0.003 * run.dataset["diameter"].values ** 2 / 4.0
@@ -139,8 +139,8 @@ def test_temperature_of_equilibrium_is_that_of_all_species(
     velocities[0, 7] = np.nan
     run = make_run(np.zeros((1, 1000, 2)), changes, velocities=velocities)
     bed = per_frame(run, "temperature")
-    # Of 2 x 500 components each, the relative standard error is sqrt(2/1000) = 4.5 %; a mass that
-    # is left out changes the ratio of the species by 4.
+    # For 2 x 500 components each, the relative standard error is sqrt(2/1000) = 4.5 %; an omitted mass
+    # changes the ratio of the species by 4.
     assert float(bed[0]) == pytest.approx(wanted, rel=0.1)
     np.testing.assert_allclose(per_frame(run, "species_temperature")[0], wanted, rtol=0.15)
     assert bed.attrs["units"] == "J"
@@ -148,7 +148,7 @@ def test_temperature_of_equilibrium_is_that_of_all_species(
 
 
 def test_temperature_of_two_grains() -> None:
-    """Masses 1 and 3 at 4 and 0 m/s: V = 1 m/s, energies (9 + 3)/2 J, mean over two grains."""
+    """Masses 1 and 3 kg at 4 and 0 m/s: V = 1 m/s, energies (9 + 3)/2 J, mean over two grains."""
     velocities = np.array([[4.0, 0.0], [0.0, 0.0], [np.nan, np.nan]])
     assert kinetic_temperature(velocities, np.array([1.0, 3.0, 5.0])) == pytest.approx(3.0)
     assert np.isnan(kinetic_temperature(velocities[2:], np.array([1.0])))
@@ -167,7 +167,7 @@ PUBLISHED = [
 
 @pytest.mark.parametrize("values", PUBLISHED)
 @pytest.mark.parametrize("offset", [0.0, 2.0])
-def test_fit_finds_the_published_laws(values: tuple[float, ...], offset: float) -> None:
+def test_biexponential_fit_recovers_the_published_laws(values: tuple[float, ...], offset: float) -> None:
     a, l1, b, l2 = values
     x = np.linspace(0.0, 1.0, 21) + offset
     y = a * np.exp(l1 * x) + b * np.exp(l2 * x)
@@ -178,7 +178,7 @@ def test_fit_finds_the_published_laws(values: tuple[float, ...], offset: float) 
     assert fit.residual < 1e-8 * y.max()
 
 
-def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+def test_confidence_intervals_have_their_nominal_coverage() -> None:
     """95 % of 16 is 15.2, with a standard deviation of 0.9."""
     truth = np.array([0.435046, 0.00168275, 0.343908, 5.41306])
     x = np.linspace(0.0, 1.0, 21)
@@ -192,8 +192,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     assert (inside >= 13).all()
 
 
-def test_what_the_data_leave_open_is_said() -> None:
-    """One exponential alone: the second one has no amplitude, and its rate is open."""
+def test_undetermined_parameters_have_infinite_intervals() -> None:
+    """With a single exponential the second one has zero amplitude and an undetermined rate."""
     x = np.linspace(0.0, 1.0, 12)
     noise = np.random.default_rng(3).normal(0.0, 1e-3, len(x))
     fit = biexponential_fit(x, 2.0 * np.exp(0.8 * x) + noise)
@@ -201,15 +201,15 @@ def test_what_the_data_leave_open_is_said() -> None:
     np.testing.assert_allclose(fit.values(x), 2.0 * np.exp(0.8 * x), atol=3e-3)
 
 
-def test_unfit_samples_are_input_errors() -> None:
-    with pytest.raises(InputError, match="at least 5"):
+def test_biexponential_fit_refuses_invalid_samples() -> None:
+    with pytest.raises(InputError, match="need 5 or more"):
         biexponential_fit(np.arange(4.0), np.arange(4.0))
     with pytest.raises(InputError, match="finite"):
         biexponential_fit(np.arange(6.0), np.array([1.0, np.nan, 3.0, 4.0, 5.0, 6.0]))
 
 
-def test_two_modes_are_told_from_one(random: np.random.Generator) -> None:
-    one = random.normal(2.0, 0.3, 80)  # as many as below: their distribution is simulated once
+def test_dip_test_distinguishes_two_modes_from_one(random: np.random.Generator) -> None:
+    one = random.normal(2.0, 0.3, 80)  # same size as below, so that the null distribution is simulated once
     two = np.concatenate([one[:40] - 0.6, one[40:] + 0.6])
     found = dip_test(two)
     assert found.p < 0.01
@@ -217,24 +217,24 @@ def test_two_modes_are_told_from_one(random: np.random.Generator) -> None:
     assert found.dip == pytest.approx(dip_test(10.0 * two - 3.0).dip, rel=1e-9)
 
 
-def test_dip_of_two_atoms_is_known() -> None:
-    """Half of all values at either of two places: 1/4 as both become points (Hartigan 1985)."""
+def test_dip_of_two_point_masses_is_one_quarter() -> None:
+    """Half of the values at each of two points: the dip tends to 1/4 (Hartigan 1985)."""
     values = np.concatenate([np.linspace(0.0, 1e-6, 200), np.linspace(1.0, 1.0 + 1e-6, 200)])
     assert dip_statistic(values) == pytest.approx(0.25, abs=0.005)
 
 
-def test_uniform_values_seldom_look_like_two_modes(random: np.random.Generator) -> None:
+def test_dip_test_rarely_rejects_uniform_values(random: np.random.Generator) -> None:
     p = np.array([dip_test(random.random(80)).p for _ in range(200)])
     assert 0.01 <= (p < 0.05).mean() <= 0.11
 
 
-def test_too_few_values_are_an_input_error() -> None:
-    with pytest.raises(InputError, match="3 values; the dip test needs at least 4"):
+def test_dip_test_refuses_fewer_than_four_values() -> None:
+    with pytest.raises(InputError, match="3 values; the dip test needs 4 or more"):
         dip_test(np.array([1.0, 2.0, np.nan, 3.0]))
 
 
-def test_directions(random: np.random.Generator) -> None:
-    """Vectors along a line have axial order alone; those of a fan a polar one as well."""
+def test_axial_and_polar_order_of_lines_and_fans(random: np.random.Generator) -> None:
+    """Vectors along a line have only axial order; vectors in a fan also have polar order."""
     none = axial_order_parameter(random.normal(size=(400, 2)))
     assert min(none.polar_p, none.axial_p) > 0.01
     line = np.outer(random.choice([-1.0, 1.0], 400), [1.0, 2.0])
@@ -248,14 +248,16 @@ def test_directions(random: np.random.Generator) -> None:
         axial_order_parameter(np.zeros((3, 2)))
 
 
-def test_rayleigh_p_is_a_probability(random: np.random.Generator) -> None:
+def test_rayleigh_p_values_are_uniform_for_random_directions(random: np.random.Generator) -> None:
     p = np.array([axial_order_parameter(random.normal(size=(30, 2))).axial_p for _ in range(2000)])
     for level in (0.05, 0.3):
         assert (p < level).mean() == pytest.approx(level, abs=3.5 * np.sqrt(level / 2000))
 
 
-def test_spatial_correlation(random: np.random.Generator) -> None:
-    """Stripes of two rows: alike within, opposite between; independent values have none."""
+def test_spatial_correlation_of_stripes_and_noise(random: np.random.Generator) -> None:
+    """Stripes of two rows: equal within a stripe, opposite between stripes; independent values are
+    uncorrelated.
+    """
     positions = hexagonal(24, 24)
     edges = np.array([0.9, 1.1])
     rows = np.repeat(np.arange(24) % 2, 24)
@@ -267,12 +269,12 @@ def test_spatial_correlation(random: np.random.Generator) -> None:
     assert striped.pairs[0] == len(i)
     noise = spatial_correlation(positions, random.normal(size=576), edges).values[0]
     assert abs(noise) < 4.0 / np.sqrt(striped.pairs[0])
-    with pytest.raises(InputError, match="do not differ"):
+    with pytest.raises(InputError, match="all values are equal"):
         spatial_correlation(positions, np.ones(576), edges)
 
 
-def test_that_of_a_run_is_that_of_its_frames(make_run: MakeRun) -> None:
-    """With the forces that dipoles and walls make."""
+def test_configurational_temperature_of_a_run_equals_its_frames(make_run: MakeRun) -> None:
+    """With the forces of dipoles and walls."""
     frames = 0.012 * (hexagonal(6, 5) + 2.0) + np.random.default_rng(2).normal(scale=4e-4, size=(3, 30, 2))
     changes = {"effects.gravity": None, "effects.drag": None}
     scene = make_run(frames, changes).scene
@@ -293,7 +295,7 @@ def test_that_of_a_run_is_that_of_its_frames(make_run: MakeRun) -> None:
         configurational_temperature(scene, frames, 0.36, forces[0])
 
 
-def test_friction_and_weight_add_nothing_to_the_laplacian() -> None:
+def test_friction_and_weight_do_not_contribute_to_the_laplacian() -> None:
     scene = load_scene("bed").replace(**{"grains.count": 2, "arrangement.height": "19 D"})
     places = 0.006 * np.array([[20.0, 9.0], [30.0, 9.0]])
     bare = scene.replace(**{"effects.gravity": None})
@@ -301,5 +303,5 @@ def test_friction_and_weight_add_nothing_to_the_laplacian() -> None:
     whole, part = (configurational_temperature(some, frames, forces=forces) for some in (scene, bare))
     assert whole == part > 0.0
     touching = scene.replace(**{"effects.contact": {"modulus": "1 GPa"}})
-    with pytest.raises(InputError, match="only dipoles and walls"):
+    with pytest.raises(InputError, match="dipoles and walls only"):
         configurational_temperature(touching, frames, forces=forces)

@@ -1,4 +1,4 @@
-"""Voronoi cells against geometry and brute force, and defects that were put into a crystal."""
+"""Voronoi cells compared with geometry and brute force, and prescribed defects in a crystal."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from .conftest import MakeRun, brute_cells, displacement, hexagonal, polygon_are
 
 @pytest.mark.parametrize("angle", [0.0, np.pi / 2.0])
 @pytest.mark.parametrize("spacing", [1.0, 0.0137])
-def test_perfect_hexagons(angle: float, spacing: float) -> None:
+def test_cells_of_a_hexagonal_lattice_are_regular_hexagons(angle: float, spacing: float) -> None:
     points = rotated(hexagonal(14, 12, spacing), angle) + 0.4
     cells = voronoi_cells(points)
     fractions = polygon_fractions(cells)
@@ -38,7 +38,7 @@ def test_perfect_hexagons(angle: float, spacing: float) -> None:
 
 
 def test_interior_cells_of_a_perfect_patch() -> None:
-    """All but the outer rows, and the half hexagons that the zigzag at the sides leaves open."""
+    """All cells except the outer rows and the open half hexagons at the zigzag sides."""
     inside = voronoi_cells(hexagonal(6, 5)).interior.reshape(5, 6)
     wanted = np.zeros((5, 6), dtype=bool)
     wanted[1:4, 1:5] = True
@@ -46,7 +46,7 @@ def test_interior_cells_of_a_perfect_patch() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_random_arrangement_is_that_of_brute_force(seed: int) -> None:
+def test_cells_of_random_points_match_brute_force(seed: int) -> None:
     points = np.random.default_rng(seed).random((70, 2)) * [2.0, 1.0]
     wanted = brute_cells(points)
     cells = voronoi_cells(points)
@@ -78,7 +78,7 @@ def test_random_arrangement_is_that_of_brute_force(seed: int) -> None:
     assert psi6(points) == pytest.approx(np.mean(np.abs(order)), abs=1e-12)
 
 
-def test_polygons_have_the_areas_of_the_cells(random: np.random.Generator) -> None:
+def test_cell_polygons_have_the_areas_of_the_cells(random: np.random.Generator) -> None:
     cells = voronoi_cells(random.random((200, 2)))
     polygons = cell_polygons(cells)
     assert list(polygons) == np.flatnonzero(cells.interior).tolist()
@@ -88,7 +88,7 @@ def test_polygons_have_the_areas_of_the_cells(random: np.random.Generator) -> No
         assert (side_lengths(corners) ** 2).sum() == pytest.approx(cells.side_squares[grain], rel=1e-10)
 
 
-def test_absent_grains_count_nowhere(random: np.random.Generator) -> None:
+def test_absent_grains_are_ignored(random: np.random.Generator) -> None:
     points = random.random((150, 2))
     gaps = np.insert(points, [0, 40, 150], np.nan, axis=0)
     here = np.isfinite(gaps[:, 0])
@@ -101,8 +101,8 @@ def test_absent_grains_count_nowhere(random: np.random.Generator) -> None:
     assert np.isnan(local_psi6(gaps)[~here]).all()
 
 
-def test_square_lattice_has_four_sides() -> None:
-    """Corners where four cells meet are no sides, whatever rounding makes of them."""
+def test_cells_of_a_square_lattice_have_four_sides() -> None:
+    """A corner shared by four cells does not become a side, despite rounding."""
     x, y = np.meshgrid(np.arange(9), np.arange(8))
     points = rotated(np.stack([x.ravel(), y.ravel()], axis=1) * 0.1, 0.7)
     cells = voronoi_cells(points)
@@ -112,7 +112,7 @@ def test_square_lattice_has_four_sides() -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5])
-def test_too_few_grains_or_a_row_have_no_cells(count: int) -> None:
+def test_fewer_than_three_grains_or_a_row_have_no_interior_cells(count: int) -> None:
     points = np.stack([np.arange(float(count)), np.zeros(count)], axis=1)
     cells = voronoi_cells(points)
     assert not cells.interior.any()
@@ -121,7 +121,7 @@ def test_too_few_grains_or_a_row_have_no_cells(count: int) -> None:
     assert np.isnan(psi6(points))
 
 
-def test_wrong_shape_is_an_input_error() -> None:
+def test_voronoi_cells_refuse_positions_of_wrong_shape() -> None:
     with pytest.raises(InputError, match=r"\(3, 3\)"):
         voronoi_cells(np.zeros((3, 3)))
 
@@ -130,14 +130,18 @@ def test_wrong_shape_is_an_input_error() -> None:
 @given(
     seed=st.integers(0, 10**6), angle=st.sampled_from([0.0, np.pi / 2.0, np.pi]), scale=st.floats(1e-3, 1e3)
 )
-def test_order_does_not_depend_on_place_size_or_quarter_turns(seed: int, angle: float, scale: float) -> None:
+def test_order_is_invariant_under_translation_scaling_and_quarter_turns(
+    seed: int, angle: float, scale: float
+) -> None:
     points = np.random.default_rng(seed).random((60, 2))
     moved = scale * (rotated(points, angle) + 0.3)
     assert psi6(moved) == pytest.approx(psi6(points), abs=1e-9)
     assert polygon_fractions(voronoi_cells(moved)) == polygon_fractions(voronoi_cells(points))
 
 
-def test_series(make_run: MakeRun, random: np.random.Generator) -> None:
+def test_cell_observables_of_a_run_equal_their_functions(
+    make_run: MakeRun, random: np.random.Generator
+) -> None:
     frames = np.stack([0.006 * hexagonal(8, 8), 0.05 * random.random((64, 2))])
     frames[1, 3] = np.nan
     run = make_run(frames)
@@ -159,9 +163,9 @@ def test_series(make_run: MakeRun, random: np.random.Generator) -> None:
 
 
 def with_dislocation(burgers: np.ndarray, size: int = 21) -> np.ndarray:
-    """A hexagonal lattice of spacing 1 with an edge dislocation near its middle."""
+    """A hexagonal lattice of spacing 1 with an edge dislocation near its centre."""
     lattice = hexagonal(size, size)
-    # The core stands between two rows, above the middle of a bond along b.
+    # The core lies between two rows, above the middle of a bond along b.
     middle = lattice[(size // 2) * size + size // 2]
     core = middle + 0.5 * burgers + 0.5 * np.sqrt(3.0) / 2.0 * np.array([-burgers[1], burgers[0]])
     return lattice + displacement(lattice, core, burgers)
@@ -198,8 +202,8 @@ def test_crystal_has_no_defects(make_run: MakeRun) -> None:
 
 
 @pytest.mark.parametrize(("sectors", "charge"), [(5, 1), (7, -1)])
-def test_wedge_disclination(sectors: int, charge: int) -> None:
-    """Sectors of 60 degrees, pressed or drawn to close the circle, leave one disclination."""
+def test_wedge_disclination_has_its_charge(sectors: int, charge: int) -> None:
+    """Sectors of 60 degrees, compressed or stretched to close the circle, give one disclination."""
     patch = hexagonal(41, 41)
     patch = patch - patch[20 * 41 + 20]
     angle = np.mod(np.arctan2(patch[:, 1], patch[:, 0]), 2.0 * np.pi)
@@ -217,7 +221,7 @@ def test_wedge_disclination(sectors: int, charge: int) -> None:
     assert not np.isin(0, dislocations(points, cells).pairs)
 
 
-def test_pairs_are_disjoint_neighbours_and_as_many_as_can_be(random: np.random.Generator) -> None:
+def test_dislocations_are_a_maximal_set_of_disjoint_neighbour_pairs(random: np.random.Generator) -> None:
     points = random.random((400, 2))
     cells = voronoi_cells(points)
     found = dislocations(points, cells)
@@ -226,7 +230,7 @@ def test_pairs_are_disjoint_neighbours_and_as_many_as_can_be(random: np.random.G
     assert len(np.unique(found.pairs)) == found.pairs.size
     assert (cells.sides[found.pairs] == [5, 7]).all()
     assert cells.interior[found.pairs].all()
-    # No pair can be added: no pentagon that is left has a heptagon that is left for a neighbour.
+    # No pair can be added: no unpaired pentagon has an unpaired heptagon as neighbour.
     charges = disclination_charges(cells)
     charges[found.pairs.ravel()] = 0
     left = charges[cells.neighbours]
@@ -238,7 +242,7 @@ def test_pairs_are_disjoint_neighbours_and_as_many_as_can_be(random: np.random.G
     )
 
 
-def test_counts_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
+def test_defect_counts_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
     frames = random.random((2, 100, 2)) * 0.06
     counts = per_frame(make_run(frames), "defects")
     for k, frame in enumerate(frames):

@@ -1,4 +1,4 @@
-"""The report of a response, what is kept of it, and what the commands refuse; nothing is run."""
+"""The report of a response, its file, and input errors of the commands; without simulations."""
 
 import math
 from collections.abc import Callable
@@ -24,11 +24,11 @@ from granular.shared.errors import InputError
 
 FREQUENCIES = np.linspace(2.5, 3.6, 9).tolist()
 HUNG = (7.0, 2500.0, 90.0)
-"""Mass, spring and dashpot of what stands for a damper."""
+"""Mass, spring and dashpot of the linear stand-in for a damper."""
 
 
 def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any) -> FrequencyResponse:
-    """As if a linear damper had been simulated on the scene's host."""
+    """Response of the scene's host with a linear damper, in place of a simulation."""
     host = scene.effects.host
     assert host is not None
     hung = dynamic_stiffness_of_hanging_mass(FREQUENCIES, *HUNG)
@@ -48,7 +48,7 @@ def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any)
     return FrequencyResponse(scene, response_dataset("force", forces, FREQUENCIES, found), settings)
 
 
-def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
+def test_the_page_shows_peaks_damper_energy_and_unsteadiness() -> None:
     found = made(load_scene("machine"), dt="auto*4", duration=12.0)
     data = found.dataset
     np.testing.assert_allclose(data.added_damping[0], data.added_damping[1], rtol=1e-9)
@@ -64,7 +64,7 @@ def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
         "added damping",
         "loss factor",
         "auto*4",
-        "changes by 7 % while it is taken",
+        "changes by 7 % during the measurement",
         "stiffness = 41700",
         "nothing is known",
     ):
@@ -72,28 +72,28 @@ def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
     assert "friction [mJ]" not in page
 
 
-def test_what_rearranges_is_drag_beyond_the_affine() -> None:
+def test_rearranging_loss_is_drag_beyond_affine_drag() -> None:
     losses = energy_losses_per_period(made(load_scene("machine")).dataset.isel(amplitude=0))
     assert set(losses) == {"affine drag", "rearranging", "dashpots"}
     np.testing.assert_allclose(losses["rearranging"], 0.005)
 
 
-def test_a_response_is_kept_to_the_last_bit(tmp_path: Path) -> None:
+def test_a_saved_response_is_read_exactly(tmp_path: Path) -> None:
     found = made(load_scene("machine"), dt="auto", duration=12.0)
     save_response(found, tmp_path)
     again = load_response(tmp_path)
     assert again.dataset.equals(found.dataset)
     assert again.scene == found.scene
     assert again.settings == found.settings
-    with pytest.raises(InputError, match=r"holds no response\.json; write one"):
+    with pytest.raises(InputError, match=r"has no response\.json; create it"):
         load_response(tmp_path / "nothing")
     for text in ("{", "[]", '{"scene": {}, "settings": {}, "dataset": {}}'):
         (tmp_path / "response.json").write_text(text)
-        with pytest.raises(InputError, match=r"cannot be read: .* write it anew"):
+        with pytest.raises(InputError, match=r"cannot be read: .* create it again"):
             load_response(tmp_path)
 
 
-def test_a_sweep_that_is_too_fast_is_told() -> None:
+def test_too_fast_a_sweep_gives_a_note() -> None:
     slow, fast = (
         made(load_scene("machine"), (10.0,), dt="auto", duration=length, sweep=[2.5, 3.6])
         for length in (4000.0, 4.0)
@@ -105,7 +105,7 @@ def test_a_sweep_that_is_too_fast_is_told() -> None:
         assert any("too fast" in note.words for note in steadiness_notes(found)) == told
 
 
-def test_one_body_decays_by_half_its_damping_over_its_mass() -> None:
+def test_decay_rate_of_one_body_is_damping_over_twice_the_mass() -> None:
     body = {"mass": 2.0, "stiffness": 800.0, "damping": 6.0}
     assert slowest_decay_rate(Host.from_plain({"bodies": [body]})) == pytest.approx(1.5)
     stiff = {"mass": 0.01, "stiffness": 1e6, "damping": 100.0}
@@ -118,7 +118,7 @@ STRUCK = ("response", "--impulse")
 REFUSED = [
     ((*SWEEP, "0s"), "a sweep of 0 s is shorter than 12 periods of its lowest frequency"),
     ((*SWEEP, "60s", "--workers", "2"), "--workers does not go with a sweep"),
-    ((*SWEEP, "60s", "--force", "0N"), "the force that shakes the host is 0"),
+    ((*SWEEP, "60s", "--force", "0N"), "the force of the host's drive is 0"),
     (
         ("response", "machine", "--from", "4Hz", "--to", "2Hz", "--sweep", "60s"),
         "give two frequencies, the lower one first",
@@ -153,7 +153,9 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("words", "message"), REFUSED)
-def test_bad_input_is_one_line(words: tuple[str, ...], message: str, command: Callable[..., Any]) -> None:
+def test_invalid_input_gives_a_one_line_error(
+    words: tuple[str, ...], message: str, command: Callable[..., Any]
+) -> None:
     done = command("granular", *words)
     assert done.returncode == 2
     assert message in done.stderr

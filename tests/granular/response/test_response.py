@@ -1,4 +1,4 @@
-"""Responses by stepped sines against closed forms; the command."""
+"""Responses to stepped sines compared with closed forms; the command."""
 
 import json
 import math
@@ -26,7 +26,7 @@ RATIOS = (0.3, 0.95, 1.05, 3.0)
 
 
 def bench(**changes: Any) -> Scene:
-    """A linear tuned mass, made of one grain over a spring, in drag."""
+    """A linear tuned mass: one grain on a spring, with drag."""
     mass = 0.2
     plain = {
         "name": "bench",
@@ -55,7 +55,7 @@ def bench(**changes: Any) -> Scene:
 
 
 @pytest.mark.long
-def test_the_response_is_that_of_two_degrees_of_freedom(tmp_path: Path) -> None:
+def test_response_agrees_with_a_two_degree_of_freedom_system(tmp_path: Path) -> None:
     scene, frequencies = bench(), [ratio * RESONANCE for ratio in RATIOS]
     found = frequency_response(scene, frequencies, duration=12.0, out=tmp_path, workers=1, progress=False)
     hung = dynamic_stiffness_of_hanging_mass(frequencies, 0.2, 75.0, 1.0)
@@ -72,7 +72,7 @@ def test_the_response_is_that_of_two_degrees_of_freedom(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.02, 0.05, 0.2])
-def test_den_hartogs_tuned_mass_makes_both_peaks_alike(ratio: float) -> None:
+def test_den_hartogs_tuned_mass_gives_equal_peaks(ratio: float) -> None:
     host = Host.from_plain(
         {"bodies": [{"mass": 100.0, "stiffness": 4e4}], "excitation": {"force": 1.0, "frequency": 1.0}}
     )
@@ -82,12 +82,12 @@ def test_den_hartogs_tuned_mass_makes_both_peaks_alike(ratio: float) -> None:
     swing = np.abs(linear_response(host, frequencies, hung)[:, 0])
     peaks = np.flatnonzero((swing[1:-1] > swing[:-2]) & (swing[1:-1] > swing[2:]))
     assert len(peaks) == 2
-    # sqrt(1 + 2/mu) over the static deflection at the fixed points, which the peaks exceed by second order
+    # sqrt(1 + 2/mu) times the static deflection at the fixed points, which the peaks exceed to second order
     best = math.sqrt(1.0 + 2.0 / ratio) / 4e4
     np.testing.assert_allclose(swing[1:-1][peaks], best, rtol=0.005)
 
 
-def test_a_complex_amplitude_is_found_over_a_drift() -> None:
+def test_complex_amplitude_is_recovered_despite_a_drift() -> None:
     time = np.linspace(0.0, 3.7, 900)
     values = 2.0 * np.sin(math.tau * 2.0 * time + 0.7) + 5.0 - 0.1 * time
     found = complex_amplitude(time, values, 2.0)
@@ -95,8 +95,8 @@ def test_a_complex_amplitude_is_found_over_a_drift() -> None:
     assert np.angle(found) == pytest.approx(0.7, abs=1e-2)
 
 
-@pytest.mark.long  # quick: ledgers of drawn machines in plain Python
-def test_the_energy_in_a_period_is_what_force_and_drag_exchange() -> None:
+@pytest.mark.long  # the quick tests check energy ledgers of random machines in plain Python
+def test_work_of_the_force_per_period_is_dissipated_by_drag() -> None:
     run = simulate(bench(), t_end=10.0, progress=False)
     figures = steady_figures(run)
     taken = figures["drag_loss_a_period"] + figures["host_loss_a_period"]
@@ -106,7 +106,9 @@ def test_the_energy_in_a_period_is_what_force_and_drag_exchange() -> None:
 
 
 @pytest.mark.long
-def test_the_command_answers_and_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_the_response_and_refuses_invalid_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "bench.toml"
     bench().save(file)
     words = (
@@ -119,5 +121,5 @@ def test_the_command_answers_and_refuses(tmp_path: Path, capsys: pytest.CaptureF
     assert len((tmp_path / "out" / "response.csv").read_text().splitlines()) == 3
     with pytest.raises(InputError, match="no host under a sine"):
         frequency_response(load_scene("bed"), [1.0])
-    with pytest.raises(InputError, match="at least 2 points"):
+    with pytest.raises(InputError, match="2 points or more"):
         main(["response", str(file), "--from", "4Hz", "--to", "2Hz"])

@@ -1,4 +1,4 @@
-"""What is read off an impulse and a sweep, against one linear oscillator."""
+"""Responses to an impulse and a sweep, compared with one linear oscillator."""
 
 import json
 import math
@@ -23,7 +23,7 @@ BODY = {"mass": MASS, "stiffness": STIFFNESS, "damping": DAMPING}
 
 
 def amplitude(frequency: np.ndarray) -> np.ndarray:
-    """Of the oscillator under 1 N, complex [m]."""
+    """Complex amplitude of the oscillator under 1 N [m]."""
     omega = math.tau * frequency
     return np.asarray(1.0 / (STIFFNESS - MASS * omega**2 + 1j * omega * DAMPING))
 
@@ -42,21 +42,21 @@ def machine(excitation: dict[str, object], duration: float) -> Scene:
     )
 
 
-def test_a_decay_comes_down_in_its_own_time() -> None:
-    """exp(-delta t) cos(omega t), with peaks ten to a decade."""
+def test_settling_time_of_an_exponential_decay() -> None:
+    """exp(-delta t) cos(omega t), with ten peaks while the envelope falls to a tenth."""
     time = np.linspace(0.0, 5.0, 50_001)
     decay = np.exp(-2.0 * time) * np.cos(math.tau * 20.0 * time)
     found = settling_time_of_samples(time + 1.0, decay, 1.0, 0.1)
     assert found == pytest.approx(math.log(10.0) / 2.0, abs=0.5 / 20.0)
     assert settling_time_of_samples(time + 1.0, decay, 1.0, 0.5) < found
-    with pytest.raises(InputError, match="still swings wider"):
+    with pytest.raises(InputError, match="still exceeds"):
         settling_time_of_samples(time[:5000], decay[:5000], 0.0, 0.1)
     with pytest.raises(InputError, match="below 1"):
         settling_time_of_samples(time, decay, 0.0, 1.5)
 
 
 def off(length: float) -> float:
-    """How far a sweep is from the steady response, over its peak."""
+    """Deviation of a sweep from the steady response, relative to the peak."""
     low, high = 1.5, 6.0
     rate = math.log(high / low) / length
     time = np.linspace(0.0, length, round(500 * length) + 1)
@@ -67,14 +67,14 @@ def off(length: float) -> float:
     return float(np.abs(swings - exact).max() / np.abs(exact).max())
 
 
-def test_a_slower_sweep_is_nearer_to_the_steady_response() -> None:
-    """By the rate of the sweep over delta^2/(2 pi), at 3.2 Hz."""
+def test_a_slower_sweep_is_closer_to_the_steady_response() -> None:
+    """The deviation scales with the rate of the sweep over delta^2/(2 pi), at 3.2 Hz."""
     once, twice = off(50.0), off(100.0)
     assert once < 3.2 * math.log(4.0) / 50.0 * math.tau / 2.0**2
     assert once / twice == pytest.approx(2.0, rel=0.1)
 
 
-def test_other_runs_are_refused() -> None:
+def test_runs_with_another_drive_are_refused() -> None:
     run = cast("Trajectory", SimpleNamespace(scene=machine({"force": 1.0, "frequency": 3.0}, 0.1)))
     with pytest.raises(InputError, match="give an impulse"):
         settling_time(run)
@@ -82,8 +82,8 @@ def test_other_runs_are_refused() -> None:
         swept_response(run)
 
 
-@pytest.mark.long  # quick: bad input, and the page of a made response (test_report_page.py)
-def test_the_commands_run_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.long  # the quick tests check invalid input and the page of a synthetic response
+def test_the_commands_run_and_continue(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bare.toml"
     machine({"force": 1.0, "frequency": 3.0, "start": 0.1}, 1.0).save(file)
     swept = f"response {file} --from 1.5Hz --to 6Hz --sweep 60s --json --points 40 --quiet"

@@ -1,4 +1,4 @@
-"""Cases that take milliseconds, and a thread of this process that computes them."""
+"""Cases that take milliseconds, and a thread executor in this process."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -24,7 +24,7 @@ def falling(duration: float = 0.01) -> Scene:
 
 
 def write_study(path: Path, cases: int) -> Path:
-    """Write a study of short runs whose results differ in every bit."""
+    """Write a study of short runs with different results."""
     falling(0.02).save(path / "fall.toml")
     values = ", ".join(f"{1.0 + 0.01 * k}" for k in range(cases))
     (path / "study.toml").write_text(
@@ -35,6 +35,6 @@ def write_study(path: Path, cases: int) -> Path:
 
 @pytest.fixture(scope="module")
 def here() -> Iterator[Executor]:
-    """A thread, where it does not matter which process computes a case."""
+    """A thread executor, for tests that do not depend on the process that computes a case."""
     with ThreadPoolExecutor(1) as pool:
         yield pool

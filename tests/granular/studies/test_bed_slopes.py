@@ -1,4 +1,4 @@
-"""Slopes over several settled beds of a scene."""
+"""Slopes averaged over several settled beds of a scene."""
 
 import json
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ KEYS = ("grains.remanence", "piston.mass")
 
 @pytest.fixture(scope="module")
 def scene(damper: Scene) -> Scene:
-    """40 grains: of 23 in a cell of 15 D, all beds are the same."""
+    """40 grains: with 23 in a cell of 15 D, all beds would be the same."""
     return damper.replace(
         **{
             "grains.count": 40,
@@ -37,7 +37,7 @@ def scene(damper: Scene) -> Scene:
 
 @pytest.fixture(scope="module", autouse=True)
 def reused() -> Iterator[list[int]]:
-    """Numbers of beds that were kept, of each study; this process settles the others."""
+    """Number of reused beds in each study; this process settles the others."""
     result: list[int] = []
 
     def sweep_here(*args: Any, **options: Any) -> Study:
@@ -60,7 +60,7 @@ def found(scene: Scene, folder: Path) -> SlopesOverBeds:
     return slopes_over_beds(scene, 3, KEYS, out=folder, progress=False)
 
 
-def test_each_bed_has_the_slopes_of_its_own_equilibrium(scene: Scene, found: SlopesOverBeds) -> None:
+def test_slopes_of_each_bed_are_taken_at_its_equilibrium(scene: Scene, found: SlopesOverBeds) -> None:
     assert found.seeds == (1, 2, 3)
     rest = equilibrium_from(*settled_state(scene.replace(**{"arrangement.seed": 2})))
     root = piston_roots(rest)[0]
@@ -70,7 +70,7 @@ def test_each_bed_has_the_slopes_of_its_own_equilibrium(scene: Scene, found: Slo
     np.testing.assert_allclose(found.values[1], slopes(rest, KEYS, root).values, rtol=1e-5, atol=1e-7)
 
 
-def test_beds_differ_by_their_deviation(found: SlopesOverBeds) -> None:
+def test_deviation_is_the_spread_of_slopes_over_beds(found: SlopesOverBeds) -> None:
     by_mass = found.values[:, 1, 1]
     mean = sum(by_mass) / 3
     deviation = np.sqrt(sum((by_mass - mean) ** 2) / 2)
@@ -81,23 +81,25 @@ def test_beds_differ_by_their_deviation(found: SlopesOverBeds) -> None:
     assert found.to_plain()["error"]["piston.mass"][1] == pytest.approx(deviation / np.sqrt(3))
 
 
-def test_kept_beds_settle_once(scene: Scene, folder: Path, found: SlopesOverBeds, reused: list[int]) -> None:
+def test_stored_beds_are_not_settled_again(
+    scene: Scene, folder: Path, found: SlopesOverBeds, reused: list[int]
+) -> None:
     again = slopes_over_beds(scene, 3, KEYS[:1], out=folder, progress=False)
     assert reused[-1] == 3
     np.testing.assert_allclose(again.values[:, 0], found.values[:, 0], rtol=1e-9)
 
 
-def test_one_bed_has_no_deviation(scene: Scene) -> None:
-    with pytest.raises(InputError, match="beds = 1 have no deviation; give 2 or more"):
+def test_a_single_bed_is_refused_because_it_has_no_deviation(scene: Scene) -> None:
+    with pytest.raises(InputError, match="beds = 1 gives no standard deviation; give 2 or more"):
         slopes_over_beds(scene, 1)
 
 
-def test_a_bed_that_does_not_settle_is_named(scene: Scene, tmp_path: Path) -> None:
+def test_a_bed_that_does_not_settle_is_identified_by_its_seed(scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"the bed of arrangement\.seed = 1 has no equilibrium: "):
         slopes_over_beds(scene.replace(**{"protocol.drop.duration": 1.1}), 2, out=tmp_path, progress=False)
 
 
-def test_command_prints_means_and_deviations(
+def test_the_command_prints_means_and_deviations_of_slopes(
     scene: Scene,
     folder: Path,
     found: SlopesOverBeds,

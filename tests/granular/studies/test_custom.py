@@ -1,4 +1,4 @@
-"""A user's own measures and methods in a study."""
+"""User-defined measures and methods in a study."""
 
 import pickle
 import sys
@@ -43,7 +43,7 @@ def read(path: Path, text: str = OWN) -> dict[str, CustomMeasure]:
     return custom_measures(run_user_file(own_file(path, text)))
 
 
-def test_functions_of_a_file_are_measures_by_name(tmp_path: Path) -> None:
+def test_functions_of_a_user_file_are_measures_by_name(tmp_path: Path) -> None:
     own = read(tmp_path)
     assert list(own) == ["answer"]
     measure = find_measure("answer", own)
@@ -52,7 +52,7 @@ def test_functions_of_a_file_are_measures_by_name(tmp_path: Path) -> None:
     assert find_measure("last-values", own) is last_values
 
 
-def test_a_change_of_the_function_makes_another_measure(tmp_path: Path) -> None:
+def test_editing_a_function_gives_a_different_measure(tmp_path: Path) -> None:
     first = measure_identity(read(tmp_path)["answer"])
     same = measure_identity(read(tmp_path, "# more\n" + OWN[1:])["answer"])
     other = measure_identity(read(tmp_path, OWN.replace("42.9", "41.9"))["answer"])
@@ -60,7 +60,7 @@ def test_a_change_of_the_function_makes_another_measure(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["os:system", "swing:answer", "swing", "os.system", "", "answer"])
-def test_no_name_is_imported(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_measure_names_are_never_imported(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     own_file(tmp_path, "raise AssertionError")
     with pytest.raises(InputError, match=WAYS):
@@ -78,7 +78,7 @@ def test_no_name_is_imported(tmp_path: Path, name: str, monkeypatch: pytest.Monk
         ("import sys; sys.exit(0)", "SystemExit"),
     ],
 )
-def test_files_that_cannot_be_imported(tmp_path: Path, text: str, words: str) -> None:
+def test_user_files_that_cannot_be_imported_are_reported(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError, match=rf"swing.py cannot be imported: .*{words}"):
         read(tmp_path, text)
     with pytest.raises(InputError, match="there is no file"):
@@ -95,7 +95,7 @@ def test_installed_measures_are_found_by_entry_point(installed: Callable[..., No
         find_measure("gone")
 
 
-def test_a_study_names_a_function_of_the_file_that_the_command_imports(
+def test_a_study_can_use_a_function_of_the_imported_user_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "study.toml").write_text(
@@ -115,12 +115,12 @@ def test_a_study_names_a_function_of_the_file_that_the_command_imports(
 PLAIN = METHODS["position-verlet"]
 TWIN = Method("twin", 2, kicks=PLAIN.kicks, drifts=PLAIN.drifts)
 OTHER = Method("twin", 2, kicks=(0.5, 0.5), drifts=(1.0,))
-"""Another method of the same name."""
+"""Another method with the same name."""
 
 SCENE = load_scene("single-particle")
 
 
-def test_a_sweep_carries_the_table(tmp_path: Path, here: Executor) -> None:
+def test_a_sweep_accepts_a_method_given_as_a_table(tmp_path: Path, here: Executor) -> None:
     words: dict[str, Any] = {"dt": 1e-4, "t_end": 0.02, "progress": False, "executor": here, "out": tmp_path}
     grid = {"method": [TWIN, "position-verlet", "stormer-verlet"]}
     table = sweep(SCENE, grid, **words).table
@@ -132,7 +132,7 @@ def test_a_sweep_carries_the_table(tmp_path: Path, here: Executor) -> None:
     assert sweep(SCENE, {"method": [OTHER]}, **words).reused == 0
 
 
-def test_a_study_file_may_hold_the_table(tmp_path: Path, here: Executor) -> None:
+def test_a_study_file_can_contain_a_method_table(tmp_path: Path, here: Executor) -> None:
     (tmp_path / "study.toml").write_text(
         'scene = "single-particle"\ndt = 1e-4\nt_end = 0.02\n'
         "[method]\nname = 'in-a-file'\norder = 2\nkicks = [0, 1, 0]\ndrifts = [0.5, 0.5]\n"

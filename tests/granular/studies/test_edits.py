@@ -1,4 +1,4 @@
-"""Edits of a user's file, drawn anywhere in it: runs, kernels and studies are new with every one."""
+"""Every random edit of a user's file leads to new runs, compiled kernels and studies."""
 
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -124,30 +124,30 @@ def figures(run, factor=<6.0>, *, more=<7.0>):
     named = WORDS["a"] + WORDS["b"][0] + sum(WORDS["b"][1]) + float(TABLE[1500])
     return {"number": listed + held + called + named + strength() + factor + more + <10.0>}
 '''
-"""Numbers in angle brackets are those that edits change."""
+"""Edits change the numbers in angle brackets."""
 
 PLACE = re.compile(r"<([\d.]+)>")
 PLACES = len(PLACE.findall(FILE))
 OF_EFFECT = len(PLACE.findall(FILE.partition("WORDS")[0]))
-"""The first so many stand in functions of the effect, and in what these use."""
+"""Number of leading places that belong to functions of the effect or to code that these use."""
 
 SETTINGS = {"dt": 1e-4, "t_end": None, "method": "stormer-verlet"}
 
 
 def text_with(changed: int | None = None, value: float = 0.0) -> str:
-    """The file, with another number in one of its places."""
+    """The file, with one of its numbers changed."""
     numbers = iter(range(PLACES))
     return PLACE.sub(lambda found: repr(value) if next(numbers) == changed else found[1], FILE)
 
 
 def imported(folder: Path, text: str) -> dict[str, CustomMeasure]:
-    """Import a text, as a file that is always the same."""
+    """Import a text from a file that always has the same name."""
     (folder / "mine.py").write_text(text)
     return import_user_code([folder / "mine.py"])
 
 
 def pushed() -> Scene:
-    """A grain that the effect pushes for a hundredth of a second."""
+    """A grain pushed by the effect for 0.01 s."""
     stage = {"kind": "hold", "name": "fall", "duration": 0.01}
     changes = {"protocol": [stage], "output.scalars": 1e-3, "output.frames": 1e-2}
     return load_scene("single-particle").replace(**changes, effects={"push": {}})
@@ -158,7 +158,7 @@ def drawn_edits() -> list[tuple[int, float]]:
     return [(int(random.integers(PLACES)), float(random.uniform(11.0, 12.0))) for _ in range(EDITS)]
 
 
-def test_every_drawn_edit_gives_other_digests(tmp_path: Path) -> None:
+def test_every_random_edit_changes_the_digests(tmp_path: Path) -> None:
     before = imported(tmp_path, text_with())
     measure, effect_digests = measure_identity(before["figures"]), custom_code_digests(pushed())
     again = imported(tmp_path, "# a comment\n" + text_with())
@@ -171,11 +171,11 @@ def test_every_drawn_edit_gives_other_digests(tmp_path: Path) -> None:
         assert (custom_code_digests(pushed()) != effect_digests) is (place < OF_EFFECT), place
     assert len(seen) == 1 + EDITS
     imported(tmp_path, text_with())
-    assert custom_code_digests(pushed()) == effect_digests  # an edit that is taken back
+    assert custom_code_digests(pushed()) == effect_digests  # undo the edit
 
 
-@pytest.mark.long  # quick: the digests, above
-def test_every_drawn_edit_makes_runs_kernels_and_studies_new(tmp_path: Path) -> None:
+@pytest.mark.long  # the quick tests check the digests, above
+def test_every_random_edit_leads_to_new_runs_kernels_and_studies(tmp_path: Path) -> None:
     def force() -> float:
         return float(evaluate(pushed(), np.array([[0.05, 0.05]])).force[0, 1])
 
@@ -199,7 +199,7 @@ def test_every_drawn_edit_makes_runs_kernels_and_studies_new(tmp_path: Path) -> 
         assert sweep(pushed(), measure=again["figures"], **more).reused == 1
 
 
-def test_another_version_of_the_toolkit_makes_cases_new(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_version_of_the_toolkit_changes_the_keys_of_cases(monkeypatch: pytest.MonkeyPatch) -> None:
     def key() -> str:
         return make_cases(load_scene("bed"), {}, [{}], SETTINGS, last_values)[0].key
 

@@ -1,4 +1,4 @@
-"""What the machine does to sweeps: the same table in the end, nothing done twice, nothing left."""
+"""Interrupted sweeps: the final table is the same, nothing is computed twice, no process remains."""
 
 import contextlib
 import errno
@@ -28,7 +28,7 @@ from tests.processes import living
 ROOT = Path(__file__).parents[3]
 
 LEFT_SECONDS = 10.0
-"""Within which no process is left of a sweep that was killed."""
+"""Time within which all processes of a killed sweep must end [s]."""
 
 ACCELERATIONS = [1.0, 2.0, 3.0, 4.0, 5.0]
 
@@ -40,7 +40,7 @@ def swept_area(executor: Executor, out: Path | None, **more: Any) -> Study:
 
 @pytest.fixture(scope="module")
 def integer(here: Executor) -> pandas.DataFrame:
-    """The table of a sweep that nothing disturbs."""
+    """The table of an undisturbed sweep."""
     return swept_area(here, None).table
 
 
@@ -53,7 +53,7 @@ def kept(out: Path) -> list[str]:
 
 
 class Failing:
-    """A function whose calls fail so many times, and then do what they should."""
+    """A function whose first calls fail, and later calls succeed."""
 
     def __init__(self, function: Callable[..., Any], error: BaseException, times: float) -> None:
         self.function, self.error, self.times, self.calls = function, error, times, 0
@@ -73,7 +73,7 @@ OF_THE_MACHINE = [
 
 
 @pytest.mark.parametrize("error", OF_THE_MACHINE, ids=lambda error: type(error).__name__)
-def test_what_the_machine_does_is_tried_again_and_never_kept(
+def test_errors_of_the_machine_are_retried_and_never_stored(
     tmp_path: Path,
     here: Executor,
     integer: pandas.DataFrame,
@@ -97,10 +97,10 @@ def test_what_the_machine_does_is_tried_again_and_never_kept(
     alike(again.table, integer)
 
 
-def test_an_outcome_that_cannot_be_written_is_written_later(
+def test_an_outcome_that_cannot_be_written_is_written_again_later(
     tmp_path: Path, here: Executor, integer: pandas.DataFrame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By the worker, by the sweep, and in the end: only then the case is unfinished."""
+    """The worker, the sweep and a final attempt may write it; only if all fail is the case unfinished."""
     simulate = Failing(granular.run.simulation.simulate, OSError(), 0)
     monkeypatch.setattr(granular.run.simulation, "simulate", simulate)
     write, full = granular.shared.files.write_text, StoreError("no space left; make room")
@@ -117,7 +117,7 @@ def test_an_outcome_that_cannot_be_written_is_written_later(
         assert simulate.calls == len(ACCELERATIONS) + len(study.unfinished)
 
 
-def test_an_error_of_the_measure_is_told_of_but_not_kept(tmp_path: Path, here: Executor) -> None:
+def test_an_error_of_the_measure_is_reported_but_not_stored(tmp_path: Path, here: Executor) -> None:
     calls = []
 
     def faulty(run: Trajectory) -> dict[str, float]:
@@ -131,11 +131,11 @@ def test_an_error_of_the_measure_is_told_of_but_not_kept(tmp_path: Path, here: E
 
 
 def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
-    """And their runs: each is computed by one of them only."""
+    """Each case, with its run, is computed by only one of them."""
     values = [1.0 + 0.1 * k for k in range(8)]
     calls: list[float] = []
 
-    @keep_measure_name("counted")  # which changes the list that it uses
+    @keep_measure_name("counted")  # it modifies the list that it uses
     def counted(run: Trajectory) -> dict[str, Any]:
         assert run.scene.effects.gravity is not None
         calls.append(run.scene.effects.gravity.acceleration)
@@ -152,7 +152,7 @@ def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
         alike(tables[0], swept_area(first, None, measure=counted, values=values).table)
 
 
-def test_a_command_whose_cases_the_machine_failed_says_so(
+def test_the_command_reports_cases_that_failed_because_of_the_machine(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import granular.studies.sweep
@@ -191,14 +191,14 @@ def wait_for(out: Path, count: int) -> None:
         if (out / "cases").is_dir() and len(outcomes(out)) >= count:
             return
         time.sleep(0.02)
-    raise AssertionError(f"{count} cases were not done in two minutes")
+    raise AssertionError(f"{count} cases were not finished in two minutes")
 
 
 needs_proc = pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds processes in /proc")
 
 
 def end_left(group: int) -> None:
-    """Hold that a group's processes end by themselves."""
+    """Check that the processes of a group end by themselves."""
     until = time.monotonic() + LEFT_SECONDS
     while living(group) and time.monotonic() < until:
         time.sleep(0.1)
@@ -221,7 +221,7 @@ time.sleep(600.0)
 
 
 @needs_proc
-def test_workers_end_with_a_parent_that_is_killed() -> None:
+def test_workers_end_when_their_parent_is_killed() -> None:
     parent = subprocess.Popen(
         [sys.executable, "-c", START], cwd=ROOT, stdout=subprocess.PIPE, start_new_session=True
     )
@@ -240,7 +240,7 @@ def test_workers_end_with_a_parent_that_is_killed() -> None:
 @pytest.mark.long
 @needs_proc
 def test_two_hundred_cases_survive_kills(tmp_path: Path) -> None:
-    """Of the command, and of a worker; nothing is repeated, and the table has the same bits."""
+    """The command and a worker are killed; no case is repeated, and the table has the same bits."""
     study = write_study(tmp_path, 200)
     subprocess.run(command(study, tmp_path / "whole"), check=True, cwd=ROOT)
     out = tmp_path / "killed"
@@ -266,8 +266,8 @@ def test_two_hundred_cases_survive_kills(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_two_commands_into_one_directory(tmp_path: Path) -> None:
-    """Both end with the table of one alone, with the runs kept too."""
+def test_two_simultaneous_commands_on_one_directory_give_the_same_table(tmp_path: Path) -> None:
+    """Both end with the same table as a single command, with the runs kept too."""
     study = write_study(tmp_path, 60)
     subprocess.run(command(study, tmp_path / "alone"), check=True, cwd=ROOT)
     out = tmp_path / "shared"
@@ -295,7 +295,9 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("more", [(), ("--keep-runs",)], ids=["outcomes", "runs"])
-def test_a_full_disk_with_room_made_later(tmp_path: Path, small_disk: Path, more: tuple[str, ...]) -> None:
+def test_a_sweep_continues_after_a_full_disk_has_been_cleared(
+    tmp_path: Path, small_disk: Path, more: tuple[str, ...]
+) -> None:
     study = write_study(tmp_path, 8)
     subprocess.run(command(study, tmp_path / "whole"), check=True, cwd=ROOT)
     out = small_disk / "out"
@@ -320,7 +322,7 @@ def test_a_full_disk_with_room_made_later(tmp_path: Path, small_disk: Path, more
 
 
 @pytest.mark.long
-def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
+def test_a_sweep_survives_the_loss_of_a_dask_worker(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     study = load_study(write_study(tmp_path, 40))
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:

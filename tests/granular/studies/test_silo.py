@@ -1,4 +1,4 @@
-"""Flow out of a silo: its fitted law, its opening, and the rates of a small one."""
+"""Flow out of a silo: the fitted law, the opening, and the flow rates of a small silo."""
 
 from types import SimpleNamespace
 
@@ -13,7 +13,7 @@ D, G = 6e-3, 9.8
 
 
 def made_flow(factor: float, margin: float, clogged: int = 0) -> SiloFlow:
-    """Rates of an exact law through six openings, of which the narrowest do not flow to the end."""
+    """Rates of an exact law for six openings, the narrowest of which clog."""
     widths = np.arange(3.0, 15.0, 2.0)
     rates = factor * np.sqrt(G / D) * np.outer((widths - margin) ** 1.5, np.ones(2))
     stuck = np.arange(6)[:, None] < clogged + np.zeros(2, dtype=int)
@@ -21,21 +21,21 @@ def made_flow(factor: float, margin: float, clogged: int = 0) -> SiloFlow:
 
 
 @pytest.mark.parametrize("clogged", [0, 2])
-def test_fit_finds_the_law_that_rates_follow(clogged: int) -> None:
+def test_fit_recovers_the_law_of_exact_rates(clogged: int) -> None:
     flow = made_flow(0.2, 1.5, clogged)
     np.testing.assert_allclose(flow.law, [0.2, 1.5], rtol=1e-9)
     np.testing.assert_allclose(flow.predict(flow.openings[-1:]), flow.rates[-1, 0], rtol=1e-9)
 
 
-def test_rates_are_shown_where_too_few_openings_flow_for_a_law() -> None:
+def test_rates_are_printed_if_too_few_openings_flow_for_a_fit() -> None:
     flow = made_flow(0.2, 1.5, 5)
     assert np.isnan(flow.law).all()
-    assert "no law: fewer than two openings flow" in str(flow)
+    assert "no fitted law: fewer than two openings flow" in str(flow)
     assert f"{flow.rates[-1, 0]:.1f}" in str(flow)
     assert flow.to_plain()["factor"] is None
 
 
-def test_a_stop_of_a_second_is_a_clog_also_if_the_flow_goes_on() -> None:
+def test_a_pause_of_one_second_counts_as_a_clog_even_if_the_flow_resumes() -> None:
     early, late = np.arange(30) / 20.0, 5.0 + np.arange(100) / 20.0
     for times, clogged in ((np.concatenate([early, late]), True), (late - 5.0, False), (early[:20], True)):
         run = SimpleNamespace(
@@ -65,20 +65,20 @@ def small_silo() -> Scene:
     )
 
 
-def test_opening_has_the_width_that_is_asked_for_and_closes() -> None:
+def test_opening_has_the_requested_width_and_can_be_closed() -> None:
     scene = small_silo()
     ends = [line.ends(0.0, 0.0) for line in with_opening(scene, 3.0 * D).cell.lines]
     assert ends[2][0][0] - ends[1][1][0] == pytest.approx(3.0 * D)
     assert ends[2][0][0] + ends[1][1][0] == pytest.approx(20.0 * D)
     assert scene.effects.walls.has_gap  # type: ignore[union-attr]
     assert not with_opening(scene, 0.0).effects.walls.has_gap  # type: ignore[union-attr]
-    with pytest.raises(InputError, match=r"opening of 0\.12 m must be .* less than 0\.12 m, the room"):
+    with pytest.raises(InputError, match=r"opening of 0\.12 m must be .* less than 0\.12 m, the distance"):
         silo(scene, [2.0 * D, 20.0 * D])
-    with pytest.raises(InputError, match="is no silo"):
+    with pytest.raises(InputError, match="is not a silo"):
         with_opening(load_scene("bed"), D)
 
 
-def test_wider_opening_lets_more_grains_out() -> None:
+def test_more_grains_leave_through_a_wider_opening() -> None:
     flow = silo(small_silo(), [8.0 * D, 14.0 * D], 1)
     assert not flow.clogged.any()
     assert 0.0 < 1.2 * flow.rates[0, 0] < flow.rates[1, 0]

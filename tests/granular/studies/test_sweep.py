@@ -1,4 +1,4 @@
-"""Sweeps: every case once, none lost, whatever is killed; their tables and pages."""
+"""Sweeps compute every case exactly once; their tables and pages."""
 
 import io
 import warnings
@@ -55,8 +55,8 @@ def test_grid_and_cases_make_a_tidy_table(here: Executor) -> None:
     assert study.reused == 0
 
 
-def test_a_failing_case_does_not_lose_the_others(tmp_path: Path, here: Executor) -> None:
-    # The second grain is next to the wall when it starts and is shot into it at a step too long.
+def test_a_failing_case_does_not_affect_the_others(tmp_path: Path, here: Executor) -> None:
+    # The second grain starts next to the wall; with too long a time step it penetrates the wall.
     scene = load_scene("single-particle").replace(
         **{
             "protocol": [{"kind": "hold", "name": "fall", "duration": 0.05}],
@@ -87,7 +87,7 @@ def test_a_failing_case_does_not_lose_the_others(tmp_path: Path, here: Executor)
     pandas.testing.assert_frame_equal(study.table, again.table, check_exact=True)
 
 
-def test_another_measure_or_step_is_another_case(tmp_path: Path, here: Executor) -> None:
+def test_a_case_key_depends_on_measure_and_time_step(tmp_path: Path, here: Executor) -> None:
     arguments: dict[str, Any] = {"cases": [{}], "out": tmp_path, "executor": here, "progress": False}
     keys = {
         sweep(falling(), dt=dt, measure=measure, **arguments).cases[0].key
@@ -98,8 +98,8 @@ def test_another_measure_or_step_is_another_case(tmp_path: Path, here: Executor)
     assert sweep(falling(), dt=1e-4, measure=measured, **arguments).reused == 1
 
 
-def test_cases_have_steps_methods_and_ends_of_their_own(tmp_path: Path, here: Executor) -> None:
-    """They are the cases that a sweep with these settings for all of them has."""
+def test_cases_can_override_time_step_method_and_end(tmp_path: Path, here: Executor) -> None:
+    """They equal the cases of a sweep that has these settings for all cases."""
     arguments: dict[str, Any] = {"out": tmp_path, "executor": here, "progress": False}
     mixed = sweep(
         falling(),
@@ -119,7 +119,7 @@ def test_cases_have_steps_methods_and_ends_of_their_own(tmp_path: Path, here: Ex
     assert sweep(falling(), cases=[{"cell.width": 0.5}], **short, **arguments).reused == 1
 
 
-def test_a_study_file_gives_cases_steps_of_their_own(tmp_path: Path) -> None:
+def test_a_study_file_can_override_the_time_step_of_cases(tmp_path: Path) -> None:
     falling().save(tmp_path / "fall.toml")
     (tmp_path / "study.toml").write_text(
         'scene = "fall.toml"\ndt = 1e-4\n[grid]\ndt = ["auto", "auto/2"]\n'
@@ -134,7 +134,7 @@ def test_a_study_file_gives_cases_steps_of_their_own(tmp_path: Path) -> None:
     assert [case.scene.cell.width for case in made] == [usual, usual, 0.5, usual]
 
 
-def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> None:
+def test_a_damaged_outcome_is_computed_again(tmp_path: Path, here: Executor) -> None:
     arguments: dict[str, Any] = {"cases": [{}], "dt": 1e-4, "out": tmp_path, "executor": here}
     first = sweep(falling(), **arguments, progress=False)
     (kept,) = (tmp_path / "cases").iterdir()
@@ -147,8 +147,8 @@ def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> N
     assert kept.read_bytes() == integer
 
 
-def test_a_file_of_an_outcome_is_plain(tmp_path: Path, here: Executor) -> None:
-    """What was written when outcomes were plain data is read, in the words that are written now."""
+def test_older_outcome_files_can_still_be_read(tmp_path: Path, here: Executor) -> None:
+    """Outcome files in the earlier plain format are read, and written in the present one."""
     sound = {"figures": {"energy": 1.5}, "error": None, "warning": "doubtful"}
     failed = {"figures": {}, "error": "EnergyError: step 3: off"}
     arguments: dict[str, Any] = {"cases": [{}, {"cell.width": 0.4}], "dt": 1e-4, "measure": measured}
@@ -156,7 +156,7 @@ def test_a_file_of_an_outcome_is_plain(tmp_path: Path, here: Executor) -> None:
     cache = OutcomeCache(tmp_path)
     for key, plain in zip(keys, (sound, failed), strict=True):
         cache.files.keep(key, plain)
-    with pytest.warns(UserWarning, match="1 of 2 cases are in doubt"):
+    with pytest.warns(UserWarning, match="1 of 2 cases raised warnings"):
         study = sweep(falling(), **arguments, out=tmp_path, executor=here, progress=False)
     assert study.reused == 2
     assert study.outcomes == (
@@ -170,8 +170,8 @@ def test_a_file_of_an_outcome_is_plain(tmp_path: Path, here: Executor) -> None:
         assert cache.files.read(key) == plain
 
 
-def test_studies_kept_before_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Their cases are known by keys that no move of code may change."""
+def test_keys_of_stored_cases_are_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Moving code must not change the keys under which stored cases are found."""
     from reduced_models.designs.design import measure_design_check
 
     monkeypatch.setattr(granular.studies.cases, "__version__", "0.1.0")
@@ -202,7 +202,7 @@ def test_kept_runs_can_be_loaded(tmp_path: Path, here: Executor) -> None:
         ({"grid": {"method": ["stormer-verlett"]}}, "did you mean 'stormer-verlet'"),
     ],
 )
-def test_bad_sweeps(arguments: dict[str, Any], words: str) -> None:
+def test_invalid_sweeps_are_refused(arguments: dict[str, Any], words: str) -> None:
     with pytest.raises((InputError, SceneError), match=words):
         sweep(falling(), **arguments, progress=False)
 
@@ -221,19 +221,19 @@ def doubtful(run: Trajectory) -> dict[str, float]:
 
 @pytest.fixture(scope="module")
 def study() -> Study:
-    with ThreadPoolExecutor(1) as here, pytest.warns(UserWarning, match="cases are in doubt") as told:
+    with ThreadPoolExecutor(1) as here, pytest.warns(UserWarning, match="cases raised warnings") as told:
         result = sweep(
             load_scene("damper"), GRID, measure=doubtful, t_end=1e-3, dt=1e-5, executor=here, progress=False
         )
-    (told_once,) = [one for one in told if "in doubt" in str(one.message)]
+    (told_once,) = [one for one in told if "raised warnings" in str(one.message)]
     assert str(told_once.message).startswith(
-        "2 of 4 cases are in doubt (see the table), the first (piston.mass = 7.5, arrangement.seed = 1"
+        "2 of 4 cases raised warnings (see the table), the first (piston.mass = 7.5, arrangement.seed = 1"
     )
     assert "a piston of 7.5 kg is heavy" in str(told_once.message)
     return result
 
 
-def test_a_table_is_in_si_and_names_its_units(study: Study) -> None:
+def test_the_table_is_in_si_with_units(study: Study) -> None:
     assert list(study.table["piston.mass"]) == [6.0, 6.0, 7.5, 7.5]
     assert study.table.attrs["units"] == {"piston.mass": "kg", "piston_height": "m", "drop.height": "m"}
     read = pandas.read_csv(io.StringIO(study.to_csv()))
@@ -241,27 +241,27 @@ def test_a_table_is_in_si_and_names_its_units(study: Study) -> None:
     assert list(read["warning"].isna()) == [True, True, False, False]
 
 
-def test_a_case_that_leaves_a_key_has_the_scenes_value(study: Study) -> None:
+def test_a_key_that_a_case_does_not_set_has_the_value_of_the_scene(study: Study) -> None:
     cases = [*study.cases[:1], *make_cases(load_scene("damper"), {}, [{"dt": 1e-4}], SETTINGS, doubtful)]
     table = Study(tuple(cases), study.outcomes[:2], 0).table
     assert list(table["piston.mass"]) == [6.0, 7.5]
     assert list(table["dt"]) == [1e-5, 1e-4]
 
 
-def test_a_page_shows_what_varies_over_what_is_varied(study: Study) -> None:
+def test_the_page_shows_figures_against_varied_keys(study: Study) -> None:
     text = study_page(study).to_html()
     assert "4 cases" in text
-    assert "<h2>Cases in doubt</h2>" in text
+    assert "<h2>Cases with warnings</h2>" in text
     assert "<li>3, 4: a piston of 7.5 kg is heavy</li>" in text
     assert "over piston.mass" in text
     assert text.count("<svg") == 1
-    assert "Means over random starts" in text
+    assert "Means over random packings" in text
     assert "run until 0.001 s" in text
     assert all(case.key in text for case in study.cases)
     assert "<th>piston.mass [kg]</th>" in text
 
 
-def test_an_end_in_words_and_a_start_that_failed_have_a_page() -> None:
+def test_the_page_shows_end_times_with_units_and_failed_cases() -> None:
     grid = {"piston.mass": [6.0], "arrangement.seed": [1, 2]}
     cases = make_cases(load_scene("damper"), grid, [], SETTINGS | {"t_end": "2 ms"}, doubtful)
     outcomes = (CaseOutcome({"mass": 12.0}, None), CaseOutcome({}, "StepError: step 3"))
@@ -270,7 +270,7 @@ def test_an_end_in_words_and_a_start_that_failed_have_a_page() -> None:
     assert "nan" not in text
 
 
-def test_the_command_writes_both(
+def test_the_command_writes_table_and_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def computed(cases: Any, *_: Any) -> Iterator[Any]:
@@ -288,7 +288,7 @@ def test_the_command_writes_both(
     assert lines[1].startswith("6.0,0.06,,")
 
 
-def test_cases_that_failed_have_a_page_too() -> None:
+def test_a_study_whose_cases_all_failed_has_a_page() -> None:
     cases = make_cases(load_scene("damper"), {"piston.mass": [6.0, 7.0]}, [], SETTINGS, doubtful)
     lost = CaseOutcome(error="StepError: step 3")
     text = study_page(Study(tuple(cases), (lost, lost), 0)).to_html()

@@ -1,4 +1,4 @@
-"""Tolerances of a damper's parts."""
+"""Effect of tolerances of parts on the figures of a damper."""
 
 import dataclasses
 import json
@@ -44,7 +44,7 @@ def rest() -> Equilibrium:
 
 @pytest.fixture(scope="module")
 def oiled() -> Equilibrium:
-    """The same bed with magnets and oil as bought."""
+    """The same bed with commercial magnets and oil."""
     return at_rest(
         small_damper(
             **{
@@ -65,7 +65,7 @@ def two_parts(changes: list[list[float]], curvatures: list[list[float]], drawn: 
     return Tolerances("toy", parts, np.ones((2, 3)), slopes, sides, np.zeros((drawn, 3)))
 
 
-def test_contributions_add_up_in_squares() -> None:
+def test_contributions_add_in_quadrature() -> None:
     toy = two_parts([[0.03, 0.0, 0.01], [-0.04, 0.02, 0.0]], [[0.0] * 3] * 2)
     np.testing.assert_allclose(toy.totals, [0.05, 0.02, 0.01], rtol=1e-14)
     np.testing.assert_allclose(toy.slopes[0], [[3.0, 0.0, 1.0], [-0.4, 0.2, 0.0]], rtol=1e-14)
@@ -74,12 +74,12 @@ def test_contributions_add_up_in_squares() -> None:
     assert toy.curved == ()
 
 
-def test_a_second_difference_is_said() -> None:
+def test_a_nonlinear_effect_is_reported() -> None:
     # sqrt(1 + 2 (c/a)^2) is 1.05 at c/a = 0.2264.
     assert two_parts([[0.1] * 3, [0.0] * 3], [[0.022] * 3, [0.0] * 3]).curved == ()
     toy = two_parts([[0.1] * 3, [0.0] * 3], [[0.0, 0.023, 0.0], [0.0] * 3])
     assert toy.curved == ("a",)
-    assert "Slopes alone are not enough for a, whose second difference counts: draw dampers" in str(toy)
+    assert "Slopes alone are not enough for a, whose effect is nonlinear: draw dampers" in str(toy)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,9 @@ def test_a_second_difference_is_said() -> None:
         ("piston.drag", "2 kg/s", 2.0),
     ],
 )
-def test_tolerances_are_read(key: str, tolerance: str | float, deviation: float) -> None:
+def test_tolerances_are_read_in_percent_units_and_si(
+    key: str, tolerance: str | float, deviation: float
+) -> None:
     (part,) = read_parts(load_scene("damper"), {key: tolerance})
     assert part.deviation == pytest.approx(deviation, rel=1e-12)
     assert part.one_sided == (key == "piston.drag")
@@ -109,11 +111,15 @@ def test_tolerances_of_temperatures_are_in_kelvin() -> None:
 @pytest.mark.parametrize(
     ("key", "tolerance", "message"),
     [
-        ("grains.mass", "1%", r"'grains\.mass' is no number of a part .*'damper'; there are .*piston\.mass"),
-        ("grains.count", "1%", "no number of a part"),
-        ("grains.coating", "1 um", "no number of a part"),
-        ("piston.height", "1 mm", "no number of a part"),
-        ("output.frames", "1 ms", "no number of a part"),
+        (
+            "grains.mass",
+            "1%",
+            r"'grains\.mass' is not a number of a part .*'damper'; give one of .*piston\.mass",
+        ),
+        ("grains.count", "1%", "not a number of a part"),
+        ("grains.coating", "1 um", "not a number of a part"),
+        ("piston.height", "1 mm", "not a number of a part"),
+        ("output.frames", "1 ms", "not a number of a part"),
         (
             "cell.width",
             "2 kg",
@@ -125,7 +131,7 @@ def test_tolerances_of_temperatures_are_in_kelvin() -> None:
         ("piston.drag", "5 %", "give a tolerance with a unit"),
     ],
 )
-def test_others_are_refused_in_a_line(key: str, tolerance: str, message: str) -> None:
+def test_invalid_tolerances_are_refused_in_one_line(key: str, tolerance: str, message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         read_parts(load_scene("damper"), {key: tolerance})
     assert "\n" not in str(caught.value)
@@ -136,14 +142,14 @@ def test_no_part_and_no_bed_are_refused() -> None:
         tolerances(load_scene("damper"), {})
     with pytest.raises(InputError, match="beds = 0, draws = None, seed = 0; give 1 bed"):
         tolerances(load_scene("damper"), TWO, beds=0)
-    with pytest.raises(InputError, match=r"seed = -1; .* draws and seed from 0 on"):
+    with pytest.raises(InputError, match=r"seed = -1; .* draws and seed 0 or more"):
         tolerances(load_scene("damper"), TWO, seed=-1)
-    with pytest.raises(InputError, match=r"names no friction, and amplitude = 0\.001 m"):
+    with pytest.raises(InputError, match=r"has no friction, which amplitude = 0\.001 m"):
         tolerances(load_scene("damper"), TWO, amplitude=1e-3)
 
 
-def test_a_part_that_moves_no_figure_has_no_departures(rest: Equilibrium) -> None:
-    """Without an amplitude, friction enters none: rounding alone differs between both sides."""
+def test_a_part_without_effect_has_no_nonlinearity(rest: Equilibrium) -> None:
+    """Without an amplitude friction has no effect, and the two directions differ only by rounding."""
     scene = rest.scene.replace(**{"piston.friction": 0.05})
     found = tolerances_at(
         [dataclasses.replace(rest, scene=scene)], read_parts(scene, {"piston.friction": "20 %"})
@@ -152,7 +158,7 @@ def test_a_part_that_moves_no_figure_has_no_departures(rest: Equilibrium) -> Non
     assert len(found.drawn) == 0
 
 
-def test_slopes_are_those_of_small_changes(rest: Equilibrium) -> None:
+def test_slopes_agree_with_small_finite_changes(rest: Equilibrium) -> None:
     keys = tuple(SIX)
     tight = read_parts(rest.scene, dict.fromkeys(keys, "0.01 %"))
     found = tolerances_at([rest], tight)
@@ -160,8 +166,10 @@ def test_slopes_are_those_of_small_changes(rest: Equilibrium) -> None:
     assert np.abs(found.sides.mean(axis=2)).max() < 1e-6
 
 
-def test_changed_dampers_are_those_of_changed_scenes(rest: Equilibrium) -> None:
-    """Both sides of a wide tolerance, against an equilibrium and root found without the first matrices."""
+def test_shifted_dampers_agree_with_changed_scenes(rest: Equilibrium) -> None:
+    """Both directions of a wide tolerance; equilibrium and root are found from new matrices for
+    comparison.
+    """
     (part,) = read_parts(rest.scene, {"grains.remanence": "5%"})
     found = tolerances_at([rest], [part])
     figures = []
@@ -175,8 +183,10 @@ def test_changed_dampers_are_those_of_changed_scenes(rest: Equilibrium) -> None:
     np.testing.assert_allclose(found.slopes[0, 0], 0.5 * (up - down) / 0.05, rtol=1e-6, atol=1e-8)
 
 
-def test_smaller_steps_if_the_bed_rearranges(rest: Equilibrium, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Slopes are of the settled packing, contributions of the one that the bed gets."""
+def test_slopes_use_smaller_steps_if_the_bed_rearranges(
+    rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Slopes belong to the settled packing, contributions to the rearranged packing."""
     parts = read_parts(rest.scene, TWO)
     wanted = tolerances_at([rest], parts)
 
@@ -192,7 +202,7 @@ def test_smaller_steps_if_the_bed_rearranges(rest: Equilibrium, monkeypatch: pyt
     assert found.curved == tuple(TWO)
     numbers = np.random.default_rng(0).standard_normal((3, 2))
     assert found.rearranged == np.count_nonzero(np.abs(numbers).max(axis=1) > 0.5) == 2
-    assert "Grains pack otherwise in 2 drawn dampers, which count so." in found.notes
+    assert "The packing differs from the settled bed in 2 drawn dampers, which are included." in found.notes
 
 
 def test_dampers_are_drawn_if_slopes_are_not_enough(
@@ -207,7 +217,7 @@ def test_dampers_are_drawn_if_slopes_are_not_enough(
     assert len(tolerances_at([rest], wide, draws=0).drawn) == 0
 
 
-def test_a_bed_that_rearranges_is_stable_again(rest: Equilibrium) -> None:
+def test_a_rearranged_bed_is_a_stable_equilibrium(rest: Equilibrium) -> None:
     parts = read_parts(rest.scene, {"grains.remanence": "40 %"})
     changes, rearranged = module._Bed(rest, parts, None).changes(np.array([-1.0]))
     assert rearranged
@@ -221,30 +231,30 @@ def test_a_bed_that_rearranges_is_stable_again(rest: Equilibrium) -> None:
     np.testing.assert_allclose(changes[:2] + 1.0, wanted, rtol=1e-6)
 
 
-def test_drawn_dampers_scatter_as_slopes_say(rest: Equilibrium) -> None:
+def test_spread_of_drawn_dampers_agrees_with_slopes(rest: Equilibrium) -> None:
     found = tolerances_at([rest], read_parts(rest.scene, SIX), draws=50, seed=3)
     assert found.curved == ()
-    # A standard deviation of 50 drawn numbers has an error of 10 %.
+    # The standard deviation of 50 samples has an error of 10 %.
     np.testing.assert_allclose(found.totals, found.sums_of_squares, rtol=0.25)
     assert not np.array_equal(found.totals, found.sums_of_squares)
 
 
-def test_parts_as_bought_have_slopes(oiled: Equilibrium) -> None:
+def test_slopes_of_commercial_parts_follow_their_formulas(oiled: Equilibrium) -> None:
     wanted = {"grains.temperature": "3 K", "grains.coating": "5 um", "effects.drag.viscosity": "5 %"}
     parts = read_parts(oiled.scene, wanted | {"cell.separation": "0.02 mm", "grains.remanence": "0.1 %"})
     found = tolerances_at([oiled], parts, draws=0)
     by_temperature, by_coating, by_viscosity, by_gap, by_remanence = found.slopes[0]
-    # The remanence has the factor 1 - 0.0012 (T - 20); viscosity is no part of the rest.
+    # The remanence has the factor 1 - 0.0012 (T - 20); viscosity does not affect the equilibrium.
     factor = REMANENCE_SLOPE / (1.0 + REMANENCE_SLOPE * (30.0 - REFERENCE_TEMPERATURE))
     assert by_temperature[0] == pytest.approx(factor * by_remanence[0], rel=1e-3)
     assert by_coating[0] < 0.0
     assert by_viscosity[2] == pytest.approx(1.0, abs=0.01)
-    # Films of 0.2 mm on both sides: gamma goes as 1/(E - t), E/(E - t) = 8.5.
+    # Films of 0.2 mm on both sides: gamma is proportional to 1/(E - t), with E/(E - t) = 8.5.
     assert by_gap[2] == pytest.approx(-8.5, rel=0.02)
 
 
-def test_tolerance_of_a_viscosity_comes_on_top_of_the_temperatures(oiled: Equilibrium) -> None:
-    """A viscosity that is set takes the liquid away, named first or last."""
+def test_tolerances_of_viscosity_and_temperature_both_contribute(oiled: Equilibrium) -> None:
+    """Setting a viscosity overrides the liquid, in either order of the keys."""
     both = {"effects.drag.viscosity": "5 %", "grains.temperature": "3 K"}
     first = tolerances_at([oiled], read_parts(oiled.scene, both), draws=2)
     parts = read_parts(oiled.scene, both)
@@ -259,8 +269,8 @@ def test_tolerance_of_a_viscosity_comes_on_top_of_the_temperatures(oiled: Equili
 
 
 @pytest.mark.parametrize("changes", [{}, {"effects.drag.coefficient": 0.2}, {"effects.drag.packing": 0.4}])
-def test_a_tolerance_keeps_what_its_key_would_take_away(changes: dict[str, Any]) -> None:
-    """A grade beside the remanence, a liquid beside the drag's coefficient, a drag beside the viscosity."""
+def test_a_tolerance_does_not_override_related_keys(changes: dict[str, Any]) -> None:
+    """Grade and remanence, liquid and drag coefficient, drag and viscosity."""
     scene = load_scene("workshop").replace(**changes)
     blade = "piston.drag" if not changes else "piston.blade.film"
     wide = {blade: "1 %", "effects.drag.coefficient": "1 %", "effects.drag.viscosity": "1 %"}
@@ -280,7 +290,7 @@ def test_a_tolerance_keeps_what_its_key_would_take_away(changes: dict[str, Any])
     assert ("effects.drag.coefficient" in usual_parts(scene)) == measured
 
 
-def test_beds_have_one_variance() -> None:
+def test_variances_are_averaged_over_beds() -> None:
     toy = two_parts([[0.0] * 3, [0.0] * 3], [[0.0] * 3] * 2)
     changes = np.array([[[0.03] * 3, [0.0] * 3], [[-0.01] * 3, [0.0] * 3]])
     sides = np.stack([changes, -changes], axis=2)
@@ -288,12 +298,12 @@ def test_beds_have_one_variance() -> None:
     np.testing.assert_allclose(toy.totals, (0.5 * (0.03**2 + 0.01**2)) ** 0.5)
     # Variances of 9 and 1: half of sqrt((4^2 + 4^2)/1)/sqrt(2) over 5.
     np.testing.assert_allclose(toy.errors, 0.4)
-    assert "Beds differ: ± of zeta is known to 40 %; more --beds help." in toy.notes
+    assert "Beds differ: ± of zeta has a standard error of 40 %; give more --beds to reduce it." in toy.notes
     assert "+1.0000 ± 2.8284" in str(toy)  # sqrt((2^2 + 2^2)/1)
 
 
 @pytest.mark.long  # compiles the piston's drag
-def test_a_zero_that_cannot_be_negative_rises(rest: Equilibrium) -> None:
+def test_a_zero_that_cannot_be_negative_is_only_increased(rest: Equilibrium) -> None:
     found = tolerances_at([rest], read_parts(rest.scene, {"piston.drag": "0.05 kg/s"}))
     damped = equilibrium_from(rest.scene.replace(**{"piston.drag": 0.05}), rest.positions, rest.piston_height)
     wanted = piston_roots(damped)[0].damping_ratio / found.figures[0, 2] - 1.0
@@ -301,7 +311,7 @@ def test_a_zero_that_cannot_be_negative_rises(rest: Equilibrium) -> None:
     assert found.sides[0, 0, 1, 2] == -found.sides[0, 0, 0, 2]
 
 
-def test_damping_at_an_amplitude_is_with_friction(rest: Equilibrium) -> None:
+def test_damping_at_an_amplitude_includes_friction(rest: Equilibrium) -> None:
     friction = {"effects.friction": {"static": 0.02, "dynamic": 0.015}}
     scene = rest.scene.replace(**friction)
     rubbing = equilibrium_from(scene, rest.positions, rest.piston_height)
@@ -310,7 +320,7 @@ def test_damping_at_an_amplitude_is_with_friction(rest: Equilibrium) -> None:
     root = piston_roots(rest)[0]
     added = motion_friction(rubbing, root=root).equivalent_damping_ratio(2e-3)
     assert found.figures[0, 2] == pytest.approx(root.damping_ratio + added, rel=1e-9)
-    # 2 F_c/(pi k a) goes with the coefficient.
+    # 2 F_c/(pi k a) is proportional to the coefficient.
     assert found.slopes[0, 0, 2] == pytest.approx(added / (root.damping_ratio + added), rel=1e-6)
     # Discs tilt more in a wider gap.
     wide, narrow = (
@@ -324,12 +334,12 @@ def test_damping_at_an_amplitude_is_with_friction(rest: Equilibrium) -> None:
     wanted = 0.5 * (wide - narrow) / found.figures[0, 2]
     assert found.slopes[0, 1, 2] == pytest.approx(wanted * 310.0, rel=1e-6)
     assert found.slopes[0, 1, 0] == 0.0
-    assert "with dry friction, at an amplitude of 2 mm" in str(found)
-    with pytest.raises(InputError, match="names no friction"):
+    assert "includes dry friction, at an amplitude of 2 mm" in str(found)
+    with pytest.raises(InputError, match="has no friction"):
         tolerances_at([rest], parts[1:], amplitude=2e-3)
 
 
-def test_usual_parts_are_those_that_the_scene_names(oiled: Equilibrium) -> None:
+def test_usual_parts_are_limited_to_parts_of_the_scene(oiled: Equilibrium) -> None:
     plain, bought = usual_parts(small_damper()), usual_parts(oiled.scene)
     assert "effects.drag.coefficient" in plain
     assert not {"cell.separation", "grains.coating", "grains.temperature"} & plain.keys()
@@ -346,7 +356,7 @@ def test_usual_parts_are_those_that_the_scene_names(oiled: Equilibrium) -> None:
     assert read_parts(oiled.scene, bought)
 
 
-def test_command_prints_the_table_and_writes_a_page(
+def test_the_command_prints_the_table_and_writes_a_page(
     rest: Equilibrium, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def beds(scene: Scene, count: int, **_: object) -> list[object]:

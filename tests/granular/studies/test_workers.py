@@ -1,4 +1,4 @@
-"""Where cases are computed: any executor, here or on other machines, whose workers may die."""
+"""Cases are computed on any executor, local or remote, whose workers may die."""
 
 import os
 import signal
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[3]
 
 
 class Mortal(Executor):
-    """A worker that some cases kill; what is submitted next to them is lost as well."""
+    """An executor whose worker is killed by some cases; cases submitted with them are lost as well."""
 
     def __init__(self, killers: dict[int, float]) -> None:
         self.killers, self.dead = killers, False
@@ -45,7 +45,7 @@ class Mortal(Executor):
 
 
 class Taken(Future[Any]):
-    """A case; when those next to it are taken back, the next ones have a new worker."""
+    """A submitted case; after it is cancelled, later cases get a new worker."""
 
     def __init__(self, executor: Mortal) -> None:
         super().__init__()
@@ -60,7 +60,7 @@ SEEDS = range(1, 41)
 
 
 def swept_area(executor: Mortal) -> dict[int, str | None]:
-    """The error of each seed."""
+    """Run a sweep and return the error of each seed."""
     study = sweep(load_scene("bed"), {"arrangement.seed": SEEDS}, executor=executor, progress=False)
     assert all(
         one.error or one.figures["seed"] == seed for seed, one in zip(SEEDS, study.outcomes, strict=True)
@@ -69,21 +69,21 @@ def swept_area(executor: Mortal) -> dict[int, str | None]:
 
 
 @pytest.mark.parametrize("times", [1, ATTEMPTS - 1])
-def test_workers_killed_from_outside_cost_no_case(times: int) -> None:
+def test_no_case_is_lost_if_workers_are_killed_externally(times: int) -> None:
     assert set(swept_area(Mortal({3: times, 20: 1})).values()) == {None}
 
 
 @pytest.mark.parametrize("killers", [(1,), (3,), (40,), (1, 2), (3, 20, 21, 40)])
-def test_cases_that_kill_their_workers_take_no_other_with_them(killers: tuple[int, ...]) -> None:
+def test_cases_that_kill_their_workers_do_not_affect_other_cases(killers: tuple[int, ...]) -> None:
     executor = Mortal(dict.fromkeys(killers, float("inf")))
     errors = swept_area(executor)
     for seed, error in errors.items():
-        assert error == (f"the worker died, {ATTEMPTS} times" if seed in killers else None)
+        assert error == (f"the worker died {ATTEMPTS} times" if seed in killers else None)
     for seed in SEEDS:
         assert executor.runs.count(seed) == (ATTEMPTS if seed in killers else 1)
 
 
-def test_an_executor_that_stays_broken_ends_the_study() -> None:
+def test_a_permanently_broken_executor_ends_the_study() -> None:
     class Broken(Mortal):
         def submit(self, function: Callable[..., Any], case: Case, *more: Any) -> Future[Any]:
             if len(self.runs) == 20:
@@ -92,10 +92,10 @@ def test_an_executor_that_stays_broken_ends_the_study() -> None:
 
     errors = list(swept_area(Broken({})).values())
     assert errors[:20] == [None] * 20
-    assert set(errors[20:]) == {f"the worker died, {ATTEMPTS} times"}
+    assert set(errors[20:]) == {f"the worker died {ATTEMPTS} times"}
 
 
-def test_an_executor_that_is_given_is_left_to_its_owner() -> None:
+def test_a_given_executor_is_not_shut_down() -> None:
     with ThreadPoolExecutor(1) as pool:
         with case_executor(pool) as inside:
             assert inside is pool
@@ -130,8 +130,8 @@ sweep(scene, values, dt=1e-6, workers=1, progress=False)
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_an_interrupted_sweep_ends_in_silence() -> None:
-    """Many cases wait then; what manages the processes must not stumble over them."""
+def test_an_interrupted_sweep_ends_without_tracebacks() -> None:
+    """Many cases are waiting at that time; the process manager must handle them."""
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, cwd=ROOT, check=False
     )
@@ -143,7 +143,7 @@ def step_and_process(run: Trajectory) -> Mapping[str, float]:
     return {"dt": run.settings()["dt"], "process": os.getpid()}
 
 
-def test_who_waits_computes_what_no_process_has_begun() -> None:
+def test_the_waiting_caller_computes_cases_that_have_not_started() -> None:
     steps = [1e-3 / parts for parts in range(1, 13)]
     settings = {"dt": 1e-3, "t_end": 1e-2, "method": "stormer-verlet"}
     with BackgroundCaseRunner(step_and_process, None) as background:
@@ -156,7 +156,7 @@ def test_who_waits_computes_what_no_process_has_begun() -> None:
 
 
 class There:
-    """A task of a client, as Dask has it."""
+    """A task of a client, with the interface of Dask."""
 
     def __init__(self, result: Callable[[], Any]) -> None:
         self.result = result
@@ -166,7 +166,7 @@ class There:
 
 
 class Client:
-    """A Dask client whose scheduler is gone after some tasks, and is back after some looks."""
+    """A Dask client whose scheduler is lost after some tasks, and returns after some status checks."""
 
     def __init__(self, tasks: int, back_after: float) -> None:
         self.tasks, self.back_after = tasks, back_after
@@ -191,23 +191,23 @@ class Client:
         return There(result)
 
 
-def test_a_scheduler_that_is_gone_ends_a_sweep_in_words(tmp_path: Path) -> None:
+def test_a_lost_scheduler_ends_a_sweep_with_an_error_message(tmp_path: Path) -> None:
     arguments: dict[str, Any] = {"out": tmp_path, "progress": False}
     grid = {"arrangement.seed": range(1, 9)}
-    with pytest.raises(ExecutorLostError, match="scheduler is gone; start it again"):
+    with pytest.raises(ExecutorLostError, match="scheduler is gone; restart it"):
         sweep(load_scene("bed"), grid, executor=DaskClusterExecutor(Client(3, float("inf"))), **arguments)
     again = sweep(load_scene("bed"), grid, executor=DaskClusterExecutor(Client(100, 0)), **arguments)
     assert [one.figures["seed"] for one in again.outcomes] == list(range(1, 9))
 
 
-def test_a_scheduler_that_comes_back_is_waited_for() -> None:
+def test_a_sweep_waits_for_a_scheduler_that_returns() -> None:
     pool: Executor = DaskClusterExecutor(Client(3, 3))
     grid = {"arrangement.seed": range(1, 9)}
     study = sweep(load_scene("bed"), grid, executor=pool, progress=False)
     assert [one.figures["seed"] for one in study.outcomes] == list(range(1, 9))
 
 
-def test_a_task_that_was_under_way_is_lost() -> None:
+def test_a_running_task_is_lost_with_the_scheduler() -> None:
     case = sweep_case()
     with pytest.raises(BrokenExecutor, match="scheduler was lost"):
         DaskClusterExecutor(Client(1, float("inf"))).submit(print, case).result()
@@ -227,7 +227,7 @@ def test_executors_exclude_each_other() -> None:
 
 @pytest.fixture
 def scheduler() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """A Dask scheduler of its own process, with two workers."""
+    """A Dask scheduler in a separate process, with two workers."""
     pytest.importorskip("distributed")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -253,7 +253,7 @@ def scheduler() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 
 
 def started(tmp_path: Path, address: str) -> subprocess.Popen[str]:
-    """A sweep of forty cases on the cluster, some of which are done."""
+    """A sweep of forty cases on the cluster, some of which are finished."""
     study = write_study(tmp_path, 1000)
     words = f"-m granular sweep {study} -o {tmp_path / 'out'} --quiet --dask {address}"
     process = subprocess.Popen([sys.executable, *words.split()], cwd=ROOT, stderr=subprocess.PIPE, text=True)
@@ -264,18 +264,22 @@ def started(tmp_path: Path, address: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.long
-def test_a_dask_scheduler_is_killed(tmp_path: Path, scheduler: tuple[str, subprocess.Popen[bytes]]) -> None:
+def test_the_command_reports_a_killed_dask_scheduler(
+    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[bytes]]
+) -> None:
     process = started(tmp_path, scheduler[0])
     scheduler[1].kill()
     _, told = process.communicate(timeout=60)
-    assert told == "error: the Dask scheduler is gone; start it again, and the same command goes on\n"
+    assert (
+        told == "error: the Dask scheduler is gone; restart it, then run the same command again to continue\n"
+    )
     assert process.returncode == 1
     assert len(list(tmp_path.glob("out/cases/[!.]*.json"))) >= 5
 
 
 @pytest.mark.long
 @pytest.mark.usefixtures("interruptible")
-def test_a_sweep_on_dask_is_interrupted(
+def test_a_sweep_on_dask_can_be_interrupted(
     tmp_path: Path, scheduler: tuple[str, subprocess.Popen[bytes]]
 ) -> None:
     process = started(tmp_path, scheduler[0])
