@@ -262,7 +262,7 @@ def check_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
 
 
 def is_present(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "... n"]:
-    """Whether each grain is in the cell: its position is finite; positions [m]."""
+    """Find which grains are in the cell, by finite positions; positions [m]."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
 

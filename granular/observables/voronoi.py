@@ -258,7 +258,7 @@ def _neighbour_pairs_and_sides(
 def _find_interior_cells(
     points: np.ndarray, triangles: np.ndarray, corners: np.ndarray, rim: np.ndarray
 ) -> np.ndarray:
-    """Whether each cell is bounded with all corners inside the box of the centres, bool (n,)."""
+    """Find which cells are bounded with all corners inside the box of the centres, bool (n,)."""
     inside = np.zeros(len(points), dtype=bool)
     if not len(triangles):
         return inside

@@ -99,8 +99,8 @@ def _draw_curves(response: FrequencyResponse, comparison: PageComparison | None)
         axes.get_legend().remove()
         label_log_axis_plainly(axes.yaxis)
         count = response.dataset.sizes["amplitude"]
-        own_handles = axes.get_lines()[:count]
-        for k, line in enumerate(own_handles):
+        measured_lines = axes.get_lines()[:count]
+        for k, line in enumerate(measured_lines):
             line.set(color=COLOURS[k % len(COLOURS)], linestyle="-", linewidth=1.6)
             if response.dataset.sizes["frequency"] < _DENSE:
                 line.set(marker="o", markersize=5)
