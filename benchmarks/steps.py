@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.engine import PAIR_METHODS, bed_of
 from benchmarks.timing import least_seconds
 from granular import evaluate, simulate
-from granular.pairs.direct_sum import PARTED_FROM
+from granular.pairs.direct_sum import MIN_GRAINS_FOR_PARTS
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import EnergyError
@@ -49,7 +49,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
 }
 """What is added to, or changed in, a bed with dipoles and walls alone."""
 
-MESH_FROM = 2000
+MIN_GRAINS_FOR_MESH = 2000
 
 _BARE: dict[str, Any] = {"effects.gravity": None, "effects.drag": None}
 
@@ -67,7 +67,7 @@ def method_steps(count: int, rounds: int) -> list[dict[str, Any]]:
 
 def thread_steps(count: int, rounds: int) -> list[dict[str, Any]]:
     """Time of a step [s] with one and two threads, by each method of summing pairs."""
-    if numba.config.NUMBA_NUM_THREADS < 2 or count < PARTED_FROM:
+    if numba.config.NUMBA_NUM_THREADS < 2 or count < MIN_GRAINS_FOR_PARTS:
         return []
     rows = []
     for name in PAIR_METHODS:
@@ -96,7 +96,7 @@ def effect_steps(count: int, rounds: int) -> list[dict[str, Any]]:
     Large beds are summed by the mesh, which slabs do not go with.
     """
     bare, effects = _BARE, EFFECTS
-    if count > MESH_FROM:
+    if count > MIN_GRAINS_FOR_MESH:
         bare = _BARE | {"pairs.method": "mesh"}
         effects = {name: changes for name, changes in EFFECTS.items() if "slabs" not in name}
     engines = {name: EngineSteps(bed_of(count, bare | changes)) for name, changes in effects.items()}

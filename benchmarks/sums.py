@@ -23,7 +23,7 @@ from benchmarks.timing import least_seconds
 from granular.compiled import entry
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.direct_sum import (
-    PARTED_FROM,
+    MIN_GRAINS_FOR_PARTS,
     direct_sum,
     pad_coordinates,
     pad_values,
@@ -219,7 +219,7 @@ def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
             entries[f"OpenMM, {item}"] = TimedSum(*openmm.steps(grains.positions, item))
     entries["plain numba loop, with friction load"] = plain(grains, load=True)
     entries["direct sum, with friction load"] = direct(grains, load=True)
-    if count >= PARTED_FROM and numba.config.NUMBA_NUM_THREADS > 1:
+    if count >= MIN_GRAINS_FOR_PARTS and numba.config.NUMBA_NUM_THREADS > 1:
         entries[f"direct sum, {numba.get_num_threads()} threads"] = direct(grains, threaded=True)
     calls = {name: item.call for name, item in entries.items()}
     seconds = least_seconds(calls, rounds=rounds, seconds=0.002)

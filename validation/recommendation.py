@@ -16,7 +16,7 @@ from granular.run.work_precision import (
     SceneWorkPrecision,
     WorkPrecisionEntry,
     damping_kind,
-    keep_measured_scene,
+    store_measured_scene,
 )
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -186,7 +186,7 @@ def recommend_settings(
         study = _measure_until_decided(
             scenes, chosen, candidate_settings(scene), reference, tolerance, until, progress
         )
-    keep_measured_scene(scene, chosen.name, until, _measured_scene(scene, study, len(scenes)))
+    store_measured_scene(scene, chosen.name, until, _measured_scene(scene, study, len(scenes)))
     return recommend_from_study(study, tolerance)
 
 

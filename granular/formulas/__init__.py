@@ -1,9 +1,9 @@
-"""Formulas that people write, parsed into a tree. Nothing of a text is ever run.
+"""User-written formulas, parsed into a tree. No part of a text is ever executed.
 
-A text is cut into tokens: numbers, names with their primes, and operators. Python's
-parser, which runs nothing, orders stand-ins for them, and what it gives is taken over node by node
-(`parser`), only what a formula may hold. Of the tree, `granular.formulas.algebra` makes
-SymPy's objects, and `granular.formulas.algebra` its unit.
+A text is split into tokens: numbers, names with primes, and operators. Python's parser, which
+executes nothing, parses placeholders for them, and its result is converted node by node (`parser`);
+only nodes that a formula may contain are accepted. `granular.formulas.algebra` converts the tree to
+SymPy and infers its unit.
 """
 
 from granular.formulas.parser import (

@@ -1,7 +1,7 @@
-"""SymPy's objects from the grammar's trees, functions compiled from them, and dimensions of formulas.
+"""SymPy expressions from parsed formulas, compiled functions, and dimensions of formulas.
 
-The only file where a formula becomes code: SymPy writes Python of it, in which every symbol has a
-name that is made here, never one that a user wrote.
+Only in this file does a formula become code: SymPy writes Python code in which every symbol has a
+generated name, never a name from a user.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ _LEAST, _GREATEST = sys.float_info.min, sys.float_info.max
 
 
 def sympy_expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) -> sympy.Expr:
-    """Return the formula as SymPy's expression."""
+    """Convert a formula to a SymPy expression."""
     import sympy
 
     result = _build_expression(tree, symbols or {})
     if result.has(sympy.zoo, sympy.nan, sympy.oo, sympy.S.NegativeInfinity, sympy.I):
-        raise FormulaError("it divides by zero, or is no real number; write another formula")
+        raise FormulaError("it divides by zero, or is not a real number; write another formula")
     return result
 
 
 def check_finite_numbers(expression: sympy.Expr) -> None:
-    """Check that the numbers that multiplying out has made are ones that a computer holds."""
+    """Check that the numbers of an expanded expression are within the range of double precision."""
     import sympy
 
     for part in sympy.preorder_traversal(expression):
@@ -41,7 +41,7 @@ def check_finite_numbers(expression: sympy.Expr) -> None:
             size = abs(part.evalf())
             if size.is_Number and not _LEAST <= size <= _GREATEST:
                 raise FormulaError(
-                    f"it holds {size.evalf(3)} when multiplied out, and computers hold numbers "
+                    f"it contains {size.evalf(3)} when expanded, but numbers must be "
                     "from 1e-308 to 1e308: write other numbers"
                 )
 
@@ -65,20 +65,20 @@ def _sympy_functions() -> dict[str, Callable[..., Any]]:
 
 
 def _left_fold(pair: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-    """Return a function of two operands for any number of them."""
+    """Extend a function of two operands to any number of operands."""
     return lambda *operands: functools.reduce(pair, operands)
 
 
 @functools.cache
 def _make_min_or_max(name: str) -> Any:
-    """Greater or the lesser of two operands."""
+    """Maximum or minimum of two operands, as a SymPy function."""
     import sympy
 
     sign = 1 if name == "max" else -1
     array_name = {"max": "maximum", "min": "minimum"}[name]
 
-    # SymPy's own `Max` asks of every two operands which one is larger, in all cases, and so do its
-    # derivatives: half a minute for eight of them.
+    # SymPy's `Max` compares all pairs of operands symbolically, and so do its derivatives, which takes half
+    # a minute for eight operands.
     class Extreme(sympy.Function):  # type: ignore[misc]  # SymPy is not typed
         nargs = 2
 
@@ -118,12 +118,12 @@ def _build_expression(tree: Node, symbols: Mapping[str, sympy.Symbol]) -> Any:
 
 
 def maximum(first: sympy.Expr, second: sympy.Expr) -> sympy.Expr:
-    """Return the greater one of two expressions."""
+    """Return the maximum of two expressions."""
     return _make_min_or_max("max")(first, second)
 
 
 def magnitude(expression: sympy.Expr) -> sympy.Expr:
-    """Return the absolute value, on which SymPy does not ponder as it does on its own `Abs`."""
+    """Return the absolute value in a form that SymPy simplifies faster than its `Abs`."""
     return maximum(expression, -expression)
 
 
@@ -133,18 +133,18 @@ def compile_formula(
     arguments: Sequence[Any],
     derive: Callable[[sympy.Expr, Mapping[str, sympy.Symbol]], dict[str, sympy.Expr]],
 ) -> dict[str, Callable[..., Any]]:
-    """Compile functions of named arguments, and tuples of them, that are derived from a formula.
+    """Compile functions of named arguments, or tuples of arguments, that are derived from a formula.
 
-    The second of them is the first derivative, which must have no jumps.
+    The second function is the first derivative, which must be free of jumps.
     """
     import sympy
 
     given = {name: sympy.Symbol(f"parameter{number}", real=True) for number, name in enumerate(parameters)}
     symbols = {name: sympy.Symbol(name, real=True) for name in sympy.flatten(arguments)} | given
     forms = derive(sympy_expression(parse(text), symbols), symbols)
-    # Of sign(u/a), where a may be zero, SymPy leaves the derivative as it is.
+    # SymPy leaves the derivative of sign(u/a) unevaluated, since a may be zero.
     if list(forms.values())[1].has(sympy.DiracDelta, sympy.Derivative):
-        raise FormulaError(f"{quote(text)} jumps; write one without jumps")
+        raise FormulaError(f"{quote(text)} has a jump; write a formula without jumps")
     taken = [
         [symbols[part] for part in name] if isinstance(name, tuple) else symbols[name] for name in arguments
     ]
@@ -152,7 +152,7 @@ def compile_formula(
 
 
 def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
-    """Without the infinite stiffness of a kink, at the one point where it is."""
+    """Remove the infinite stiffness at a kink."""
     import sympy
 
     for infinite in (sympy.DiracDelta, sympy.Derivative):
@@ -165,11 +165,11 @@ def compile_function(
     expressions: sympy.Expr | Sequence[sympy.Expr],
     modules: str | Sequence[Any] = "numpy",
 ) -> Callable[..., Any]:
-    """Compile a function of symbols, or tuples of them: an expression's value, or a list of values."""
+    """Compile a function of symbols, or tuples of symbols, that returns one value or a list of values."""
     import sympy
 
-    # In the order of their own names, since SymPy adds and multiplies in the order of names, and
-    # about the x0, x1 ... that it makes up: the last bits stay what they are without new names.
+    # Sorted by the original names, since SymPy orders sums and products by name, also relative to its
+    # generated x0, x1 ...: the last bits are then the same as without renaming.
     order = sorted(sympy.flatten(arguments), key=lambda symbol: symbol.name)
     safe = {
         symbol: sympy.Symbol(f"{'a' if symbol.name < 'x' else 'y'}{number:04d}", real=symbol.is_real)
@@ -196,7 +196,7 @@ _SAME = {"+", "-", "max", "min", "abs"}
 
 
 def unit_text(dimension: Dimension) -> str:
-    """Dimension as the unit that has it: ``kg s^-2``; ``1`` without one."""
+    """Write a dimension as a unit, such as ``kg s^-2``; ``1`` if dimensionless."""
     parts = [
         name if power == 1 else f"{name}^{power}"
         for name, power in zip(BASE, dimension, strict=True)
@@ -206,7 +206,7 @@ def unit_text(dimension: Dimension) -> str:
 
 
 def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
-    """Infer the dimension of a formula from those of its names."""
+    """Infer the dimension of a formula from the dimensions of its names."""
     if isinstance(tree, Name):
         return known[tree.text]
     if isinstance(tree, Number):
@@ -224,12 +224,14 @@ def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
         return _dimension_of_power(tree, parts)
     if tree.head not in ("sign", "heaviside") and any(part != NONE for part in parts):
         unit = unit_text(next(part for part in parts if part != NONE))
-        raise InputError(f"{tree.head} of something in {unit}; divide it by a size in {unit}")
+        raise InputError(
+            f"{tree.head}() needs a dimensionless argument, got {unit}; divide it by a quantity in {unit}"
+        )
     return NONE
 
 
 def _dimension_of_equal_terms(tree: Operation, parts: list[Dimension]) -> Dimension:
-    # A zero has every unit.
+    # Zero is compatible with every unit.
     result = [
         part for part, operand in zip(parts, tree.operands, strict=True) if _constant_value(operand) != 0
     ]
@@ -245,17 +247,17 @@ def _dimension_of_equal_terms(tree: Operation, parts: list[Dimension]) -> Dimens
 def _dimension_of_power(tree: Operation, parts: list[Dimension]) -> Dimension:
     base, power = parts
     if power != NONE:
-        raise InputError(f"a power in {unit_text(power)}; it must be a number")
+        raise InputError(f"an exponent has the unit {unit_text(power)}; it must be dimensionless")
     if base == NONE:
         return NONE
     number = _constant_value(tree.operands[1])
     if number is None:
-        raise InputError(f"{unit_text(base)} to a power that is no plain number; write a number")
+        raise InputError(f"{unit_text(base)} has an exponent that is not a plain number; write a number")
     return tuple(exponent * number for exponent in base)
 
 
 def _constant_value(tree: Node) -> Fraction | None:
-    """Value of a tree of plain numbers."""
+    """Value of a tree of plain numbers, or None."""
     if isinstance(tree, Number):
         try:
             return Fraction(tree.text)

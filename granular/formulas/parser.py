@@ -1,4 +1,4 @@
-"""Formulas parsed into trees: tokens put in order by Python's own parser, and checked."""
+"""Parser of formulas: tokens are ordered by Python's parser and checked."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ CONSTANTS = {"pi": math.pi, "π": math.pi, "e": math.e}
 
 
 class FormulaFunction(NamedTuple):
-    """A function that a formula may name: of how many operands, and its value for numbers."""
+    """A function for formulas: its value for numbers, and its minimum and maximum number of operands."""
 
     value: Callable[..., float]
-    least: int = 1
-    most: int = 1
+    min_operands: int = 1
+    max_operands: int = 1
 
 
 def _sign(x: float) -> float:
@@ -48,27 +48,27 @@ FUNCTIONS: Mapping[str, FormulaFunction] = {
     "max": FormulaFunction(max, 2, 8),
     "min": FormulaFunction(min, 2, 8),
 }
-"""Functions by name; give `parse` a longer table where there are more."""
+"""Functions by name; `parse` accepts an extended table."""
 
 ALIASES = {"Abs": "abs", "Max": "max", "Min": "min", "Heaviside": "heaviside", "ln": "log"}
-"""Names that SymPy prints for some of them, so that a printed equation can be read again."""
+"""SymPy's names for some functions, so that a printed equation can be read again."""
 
 
 MAX_CHARACTERS = 4000
-"""Longest formula: five times the longest equation that a search has written."""
+"""Maximum length of a formula: five times the longest equation found by a search."""
 MAX_TOKENS = 600
-"""Most tokens of a formula: three times those of a sum of all terms that `discover` knows."""
+"""Maximum number of tokens: three times the number in a sum of all terms of `discover`."""
 MAX_DEPTH = 50
-"""Brackets and powers within each other: far from where Python's own recursion ends."""
+"""Maximum nesting of brackets and powers, far below Python's limit of recursion."""
 MAX_NAME, MAX_DIGITS = 40, 40
-"""Characters of a name, which still fits into a table, and of a number, twice what double
-precision can tell apart."""
+"""Maximum length of a name, which fits into a table, and of a number, twice the digits of double
+precision."""
 LARGEST = 1e100
-"""Greatest size of a number, and one over the least: squares and cubes stay in double precision."""
+"""Maximum magnitude of a number, and inverse of the minimum: squares and cubes stay in double precision."""
 
 Token = re.Match[str]
 
-# Letters that nobody takes for Latin ones; those that have a twin in Unicode stand for it.
+# Greek letters that differ from Latin ones; Unicode variants are replaced.
 _GREEK = "αβγδεζηθικλμνξπρστυφχψωΓΔΘΛΞΠΣΦΨΩ"
 _TWINS = str.maketrans("µϕϵϑΩ", "μφεθΩ")
 _TOKEN = re.compile(
@@ -99,14 +99,14 @@ _INSTEAD = {
 
 
 class FormulaError(InputError):
-    """A text is no formula; the message says what is not allowed, where, and what to write."""
+    """A text is not a formula; the message gives the error, its position and a remedy."""
 
 
 def tokenize(text: str, functions: Mapping[str, FormulaFunction]) -> list[Token]:
-    """Cut a formula into its tokens."""
+    """Split a formula into tokens."""
     if len(text) > MAX_CHARACTERS:
         raise FormulaError(
-            f"{len(text)} characters are too long; at most {MAX_CHARACTERS} make a formula: write it shorter"
+            f"the formula has {len(text)} characters; the limit is {MAX_CHARACTERS}: write a shorter one"
         )
     tokens = list(_TOKEN.finditer(text.translate(_TWINS)))
     for token in tokens:
@@ -116,8 +116,8 @@ def tokenize(text: str, functions: Mapping[str, FormulaFunction]) -> list[Token]
         raise FormulaError("there is no formula; write one, such as k*z")
     if len(tokens) > MAX_TOKENS:
         raise FormulaError(
-            f"{len(tokens)} numbers, names and operators are too many; at most {MAX_TOKENS} make a "
-            "formula: write it shorter"
+            f"the formula has {len(tokens)} numbers, names and operators; the limit is {MAX_TOKENS}: "
+            "write a shorter one"
         )
     depth = 0
     for token in tokens:
@@ -135,32 +135,32 @@ def _check_token(token: Token, functions: Mapping[str, FormulaFunction]) -> None
     match token.lastgroup:
         case "number":
             if len(text) > MAX_DIGITS:
-                what = f"a number of {len(text)} characters"
-                raise syntax_error(token, what, f"at most {MAX_DIGITS} are read: round it")
+                problem = f"a number of {len(text)} characters"
+                raise syntax_error(token, problem, f"the limit is {MAX_DIGITS}: round it")
             check_magnitude(float(text), token)
         case "name":
             name = text.rstrip("'")
             if len(name) > MAX_NAME:
-                what = f"a name of {len(name)} letters"
-                raise syntax_error(token, what, f"at most {MAX_NAME} make a name: shorten it")
+                problem = f"a name of {len(name)} characters"
+                raise syntax_error(token, problem, f"the limit is {MAX_NAME}: shorten it")
             if "__" in name:
-                what = "two underscores, characters that no name has together,"
-                raise syntax_error(token, what, "write one")
+                problem = "two consecutive underscores, not allowed in names,"
+                raise syntax_error(token, problem, "write one")
             if name != text and (name in CONSTANTS or resolve_function_name(name, functions)):
-                what = f"a prime behind {name}, which does not change in time,"
-                raise syntax_error(token, what, "take another name")
+                problem = f"a prime after {name}, which is constant in time,"
+                raise syntax_error(token, problem, "use another name")
 
 
 def _check_neighbouring_tokens(before: Token, token: Token, functions: Mapping[str, FormulaFunction]) -> None:
-    """Refuse two operands without an operator, and calls of what is no function."""
+    """Refuse two operands without an operator, and calls of names that are not functions."""
     if before.lastgroup == "operator" and before[0] != ")":
         return
     if token[0] == "(" and before.lastgroup == "name":
         if resolve_function_name(before[0], functions) is None:
             remedy = f"write {before[0]}*(...), or one of {', '.join(functions)}"
-            raise syntax_error(before, f"{before[0]!r} is no function", remedy)
+            raise syntax_error(before, f"{before[0]!r} is not a function", remedy)
     elif token[0] == "(" or token.lastgroup != "operator":
-        raise syntax_error(token, "a sign is missing", "write * between two factors")
+        raise syntax_error(token, "an operator is missing", "write * between two factors")
 
 
 def _foreign_character_error(token: Token) -> FormulaError:
@@ -174,45 +174,45 @@ def _foreign_character_error(token: Token) -> FormulaError:
     shown = quote(character)
     if not character.isascii():
         shown += f" ({unicodedata.name(character, 'nameless')})"
-    return syntax_error(token, f"{shown} is none of the characters of a formula", remedy)
+    return syntax_error(token, f"{shown} is not a character of formulas", remedy)
 
 
 def resolve_function_name(name: str, functions: Mapping[str, FormulaFunction]) -> str | None:
-    """Name of the function that a name stands for; None where it stands for none."""
+    """Resolve a name, perhaps an alias, to the name of a function; None if it is not a function."""
     name = ALIASES.get(name, name)
     return name if name in functions else None
 
 
-def syntax_error(token: Token, what: str, remedy: str) -> FormulaError:
-    """Make the error that names what is wrong, the text from there on, and what to write."""
+def syntax_error(token: Token, problem: str, remedy: str) -> FormulaError:
+    """Make an error with the problem, the text at its position, and a remedy."""
     rest = token.string[token.start() :][:20].strip()
-    return FormulaError(f"{what} at {quote(rest)}; {remedy}")
+    return FormulaError(f"{problem} at {quote(rest)}; {remedy}")
 
 
 def nesting_error(token: Token) -> FormulaError:
-    """Make the error of what is nested deeper than is read."""
-    what = f"more than {MAX_DEPTH} brackets, operators or powers within each other"
-    return syntax_error(token, what, "write it with fewer")
+    """Make the error for nesting that is too deep."""
+    problem = f"more than {MAX_DEPTH} nested brackets, operators or powers"
+    return syntax_error(token, problem, "write it with fewer")
 
 
 def check_magnitude(value: float, token: Token) -> None:
-    """Check that double precision can square and cube a number."""
+    """Check that the square and cube of a number stay in double precision."""
     if value and not 1.0 / LARGEST <= abs(value) <= LARGEST:
-        what = f"a number of the size {abs(value):.3g}"
-        remedy = f"it must be from {1.0 / LARGEST:g} to {LARGEST:g}: take other units"
-        raise syntax_error(token, what, remedy)
+        problem = f"a number of magnitude {abs(value):.3g}"
+        remedy = f"it must be from {1.0 / LARGEST:g} to {LARGEST:g}: use other units"
+        raise syntax_error(token, problem, remedy)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Number:
-    """A number as it was written, so that no digit is lost, or one of `CONSTANTS` by its name."""
+    """A number as written, to keep all digits, or one of `CONSTANTS` by name."""
 
     text: str
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Name:
-    """A name with so many primes: ``z''`` has two."""
+    """A name and its number of primes: ``z''`` has two."""
 
     name: str
     primes: int = 0
@@ -225,7 +225,7 @@ class Name:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Operation:
-    """Operator or function, applied to its operands."""
+    """Operator or function with its operands."""
 
     head: str
     operands: tuple[Node, ...]
@@ -235,12 +235,12 @@ Node = Number | Name | Operation
 
 
 def variable_names(*trees: Node) -> tuple[Name, ...]:
-    """Names in formulas, each once, in the order of the text."""
+    """Names in formulas, without repetition, in the order of the text."""
     return tuple(dict.fromkeys(leaf for leaf in _iterate_leaves(trees) if isinstance(leaf, Name)))
 
 
 def constant_names(*trees: Node) -> tuple[str, ...]:
-    """Names of `CONSTANTS` in formulas, each once."""
+    """Names of `CONSTANTS` in formulas, without repetition."""
     numbers = (leaf.text for leaf in _iterate_leaves(trees) if isinstance(leaf, Number))
     return tuple(dict.fromkeys(text for text in numbers if text in CONSTANTS))
 
@@ -254,10 +254,10 @@ def _iterate_leaves(trees: Iterable[Node]) -> Iterator[Name | Number]:
 
 
 MAX_POWER = 64
-"""A height of 1e-3 m to it is 1e-192: with a higher power formulas leave double precision."""
+"""Maximum exponent: 1e-3 m to this power is 1e-192; higher powers leave double precision."""
 MAX_TERMS, MAX_SIZE = 300, 5000
-"""Terms once all brackets are multiplied out, as SymPy does, and numbers and names in all of them:
-within about a second."""
+"""Maximum number of terms after expansion of all brackets, as in SymPy, and of numbers and names in them:
+expansion takes about a second."""
 
 
 def parse(
@@ -271,9 +271,9 @@ class _ParsedPart(NamedTuple):
     """A parsed part of a formula."""
 
     tree: Node
-    value: float | None = None  # of numbers alone
-    terms: float = 1.0  # once all brackets are multiplied out
-    size: float = 1.0  # numbers and names in all of them
+    value: float | None = None  # of constant expressions
+    terms: float = 1.0  # after expansion of all brackets
+    size: float = 1.0  # numbers and names in all terms
 
 
 class _Parser:
@@ -281,7 +281,7 @@ class _Parser:
         self, tokens: list[Token], functions: Mapping[str, FormulaFunction], multiplied: bool
     ) -> None:
         self.tokens, self.functions, self.multiplied = tokens, functions, multiplied
-        # Each number and name is a stand-in of its own: nothing that was written reaches Python.
+        # Each number and name becomes a placeholder: no user text reaches Python's parser.
         words = {"number": "1", "name": "n"}
         pieces = [words.get(str(token.lastgroup), token[0].replace("^", "**")) for token in tokens]
         self.source = " ".join(pieces)
@@ -304,9 +304,9 @@ class _Parser:
         if opened > 0:
             return FormulaError("a bracket is not closed; write )")
         if opened < 0:
-            return FormulaError("a bracket closes that was not opened; write (")
+            return FormulaError("a closing bracket has no opening bracket; write (")
         token = self._token_at(offset)
-        return syntax_error(token, "what is no formula", "write one, such as k*(z - rest)")
+        return syntax_error(token, "invalid syntax", "write a formula such as k*(z - rest)")
 
     def _parse_part(self, node: ast.expr, depth: int) -> _ParsedPart:
         token = self._token_at(node.col_offset)
@@ -339,7 +339,7 @@ class _Parser:
     def _parse_name(self, token: Token) -> _ParsedPart:
         text = token[0]
         if resolve_function_name(text, self.functions) is not None:
-            remedy = f"write {text}(...), or take another name"
+            remedy = f"write {text}(...), or use another name"
             raise syntax_error(token, f"{text!r} is a function", remedy)
         if text in CONSTANTS:
             return _ParsedPart(Number(text), CONSTANTS[text])
@@ -347,7 +347,7 @@ class _Parser:
         return _ParsedPart(Name(name, len(text) - len(name)))
 
     def _parse_sum(self, node: ast.expr, depth: int, token: Token) -> _ParsedPart:
-        """All terms of a sum side by side: a long one is not a deep one."""
+        """Parse all terms of a sum at one level, so that a long sum is not deeply nested."""
         terms = []
         for operand, operator in _operands_in_order(node, ast.Add, ast.Sub):
             term = self._parse_part(operand, depth + 1)
@@ -358,33 +358,32 @@ class _Parser:
     def _check_function_call(self, node: ast.Call, token: Token) -> str:
         name = resolve_function_name(token[0], self.functions)
         assert name is not None  # the tokens were checked
-        least, most = self.functions[name].least, self.functions[name].most
-        if not least <= len(node.args) <= most:
-            wanted = str(least) if least == most else f"{least} to {most}"
-            what = f"{token[0]} of {len(node.args)} operands"
-            raise syntax_error(token, what, f"{wanted} are wanted")
+        function = self.functions[name]
+        minimum, maximum = function.min_operands, function.max_operands
+        if not minimum <= len(node.args) <= maximum:
+            needed = str(minimum) if minimum == maximum else f"{minimum} to {maximum}"
+            problem = f"{token[0]} with {len(node.args)} operands"
+            raise syntax_error(token, problem, f"{needed} needed")
         return name
 
     def _apply_operation(self, head: str, parts: list[_ParsedPart], token: Token) -> _ParsedPart:
-        """Operator or a function applied to its operands, if that can be computed."""
+        """Apply an operator or a function to its operands, if the result can be computed."""
         if head == "**" and abs(parts[1].value or 0.0) > MAX_POWER:
-            remedy = f"at most {MAX_POWER} is computed: write a lower one"
+            remedy = f"the limit is {MAX_POWER}: write a lower one"
             raise syntax_error(token, f"a power of {parts[1].value:.3g}", remedy)
         if head == "/" and parts[1].value == 0.0:
             raise syntax_error(token, "a division by zero", "write another denominator")
         value = self._constant_result(head, parts, token)
-        # Also of numbers: SymPy keeps roots as they are, and multiplies them out.
+        # Also for numbers, since SymPy keeps roots and expands them.
         terms, size = _count_expanded_terms(head, parts)
         if self.multiplied and (terms > MAX_TERMS or size > MAX_SIZE):
-            what = f"{terms:.3g} terms ({size:.3g} numbers and names) when multiplied out"
-            remedy = (
-                f"at most {MAX_TERMS} ({MAX_SIZE}) are taken: write lower powers, or products of fewer sums"
-            )
-            raise syntax_error(token, what, remedy)
+            problem = f"{terms:.3g} terms ({size:.3g} numbers and names) when expanded"
+            remedy = f"the limit is {MAX_TERMS} ({MAX_SIZE}): write lower powers, or products of fewer sums"
+            raise syntax_error(token, problem, remedy)
         return _ParsedPart(Operation(head, tuple(part.tree for part in parts)), value, terms, size)
 
     def _constant_result(self, head: str, parts: list[_ParsedPart], token: Token) -> float | None:
-        """Value of an operation on numbers alone; None of any other."""
+        """Value of an operation on constants; None for any other."""
         numbers = [part.value for part in parts if part.value is not None]
         if len(numbers) < len(parts):
             return None
@@ -396,7 +395,7 @@ class _Parser:
         except (ValueError, ZeroDivisionError):
             value = math.nan
         if isinstance(value, complex) or math.isnan(value):
-            raise syntax_error(token, "something that is no real number", "write another one")
+            raise syntax_error(token, "a value that is not a real number", "write another formula")
         check_magnitude(value, token)
         return float(value)
 
@@ -413,7 +412,7 @@ _OPERATORS: Mapping[str, Callable[..., Any]] = {
 def _operands_in_order(
     node: ast.expr, *operators: type[ast.operator]
 ) -> list[tuple[ast.expr, ast.operator | None]]:
-    """Operands of a run of operators of one rank, from the left, each with that before it."""
+    """Operands of a chain of operators of equal precedence, each with the preceding operator."""
     operands: list[tuple[ast.expr, ast.operator | None]] = []
     while isinstance(node, ast.BinOp) and isinstance(node.op, operators):
         operands.append((node.right, node.op))
@@ -422,19 +421,19 @@ def _operands_in_order(
 
 
 def _count_expanded_terms(head: str, parts: list[_ParsedPart]) -> tuple[float, float]:
-    """Terms once all brackets are multiplied out, and numbers and names in all of them."""
+    """Count the terms after expansion of all brackets, and the numbers and names in all terms."""
     terms, sizes = [part.terms for part in parts], [part.size for part in parts]
     if head in ("+", "-"):
         return sum(terms), sum(sizes)
     if head == "*":
-        # Each term of a product holds a term of every factor.
+        # Each term of a product contains a term of every factor.
         count = math.prod(terms)
         return count, count * sum(size / term for size, term in zip(sizes, terms, strict=True))
     if head == "/":
         return terms[0], sizes[0] + terms[0] * sizes[1]
     if head == "**" and parts[1].value is not None:
         power = math.ceil(abs(parts[1].value))
-        # Monomials of this degree in so many letters.
+        # Number of monomials of this degree in this number of variables.
         count = float(math.comb(int(terms[0]) + power - 1, power))
         return count, count * (1.0 + min(power, terms[0]) * sizes[0] / terms[0])
     return 1.0, 1.0 + sum(sizes)

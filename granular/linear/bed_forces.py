@@ -29,7 +29,7 @@ from granular.engine.forces import force_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.engine.step_size import StepSchedule
 from granular.kernel_data.state import HEIGHT, SPEED
-from granular.run.engines import NO_TICKS, UNWATCHED
+from granular.run.engines import NO_STOP_CRITERIA, NO_TICKS
 from granular.run.plan import plan
 from granular.run.run_state import RunState
 from granular.scene.scene import Scene
@@ -331,7 +331,7 @@ class BedForces:
         for sign in (1.0, -1.0):
             state.vx[:n], state.vy[:n] = velocities[:n] / largest, velocities[self._vertical] / largest
             schedule = _ONE_STEP._replace(length=sign * FLOW, h=sign * FLOW)
-            run.call_engine(NO_TICKS._replace(ticks=1), schedule, UNWATCHED)
+            run.call_engine(NO_TICKS._replace(ticks=1), schedule, NO_STOP_CRITERIA)
             kicked.append(np.concatenate([state.vx[:n], state.vy[:n]]))
         state.vx[:], state.vy[:], state.bodies[:, SPEED] = 0.0, 0.0, 0.0
         rates = (kicked[1] - kicked[0]) * (largest / (2.0 * FLOW * scales.time))

@@ -27,7 +27,7 @@ from granular.linear.bed_forces import BedForces, check_free_piston, difference
 from granular.linear.equilibrium import Equilibrium, held_shifts
 from granular.linear.pencil import Pencil, complex_product
 from granular.methods.method import Method
-from granular.run.engines import NO_TICKS, UNDIVIDED, UNWATCHED
+from granular.run.engines import NO_STOP_CRITERIA, NO_TICKS, UNDIVIDED
 from granular.run.plan import plan
 from granular.run.run_state import ARRANGE, RunState
 from granular.shared.array_types import Complex, Float, Shaped
@@ -354,7 +354,7 @@ def _advance(
     run.present_record(ARRANGE)
     h = dt / bed.scales.time
     schedule = UNDIVIDED._replace(length=steps * h, h=h, steps=steps)
-    run.call_engine(NO_TICKS._replace(ticks=1), schedule, UNWATCHED)
+    run.call_engine(NO_TICKS._replace(ticks=1), schedule, NO_STOP_CRITERIA)
     piston = () if bed.piston is None else state.piston
     height, speed = piston[HEIGHT : HEIGHT + 1], piston[SPEED : SPEED + 1]
     return length * np.concatenate([state.x[:n], state.y[:n], height, state.vx[:n], state.vy[:n], speed])

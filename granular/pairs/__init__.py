@@ -1,1 +1,1 @@
-"""Sums over the pairs of grains: of dipoles, discs, and further laws that `granular.effects` adds."""
+"""Sums over pairs of grains: dipoles, discs, and further laws from `granular.effects`."""

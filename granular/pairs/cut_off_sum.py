@@ -1,18 +1,18 @@
 """Pairs within a cut-off radius, at a cost linear in the number of grains.
 
-Each grain is met with its partners in stripes, eight at a time and masked at the radius. The rows
-are dealt out to parts that take about equally long, each with sums of its own, which are added in a
-fixed order: one thread or several give the same bits.
+Each grain is combined with its partners in stripes, eight at a time and masked at the radius. Rows
+are distributed over parts of about equal cost. Each part has separate sums, which are added in a
+fixed order, so one thread or several give the same bits.
 
-The runs of entries that hold the partners of a row are listed for a reach that is longer than the radius by
-a skin. No pair can be missed while no grain has moved by more than half the skin since; that is looked at
-before every sum, and the runs are listed anew where one has. How many runs there are is known beforehand:
-there is no list that could overflow. The skin grows or shrinks by how long the lists last.
+The runs of entries with the partners of a row are listed for a reach of the radius plus a skin. No
+pair is missed until a grain has moved by more than half the skin. This is checked before each sum,
+and the runs are then listed again. The number of runs is fixed, so no list can overflow. The skin
+adapts to the lifetime of the lists.
 
-In a periodic cell the partners have images on both sides, and those of the lowest stripes stand
-above the highest ones: each run has a shift, by which its partners stand away from the positions
-that they have within the cell. There are four stripes or more, and twice the reach is
-less than the cell is wide and high, so that each pair is met once.
+In a periodic cell partners have images on both sides, and images of the lowest stripes lie above
+the highest ones. Each run has a shift from the positions in the cell to the image. There are four
+stripes or more, and twice the reach is less than width and height of the cell, so that each pair is
+counted once.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ from granular.pairs.stripes import (
 
 
 def _shift_rows_by_image(code: VectorBuilder, row_sums: RowSums, shifts: Any, index: ir.Value) -> RowSums:
-    """Rows as the images of a run's partners see them."""
+    """Rows shifted relative to the images of a run's partners."""
     if shifts is None:
         return row_sums
     b = code.builder
@@ -84,11 +84,11 @@ def _sum_two_rows(
 ) -> None:
     b, row_sums = code.builder, all_rows
     second = b.add(first, ir.Constant(INDEX, 1))
-    # The first row's partners begin with the second row; the seven behind that are met here too, unlisted.
+    # The first row's partners begin with the second row; the seven entries after it are included, unlisted.
     add_eight_partners(code, row_sums, second, own=True)
     number = RANGES if shifts is None else RANGES * IMAGES
     many, item = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
-    begin = b.mul(first, many)  # two places for each run, two rows
+    begin = b.mul(first, many)  # two entries for each run of two rows
     zero = ir.Constant(INDEX, 0)
     with cgutils.for_range_slice(b, zero, many, item, INDEX) as (run, _):
         index = b.add(begin, b.mul(run, ir.Constant(INDEX, 2)))
@@ -105,7 +105,7 @@ def _sum_two_rows(
 def _rescaled_coefficients(
     code: VectorBuilder, numbers: tuple[float, ...], power: ir.Value, square: ir.Value, scale: float
 ) -> list[Any]:
-    """Coefficients in r^2 from those in (r/r_c)^2, in each lane: times ``power`` over ``scale``."""
+    """Coefficients in r^2 from those in (r/r_c)^2, times ``power`` over ``scale``, in each lane."""
     b, out = code.builder, []
     for number in numbers:
         out.append(code.broadcast_scalar(b.fmul(ir.Constant(power.type, number / scale), power)))
@@ -165,8 +165,8 @@ def sum_row_ranges(
         part, first, stop, radius = values[2:6]
         arrays = GrainArrayPointers(code, signature.args[0], values[0], part)
         listed = code.array_pointer(signature.args[1], values[1])
-        ends = not isinstance(signature.args[6], types.NoneType)
-        cut = _make_smooth_cut_off(code, arrays, radius, smooth=ends)
+        smooth = not isinstance(signature.args[6], types.NoneType)
+        cut = _make_smooth_cut_off(code, arrays, radius, smooth=smooth)
         away = code.array_pointer(signature.args[7], values[7])
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
@@ -178,26 +178,26 @@ def sum_row_ranges(
 
 
 _ROW_COST = 3
-"""Cost of two rows besides their partners, in vectors of these."""
+"""Cost of two rows without partners, in units of one vector of partners."""
 
-_FIRST_SKIN, _LEAST_SKIN, _MOST_SKIN = 0.05, 0.01, 0.5
-_COST = 2.0
-"""Cost of listing, in sums."""
+_FIRST_SKIN, _MIN_SKIN, _MAX_SKIN = 0.05, 0.01, 0.5
+_LISTING_COST = 2.0
+"""Cost of listing partners over the cost of one sum."""
 
-_MOST_REACH = 0.4
-"""Greatest reach over the shorter side of a periodic cell: five stripes are as high as two reaches."""
+_MAX_REACH_FRACTION = 0.4
+"""Maximum reach over the shorter side of a periodic cell: five stripes are as high as two reaches."""
 
 
 _RIGHT, _LEFT = 1, 2
-"""Images in a periodic cell, by their place among the runs; 0 are the grains themselves."""
+"""Indices of the images in a periodic cell among the runs; 0 are the grains themselves."""
 
 
 @compiled
 def _list_partner_ranges(
     shifts: Array | None, periods: Array | None, stripes: Stripes, number: int, reach: float
 ) -> None:
-    """List the runs of every two rows, and in a periodic cell their shifts; shifts, periods, reach [D]."""
-    # No pair at the reach itself is lost to rounding.
+    """List the runs of each two rows, and in a periodic cell their shifts; shifts, periods, reach [D]."""
+    # So that no pair at the reach is lost to rounding.
     far = reach * (1.0 + 1e-12)
     for k in range(number):
         for up in range(RANGES):
@@ -216,7 +216,7 @@ def _list_partner_ranges(
 def _list_ranges_of_stripe(
     stripes: Stripes, k: int, there: int, up: int, run: int, across: float, rise: float, far: float
 ) -> None:
-    """List the partners of a stripe's rows in itself or in one above, which may be none, or in an image."""
+    """List the partners of a stripe's rows in this stripe, in a stripe above (if any), or in an image."""
     x, y, partner_ranges = stripes.x, stripes.y, stripes.partner_ranges
     begin = stripes.begins[there]
     end, lowest = begin, math.inf
@@ -227,7 +227,7 @@ def _list_ranges_of_stripe(
     for first in range(stripes.begins[k], stripes.begins[k + 1], ROWS):
         pair = first // ROWS
         partner_ranges[pair, run, 0] = partner_ranges[pair, run, 1] = 0
-        # In its own stripe a grain meets those behind it, the images on the right among them.
+        # Within its stripe a grain is paired with the entries after it, including images on the right.
         if x[first] < PADDING and not (up == 0 and across < 0.0):
             two = x[first + 1] < PADDING
             left, right = x[first] - across, (x[first + 1] if two else x[first]) - across
@@ -242,14 +242,14 @@ def _list_ranges_of_stripe(
             while stop < end and x[stop] <= right + wide:
                 stop += 1
             if apart < far or up == 0:
-                # The seven behind the second row are met with it.
+                # The seven entries after the second row are included with it.
                 partner_ranges[pair, run, 0] = first + 1 + WIDTH if up == 0 and across == 0.0 else start
                 partner_ranges[pair, run, 1] = stop
 
 
 @compiled(inline=True)
 def _row_cost(stripes: Stripes, first: int) -> tuple[int, int, int]:
-    """Cost of eight rows, in vectors of partners; their partners' entries: first, behind last."""
+    """Cost of eight rows, in vectors of partners, and the first and end index of their partners."""
     cost, low, last = 0, first, first + 2 * WIDTH
     for pair in range(first // ROWS, (first + WIDTH) // ROWS):
         cost += _ROW_COST
@@ -264,7 +264,7 @@ def _row_cost(stripes: Stripes, first: int) -> tuple[int, int, int]:
 
 @compiled
 def _distribute_rows(stripes: Stripes, grains: int, end: int) -> None:
-    """Deal the rows out to parts that take about equally long; they begin at whole vectors."""
+    """Distribute the rows over parts of about equal cost, which begin at multiples of the vector width."""
     parts, total, done, part = stripes.ends.size, 0, 0, 0
     for first in range(0, end, WIDTH):
         total += _row_cost(stripes, first)[0]
@@ -318,26 +318,26 @@ def _list_partners(
 
 @compiled
 def _adapt_skin(memory: Array, radius: float) -> None:
-    """Bring the skin nearer to where making lists costs as much as the partners in it."""
+    """Adjust the skin so that listing costs as much as the pairs within the skin."""
     if memory[SKIN] == 0.0:
         memory[SKIN] = _FIRST_SKIN * radius
-    # A list costs `_COST` sums in CALLS, its pairs beyond the radius 2 skin/radius of a sum. CALLS grows as
-    # the skin, so their total is least where both are equal.
-    elif memory[CALLS] * memory[SKIN] < _COST * radius / 2.0:
-        memory[SKIN] = min(1.25 * memory[SKIN], _MOST_SKIN * radius)
+    # Per sum, listing costs `_LISTING_COST`/CALLS and the pairs beyond the radius cost 2 skin/radius.
+    # CALLS is proportional to the skin, so the total is minimal when both are equal.
+    elif memory[CALLS] * memory[SKIN] < _LISTING_COST * radius / 2.0:
+        memory[SKIN] = min(1.25 * memory[SKIN], _MAX_SKIN * radius)
     else:
-        memory[SKIN] = max(memory[SKIN] / 1.1, _LEAST_SKIN * radius)
+        memory[SKIN] = max(memory[SKIN] / 1.1, _MIN_SKIN * radius)
 
 
 @compiled(inline=True)
 def _limit_skin(periods: Array | None, memory: Array, radius: float) -> None:
     if periods is not None:
-        memory[SKIN] = min(memory[SKIN], _MOST_REACH * min(periods[0], periods[1]) - radius)
+        memory[SKIN] = min(memory[SKIN], _MAX_REACH_FRACTION * min(periods[0], periods[1]) - radius)
 
 
 @compiled
 def refresh_partner_lists(stripes: Stripes, arrays: GrainArrays, grains: int, radius: float) -> bool:
-    """Hold all pairs within the radius [D]; list anew once a grain moved by half the skin (Verlet 1967)."""
+    """List all pairs within the radius [D] again if a grain moved by half the skin (Verlet 1967)."""
     x, y = arrays.x, arrays.y
     farthest = 0.25 * stripes.memory[SKIN] * stripes.memory[SKIN] * (1.0 - 1e-9)
     if stripes.memory[GRAINS] != grains or any_grain_moved(stripes.built, x, y, grains, farthest):
@@ -358,7 +358,7 @@ def refresh_partner_lists(stripes: Stripes, arrays: GrainArrays, grains: int, ra
 
 @compiled
 def _load_positions_of_part(stripes: Stripes, requested: GrainArrays, part: int) -> None:
-    """Put the grains of a part where they are now, and clear its sums."""
+    """Load the present positions of a part's grains, and clear its sums."""
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
         stripes.x[stripes.slot[k]] = requested.x[stripes.order[k]]
         stripes.y[stripes.slot[k]] = requested.y[stripes.order[k]]
@@ -371,7 +371,7 @@ def _load_positions_of_part(stripes: Stripes, requested: GrainArrays, part: int)
 
 @compiled(inline=True)
 def _wrap_into_cell(cell_offsets: Array | None, stripes: Stripes, part: int) -> None:
-    """In a periodic cell, replace the grains by their images within it."""
+    """Replace the grains by their images within a periodic cell."""
     if cell_offsets is not None:
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
             stripes.x[stripes.slot[k]] -= cell_offsets[0, stripes.order[k]]
@@ -388,7 +388,7 @@ def _clear_sums_if_wanted(requested: Array | None, sums: Array | None, stripes: 
 def _sum_pairs_of_part(
     stripes: Stripes, requested: GrainArrays, part: int, radius: float, smooth: bool | None
 ) -> None:
-    """Meet the partners of a part's rows."""
+    """Sum over the partners of a part's rows."""
     sums = GrainArrays(
         stripes.x,
         stripes.y,
@@ -408,7 +408,7 @@ def _sum_pairs_of_part(
 
 @compiled(inline=True)
 def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
-    """Add to a part's sums what the other parts have for its rows."""
+    """Add the other parts' sums for the rows of a part."""
     for other in range(stripes.ends.size):
         first = max(stripes.lows[other], stripes.rows[part])
         end = min(stripes.ends[other], stripes.rows[part + 1])
@@ -422,7 +422,7 @@ def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
 def _copy_sums_if_wanted(
     out: Array | None, sums: Array | None, scale: float, stripes: Stripes, part: int
 ) -> None:
-    """Give the grains of a part their sums, where they are asked for."""
+    """Copy the requested sums to the grains of a part."""
     if out is not None and sums is not None:
         _add_sums_of_other_parts(sums, stripes, part)
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
@@ -441,8 +441,8 @@ def _copy_all_sums_of_part(stripes: Stripes, requested: GrainArrays, part: int) 
     _copy_sums_if_wanted(requested.load, stripes.load, scale, stripes, part)
 
 
-# A kernel each: Numba runs two loops as one where it sees nothing that the second takes from the
-# first, and it does not look into the kernels that they call.
+# Separate kernels: Numba fuses two parallel loops if it sees no dependence, and it does not look into
+# the kernels that they call.
 
 
 @threaded_if_wanted
@@ -481,7 +481,7 @@ def _sum_with_energy_and_closest(
     radius: float,
     smooth: bool | None,
 ) -> None:
-    """Sum the pairs; extremes, where they are asked for, by a row for each part."""
+    """Sum the pairs; energy and closest pair, if requested, in a separate row for each part."""
     if energy_and_closest is None:
         _sum_all_parts(threaded, stripes, arrays, radius, smooth)
     else:
@@ -511,7 +511,7 @@ def _compiled_cut_off_sum(
 
 
 cut_off_sum = pure_python_cut_off_sum if numba.config.DISABLE_JIT else _compiled_cut_off_sum
-"""Pair forces within a radius, and what else is asked for in the same pass.
+"""Pair forces within a radius, with the other requested sums in the same pass.
 
 Parameters
 ----------
@@ -519,9 +519,9 @@ stripes : Stripes
 radius : float
     Cut-off radius [D]. The energy of a pair is taken as zero there.
 smooth : bool or None
-    None where pairs just end; else the far part of their law is taken off, for a far field.
+    None for a plain cut-off; else the far part of the law is subtracted, for use with a far field.
 threaded : bool or None
-    None sweeps the stripes one after another, anything else on Numba's threads.
+    None for one thread; any other value for Numba's threads.
 grains : int
 arrays : GrainArrays
 """

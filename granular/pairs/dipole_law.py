@@ -1,14 +1,14 @@
-"""The law of two dipoles as kernels take it; see `granular.effects.dipole`.
+"""The law of two dipoles for kernels; see `granular.effects.dipole`.
 
-It is split smoothly into a near part that ends at a radius and a far part. Inside
-the radius the far part is the Taylor polynomial of the law in r^2 about it, outside the law itself.
-With t = (r/r_c)^2 - 1 and for r < r_c
+It is split smoothly into a far part and a near part that ends at a radius r_c. Beyond r_c the far
+part is the law itself; within r_c it is the Taylor polynomial of the law in r^2 about r_c. With
+t = (r/r_c)^2 - 1 and for r < r_c
 
     r^-3  ->  r_c^-3 (1 - (3/2) t + (15/8) t^2 - (35/16) t^3),
     r^-5  ->  r_c^-5 (1 - (5/2) t + (35/8) t^2),
 
-the second the one's derivative, as force is the energy's. Near and far part are three times
-differentiable and add up to the law exactly, so that energy is conserved however each is summed
+where the second is the derivative of the first, as for force and energy. Near and far part are three times
+differentiable and add up to the law exactly, so energy is conserved for any summation of either part
 (the even-power softening of multilevel summation: Skeel, Tezcan and Hardy 2002,
 doi:10.1002/jcc.10072).
 """
@@ -28,40 +28,40 @@ ENERGY = STRENGTH / 3.0
 
 @entry
 def pair_force(r: float) -> float:
-    """Repulsion of two dipoles of the first species whose axes are normal to their plane [F*]; r [D]."""
+    """Repulsion of two dipoles of the first species with axes normal to their plane [F*]; r [D]."""
     return STRENGTH / (r * r * r * r)
 
 
 @entry
 def pair_energy(r: float) -> float:
-    """Energy of two dipoles of the first species whose axes are normal to their plane [F* D]; r [D]."""
+    """Energy of two dipoles of the first species with axes normal to their plane [F* D]; r [D]."""
     return ENERGY / (r * r * r)
 
 
 @entry
 def head_on_frequency_squared(speed: float, mass: float, moment: float) -> float:
     """Squared angular frequency at the closest approach of two equal dipoles [1/tau^2]; speed [D/tau]."""
-    # The quotient first: it is exactly 1 where all grains are of one material.
+    # The quotient comes first: it is exactly 1 if all grains are of one material.
     strength = moment * (moment / mass)
     square = 4.0 * speed * speed
-    # Both come at v: q^2/(4 r^3) = m v^2 at the closest approach, and the stiffness there gives 6 q^2/(m
-    # r^5).
+    # Both grains approach at speed v: q^2/(4 r^3) = m v^2 at the closest approach, where the stiffness
+    # gives 6 q^2/(m r^5).
     return 6.0 * strength / (strength / square) ** (5.0 / 3.0) if square > 0.0 else 0.0
 
 
-# The polynomials in t of the head of this file, multiplied out.
+# The polynomials in t of the module's docstring, expanded.
 CUBE = (6.5625, -11.8125, 8.4375, -2.1875)
 """Coefficients in (r/r_c)^2 of the far part of r^-3, over r_c^-3."""
 
 FIFTH = (7.875, -11.25, 4.375)
-"""The same of r^-5, over r_c^-5."""
+"""Coefficients of the far part of r^-5, over r_c^-5."""
 
 # Likewise 1 - (5/2) t + (35/8) t^2 - (105/16) t^3 for the energy, one order higher than in a force.
 FIFTH_ENERGY = (14.4375, -30.9375, 24.0625, -6.5625)
 """Coefficients of the far part of r^-5 in the energy of discs, over r_c^-5."""
 
 SEVENTH = tuple(-2.0 / 3.0 * k * FIFTH_ENERGY[k] for k in (1, 2, 3))
-"""The same in their force, where r^-5 stands for r^-3 of dipoles, over r_c^-7."""
+"""Coefficients of the far part of r^-7 in the force of discs (the derivative), over r_c^-7."""
 
 
 def _far_part_of_inverse_power(

@@ -1,13 +1,12 @@
 """The direct sum over all pairs: exact, each of the N(N-1)/2 pairs computed once.
 
 Arrays are padded to the vector width with grains so far away that they add nothing
-(`PADDING`). From `PARTED_FROM` grains on, the rows are dealt out to a fixed number of parts with
-sums of their own, which are added in a fixed order: one thread or several give the same bits.
+(`PADDING`). From `MIN_GRAINS_FOR_PARTS` grains on, the rows are distributed over a fixed number of parts
+with separate sums, which are added in a fixed order: one thread or several give the same bits.
 
-The sweeps of the direct sum: rows of grains against eight partners at a time.
-
-Numba does not vectorise a loop that also subtracts from the partner (``fx[j] -= ...``), so the
-inner loops are emitted here; see `granular.pairs.pair_contributions` for what they sum.
+The inner loops combine rows of grains with eight partners at a time. Numba does not vectorise a loop
+that also subtracts from the partner (``fx[j] -= ...``), so these loops are emitted as LLVM code; their
+summands are in `granular.pairs.pair_contributions`.
 """
 
 from __future__ import annotations
@@ -55,13 +54,13 @@ from granular.shared.array_types import Float
 __all__ = ["WIDTH", "pad_to_vectors", "reproducible_sum", "sum_pairs_within_block", "sum_rows_with_partners"]
 
 
-def _rows_at_once(context: Any) -> int:
-    """Four where 32 registers hold their sums (5 % faster than two with AVX-512), else two."""
+def _rows_per_pass(context: Any) -> int:
+    """Return 4 if 32 registers hold the sums (5 % faster than 2 with AVX-512), else 2."""
     return 4 if has_avx512(context) else 2
 
 
 class _PeriodicCutOff(NamedTuple):
-    """Cut-off and images of the pairs in a periodic cell; None and None where all pairs count."""
+    """Cut-off and images of pairs in a periodic cell; None and None if all pairs count."""
 
     cut: CutOffVectors | None
     images: PeriodicCellVectors | None
@@ -70,7 +69,7 @@ class _PeriodicCutOff(NamedTuple):
 def _make_periodic_cut_off(
     code: VectorBuilder, arrays: GrainArrayPointers, kind: Any, periodic_cut_off: Any
 ) -> _PeriodicCutOff:
-    """Make it from width, height and radius [D]."""
+    """Make the cut-off from width, height and radius [D]."""
     if isinstance(kind, types.NoneType):
         return _PeriodicCutOff(None, None)
     b, item = code.builder, ir.Constant(ir.DoubleType(), 1.0)
@@ -92,7 +91,7 @@ def _emit_rows_with_partners(
     start: ir.Value,
     stop: ir.Value,
 ) -> None:
-    """Sum the pairs of some grains from ``first`` on with the partners start .. stop - 1."""
+    """Sum the pairs of ``rows`` grains from ``first`` on with the partners start .. stop - 1."""
     sums = begin_row_sums(code, arrays, first, rows, *ends)
     with cgutils.for_range_slice(code.builder, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
         add_eight_partners(code, sums, j)
@@ -102,7 +101,7 @@ def _emit_rows_with_partners(
 def _emit_pairs_within_block(
     code: VectorBuilder, arrays: GrainArrayPointers, ends: _PeriodicCutOff, first: ir.Value
 ) -> None:
-    """Pairs of eight grains: each lane with the ones 1, 2, 3 and 4 behind it, round the end."""
+    """Sum the pairs within eight grains: each lane with the next 1, 2, 3 and 4 lanes, cyclically."""
     grains = load_eight_grains(code, arrays, first)
     pointers = computed_sums(arrays.sums)
     totals = [code.load_vector(pointer, first) for pointer in pointers]
@@ -111,7 +110,7 @@ def _emit_pairs_within_block(
         partners = GrainVectors(
             *(None if grain is None else code.rotate_lanes(grain, by) for grain in grains)
         )
-        # Half way round, each pair would be met from both ends.
+        # With a rotation by half the width, each pair would be counted twice.
         lanes = [lane < WIDTH // 2 for lane in range(WIDTH)] if by == WIDTH // 2 else None
         own, other = pair_contributions(
             code, grains, partners, arrays.sums, energy_and_closest, lanes, *ends, arrays.series
@@ -136,7 +135,7 @@ def sum_rows_with_partners(
         arrays = GrainArrayPointers(code, signature.args[0], values[0])
         first, start, stop, periodic_cut_off = values[1:]
         ends = _make_periodic_cut_off(code, arrays, signature.args[4], periodic_cut_off)
-        rows = _rows_at_once(context)
+        rows = _rows_per_pass(context)
         last = builder.add(first, ir.Constant(INDEX, WIDTH))
         step = ir.Constant(INDEX, rows)
         with cgutils.for_range_slice(builder, first, last, step, INDEX) as (row, _):
@@ -188,14 +187,14 @@ def _numpy_array_sum(values: Array) -> float:
 
 
 reproducible_sum = _numpy_array_sum if config.DISABLE_JIT else _compiled_array_sum
-"""Sum of a padded array, in an order that depends on nothing but its length."""
+"""Sum of a padded array, in an order that depends only on its length."""
 
 
 PADDING = 1e70
-"""Place of the first padding grain [D]: r^5 overflows, so its force on a grain is exactly zero."""
+"""Position of the first padding grain [D]: r^5 overflows, so its force on a grain is exactly zero."""
 
-# From here on a sum takes 0.2 ms, several times as long as threads need to start (50 us).
-PARTED_FROM = 1024
+# Above this number a sum takes 0.2 ms, several times the start of threads (50 us).
+MIN_GRAINS_FOR_PARTS = 1024
 # Fixed, so that the order of the sums does not depend on the number of threads.
 PARTS = 8
 
@@ -209,15 +208,15 @@ def pad_coordinates(positions: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np
 
 
 def pad_values(values: np.ndarray) -> Float[np.ndarray, "m"]:
-    """Pad one value a grain with zeros."""
+    """Pad one value per grain with zeros."""
     out = np.zeros(pad_to_vectors(len(values)))
     out[: len(values)] = values
     return out
 
 
 def partial_sum_buffers(size: int) -> Float[np.ndarray, "PARTS 5 m"] | None:
-    """Allocate the sums of the parts that a direct sum is split into; None below `PARTED_FROM`."""
-    return np.zeros((PARTS, 5, size)) if size >= PARTED_FROM else None
+    """Allocate the partial sums of a direct sum; None below `MIN_GRAINS_FOR_PARTS`."""
+    return np.zeros((PARTS, 5, size)) if size >= MIN_GRAINS_FOR_PARTS else None
 
 
 @compiled
@@ -293,7 +292,7 @@ def _compiled_direct_sum(
 
 
 direct_sum = pure_python_direct_sum if numba.config.DISABLE_JIT else _compiled_direct_sum
-"""Pair forces of all grains, and what else is asked for in the same pass.
+"""Pair forces of all grains, with the other requested sums in the same pass.
 
 Parameters
 ----------
@@ -301,9 +300,9 @@ arrays : GrainArrays
 buffers : float64 (PARTS, 5, m) or None
     From `partial_sum_buffers`.
 threaded : bool or None
-    None runs the parts one after another, anything else on Numba's threads.
+    None for one thread; any other value for Numba's threads.
 periodic_cut_off : float64 (3,) or None
-    Of a periodic cell, where each grain meets the nearest image of every other one: its width and
-    height, and the radius where pairs end [D], at most half the shorter side. The energy of a pair
-    is taken as zero there.
+    For a periodic cell, in which each grain interacts with the nearest image of each other grain: width,
+    height and cut-off radius [D], at most half the shorter side. The energy of a pair is zero at the
+    cut-off.
 """

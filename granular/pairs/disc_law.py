@@ -1,59 +1,59 @@
-"""The law of two uniformly magnetised discs whose axes are normal to the plates.
+"""The law of two uniformly magnetized discs with axes normal to the plates.
 
-Each face bears the charge that its magnetisation ends on, so the energy is a sum over pairs of
-faces, E = (mu0 M1 M2 / 4 pi) sum +-U(r, z), z the height of the one face above the other and
+Each face carries the magnetic charge at which its magnetization ends, so the energy is a sum over
+pairs of faces, E = (mu0 M1 M2 / 4 pi) sum +-U(r, z), with z the height of one face above the other and
 
     U(r, z) = integral of 1/distance over both faces
             = integral over v of A(v) v 4 K(m) / a,   m = 4 r v / a^2,   a^2 = (r + v)^2 + z^2
 
-with A(v) the area in which discs of both radii overlap at the distance v of their centres, and K
-the complete elliptic integral: two discs are as many pairs of points as their overlap is large, and
-those of one displacement v in all directions make a ring. It is the same as the Fourier-Bessel form
-2 pi mu0 M^2 R^2 int J0(kr) J1(kR)^2 (1 - exp(-kh)) / k^2 dk, without its oscillations.
+where A(v) is the overlap area of discs of both radii at the distance v of their centres, and K the
+complete elliptic integral. The number of pairs of points with displacement v is proportional to the
+overlap, and displacements of length v in all directions form a ring. The integral equals the
+Fourier-Bessel form 2 pi mu0 M^2 R^2 int J0(kr) J1(kR)^2 (1 - exp(-kh)) / k^2 dk, without oscillations.
 
-Far away it is the dipoles' energy times 1 + (3/2) b / r^2 + ..., and b is the sum of what each disc
-brings, `squared_distance_shift`. As (1 - b/r^2)^(-3/2) begins in the same manner, dipoles at the distance
-rho = sqrt(r^2 - b) are much closer to discs than dipoles at r: that, with one term more, is what is
-summed over all pairs, and a table over the close ones makes up for the rest (`granular.pairs.disc_law`).
+Far away the energy is the dipoles' energy times 1 + (3/2) b / r^2 + ..., where b is the sum of
+contributions of both discs, `squared_distance_shift`. Since (1 - b/r^2)^(-3/2) has the same leading
+terms, dipoles at the distance rho = sqrt(r^2 - b) approximate discs much better than dipoles at r.
+The sum over all pairs uses this law with one more term; a table corrects close pairs.
 
-Where both faces are in one plane, the force is singular at contact as x^(3/2), x = r - R1 - R2;
+If both faces are in one plane, the force is singular at contact as x^(3/2), x = r - R1 - R2;
 else as the real part of (x + iz)^(3/2): `contact_force_singularity`.
 
-The torque of two uniformly magnetised discs with equal tilts: the load on the plates is made of it.
+The load on the plates follows from the torque of two uniformly magnetized discs with equal tilts.
 
 Two dipoles tilted in the same sense by a small angle t, in the plane of their axes, tilt each other further
 with the torque 3 t / r^3 (in units of mu0 m1 m2 / (4 pi)). Two discs turned by t about their centres are
-level in a frame turned by t, one lifted by r t: the torque on the first is t r dT/dz of level discs, z the
-height of the second above the first. Its face charges at the heights z1 = +-h1/2 give
+level in a frame turned by t, in which one is lifted by r t. The torque on the first is therefore t r dT/dz
+of level discs, with z the height of the second above the first. The face charges at z1 = +-h1/2 give
 
     dT/dz = sum +-(z1 d2U/(dr dz) - d2W/dz2),   W(r, z) = integral of x1/distance over both faces
 
-with U and its rings as in `granular.pairs.disc_law`, and x1 counted from the first disc's axis towards the
-second: W has the first moment v S(v) of the overlap for its area A(v), S the segment of the second disc.
+with U and its rings as above, and x1 measured from the first disc's axis towards the second. W has the
+first moment v S(v) of the overlap in place of its area A(v), where S is the segment of the second disc.
 
-Far away the torque over the dipoles' is 1 + kappa/r^2 + ..., kappa = (15/2) b1 + (5/2) b2, b that of
-`squared_distance_shift`: an octupole e/r^5 of the energy turns its own disc by 15 e and the other by 5 e,
-where dipoles have 3. So with rho, s and c of `granular.pairs.disc_law` the load has for 1/r^3
+Far away the ratio of the torque to the dipoles' torque is 1 + kappa/r^2 + ..., with
+kappa = (15/2) b1 + (5/2) b2 and b from `squared_distance_shift`: an octupole term e/r^5 of the energy
+exerts a torque 15 e on its own disc and 5 e on the other, compared with 3 for dipoles. With rho, s and c
+as below the load therefore has, in place of 1/r^3,
 
     rho^2 (s + c s^2) + (6 b1 + b2) s + d s^2,
 
-exact up to r^-5. Beyond the tables of the energy a fitted d keeps it within 1e-4 of the load at contact and
-2e-3 of itself; nearer pairs have the difference tabulated. At contact the torque's slope is infinite, as
-that of the root of r - R1 - R2.
+exact up to r^-5. Beyond the tables of the energy a fitted d keeps its error below 1e-4 of the load at
+contact and below 2e-3 of the load itself; for nearer pairs the difference is tabulated. At contact the slope
+of the torque is infinite, like the slope of the square root of r - R1 - R2.
 
-Discs as kernels take them: a sum over all pairs, and the near part of the law.
-
-All pairs are summed by (natural units, moments aside, rho^2 = r^2 - b)
+For kernels the law is split into a sum over all pairs and a near part. The sum over all pairs is (natural
+units, without moments, rho^2 = r^2 - b)
 
     E = (1/4) (rho^-3 + c rho^-8),   F/r = (3/4) (rho^-5 + (8/3) c rho^-10),
 
-the dipoles' law at another distance with one more term. With s = rho^-5 it is a completed square,
+the dipoles' law at another distance plus one term. With s = rho^-5 it is a completed square,
 
     s + (8/3) c s^2 = (8/3) c ((s + g)^2 - g^2),   g = 3/(16 c),
 
-so that it costs no more than dipoles. With b the far field is exact up to the second multipole, and c is
-what brings this law closest to that of `granular.pairs.disc_law` beyond a distance. Nearer pairs have the
-difference added, `granular.pairs.near_law`. Below contact the force goes on with its value and slope.
+so it costs no more than dipoles. With b the far field is exact up to the second multipole; c is fitted to
+the exact law beyond a distance. For nearer pairs the difference is added by `granular.pairs.near_law`.
+Below contact the force is continued with its value and slope at contact.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import FAR, LOAD_FAR, LOAD_TERM
 from granular.pairs.near_law import (
     END,
-    LEAST,
+    STOP,
     NearLaw,
     NearTables,
     SeriesTerms,
@@ -90,8 +90,8 @@ __all__ = ["Disc", "disc_energy_and_force"]
 Samples = NDArray[np.float64]
 
 _NODES, _EXTENT = 60, 3.4
-"""Nodes on each side of the middle, and where they end, of the double-exponential quadrature
-(Takahasi and Mori 1974, doi:10.2977/prims/1195192451), which ends in singularities do not harm."""
+"""Number of nodes on each side of the middle, and the range of the variable, of double-exponential quadrature
+(Takahasi and Mori 1974, doi:10.2977/prims/1195192451), which tolerates singularities at the ends."""
 
 
 class Disc(NamedTuple):
@@ -100,7 +100,7 @@ class Disc(NamedTuple):
     Attributes
     ----------
     radius, height : float
-        Both in one unit of length.
+        Radius and height, in the same unit of length.
     """
 
     radius: float
@@ -113,37 +113,37 @@ def squared_distance_shift(disc: Disc) -> float:
 
 
 def pair_squared_distance_shift(first: Disc, second: Disc) -> float:
-    """Shift b of the squared distance at which two dipoles repel as two discs do far away."""
+    """Shift b = r^2 - rho^2: far away two discs at r repel like two dipoles at rho."""
     return squared_distance_shift(first) + squared_distance_shift(second)
 
 
 def contact_distance(first: Disc, second: Disc) -> float:
-    """Distance of the axes at which two discs touch: the sum of their radii."""
+    """Distance of the axes of two touching discs: the sum of their radii."""
     return first.radius + second.radius
 
 
 def disc_energy_and_force(r: Samples, first: Disc, second: Disc) -> tuple[Samples, Samples]:
-    """Energy and repulsion of two discs over those scales for which dipoles have 1/r^3 and 3/r^4.
+    """Energy and repulsion of two discs, in units in which dipoles have 1/r^3 and 3/r^4.
 
     Parameters
     ----------
     r : float (n,)
-        Distances of the axes, from contact on; in the unit of the discs.
+        Distances of the axes, contact or larger, in the unit of the discs.
     first, second : Disc
-        The two discs, whose mid-planes are level.
+        The two discs, with their mid-planes at equal height.
 
     Returns
     -------
     tuple of float64 (n,)
-        Energy over mu0 m1 m2 / (4 pi), and force over the same.
+        Energy and force, both over mu0 m1 m2 / (4 pi).
     """
     energy, force = np.zeros((2, len(r)))
     for z, sign in (
         (0.5 * abs(first.height - second.height), 2.0),
         (0.5 * (first.height + second.height), -2.0),
     ):
-        of_faces, slope = _face_pair_energy(np.asarray(r, dtype=np.float64), z, first, second)
-        energy += sign * of_faces
+        face_energy, slope = _face_pair_energy(np.asarray(r, dtype=np.float64), z, first, second)
+        energy += sign * face_energy
         force -= sign * slope
     return energy / disc_volumes(first, second), force / disc_volumes(first, second)
 
@@ -151,8 +151,8 @@ def disc_energy_and_force(r: Samples, first: Disc, second: Disc) -> tuple[Sample
 def contact_force_singularity(first: Disc, second: Disc) -> tuple[float, float]:
     """Singular part of the force at contact: factor and height z of factor Re (x + iz)^(3/2)."""
     reduced = first.radius * second.radius / (first.radius + second.radius)
-    # In the units of `disc_energy_and_force`. The two pairs of nearest faces alone: others are smooth at
-    # contact.
+    # In the units of `disc_energy_and_force`. Only the two pairs of nearest faces contribute; the others are
+    # smooth at contact.
     factor = 2.0 * 8.0 * np.pi / 3.0 * np.sqrt(2.0 * reduced)
     return float(factor / disc_volumes(first, second)), 0.5 * abs(first.height - second.height)
 
@@ -163,7 +163,7 @@ def disc_volumes(first: Disc, second: Disc) -> float:
 
 
 def _tanh_sinh_nodes() -> tuple[Samples, Samples, Samples]:
-    """Nodes on (0, 1), what lies between them and 1, and their weights."""
+    """Nodes on (0, 1), their distances from 1, and their weights."""
     k = np.linspace(-_EXTENT, _EXTENT, 2 * _NODES + 1)
     u = 0.5 * np.pi * np.sinh(k)
     weight = 0.25 * np.pi * (k[1] - k[0]) * np.cosh(k) / np.cosh(u) ** 2
@@ -171,7 +171,7 @@ def _tanh_sinh_nodes() -> tuple[Samples, Samples, Samples]:
 
 
 def overlap_nodes(first: Disc, second: Disc) -> tuple[Samples, Samples, Samples, Samples]:
-    """Displacements v, contact less v, weights, and both discs' segments of the overlap (2, n) at v."""
+    """Displacements v, contact distance minus v, weights, and both discs' segments of the overlap (2, n)."""
     low, high = abs(first.radius - second.radius), contact_distance(first, second)
     left, right, weight = _tanh_sinh_nodes()
     ends = np.array([0.0, low, high] if low > 0.0 else [low, high])[:, None]
@@ -184,14 +184,14 @@ def overlap_nodes(first: Disc, second: Disc) -> tuple[Samples, Samples, Samples,
 
 
 def _angle_less_sine(x: Samples) -> Samples:
-    """Difference x - sin(x), also of small angles."""
+    """Difference x - sin(x), accurate also for small angles."""
     square = x * x
     series = x * square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0)))
     return np.where(x < 0.1, series, x - np.sin(x))
 
 
 def ring_integrals(r: Samples, v: Samples, apart: Samples, z: float) -> tuple[Samples, Samples, Samples]:
-    """Integrals over a ring of 1/d, 1/d^3 and 1/d^5, d the distance of a point at r and the height z."""
+    """Integrals of 1/d, 1/d^3 and 1/d^5 over a ring, d the distance to a point at r and height z."""
     from scipy.special import ellipe, ellipkm1
 
     a2, b2 = (r + v) ** 2 + z * z, apart**2 + z * z
@@ -202,10 +202,10 @@ def ring_integrals(r: Samples, v: Samples, apart: Samples, z: float) -> tuple[Sa
 
 
 def _face_pair_energy(r: Samples, z: float, first: Disc, second: Disc) -> tuple[Samples, Samples]:
-    """U of the head of this file, and its derivative by r."""
+    """U of the module's docstring, and its derivative with respect to r."""
     v, below, weights, segments = overlap_nodes(first, second)
     across = r[:, None]
-    # By the distances from contact: v itself is rounded.
+    # From the distances to contact, since v itself is rounded.
     apart = across - contact_distance(first, second) + below
     inverse, cube, _ = ring_integrals(across, v, apart, z)
     slope = -0.5 / across * (inverse + (apart * (across + v) - z * z) * cube)
@@ -214,16 +214,16 @@ def _face_pair_energy(r: Samples, z: float, first: Disc, second: Disc) -> tuple[
 
 
 LOAD_FIFTH = 10.0
-"""Factor of r^-5 beside r^-3 in the load over b of one of two equal discs: kappa."""
+"""Ratio kappa/b for two equal discs: the coefficient of r^-5 relative to r^-3 in the load."""
 
 
 def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Torque on the first of two equally tilted discs over that of dipoles (n,); r (n,), from contact on."""
+    """Torque on the first of two equally tilted discs over the torque of dipoles (n,); r (n,) >= contact."""
     v, below, weights, segments = overlap_nodes(first, second)
     across = r[:, None]
     apart = across - contact_distance(first, second) + below
     total = np.zeros(len(r))
-    # The first disc's upper face with both of the second's; the lower face has the same again.
+    # The first disc's upper face with both faces of the second; the lower face contributes the same.
     for height, sign in ((second.height - first.height, 1.0), (-second.height - first.height, -1.0)):
         z = 0.5 * height
         inverse, cube, fifth = ring_integrals(across, v, apart, z)
@@ -235,14 +235,14 @@ def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
 
 
 def disc_load(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Value for 1/r^3 in the load on the first of two discs (n,), constant below contact; r (n,)."""
+    """Value in place of 1/r^3 in the load on the first of two discs (n,), constant below contact; r (n,)."""
     r = np.maximum(r, contact_distance(first, second))
-    # Thin discs turn tall ones back when they are close; the load is a magnitude.
+    # Close thin discs turn tall ones back upright; the load is a magnitude.
     return np.abs(disc_torque_over_dipoles(r, first, second)) / r**3
 
 
 def disc_load_law(r: Samples, first: Disc, second: Disc, c: float, term: float) -> Samples:
-    """Value for 1/r^3 in the load on the first disc as the sum over all pairs has it (n,); r (n,)."""
+    """Value in place of 1/r^3 in the load on the first disc, by the sum over all pairs (n,); r (n,)."""
     square = r * r - pair_squared_distance_shift(first, second)
     s = square**-2.5
     shift = 6.0 * squared_distance_shift(first) + squared_distance_shift(second)
@@ -250,12 +250,12 @@ def disc_load_law(r: Samples, first: Disc, second: Disc, c: float, term: float) 
 
 
 def fit_load_term(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[float], c: float) -> float:
-    """Fit d of the head of this file to pairs of discs, each from a distance on."""
+    """Fit d of the module's docstring to pairs of discs, each beyond a distance."""
     products, squares = 0.0, 0.0
     for pair, begin in zip(pairs, begins, strict=True):
-        r = np.geomspace(begin, max(begin, _BEYOND * contact_distance(*pair)), 100)
+        r = np.geomspace(begin, max(begin, _MAX_DISTANCE * contact_distance(*pair)), 100)
         exact = disc_load(r, *pair)
-        # By the area of a ring: what matters is the sum over neighbours.
+        # Weighted by the area of a ring, since the load is a sum over neighbours.
         error, slope = ((disc_load_law(r, *pair, c, term) - exact) * r for term in (0.0, 1.0))
         slope = slope - error
         products, squares = products + float(error @ slope), squares + float(slope @ slope)
@@ -263,39 +263,39 @@ def fit_load_term(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[float], c
 
 
 TOLERANCE, RELATIVE = 9e-7, 9e-6
-"""Error of the law beyond the tables: of energy and force at contact, or of these themselves."""
+"""Allowed error of the law beyond the tables, relative to energy and force at contact, or to these at r."""
 
 CLOSEST = 0.98
-"""Distance over that of contact at which a run stops."""
+"""Distance over the contact distance at which a run stops."""
 
 _TABLE_ERROR = 1e-12
-"""Error of the tables over the energy: of the force, below 1e-8 of itself from contact on."""
+"""Relative error of the tabulated energy; the force then has errors below 1e-8 beyond contact."""
 
 _LOAD_ERROR = 1e-6
-"""Error of the tables over the load."""
+"""Relative error of the tabulated load."""
 
 _WINDOW = 1.01
-"""Last part of a table, over where the law is good enough, in which it goes to zero."""
+"""End of a table over the distance of validity of the law; in between, the table goes to zero."""
 
 _REACHES = np.arange(1.3, 8.01, 0.05)
-"""Ends of the tables that are tried, over the greatest contact distance."""
+"""Ends of the tables that are tried, over the largest contact distance."""
 
-_BEYOND = 40.0
-"""Greatest distance looked at, over that of contact."""
+_MAX_DISTANCE = 40.0
+"""Maximum distance considered, over the contact distance."""
 
-_LEAST_TERM = 0.004
+_MIN_TERM = 0.004
 """Lower bound of c: the square leaves rounding errors of 1e-17 / c of the force at D."""
 
 
 class DiscSeries(NamedTuple):
-    """The sum over all pairs of discs; see the head of this file."""
+    """The sum over all pairs of discs; see the module's docstring."""
 
     coefficients: Float[np.ndarray, "8"]  # see `granular.pairs.grain_arrays.COMMON`
-    shift: Float[np.ndarray, "m"] | None  # part of each grain in b [D^2]; None: all alike
+    shift: Float[np.ndarray, "m"] | None  # contribution of each grain to b [D^2]; None: all equal
 
 
 class _ExactDiscPair(NamedTuple):
-    """Two discs, and their exact law at distances from contact on; over that of dipoles."""
+    """Two discs, and their exact law at distances from contact on, in units of `disc_energy_and_force`."""
 
     discs: tuple[Disc, Disc]
     r: Samples
@@ -307,7 +307,7 @@ class _ExactDiscPair(NamedTuple):
         return pair_squared_distance_shift(*self.discs)
 
     def errors_over_tolerance(self, begin: float, c: float) -> Samples:
-        """Errors of the sum over all pairs from a distance on, over what is allowed."""
+        """Errors of the sum over all pairs beyond a distance, over the allowed errors."""
         energy, force = _all_pairs_law(self.r, self.shift, c)
         chosen = self.r >= begin
         return np.concatenate(
@@ -319,7 +319,7 @@ class _ExactDiscPair(NamedTuple):
 
 
 def _all_pairs_law(r: Samples, shift: float, c: float) -> tuple[Samples, Samples]:
-    """Energy and force of the law of all pairs, over those scales of dipoles."""
+    """Energy and force of the law for all pairs, in units of `disc_energy_and_force`."""
     rho = np.sqrt(r * r - shift)
     return rho**-3 + c * rho**-8, r * (3.0 * rho**-5 + 8.0 * c * rho**-10)
 
@@ -333,7 +333,7 @@ def make_disc_laws(
     *,
     loads: bool = False,
 ) -> tuple[DiscSeries, NearLaw]:
-    """Make both parts of the law of discs, in units of the first one's diameter; factor: the moments."""
+    """Make both parts of the law of discs, in units of the first diameter; ``factor`` holds the moments."""
     coefficients, tables = (_tabulate_with_loads if loads else _tabulate)(tuple(discs))
     shift = pad_values(np.array([squared_distance_shift(discs[k]) for k in species]))
     coefficients, mean = coefficients.copy(), float(shift[: len(species)].mean()) if len(species) else 0.0
@@ -344,13 +344,13 @@ def make_disc_laws(
 
 @functools.cache
 def _tabulate(discs: tuple[Disc, ...]) -> tuple[Float[np.ndarray, "8"], NearTables]:
-    """Coefficients and tables, which depend on the species alone."""
+    """Coefficients and tables, which depend only on the species."""
     indices, rows = species_pairs(len(discs))
     pairs = [_make_exact_pair(discs[i], discs[j]) for i, j in indices]
     c, centre = _complete_the_square(_fit_energy_coefficient(pairs))
     begins = [_law_validity_distance(pair, c) for pair in pairs]
     common = 2.0 * squared_distance_shift(discs[0]) if len(discs) == 1 else 0.0
-    slope = max(_greatest_stiffness(pair, begin, c) for pair, begin in zip(pairs, begins, strict=True))
+    slope = max(_maximum_stiffness(pair, begin, c) for pair, begin in zip(pairs, begins, strict=True))
     low, high = 0.95 * CLOSEST * min(pair.r[0] for pair in pairs), _WINDOW * max(begins)
     sampled = [_sampled_near_energy(pair.discs, begin, c) for pair, begin in zip(pairs, begins, strict=True)]
     numbers = [
@@ -376,45 +376,45 @@ def _collision_stiffness(pair: _ExactDiscPair) -> Samples:
 
 def _make_exact_pair(first: Disc, second: Disc) -> _ExactDiscPair:
     contact = contact_distance(first, second)
-    r = np.geomspace(contact, _BEYOND * contact, 400)
+    r = np.geomspace(contact, _MAX_DISTANCE * contact, 400)
     return _ExactDiscPair((first, second), r, *disc_energy_and_force(r, first, second))
 
 
 def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
-    """Return the c that makes the law good enough from the least distance on."""
+    """Fit c such that the law meets the tolerance beyond the smallest possible distance."""
     longest = max(pair.r[0] for pair in pairs)
     for begin in _REACHES * longest:
         at_zero = np.concatenate([pair.errors_over_tolerance(begin, 0.0) for pair in pairs])
         slopes = np.concatenate([pair.errors_over_tolerance(begin, 1.0) for pair in pairs]) - at_zero
-        # A few weighted least squares make the greatest error least (Lawson 1961).
+        # Iterated weighted least squares minimize the maximum error (Lawson 1961).
         weights = np.ones(len(at_zero))
         for _ in range(30):
             c = -float(weights * slopes @ at_zero / (weights * slopes @ slopes))
             errors = np.abs(at_zero + c * slopes)
-            if errors.max() <= 1.0 and abs(c) >= _LEAST_TERM:
+            if errors.max() <= 1.0 and abs(c) >= _MIN_TERM:
                 return c
             weights *= errors / errors.max()
     height = max(disc.height / (2.0 * disc.radius) for pair in pairs for disc in pair.discs)
     raise InputError(
-        f"grains.magnets = 'cylinders': discs {height:.3g} times as high as wide differ from "
-        f"dipoles beyond {_REACHES[-1]:g} diameters; take flatter ones, or 'dipoles'"
+        f"grains.magnets = 'cylinders': discs with a height of {height:.3g} diameters differ from "
+        f"dipoles beyond {_REACHES[-1]:g} diameters; use flatter ones, or 'dipoles'"
     )
 
 
 def _complete_the_square(c: float) -> tuple[float, float]:
-    """Return c, changed in its last digits, and g / `DISC_SCALE` whose square is exact: padding adds 0."""
+    """Round c so that g / `DISC_SCALE` has an exact square and padding adds 0; return both."""
     centre = float(np.float32(3.0 / (16.0 * c * DISC_SCALE)))
     return 3.0 / (16.0 * centre * DISC_SCALE), centre
 
 
 def _law_validity_distance(pair: _ExactDiscPair, c: float) -> float:
-    """Distance from which on the law with that c is good enough [D]."""
-    wrong = np.abs(pair.errors_over_tolerance(0.0, c)).reshape(2, -1).max(axis=0) > 1.0
-    return float(pair.r[np.flatnonzero(wrong).max(initial=0) + 1])
+    """Distance beyond which the law with this c meets the tolerance [D]."""
+    invalid = np.abs(pair.errors_over_tolerance(0.0, c)).reshape(2, -1).max(axis=0) > 1.0
+    return float(pair.r[np.flatnonzero(invalid).max(initial=0) + 1])
 
 
-def _greatest_stiffness(pair: _ExactDiscPair, begin: float, c: float) -> float:
-    """Greatest stiffness beyond a distance, over that of dipoles at rho."""
+def _maximum_stiffness(pair: _ExactDiscPair, begin: float, c: float) -> float:
+    """Maximum stiffness beyond a distance, over the stiffness of dipoles at rho."""
     r = pair.r[pair.r >= begin]
     u, rho = r * r, np.sqrt(r * r - pair.shift)
     slope = 15.0 * u * rho**-7 - 3.0 * rho**-5 + 8.0 * c * (10.0 * u * rho**-12 - rho**-10)
@@ -423,18 +423,18 @@ def _greatest_stiffness(pair: _ExactDiscPair, begin: float, c: float) -> float:
 
 @functools.cache
 def _tabulate_with_loads(discs: tuple[Disc, ...]) -> tuple[Float[np.ndarray, "8"], NearTables]:
-    """Coefficients and tables, with those of the load on the plates."""
+    """Coefficients and tables, including the load on the plates."""
     (coefficients, tables), pairs = _tabulate(discs), list(itertools.product(discs, discs))
     c, ends = tables.series.term, np.sqrt(tables.pairs[:, END])
     coefficients, term = coefficients.copy(), fit_load_term(pairs, ends, c)
     coefficients[LOAD_TERM] = term
     sampled = [_sampled_near_load(pair, end, c, term) for pair, end in zip(pairs, ends, strict=True)]
-    low, high = tables.pairs[:, LEAST].min(), 1.05 * tables.pairs[:, END].max()
+    low, high = tables.pairs[:, STOP].min(), 1.05 * tables.pairs[:, END].max()
     return coefficients, tables._replace(loads=tabulate_values(sampled, low, high, _LOAD_ERROR))
 
 
 def _sampled_near_load(discs: tuple[Disc, Disc], end: float, c: float, term: float) -> Sampled:
-    """Value beside 1/r^3 in the load on the first disc, less that of the sum over all pairs."""
+    """Correction to the sum over all pairs in the load on the first disc, in place of 1/r^3."""
 
     def sampled(u: Samples) -> tuple[Samples, Samples]:
         r = np.sqrt(u)
@@ -446,11 +446,11 @@ def _sampled_near_load(discs: tuple[Disc, Disc], end: float, c: float, term: flo
 
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-"""Nodes and weights on (-1, 1) for the energy of the last part of a table."""
+"""Nodes and weights on (-1, 1) for the energy at the end of a table."""
 
 
 def _sampled_near_energy(discs: tuple[Disc, Disc], begin: float, c: float) -> Sampled:
-    """Energy of two discs less that of the sum over all pairs; its force goes smoothly to zero."""
+    """Energy of two discs minus the sum over all pairs; the force goes smoothly to zero."""
     shift, end = pair_squared_distance_shift(*discs), _WINDOW * begin
 
     def difference(r: Samples) -> tuple[Samples, Samples, Samples]:
@@ -458,7 +458,7 @@ def _sampled_near_energy(discs: tuple[Disc, Disc], begin: float, c: float) -> Sa
         return ENERGY * (exact[0] - part[0]), ENERGY * (exact[1] - part[1]), ENERGY * (exact[0] + part[0])
 
     def windowed(r: Samples) -> Samples:
-        """Energy within the window: the integral of a force that ends there."""
+        """Energy within the window: the integral of a force that vanishes at its end."""
         points = 0.5 * (end + r) + 0.5 * (end - r) * _GAUSS[:, None]
         t = np.clip((end - points) / (end - begin), 0.0, 1.0)
         force = difference(points.ravel())[1].reshape(points.shape) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
@@ -467,7 +467,7 @@ def _sampled_near_energy(discs: tuple[Disc, Disc], begin: float, c: float) -> Sa
     constant = float((windowed(np.array([begin])) - difference(np.array([begin]))[0])[0])
 
     def sampled(u: Samples) -> tuple[Samples, Samples]:
-        # Tables of all species begin at their smallest contact, where rho^2 of larger discs is below zero.
+        # All tables begin at the smallest contact distance, at which rho^2 of larger discs is negative.
         r = np.clip(np.sqrt(u), 0.9 * CLOSEST * contact_distance(*discs), end)
         energy, _, magnitude = difference(r)
         last = r > begin
@@ -479,14 +479,14 @@ def _sampled_near_energy(discs: tuple[Disc, Disc], begin: float, c: float) -> Sa
 
 
 def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
-    """Stiffness of two discs over dipoles' at the same distance (n,); r (n,) [D]."""
-    grid = contact_distance(*discs) * np.geomspace(CLOSEST, _BEYOND, 300)
+    """Stiffness of two discs over the stiffness of dipoles at the same distance (n,); r (n,) [D]."""
+    grid = contact_distance(*discs) * np.geomspace(CLOSEST, _MAX_DISTANCE, 300)
     slopes = np.gradient(disc_law_continued_below_contact(grid, discs)[1], grid)
     return np.asarray(np.interp(r, grid, np.abs(slopes) * grid**5 / 12.0))
 
 
 def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tuple[Samples, Samples]:
-    """Energy and force (n,) of two discs, the force continued below contact as its tangent; r (n,) [D]."""
+    """Energy and force (n,) of two discs; below contact the force continues as its tangent; r (n,) [D]."""
     contact = contact_distance(*discs)
     energy, force = disc_energy_and_force(np.maximum(r, contact), *discs)
     below, slope = np.minimum(r - contact, 0.0), force_slope_at_contact(*discs)
@@ -494,13 +494,13 @@ def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tu
 
 
 def force_slope_at_contact(first: Disc, second: Disc) -> float:
-    """Slope dF/dr of the repulsion of two discs where they touch."""
+    """Slope dF/dr of the repulsion of two discs at contact."""
     contact = contact_distance(first, second)
     factor, z = contact_force_singularity(first, second)
     step = 1e-4 * contact
     x: Samples = step * np.arange(3.0)
     force = disc_energy_and_force(contact + x, first, second)[1]
-    # The singular part, whose second derivative is infinite, would spoil the difference quotient.
+    # Without the singular part, whose infinite second derivative would spoil the difference quotient.
     smooth = force - factor * _real_part_of_power(x, z, 1.5)
     slope = (-1.5 * smooth[0] + 2.0 * smooth[1] - 0.5 * smooth[2]) / step
     return float(slope + 1.5 * factor * _real_part_of_power(np.array([0.0]), z, 0.5)[0])

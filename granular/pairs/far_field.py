@@ -1,14 +1,11 @@
 """The far field: the smooth far part of the pair law, from a mesh or as a difference of direct sums.
 
-The far field as the sum over all pairs less that over the near ones.
+The direct far field is the sum over all pairs minus the sum over near pairs. Action and reaction are
+equal and nothing is omitted; time is saved because all pairs are summed only once in several steps.
 
-Both are sums over pairs, so action and reaction are equal, and nothing is left out: what is gained
-comes from summing all pairs once in several steps.
-
-The far field: what the smooth far part of the pair law does to the grains.
-
-From a mesh, forces are the exact gradient of its energy. The mesh is no function of distances
-alone, so momentum is not kept to the last bit, as it is by sums over pairs; energy is.
+The far field from a mesh has forces that are the exact gradient of its energy. The mesh energy does not
+depend on distances only, so momentum is not conserved to the last bit, unlike in sums over pairs;
+energy is conserved.
 """
 
 from __future__ import annotations
@@ -43,16 +40,16 @@ from granular.shared.array_types import Float, Int
 
 
 class DirectFarFieldWorkspace(NamedTuple):
-    """Workspace for the two sums."""
+    """Workspace for the sums over all and over near pairs."""
 
     near: Float[np.ndarray, "2 m"]  # forces of the near part, along x and y [F*]
-    energy_and_closest: Float[np.ndarray, "2 2"]  # of all pairs; of the near ones
+    energy_and_closest: Float[np.ndarray, "2 2"]  # first row: all pairs; second row: near pairs
     buffers: Float[np.ndarray, "parts 5 m"] | None  # see `partial_sum_buffers`
-    load: Float[np.ndarray, "m"] | None  # near part of the sums behind the normal force [1/D^3]
+    load: Float[np.ndarray, "m"] | None  # near part of the sums for the normal force [1/D^3]
 
 
 def direct_far_field_workspace(size: int, *, with_loads: bool) -> DirectFarFieldWorkspace:
-    """Allocate the arrays of a far field that is the sum over all pairs less that over near pairs."""
+    """Allocate the arrays of the far field as a difference of direct sums."""
     return DirectFarFieldWorkspace(
         near=np.zeros((2, size)),
         energy_and_closest=np.zeros((2, 2)),
@@ -78,57 +75,56 @@ def compute_direct_far_field(
     arrays: GrainArrays,
     energy: Float[Array, "1"],
 ) -> None:
-    """Overwrite forces [F*], energy [F* D] and, if wanted, loads [1/D^3] by the far part; radius [D]."""
+    """Overwrite forces [F*], energy [F* D] and, if requested, loads [1/D^3] with the far part; radius [D]."""
     if not positions_are_finite(arrays.x, arrays.y, grains):
         set_forces_to_nan(arrays, grains)
         return
-    forces, every, near = workspace.near, workspace.energy_and_closest[0], workspace.energy_and_closest[1]
-    direct_sum(replace_energy_and_closest(arrays, every), workspace.buffers, threaded, None)
+    forces, total, near = workspace.near, workspace.energy_and_closest[0], workspace.energy_and_closest[1]
+    direct_sum(replace_energy_and_closest(arrays, total), workspace.buffers, threaded, None)
     close = replace_sums(arrays, forces[0], forces[1], None, near, workspace.load)
     cut_off_sum(stripes, radius, True, threaded, grains, close)
     _subtract_if_wanted(arrays.fx, forces[0], grains)
     _subtract_if_wanted(arrays.fy, forces[1], grains)
     _subtract_if_wanted(arrays.load, workspace.load, grains)
-    energy[0] = ENERGY * (every[0] - near[0])
+    energy[0] = ENERGY * (total[0] - near[0])
 
 
 SPACINGS = 4.5
-"""Spacings of the finest mesh in the split radius. With 4.5 the mesh takes about as long as the near part
-where it is met every eighth step."""
+"""Split radius over the spacing of the finest mesh. With 4.5 the mesh, evaluated every eighth step, takes
+about as long as the near part."""
 
-STILL = 5e-4
-"""Way of a grain [D] up to which the far field counts as unchanged where grains rub.
+UNCHANGED_DISTANCE = 5e-4
+"""Displacement of a grain [D] up to which the far field is taken as unchanged in beds with wall friction.
 
-In a bed as dense as a full compression, grain against grain, it changes by at most 25 rho / r_c^3
-times twice this displacement, with rho grains per D^2: 3e-5 F* at a radius of 6.5 D, a fifth of
-what the mesh may be off by. Beds whose grains move together change it by far less."""
+In a bed as dense as at full compression the far field changes by at most 25 rho / r_c^3 times twice this
+displacement, with rho grains per D^2: 3e-5 F* at a radius of 6.5 D, a fifth of the tolerance of the mesh.
+If grains move together, the change is far smaller."""
 
-STILL_EXACT = 5e-5
-"""The same where the far field is a sum over pairs: 3e-6 F*, for there is no mesh's error."""
+UNCHANGED_DISTANCE_EXACT = 5e-5
+"""The same for the direct far field, which has no mesh error: a change of 3e-6 F*."""
 
-AHEAD = 8
-"""Steps that the far field goes on for as it last changed, where grains slide fast and nothing else
-is asked for.
+EXTRAPOLATION_STEPS = 8
+"""Default number of steps for which the far field is extrapolated linearly while grains slide fast.
 
-To second order in them, as impulses every so many steps are."""
+The error is of second order in this number, as with impulses at the same interval."""
 
 TIME, CALLS, CHANGING = range(3)
-"""Entries of when the far field was found: the time [tau]; forces since then; whether it goes on as
-it changed before."""
+"""Entries of the timing: time of the last evaluation [tau]; number of forces since then; 1 if the field is
+extrapolated."""
 
-MOST_POINTS = 1e8
-"""Most points of the finest mesh: all of them take two gigabytes."""
+MAX_POINTS = 1e8
+"""Maximum number of points of the finest mesh, for which the whole mesh takes 2 GB."""
 
 
 class FarFieldSettings(NamedTuple):
-    """The far field of a scene."""
+    """Settings of the far field of a scene."""
 
     radius: float  # distance at which the near part ends [D]
-    size: tuple[float, float] | None  # width and height of the mesh [D]; None: all pairs less the near ones
-    every: int | None  # steps between impulses; None: the far force is a part of every force
+    size: tuple[float, float] | None  # width and height of the mesh [D]; None: direct far field
+    every: int | None  # steps between impulses; None: the far force is added to every force
     rubbing: int | None = None  # steps between evaluations while grains slide; None: every force
-    periodic: bool = False  # the mesh goes round a periodic cell of that size
-    inverse_fifth_factor: float = 0.0  # of discs: factor of r^-5 beside r^-3 [D^2]
+    periodic: bool = False  # the mesh covers a periodic cell of this size
+    inverse_fifth_factor: float = 0.0  # of discs: coefficient of r^-5 relative to r^-3 [D^2]
     load_fifth_factor: float = 0.0  # of discs: the same in loads [D^2]
 
 
@@ -136,22 +132,22 @@ class FarFieldState(NamedTuple):
     """Forces and energy of the last evaluation, and the arrays that compute them."""
 
     mesh: MultilevelMesh | None
-    load_mesh: MultilevelMesh | None  # of the loads of discs, with the arrays of the other
-    direct: DirectFarFieldWorkspace | None  # instead of the mesh: all pairs less the near ones
+    load_mesh: MultilevelMesh | None  # for loads of discs, sharing the arrays of ``mesh``
+    direct: DirectFarFieldWorkspace | None  # instead of the mesh: a difference of direct sums
     radius: float  # [D]
-    self_potential: float  # of a grain of moment 1 at its own position [1/D^3]
-    self_load: float  # of a grain of weight 1 [1/D^3]
+    self_potential: float  # potential of a grain of moment 1 at its position [1/D^3]
+    self_load: float  # load of a grain of weight 1 by itself [1/D^3]
     fx: Float[np.ndarray, "m"]  # [F*]
     fy: Float[np.ndarray, "m"]  # [F*]
-    held_forces: Float[np.ndarray, "2 m"] | None  # [F*], act all the time; impulses add the rest
-    load: Float[np.ndarray, "m"] | None  # far part of the sums behind the normal force [1/D^3]
-    evaluated_at: Float[np.ndarray, "2 m"] | None  # positions then [D]; None: each force
-    rates: Float[np.ndarray, "3 m"] | None  # of fx, fy [F*/tau], load [1/(D^3 tau)]; None: not needed
-    extrapolation_steps: int  # steps that the rates are used for
-    unchanged_distance: float  # see `STILL` [D]
-    timing: Float[np.ndarray, "3"]  # see `TIME` and the others
+    held_forces: Float[np.ndarray, "2 m"] | None  # constant between impulses, which add the difference [F*]
+    load: Float[np.ndarray, "m"] | None  # far part of the sums for the normal force [1/D^3]
+    evaluated_at: Float[np.ndarray, "2 m"] | None  # positions at the last evaluation [D]; None: no reuse
+    rates: Float[np.ndarray, "3 m"] | None  # of fx, fy [F*/tau] and load [1/(D^3 tau)]; None: not needed
+    extrapolation_steps: int  # maximum number of steps of extrapolation
+    unchanged_distance: float  # see `UNCHANGED_DISTANCE` [D]
+    timing: Float[np.ndarray, "3"]  # see `TIME` to `CHANGING`
     energy: Float[np.ndarray, "1"]  # [F* D]
-    part_totals: Float[np.ndarray, "parts"]  # twice the energy of each part
+    part_totals: Float[np.ndarray, "parts"]  # twice the energy of each part, over `ENERGY`
 
 
 def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
@@ -175,13 +171,13 @@ def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> 
         self_load=_self_potential(field.radius, field.load_fifth_factor),
         fx=np.zeros(size),
         fy=np.zeros(size),
-        # Without it grains at rest would be pushed to and fro by the impulses.
+        # Without these the impulses would push grains at rest back and forth.
         held_forces=None if field.every is None else np.zeros((2, size)),
         load=np.zeros(size) if with_loads else None,
         evaluated_at=None if field.rubbing is None else np.full((2, size), np.nan),
         rates=np.zeros((3, size)) if field.rubbing is not None and field.rubbing > 1 else None,
         extrapolation_steps=field.rubbing or 0,
-        unchanged_distance=STILL_EXACT if mesh is None else STILL,
+        unchanged_distance=UNCHANGED_DISTANCE_EXACT if mesh is None else UNCHANGED_DISTANCE,
         timing=np.zeros(3),
         energy=np.zeros(1),
         part_totals=np.zeros(PARTS),
@@ -217,7 +213,7 @@ def _interpolate_forces_of_part(
     totals: Array,
     part: int,
 ) -> None:
-    """Return the forces of a part of the grains, and loads of grains that are all alike."""
+    """Interpolate the forces on a part of the grains, and their loads if all grains are equal."""
     total = 0.0
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = order[k]
@@ -234,7 +230,7 @@ def _interpolate_forces_of_part(
 def _interpolate_loads_of_part(
     mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_load: float, part: int
 ) -> None:
-    """Return the loads of a part of the grains, from a mesh of their weights."""
+    """Interpolate the loads on a part of the grains from a mesh of weights."""
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = order[k]
         value, _, _ = interpolate_potential(mesh.points_per_length, mesh, arrays.x[i], arrays.y[i])
@@ -276,7 +272,7 @@ def _compute_loads_by_weights(
     grains: int,
     self_load: float,
 ) -> None:
-    """Compute the loads of discs, and of grains that differ; of others they come with the forces."""
+    """Compute the loads of discs and of unequal grains; for others they come with the forces."""
     if weight is not None:
         if load_mesh is not None:
             _compute_loads(load_mesh, threaded, weight, arrays, order, grains, self_load)
@@ -308,7 +304,7 @@ def compute_mesh_far_field(
     arrays: GrainArrays,
     order: Int[Array, "m"],
 ) -> int:
-    """Compute force [F*], energy [F* D] and, where grains rub, load [1/D^3] of the far part by the mesh."""
+    """Compute force [F*], energy [F* D] and, with friction, load [1/D^3] of the far part by the mesh."""
     if grains == 0:
         return 0
     x, y = arrays.x, arrays.y

@@ -1,4 +1,4 @@
-"""Arrays that every sum over pairs takes: what it reads, and what it fills."""
+"""Input and output arrays of every sum over pairs."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from granular.pairs.simd import DISC_SCALE, SCALE
 from granular.shared.array_types import Float
 
 COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS, LOAD_TERM, LOAD_FAR = range(8)
-"""Coefficients of the sum over all pairs of discs (`granular.pairs.disc_law`): b of alike discs; c;
-g / `DISC_SCALE`; what sums of forces lack as a factor, besides `STRENGTH`; the factor of r^-5 that the far
-field has beside r^-3; the greatest stiffness beyond the tables over that of dipoles at rho; of the load on
-the plates d and the factor of r^-5 (`granular.pairs.disc_law`)."""
+"""Coefficients of the sum over all pairs of discs (`granular.pairs.disc_law`): b of equal discs; c;
+g / `DISC_SCALE`; the factor missing from sums of forces, besides `STRENGTH`; the factor of r^-5 relative to
+r^-3 in the far field; the maximum stiffness beyond the tables over the stiffness of dipoles at rho; and for
+the load on the plates d and the factor of r^-5."""
 
 
 class GrainArrays(NamedTuple):
-    """Positions and properties of grains, and their sums over pairs; None for what is not wanted."""
+    """Positions and properties of grains, and their sums over pairs; None for sums not requested."""
 
     x: Float[np.ndarray, "m"]  # padded [D]
     y: Float[np.ndarray, "m"]  # padded [D]
     fx: Float[np.ndarray, "m"]  # overwritten by the forces [F*]
     fy: Float[np.ndarray, "m"]  # overwritten by the forces [F*]
-    moments: Float[np.ndarray, "m"] | None = None  # over the first species'; None: all alike
+    moments: Float[np.ndarray, "m"] | None = None  # over the first species' moment; None: all equal
     stiffness: Float[np.ndarray, "m"] | None = None  # sum_j q_j / r^5 [1/D^5]
     energy_and_closest: Float[np.ndarray, "2"] | None = None  # sum q_i q_j / r^3; largest r^-5
     load: Float[np.ndarray, "m"] | None = None  # sum_j weight_j / r^3 [1/D^3]
     weight: Float[np.ndarray, "m"] | None = None
-    series: Float[np.ndarray, "8"] | None = None  # see `COMMON` and the others; None: dipoles
-    shift: Float[np.ndarray, "m"] | None = None  # part of each grain in b; None: b is `COMMON` [D^2]
+    series: Float[np.ndarray, "8"] | None = None  # see `COMMON` to `LOAD_FAR`; None: dipoles
+    shift: Float[np.ndarray, "m"] | None = None  # contribution of each grain to b; None: b is `COMMON` [D^2]
 
 
 @compiled(inline=True)
@@ -57,12 +57,12 @@ def replace_energy_and_closest(arrays: GrainArrays, energy_and_closest: Array) -
     return replace_sums(arrays, arrays.fx, arrays.fy, arrays.stiffness, energy_and_closest, arrays.load)
 
 
-# Numba drops a branch where an argument is None, and does not where a field is: one kernel each.
+# Numba prunes branches on arguments that are None, but not on fields: hence a kernel for each.
 
 
 @compiled(inline=True)
 def clear_array_if_given(values: Float[Array, "m"] | None) -> None:
-    """Set an array to zero, if there is one."""
+    """Set an array to zero, if given."""
     if values is not None:
         values[:] = 0.0
 
@@ -79,7 +79,7 @@ def clear_sums(arrays: GrainArrays) -> None:
 
 @compiled(inline=True)
 def scale_array_if_given(values: Float[Array, "m"] | None, factor: float) -> None:
-    """Multiply an array by a factor, if there is one."""
+    """Multiply an array by a factor, if given."""
     if values is not None:
         for i in range(values.size):
             values[i] *= factor
@@ -87,25 +87,25 @@ def scale_array_if_given(values: Float[Array, "m"] | None, factor: float) -> Non
 
 @compiled(inline=True)
 def value_or_one(values: Float[Array, "m"] | None, i: int) -> float:
-    """Value of one grain, or 1 where all grains are alike."""
+    """Value of one grain, or 1 if all grains are equal."""
     return 1.0 if values is None else values[i]
 
 
 @compiled(inline=True)
 def unscaled_sum_factor(series: Float[Array, "6"] | None) -> float:
-    """Factor that vectorised sums of energies, stiffnesses and loads still lack."""
+    """Factor missing from vectorized sums of energies, stiffnesses and loads."""
     return SCALE if series is None else DISC_SCALE
 
 
 @compiled(inline=True)
 def unscaled_force_factor(series: Float[Array, "6"] | None) -> float:
-    """Factor that vectorised sums of forces still lack, besides `granular.pairs.dipole_law.STRENGTH`."""
+    """Factor missing from vectorized sums of forces, besides `granular.pairs.dipole_law.STRENGTH`."""
     return SCALE if series is None else series[FORCE_SCALE]
 
 
 @compiled(inline=True)
 def add_to_entry_if_given(values: Float[Array, "m"] | None, i: int, amount: float) -> None:
-    """Add an amount to one grain's entry, if there is such an array."""
+    """Add an amount to one grain's entry, if the array is given."""
     if values is not None:
         values[i] += amount
 
@@ -134,4 +134,4 @@ def _compiled_array_if_wanted(typing: Any, requested: Any, sums: Any) -> Any:
 
 
 array_if_wanted = _pure_python_array_if_wanted if config.DISABLE_JIT else _compiled_array_if_wanted
-"""Return sums, or None where they are not asked for: a choice of types, made while compiling."""
+"""Return the sums, or None if they are not requested; decided by types at compile time."""

@@ -1,4 +1,4 @@
-"""The potential on a mesh: sources go up the levels, each level's own part of it is passed down."""
+"""The potential on a mesh: sources are restricted to coarser levels, potentials prolonged to finer ones."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from granular.pairs.simd import WIDTH
 from granular.shared.array_types import Float, Int
 
 _FRACTIONS = (0.75, 0.5, 0.125)
-"""Fraction of a cubic B-spline in the one twice as wide, by the points of the fine mesh between."""
+"""Coefficients of fine cubic B-splines in one twice as wide, at distances of 0, 1 and 2 fine points."""
 
-# Unsigned, since an index that may be negative is looked at every time.
+# Unsigned, since each signed index is checked for being negative.
 _UNIT, _TWO = np.uintp(1), np.uintp(2)
 
 
-# Of numbers alone: arrays that are handed on from line to line are counted, which takes longer.
+# Numbers only: passing arrays for each line would add the cost of reference counting.
 @compiled(inline=True)
 def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, periodic: bool) -> np.uintp:
-    """Begin of a line, by its index in a window of ``up`` lines; outside, a periodic image, else of zeros."""
+    """Begin of a line in a window of ``up`` lines; outside: a periodic image, or a line of zeros."""
     if periodic:
         at %= up
     return np.uintp(begin + at * stride if 0 <= at < up else outside)
@@ -37,7 +37,7 @@ def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, p
 
 @compiled(inline=True)
 def _index_of_first_line(points_per_length: Array | None, mesh: MultilevelMesh, level: int) -> int:
-    """Begin of a level's first line, with its margin."""
+    """Begin of a level's first line, including its margin."""
     if points_per_length is not None:
         return index_of_first_mesh_point(mesh, level) - mesh.margin
     return mesh.begins[level]
@@ -45,7 +45,7 @@ def _index_of_first_line(points_per_length: Array | None, mesh: MultilevelMesh, 
 
 @compiled
 def _restrict_sources(mesh: MultilevelMesh, level: int) -> None:
-    """Return the sources of a level from those of the finer one before it."""
+    """Compute the sources of a level from the next finer level."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
     total, half, rest = _FRACTIONS
@@ -78,7 +78,7 @@ def _restrict_sources(mesh: MultilevelMesh, level: int) -> None:
 
 @compiled
 def _prolong_potential(mesh: MultilevelMesh, level: int) -> None:
-    """Add the potential of a level to that of the finer one before it."""
+    """Add the potential of a level to the next finer level."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
     total, half, rest = _FRACTIONS
@@ -104,7 +104,7 @@ def _prolong_potential(mesh: MultilevelMesh, level: int) -> None:
                 + adjacent * potential[below + p]
                 + next_one * potential[above + p]
             )
-        # The first point's place is odd, too, where the window's is: one more before it.
+        # If the window begins at an odd point, start one point before it.
         begin = np.uintp(fine_start + up * fine_stride + margin - odd)
         for pair in range(pairs):
             at, out = first + np.uintp(pair), begin + _TWO * np.uintp(pair)
@@ -114,7 +114,7 @@ def _prolong_potential(mesh: MultilevelMesh, level: int) -> None:
 
 @compiled
 def _convolve_columns_of_part(mesh: MultilevelMesh, part: int) -> None:
-    """Potential of each level's own sources on a part of all columns."""
+    """Convolve each level's sources on a part of all columns."""
     levels, total, done = len(mesh.windows), 0, 0
     for level in range(levels):
         total += _column_cost(mesh, level) * (_column_count(mesh, level) // WIDTH)
@@ -123,7 +123,8 @@ def _convolve_columns_of_part(mesh: MultilevelMesh, part: int) -> None:
         for column in range(0, _column_count(mesh, level), WIDTH):
             middle = 2 * done + cost
             done += cost
-            # A column falls to the part that holds the middle of its cost: parts take about equally long.
+            # A column belongs to the part that contains the middle of its cost, so parts have about equal
+            # cost.
             if part * total * 2 <= middle * PARTS < (part + 1) * total * 2:
                 _convolve_columns(mesh, level, column, part)
 
@@ -143,7 +144,7 @@ def _convolve_columns(mesh: MultilevelMesh, level: int, column: int, part: int) 
         at,
         mesh.strides[level],
         mesh.windows[level, UP],
-        # The law is r^-3, and the spacing doubles from level to level.
+        # The law is r^-3, and the spacing doubles between levels.
         0.125**level,
         mesh.points_per_length,
     )
@@ -156,7 +157,7 @@ def _column_count(mesh: MultilevelMesh, level: int) -> int:
 
 @compiled(inline=True)
 def _column_cost(mesh: MultilevelMesh, level: int) -> int:
-    """Cost of eight columns of a level: the last has more groups of terms, and a longer reach."""
+    """Cost of eight columns of a level; the last level has more groups of terms and a longer reach."""
     table = mesh.rest_along if level == len(mesh.windows) - 1 else mesh.band_along[0]
     return mesh.windows[level, UP] * table.shape[0] * table.shape[1]
 
@@ -171,7 +172,7 @@ def _convolve_parts(mesh: MultilevelMesh) -> None:
 def compute_mesh_potential(
     points_per_length: Float[Array, "2"] | None, mesh: MultilevelMesh, threaded: bool | None
 ) -> None:
-    """Compute the potential on the finest level of a mesh from the sources there; mesh [1/D^3]."""
+    """Compute the potential [1/D^3] on the finest level of a mesh from its sources."""
     levels = len(mesh.windows)
     for level in range(1, levels):
         _restrict_sources(mesh, level)
@@ -187,15 +188,15 @@ def compute_mesh_potential(
 
 
 _STRANDS = 4
-"""Grains that are spread in turn come from so many places: a sum waits for the one before it where
-both are of the same points."""
+"""Number of interleaved sequences in which grains are spread, since a sum must wait for the previous one if
+both use the same points."""
 
 
 @compiled
 def _clear_reached_lines(
     mesh: MultilevelMesh, y: Array, order: Array, first: int, end: int, part: int
 ) -> None:
-    """Clear the lines that a part of the grains reaches, and remember which."""
+    """Clear the lines that a part of the grains reaches, and store their range."""
     fineness, low, high = 1.0 / mesh.spacing, math.inf, -math.inf
     for k in range(first, end):
         low, high = min(low, y[order[k]]), max(high, y[order[k]])
@@ -232,7 +233,7 @@ def _spread_grains_of_part(
 
 @compiled
 def _add_spread_to_part(mesh: MultilevelMesh, part: int) -> None:
-    """Add up what all parts of the grains put on a part of the finest level's lines."""
+    """Add the sources from all parts of the grains on a part of the finest level's lines."""
     up, stride = mesh.windows[0, UP], mesh.strides[0]
     for line in range(part * up // PARTS, (part + 1) * up // PARTS):
         total = mesh.source[line * stride : (line + 1) * stride]
@@ -269,7 +270,7 @@ def spread_grains(
     order: Int[Array, "m"],
     grains: int,
 ) -> None:
-    """Spread amounts by cubic B-splines on the finest level, quickest in an order of neighbours; x, y [D]."""
+    """Spread amounts by cubic B-splines on the finest level; fastest in spatial order; x, y [D]."""
     if points_per_length is not None:
         spread_on_periodic_mesh(mesh, points_per_length, x, y, amounts, order, grains)
     else:

@@ -1,13 +1,12 @@
 """Convolution of a mesh, and cubic B-splines on it, as vector instructions.
 
-The table of a convolution is a sum of products. What a point of the mesh feels of another is, by the
-distances along both axes, the sum of `TERMS` products of a number for the one distance and a number for the
-other. So each column of lines is met along its lines first, for all terms together, and then, term by term,
-across them.
+The kernel of a convolution is separable: as a function of the distances along both axes it is a sum of
+`TERMS` products of a number for one distance and a number for the other. Each column of lines is therefore
+convolved first along its lines, for all terms together, and then across them, term by term.
 
-Splines are taken on the four by four points about a grain, a line at a time. The splines of the four points
-along an axis, and their slopes, are eight polynomials of one number: the distance of the grain from the
-second point towards the third.
+Splines are evaluated on the four by four points around a grain, one line at a time. The splines of the four
+points along an axis, and their slopes, are eight polynomials of one variable: the distance of the grain from
+the second point towards the third.
 """
 
 from __future__ import annotations
@@ -32,20 +31,20 @@ from granular.pairs.simd import (
 )
 
 TERMS = WIDTH
-"""Products that are taken together."""
+"""Number of products that are evaluated together."""
 
-BESIDE = 3
-"""Lines behind the last one that are read, for nothing."""
+EXTRA_LINES = 3
+"""Number of lines after the last one that are read without being used."""
 
-_LINES, _DISTANCES = 1 + BESIDE, (4, 2, 1)
-"""Lines, and distances between lines, that are met together: as many as registers hold, and what
-is left of the distances."""
+_LINES, _DISTANCES = 1 + EXTRA_LINES, (4, 2, 1)
+"""Numbers of lines, and of distances between lines, that are combined: as many as registers hold, then fewer
+for the remaining distances."""
 
 
 def _convolve_along_lines(
     code: VectorBuilder, source: ir.Value, indices: list[ir.Value], table: ir.Value, reach: ir.Value
 ) -> list[list[ir.Value]]:
-    """Sum both sides of points along their lines; for each point, one sum for each term."""
+    """Sum over both sides of points along their lines, with one sum per point and term."""
     b = code.builder
     sums = [_allocate_zero_sums(code, TERMS) for _ in indices]
     zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
@@ -63,12 +62,12 @@ def _convolve_along_lines(
 
 
 def _copy_periodic_lines(code: VectorBuilder, rows: ir.Value, lines: ir.Value, reach: ir.Value) -> None:
-    """Copy what was met along lines to where they stand again, before the first and behind all."""
+    """Copy the sums along lines to the periodic images of the lines, before the first and after the last."""
     b = code.builder
     block, width = ir.Constant(INDEX, TERMS * WIDTH), ir.Constant(INDEX, WIDTH)
     zero, unity = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
     total = b.mul(lines, reach)
-    behind = b.add(reach, ir.Constant(INDEX, BESIDE))
+    behind = b.add(reach, ir.Constant(INDEX, EXTRA_LINES))
     with cgutils.for_range_slice(b, zero, b.add(reach, behind), unity, INDEX) as (copy, _):
         before = b.icmp_signed("<", copy, reach)
         here = b.select(before, copy, b.add(copy, lines))
@@ -95,7 +94,7 @@ def _add_distances_to_line_sums(
     distances: int,
     sums: list[Any],
 ) -> None:
-    """Add distances to the sums of lines; what lines share is loaded once, as loads take longest here."""
+    """Add distances to the sums of lines; shared values are loaded once, since loads dominate the cost."""
     b = code.builder
     block = TERMS * WIDTH
     down = b.sub(begin, b.mul(apart, ir.Constant(INDEX, block)))
@@ -117,7 +116,7 @@ def _add_distances_to_line_sums(
 def _convolve_across_lines(
     code: VectorBuilder, rows: ir.Value, line: ir.Value, table: ir.Value, reach: ir.Value
 ) -> list[ir.Value]:
-    """Return the sums over both sides of `_LINES` points across the lines, and over the terms."""
+    """Sum over both sides of `_LINES` points across the lines, and over the terms."""
     b = code.builder
     block = ir.Constant(INDEX, TERMS * WIDTH)
     zero, unity, many = (ir.Constant(INDEX, value) for value in (0, 1, TERMS))
@@ -273,28 +272,28 @@ def _pure_python_convolve(
 
 
 convolve_eight_columns = _pure_python_convolve if config.DISABLE_JIT else _compiled_convolve
-"""Overwrite eight columns of some lines by what the sources about them make there.
+"""Overwrite eight columns of lines with the potential of the sources around them.
 
 Parameters
 ----------
 source, out : float64 (p,)
-    Lines one after another; next to every one there are zeros for the reach of the table.
+    Consecutive lines, each padded with zeros for the reach of the table.
 along, across : float64 (groups, reach, `TERMS`)
-    By the distance, from 0 on, where it is halved.
+    By distance from 0 on; entries at distance 0 are halved.
 rows : float64 (q,)
-    Scratch: `TERMS` times `WIDTH` numbers for so many lines, twice the reach and `BESIDE`.
+    Scratch: `TERMS` times `WIDTH` numbers for each line, for twice the reach, and for `EXTRA_LINES`.
 at : int
-    Place of the first line's first column.
+    Index of the first line's first column.
 stride, lines : int
-    From line to line, and how many lines.
+    Distance between lines in the array, and number of lines.
 scale : float
 points_per_length : float64 (2,) or None
-    Anything but None where the first line stands again behind the last one.
+    None unless lines are periodic, the first following the last.
 """
 
 
 POINTS = 4
-"""Points of a spline along each axis."""
+"""Number of points of a spline along each axis."""
 
 _POLYNOMIALS = (
     (1 / 6, 2 / 3, 1 / 6, 0.0, -0.5, 0.0, 0.5, 0.0),
@@ -302,13 +301,13 @@ _POLYNOMIALS = (
     (0.5, -1.0, 0.5, 0.0, -0.5, 1.5, -1.5, 0.5),
     (-1 / 6, 0.5, -0.5, 1 / 6, 0.0, 0.0, 0.0, 0.0),
 )
-"""Splines of the four points by the power of the displacement, and behind them their slopes."""
+"""Coefficients of the four splines, then of their slopes, by power of the displacement."""
 
 _FOUR = ir.VectorType(DOUBLE, POINTS)
 
 
 def _spline_values_and_slopes(code: VectorBuilder, displacement: ir.Value) -> ir.Value:
-    """Values of the four splines, and of their slopes."""
+    """Values of the four splines and of their slopes."""
     u = code.broadcast_scalar(displacement)
     result: Any = constant_vector(_POLYNOMIALS[-1])
     for coefficients in reversed(_POLYNOMIALS[:-1]):
@@ -317,12 +316,12 @@ def _spline_values_and_slopes(code: VectorBuilder, displacement: ir.Value) -> ir
 
 
 def _pointer_to_line(code: VectorBuilder, values: ir.Value, at: ir.Value) -> ir.Value:
-    """Pointer to four points that follow each other."""
+    """Pointer to four consecutive points."""
     return code.builder.bitcast(code.builder.gep(values, [at]), _FOUR.as_pointer())
 
 
 def _sum_half_lanes(code: VectorBuilder, vector: ir.Value) -> ir.Value:
-    """Return the sums of the first and of the last four lanes, each in its first lane."""
+    """Return the sums of the first and of the last four lanes, in lanes 0 and 4."""
     for lanes in ((2, 3, 0, 1, 6, 7, 4, 5), (1, 0, 3, 2, 5, 4, 7, 6)):
         vector = code.builder.fadd(vector, code.shuffle(vector, vector, list(lanes)))
     return vector
@@ -388,7 +387,7 @@ def _emit_spline_sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v:
 
 
 def _pure_python_spline_values(displacement: float) -> np.ndarray:
-    """Values of the splines, and of their slopes, float64 (2, 4)."""
+    """Values of the splines and of their slopes, float64 (2, 4)."""
     result = np.polynomial.polynomial.polyval(displacement, np.array(_POLYNOMIALS))
     return np.asarray(result).reshape(2, POINTS)
 
@@ -409,16 +408,16 @@ def _pure_python_interpolate_with_splines(
 
 
 add_spline_weights = _pure_python_add_spline_weights if config.DISABLE_JIT else _emit_spline_weights
-"""Add an amount to the four by four points from ``at`` on, whose lines are ``stride`` apart.
+"""Add an amount to the four by four points from index ``at`` on, with lines ``stride`` apart.
 
 Parameters
 ----------
 values : float64 (p,)
 at, stride : int
 u, v : float
-    Way along both axes from the second point to the third, 0 to 1.
+    Position along both axes between the second point (0) and the third (1).
 amount : float
 """
 
 interpolate_with_splines = _pure_python_interpolate_with_splines if config.DISABLE_JIT else _emit_spline_sums
-"""Value of the spline through such points, and its slopes along both axes [1/spacing]."""
+"""Value of the spline from the same points, and its slopes along both axes [1/spacing]."""

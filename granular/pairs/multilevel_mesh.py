@@ -1,20 +1,20 @@
-"""Mesh of several levels: its arrays, and the windows of it that enclose the grains.
+"""Multilevel mesh: its arrays, and its windows around the grains.
 
-Each level is a window of a lattice that stands still, just large enough for the grains; spacing
-doubles from level to level. Cubic B-splines of one level are sums of those of the level before, so
-that going up and down the levels loses nothing.
+Each level is a window of a fixed lattice, just large enough for the grains; the spacing doubles
+between levels. Cubic B-splines of one level are sums of splines of the next finer level, so
+restriction and prolongation are exact.
 
 The far part is summed by multilevel summation (Brandt and Lubrecht 1990,
-doi:10.1016/0021-9991(90)90002-I; Hardy et al. 2015, doi:10.1021/ct5009075): it is the sum of
-bands far(r; r_c) - far(r; 2 r_c), far(r; 2 r_c) - far(r; 4 r_c), ..., and a last rest. Each band
-ends at a distance and is smooth on a scale twice that of the one before, so it lives on a mesh
-twice as coarse. The law is a power, so all bands are one table, scaled by 1/8 from level to level.
-Discs add a second power, r^-5, whose factor falls by 1/4 from band to band as well.
+doi:10.1016/0021-9991(90)90002-I; Hardy et al. 2015, doi:10.1021/ct5009075). It is the sum of
+bands far(r; r_c) - far(r; 2 r_c), far(r; 2 r_c) - far(r; 4 r_c), ..., and a last remainder ("rest").
+Each band has a finite range and is smooth on twice the scale of the previous one, so its mesh is
+twice as coarse. The law is a power, so all bands share one table, scaled by 1/8 between levels.
+Discs add a second power, r^-5, whose coefficient also falls by 1/4 between bands.
 
-Grains reach the mesh through cubic B-splines. So that these interpolate the far part between the
-points of the mesh (Hardy et al. 2016, doi:10.1063/1.4943868), the table is what the far part leaves
-after division, in Fourier space, by the samples of the spline, once for each of the two grains.
-The table is symmetric, and kept as the sum of the products of its first eigenvectors.
+Grains are coupled to the mesh by cubic B-splines. For the splines to interpolate the far part between
+mesh points (Hardy et al. 2016, doi:10.1063/1.4943868), the table is the far part divided, in Fourier
+space, by the samples of the spline, once for each of the two grains. The table is symmetric, and
+stored as a sum of products of its leading eigenvectors.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
 from granular.pairs.dipole_law import far_part_of_inverse_cube
-from granular.pairs.direct_sum import PARTED_FROM
-from granular.pairs.mesh_vectors import BESIDE, TERMS
+from granular.pairs.direct_sum import MIN_GRAINS_FOR_PARTS
+from granular.pairs.mesh_vectors import EXTRA_LINES, TERMS
 from granular.pairs.simd import WIDTH, pad_to_vectors
 from granular.shared.array_types import Float, Int
 
@@ -38,37 +38,37 @@ Samples = NDArray[np.float64]
 
 # 2 - sqrt(3) = 0.27, the pole of the inverse of a cubic B-spline's samples.
 REACH = 4
-"""Points of a table behind the end of its band: the division spreads it by 0.27 a point."""
+"""Points of a table beyond the end of its band: the division by splines decays by 0.27 per point."""
 
 _EDGES = 8
-"""Points that a window may have beyond the grains, over all levels."""
+"""Maximum number of points of a window beyond the grains, over all levels."""
 
-_NOTHING = 1e-6
-"""Share of the greatest entry: the products that are left out make less."""
+_NEGLIGIBLE_FRACTION = 1e-6
+"""Bound for the sum of neglected products, over the largest entry of the table."""
 
 _DIGITS = 13
-"""Digits that are kept of the products, since linear algebra differs from machine to machine."""
+"""Digits kept of the products, since results of linear algebra differ between machines."""
 
 _MARGIN = 48
-"""Points that are thrown away about a table: 0.27^48 of what is periodic about it reaches in."""
+"""Points discarded around a table: its periodic images contribute 0.27^48 within."""
 
 
 class SeparableTable(NamedTuple):
-    """Kernel between points of the mesh, by their distances along both axes [1/D^3]."""
+    """Kernel between mesh points, as a function of the distances along both axes [1/D^3]."""
 
     along: Samples  # (groups, reach, TERMS); stacked: (levels, groups, reach, TERMS)
     across: Samples
 
 
 class MeshTables(NamedTuple):
-    """Tables of the bands, one for each level, and of the rest."""
+    """Tables of the bands, one per level, and of the rest."""
 
     bands: list[SeparableTable]
     rest: SeparableTable
 
 
 def mesh_level_count(extent: float, radius: float, spacing: float) -> int:
-    """Count the levels until the coarsest table covers the whole bed; extent, radius, spacing [D]."""
+    """Count the levels for the coarsest table to cover the whole bed; extent, radius, spacing [D]."""
     reach = _reach_in_points(radius, spacing)
     return 1 + max(0, math.ceil(math.log2(extent / (spacing * reach))))
 
@@ -87,31 +87,31 @@ def _divide_by_splines(samples: Samples) -> Samples:
 
 
 def _middle_of_divided_table(samples: Samples, reach: int) -> Samples:
-    """Distances up to ``reach``, on both sides, of an interpolating table."""
+    """Interpolating table for distances up to ``reach`` on both sides."""
     middle = len(samples) // 2
     chosen = slice(middle - reach, middle + reach + 1)
     return _divide_by_splines(samples)[chosen, chosen]
 
 
 def _factor_into_products(table: Samples) -> SeparableTable:
-    """Table, symmetric about its middle and about its diagonals, as a sum of products."""
+    """Write a table, symmetric about its middle and its diagonals, as a sum of products."""
     reach = len(table) // 2
     values, vectors = np.linalg.eigh(0.5 * (table + table.T))
     order = np.argsort(-np.abs(values))
-    # All that is left with a weight is even.
+    # Only even vectors have a weight.
     even = (0.5 * (vectors + vectors[::-1]))[reach:, order]
     even = np.round(even * np.where(even[0] < 0.0, -1.0, 1.0), _DIGITS)
-    weights, greatest, many = values[order], float(np.abs(table).max()), 0
-    left = table[reach:, reach:].copy()
-    while many < len(weights) and np.abs(left).max() > _NOTHING * greatest:
+    weights, largest, many = values[order], float(np.abs(table).max()), 0
+    remainder = table[reach:, reach:].copy()
+    while many < len(weights) and np.abs(remainder).max() > _NEGLIGIBLE_FRACTION * largest:
         group = slice(many, many + TERMS)
-        left -= (even[:, group] * weights[group]) @ even[:, group].T
+        remainder -= (even[:, group] * weights[group]) @ even[:, group].T
         many += TERMS
     return separable_table(even[:, :many].T, (weights * even)[:, :many].T, reach + 1)
 
 
 def separable_table(along: Samples, across: Samples, reach: int) -> SeparableTable:
-    """Group the terms (terms, distances) of a sum of products, up to a reach, and halve them at 0."""
+    """Group the terms (terms, distances) of a sum of products up to a reach, halved at distance 0."""
     result = np.zeros((2, -(-len(along) // TERMS) * TERMS, reach))
     for table, terms in zip(result, (along, across), strict=True):
         table[: len(terms), : terms.shape[1]] = terms
@@ -122,7 +122,7 @@ def separable_table(along: Samples, across: Samples, reach: int) -> SeparableTab
 
 @functools.cache
 def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor: float = 0.0) -> MeshTables:
-    """Tables of levels' bands and the rest [1/D^3]; radius, spacing [D], inverse_fifth_factor [D^2]."""
+    """Tables of the bands and the rest [1/D^3]; radius, spacing [D], inverse_fifth_factor [D^2]."""
     reach = _reach_in_points(radius, spacing)
     most = reach + _EDGES
     n = np.arange(-most - _MARGIN, most + _MARGIN + 1) * spacing
@@ -134,53 +134,55 @@ def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor
         table = far - far_part_of_inverse_cube(square, 2.0 * radius, factor)
         return _factor_into_products(_middle_of_divided_table(table, reach))
 
-    # In units of each level's spacing, r^-5 falls from level to level.
+    # In units of each level's spacing, the coefficient of r^-5 falls between levels.
     factors = [0.25**level * inverse_fifth_factor for level in range(levels)]
     rest = far_part_of_inverse_cube(square, radius, factors[-1])
     return MeshTables(list(map(band, factors)), _factor_into_products(_middle_of_divided_table(rest, most)))
 
 
 LEFT, LOW, ACROSS, UP = range(4)
-"""Entries of a window: its first point along both axes, and how many there are."""
+"""Entries of a window: its first point along both axes, and its numbers of points."""
 
 PARTS = 4
-"""Parts of the grains, and of the points, which threads may take side by side."""
+"""Number of parts of grains and of points for parallel threads."""
 
 _EDGE = 3
-"""Points that a spline, and the coarser mesh below it, need beyond the grains."""
+"""Points beyond the grains that splines and the coarser mesh need."""
 
 
 class MultilevelMesh(NamedTuple):
-    """The levels of a mesh, one after another in the same arrays."""
+    """The levels of a mesh, stored consecutively in the same arrays."""
 
     spacing: float  # of the finest level [D]
     band_along: Float[np.ndarray, "levels groups reach TERMS"]
     band_across: Float[np.ndarray, "levels groups reach TERMS"]
     rest_along: Float[np.ndarray, "groups reach TERMS"]
     rest_across: Float[np.ndarray, "groups reach TERMS"]
-    source: Float[np.ndarray, "p"]  # lines of each level, zeros on both sides; a line of zeros at the end
-    potential: Float[np.ndarray, "p"]  # likewise [1/D^3]
-    begins: Int[np.ndarray, "levels+1"]  # index at which each level begins, and the end
-    strides: Int[np.ndarray, "levels"]  # from a line of a level to its next
-    margin: int  # zeros before a line
-    windows: Int[np.ndarray, "levels 4"]  # see `LEFT` and the others
-    part_sources: Float[np.ndarray, "parts q"]  # what each part of the grains puts on the finest level
-    reached: Int[np.ndarray, "parts 2"]  # its first line there, and the one behind its last
+    source: Float[
+        np.ndarray, "p"
+    ]  # lines of each level, zero-padded on both sides; a line of zeros at the end
+    potential: Float[np.ndarray, "p"]  # same layout [1/D^3]
+    begins: Int[np.ndarray, "levels+1"]  # begin of each level, and the end
+    strides: Int[np.ndarray, "levels"]  # distance between lines of a level
+    margin: int  # number of zeros before a line
+    windows: Int[np.ndarray, "levels 4"]  # see `LEFT` to `UP`
+    part_sources: Float[np.ndarray, "parts q"]  # sources of each part of the grains on the finest level
+    reached: Int[np.ndarray, "parts 2"]  # first and end line of these sources
     rows: Float[np.ndarray, "PARTS r"]  # scratch of the convolution
-    points_per_length: Float[np.ndarray, "2"] | None  # of a periodic cell, along x and y [1/D]
+    points_per_length: Float[np.ndarray, "2"] | None  # for a periodic cell, along x and y [1/D]
 
 
 def multilevel_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, grains: int, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
-    """Allocate a mesh of levels for a closed cell; width ... spacing [D], inverse_fifth_factor [D^2]."""
+    """Allocate a multilevel mesh for a closed cell; width ... spacing [D], inverse_fifth_factor [D^2]."""
     levels = mesh_level_count(max(width, height), radius, spacing)
     tables = mesh_tables(radius, spacing, levels, inverse_fifth_factor)
     points = [
         tuple(math.ceil(extent / (spacing * 2.0**level)) + 2 * _EDGE + 2 for extent in (width, height))
         for level in range(levels)
     ]
-    mesh, parts = mesh_workspace(tables, spacing, points, 0), PARTS if grains >= PARTED_FROM else 1
+    mesh, parts = mesh_workspace(tables, spacing, points, 0), PARTS if grains >= MIN_GRAINS_FOR_PARTS else 1
     return mesh._replace(
         part_sources=np.zeros((parts, mesh.begins[1])), reached=np.zeros((parts, 2), dtype=np.int64)
     )
@@ -189,7 +191,7 @@ def multilevel_mesh_workspace(
 def mesh_workspace(
     tables: MeshTables, spacing: float, points: Sequence[tuple[int, ...]], copied_lines: int
 ) -> MultilevelMesh:
-    """Allocate the levels of a mesh by their points across and up, and the lines copied beside them."""
+    """Allocate the levels of a mesh from their numbers of points and of copied lines."""
     most = max(len(band.along) for band in tables.bands)
     band_along, band_across = (
         np.array([np.pad(table, ((0, most - len(table)), (0, 0), (0, 0))) for table in of_levels])
@@ -200,8 +202,8 @@ def mesh_workspace(
     strides = [2 * margin + pad_to_vectors(across) for across, _ in points]
     lines = [up + copied_lines for _, up in points]
     begins = np.cumsum([0, *(stride * up for stride, up in zip(strides, lines, strict=True))])
-    # Scratch of each part: eight columns and the reach of a table on both sides, or one whole line.
-    scratch = max((max(up for _, up in points) + 2 * reach + BESIDE) * TERMS * WIDTH, *strides)
+    # Scratch of each part: eight columns with the reach of a table on both sides, or one whole line.
+    scratch = max((max(up for _, up in points) + 2 * reach + EXTRA_LINES) * TERMS * WIDTH, *strides)
     return MultilevelMesh(
         spacing=spacing,
         band_along=band_along,

@@ -1,9 +1,9 @@
-"""Near part of a pair law: what close pairs of grains have beyond the sum over all pairs.
+"""Near part of a pair law: the correction for close pairs to the sum over all pairs.
 
-Any pair law is split in two. Its tail in r^-3 is summed over all pairs as dipoles are, with a charge
-of each grain in place of its moment; of discs that sum has one term more (`granular.pairs.disc_law`).
-The near part is the difference of the energies, tabulated for each pair of species, over the pairs of a
-near list. Discs and laws of a user's own are made so.
+Each pair law is split in two. The tail in r^-3 is summed over all pairs like dipoles, with a charge
+of each grain in place of its moment; for discs this sum has one more term (`granular.pairs.disc_law`).
+The near part is the difference of the energies. It is tabulated for each pair of species and summed over
+the pairs of a near list. Discs and user-defined laws use this split.
 """
 
 from __future__ import annotations
@@ -29,44 +29,44 @@ from granular.pairs.piecewise import (
 )
 from granular.shared.array_types import Float, Int
 
-TAIL, SHIFT, LEAST, END = range(4)
-"""Entries of a pair of species: its part in the sum over all pairs, over that of two dipoles of the
-first species; b of that sum [D^2]; squared distances at which a run stops, and at which the table
-ends [D^2]."""
+TAIL, SHIFT, STOP, END = range(4)
+"""Entries of a pair of species: strength of its tail in the sum over all pairs, over the strength of two
+dipoles of the first species; b of that sum [D^2]; squared distance at which a run stops [D^2]; squared
+distance at which the table ends [D^2]."""
 
 
 class SeriesTerms(NamedTuple):
-    """Terms of the sum over all pairs beside those of dipoles at a distance rho, rho^2 = r^2 - b."""
+    """Terms of the sum over all pairs in addition to dipoles at a distance rho, rho^2 = r^2 - b."""
 
     term: float = 0.0  # c of the energy rho^-3 + c rho^-8
     stiffness: float = 1.0  # bound of the stiffness over 3 / rho^5
 
 
 class NearTables(NamedTuple):
-    """Tables of a near part, for each pair of species."""
+    """Tables of the near part for each pair of species."""
 
     energies: PiecewiseTable  # [F* D], over the product of the factors
-    pairs: Float[np.ndarray, "p 4"]  # see `TAIL` and the others
+    pairs: Float[np.ndarray, "p 4"]  # see `TAIL` to `END`
     series: SeriesTerms
-    collisions: Float[np.ndarray, "2 n"]  # squared speeds over ``strength``, and squared frequencies
-    loads: PiecewiseTable | None = None  # where friction bears: beside 1/r^3 in the load of the first [1/D^3]
+    collisions: Float[np.ndarray, "2 n"]  # squared speeds and squared frequencies, both over ``strength``
+    loads: PiecewiseTable | None = None  # with friction: addition to 1/r^3 in the load on the first [1/D^3]
 
 
 class NearLaw(NamedTuple):
-    """Near part of a pair law, as kernels take it."""
+    """Near part of a pair law, for kernels."""
 
-    factor: Float[np.ndarray, "m"] | None  # of each grain; None: 1
-    species: Int[np.ndarray, "m"] | None  # None: all alike
+    factor: Float[np.ndarray, "m"] | None  # charge or moment of each grain; None: 1
+    species: Int[np.ndarray, "m"] | None  # None: all equal
     kinds: int  # number of species
     reach: float  # [D]; infinite: all pairs
-    strength: float  # squared factor over mass of the grains that come closest
+    strength: float  # squared factor over mass of the grains that approach closest
     periods: tuple[float, float] | None  # sides of a periodic cell [D]
     tables: NearTables
-    smallest: float  # diameter [D]
+    smallest: float  # smallest diameter [D]
 
 
 def species_pairs(kinds: int) -> tuple[list[tuple[int, int]], list[int]]:
-    """Pairs of species, each once, and for each ordered pair its index among them."""
+    """List each pair of species once, and for each ordered pair its index in this list."""
     pairs = list(itertools.combinations_with_replacement(range(kinds), 2))
     return pairs, [pairs.index((min(i, j), max(i, j))) for i in range(kinds) for j in range(kinds)]
 
@@ -79,7 +79,7 @@ def make_near_law(
     strength: float,
     periods: tuple[float, float] | None,
 ) -> NearLaw:
-    """Make the near part of a law from the tables of its species; diameters, periods [D]."""
+    """Make the near part of a law from its tables; diameters, periods [D]."""
     kinds = len(diameters)
     index = None if kinds == 1 else pad_values(species).astype(np.int64)
     reach = math.sqrt(tables.pairs[:, END].max())
@@ -87,17 +87,18 @@ def make_near_law(
 
 
 def near_law_workspace(law: NearLaw, size: int) -> NearList | None:
-    """Allocate the near list of a law; None where all pairs count."""
+    """Allocate the near list of a law; None if all pairs count."""
     if math.isinf(law.reach):
         return None
     return near_list_workspace(size, law.reach, periods=law.periods, smallest=law.smallest)
 
 
 def collision_stiffness(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:
-    """Squared speeds of two grains that meet head-on, rising, and the greatest squared frequency up to there.
+    """Increasing squared speeds of head-on collisions, and the maximum squared frequency up to each speed.
 
-    The pair's energy (n,) [F* D] is given at rising distances [D] and is over the squared factor, as the
-    mass is; where a grain of speed v turns it is m v^2, and the stiffness acts on the reduced mass m/2.
+    The energy (n,) [F* D] of the pair is given at increasing distances r [D]; energy and mass are divided by
+    the squared factor. At the turning point of two grains of speed v the energy is m v^2, and the stiffness
+    acts on the reduced mass m/2.
     """
     slopes = np.gradient(np.gradient(energy, r), r)
     barriers = np.maximum.accumulate(energy[::-1])
@@ -105,7 +106,7 @@ def collision_stiffness(r: Samples, energy: Samples, mass: float = 1.0) -> Float
 
 
 def join_collisions(rows: Sequence[Float[np.ndarray, "2 n"]]) -> Float[np.ndarray, "2 n"]:
-    """Join what `collision_stiffness` makes of several species: the greatest frequency of any."""
+    """Combine results of `collision_stiffness` for several species: the maximum frequency of any."""
     squares = np.unique(np.concatenate([speeds for speeds, _ in rows]))
     envelopes = [
         stiffness[np.minimum(np.searchsorted(speeds, squares), len(speeds) - 1)] for speeds, stiffness in rows
@@ -115,7 +116,7 @@ def join_collisions(rows: Sequence[Float[np.ndarray, "2 n"]]) -> Float[np.ndarra
 
 @compiled
 def squared_collision_frequency(law: NearLaw, speed: float) -> float:
-    """Squared highest angular frequency as two grains meet head-on [1/tau^2]; speed [D/tau]."""
+    """Squared maximum angular frequency in a head-on collision [1/tau^2]; speed [D/tau]."""
     squares, frequencies = law.tables.collisions[0], law.tables.collisions[1]
     last = min(np.searchsorted(squares, speed * speed / law.strength), squares.size - 1)
     return law.strength * frequencies[last]
@@ -127,9 +128,9 @@ def _pair_row(species: Array | None, kinds: int, i: int, j: int) -> int:
 
 
 @compiled(inline=True)
-def _least_of_pair(species: Array | None, tables: NearTables, row: int, alike: float) -> float:
-    """Entry `LEAST` of a pair: where all grains are alike it stays in a register."""
-    return alike if species is None else tables.pairs[row, LEAST]
+def _stop_distance_of_pair(species: Array | None, tables: NearTables, row: int, common: float) -> float:
+    """Entry `STOP` of a pair; for equal grains the common value, which stays in a register."""
+    return common if species is None else tables.pairs[row, STOP]
 
 
 @compiled(inline=True)
@@ -139,7 +140,7 @@ def shifts_of(near: NearList | None) -> Array | None:
 
 @compiled(inline=True)
 def partner_range(near: NearList | None, i: int, grains: int) -> tuple[int, int]:
-    """Begin and end of a grain's partners: of the listed ones, or of all that follow it."""
+    """Begin and end of a grain's partners: the listed ones, or all later grains."""
     return (i + 1, grains) if near is None else (near.starts[i], near.starts[i + 1])
 
 
@@ -163,28 +164,28 @@ def add_near_forces(
     force_x: Float[Array, "m"],
     force_y: Float[Array, "m"],
 ) -> int:
-    """Add the forces of the near part [F*]; return how many pairs are where none can be; x, y [D]."""
+    """Add the near forces [F*]; return the number of pairs below their minimum distance; x, y [D]."""
     if law is None:
         return 0
-    tables, crowded, least = law.tables, 0, law.tables.pairs[0, LEAST]
+    tables, overlapping, common_stop = law.tables, 0, law.tables.pairs[0, STOP]
     if not refresh_if_listed(near, x, y, grains):
         return 1
     for i in range(grains):
-        fx, fy, own = 0.0, 0.0, value_or_one(law.factor, i)
+        fx, fy, factor = 0.0, 0.0, value_or_one(law.factor, i)
         begin, end = partner_range(near, i, grains)
         for k in range(begin, end):
             j = partner_at(near, k)
             dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
             u, row = dx * dx + dy * dy, _pair_row(law.species, law.kinds, i, j)
-            crowded += u < _least_of_pair(law.species, tables, row, least)
-            ratio = own * value_or_one(law.factor, j) * tabulated_ratio(tables.energies, row, u)
+            overlapping += u < _stop_distance_of_pair(law.species, tables, row, common_stop)
+            ratio = factor * value_or_one(law.factor, j) * tabulated_ratio(tables.energies, row, u)
             fx += ratio * dx
             fy += ratio * dy
             force_x[j] -= ratio * dx
             force_y[j] -= ratio * dy
         force_x[i] += fx
         force_y[i] += fy
-    return crowded
+    return overlapping
 
 
 @compiled
@@ -197,7 +198,7 @@ def add_near_loads(
     weight: Float[Array, "m"] | None,
     load: Float[Array, "m"] | None,
 ) -> None:
-    """Add the loads of the near part, where grains rub [1/D^3], with the list of the forces; x, y [D]."""
+    """Add the loads of the near part for friction [1/D^3], with the list of the forces; x, y [D]."""
     if law is None or weight is None or load is None:
         return
     loads = law.tables.loads
@@ -214,9 +215,9 @@ def add_near_loads(
 
 @compiled
 def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
-    """Stiffness of a close pair less the bound that the sum over all pairs has, over the factors [F*/D]."""
+    """Stiffness of a close pair beyond the bound for the sum over all pairs, over the factors [F*/D]."""
     ratio, slope = tabulated_ratio(tables.energies, row, u), tabulated_slope(tables.energies, row, u)
-    # Soft grains may be at one place; without a tail that adds nothing.
+    # Soft grains may coincide; without a tail this adds nothing.
     rho2 = max(u - tables.pairs[row, SHIFT], 1e-30)
     fifth = 1.0 / (rho2 * rho2 * math.sqrt(rho2))
     tail, power = STRENGTH * tables.pairs[row, TAIL] * fifth, 8.0 / 3.0 * tables.series.term * fifth
@@ -236,7 +237,7 @@ def measure_near_part(
     masses: Float[Array, "m"] | None,
     stiffness: Float[Array, "m"],
 ) -> float:
-    """Energy of the near part [F* D]; add its bound of the stiffness over the mass [1/tau^2]."""
+    """Return the energy of the near part [F* D]; add its bound of stiffness over mass [1/tau^2]."""
     if law is None:
         return 0.0
     tables, total = law.tables, 0.0
@@ -249,20 +250,20 @@ def measure_near_part(
             dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
             u, row = dx * dx + dy * dy, _pair_row(law.species, law.kinds, i, j)
             if u < tables.pairs[row, END]:
-                both = value_or_one(law.factor, i) * value_or_one(law.factor, j)
-                total += both * tabulated_energy(tables.energies, row, u)
-                # Twice: Gershgorin's row sum has the pair's block on the diagonal and beside it.
-                slope = 2.0 * both * _stiffness_above_tail(tables, row, u)
+                factors = value_or_one(law.factor, i) * value_or_one(law.factor, j)
+                total += factors * tabulated_energy(tables.energies, row, u)
+                # Twice: Gershgorin's row sum has the pair's block on and off the diagonal.
+                slope = 2.0 * factors * _stiffness_above_tail(tables, row, u)
                 stiffness[i] += slope / value_or_one(masses, i)
                 stiffness[j] += slope / value_or_one(masses, j)
     return total
 
 
-def closest_over_least(
+def closest_over_stop_distance(
     law: NearLaw, near: NearList | None, grains: int, x: Float[np.ndarray, "m"], y: Float[np.ndarray, "m"]
 ) -> tuple[float, int]:
-    """Find the shortest distance of two grains over that at which a run stops, and one of them."""
-    if near is None or not near.starts[grains] or not law.tables.pairs[:, LEAST].any():
+    """Find the minimum distance of two grains over the distance at which a run stops, and one of them."""
+    if near is None or not near.starts[grains] or not law.tables.pairs[:, STOP].any():
         return math.inf, -1
     i = np.repeat(np.arange(grains), np.diff(near.starts[: grains + 1]))
     j = near.partners[: len(i)].astype(np.int64)
@@ -270,5 +271,5 @@ def closest_over_least(
     if near.shifts is not None:
         apart += near.shifts[:, : len(i)]
     row = 0 if law.species is None else law.species[i] * law.kinds + law.species[j]
-    ratio = np.hypot(*apart) / np.sqrt(law.tables.pairs[row, LEAST])
+    ratio = np.hypot(*apart) / np.sqrt(law.tables.pairs[row, STOP])
     return float(ratio.min()), int(i[ratio.argmin()])

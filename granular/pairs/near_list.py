@@ -1,20 +1,16 @@
 """Near list: the pairs of grains within a reach, with their images in a periodic cell.
 
-Grains are sorted into cells no smaller than the reach and a skin, by counting (Allen and Tildesley
-1987, 5.3.2), and each grain's partners behind it are listed in the order of their numbers. The list
+Grains are sorted into cells not smaller than the reach plus a skin, by counting (Allen and Tildesley
+1987, 5.3.2). Each grain's partners of higher index are listed in the order of their indices. The list
 holds every pair within the reach until a grain has moved by half the skin (Verlet 1967,
-doi:10.1103/PhysRev.159.98); then it is made again, here and nowhere else. What a pair adds, and the
-order of the sums, do not depend on when that was: a resumed run has the bits of one in a piece.
+doi:10.1103/PhysRev.159.98) and is then rebuilt, only in this module. The terms and the order of the
+sums do not depend on the time of listing, so a resumed run has the same bits as an uninterrupted one.
 
-De Paula's list [D, Algorithm 5.1] is the same without a skin among its pairs: it is made again once a
-grain has moved by a skin of its own, and misses pairs that come closer meanwhile.
-
-De Paula's Verlet list [D, 5.1], for comparison with de Paula.
-
-A list holds the pairs that are closer than the radius where it is made. From then on all of them
-act, at whatever distance, and no others; the list is made again once a grain has moved by the skin
-[D, Algorithm 5.1 without its lines 20 to 22]. Pairs that come closer meanwhile are missed: this is
-de Paula's approximation, with its bias. `granular.pairs.cut_off_sum` misses none.
+De Paula's Verlet list [D, 5.1] is included for comparison with de Paula. It lists the pairs that are
+closer than the radius when it is built. From then on exactly these pairs interact, at any distance.
+The list is rebuilt once a grain has moved by a separate skin [D, Algorithm 5.1 without its lines 20
+to 22]. Pairs that approach in the meantime are missed: this is de Paula's approximation, with its
+bias. `granular.pairs.cut_off_sum` misses no pairs.
 """
 
 from __future__ import annotations
@@ -37,36 +33,36 @@ from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 SKIN = 0.15
-"""Usual skin [D]: a fifth of the pairs of a reach of 2 D lie in it."""
+"""Default skin [D]: it contains a fifth of the listed pairs for a reach of 2 D."""
 
 _PARTNERS_PER_AREA = 4.0
-"""Room for pairs, per grain and square of the reach over the smallest diameter; touching discs, 2/sqrt(3)
+"""Capacity for pairs per grain and per squared ratio of reach to smallest diameter. Touching discs, 2/sqrt(3)
 per squared diameter, have pi/sqrt(3) = 1.8."""
 
-_MOST_PAIRS = 200_000_000
-"""Room for pairs altogether: with their shifts they take 4 GB."""
+_MAX_PAIRS = 200_000_000
+"""Maximum number of listed pairs: with their shifts they take 4 GB."""
 
-LEAST_PARTNERS = 24
-"""Room for pairs, per grain, at any reach: discs of any sizes that overlap have about three each."""
+MIN_PARTNERS = 24
+"""Minimum capacity for pairs per grain: overlapping discs of any sizes have about three each."""
 
 LISTED, GRAINS, BUILDS = range(3)
-"""Entries of the memory: whether the list is that of the positions where it was made; for how many
-grains; how often one was made."""
+"""Entries of the memory: 1 if the list belongs to the stored positions; number of grains; number of
+listings."""
 
 
 class NearList(NamedTuple):
-    """Listed pairs, the cells for their search, and where they were listed."""
+    """Listed pairs, cells for the search, and positions at the last listing."""
 
     starts: Int[np.ndarray, "m+1"]  # index of each grain's first partner
-    partners: np.ndarray  # rising from the grain's own number, if it meets itself (p,), uint32
-    shifts: Float[np.ndarray, "2 p"] | None  # to be added to x_i - x_j in a periodic cell [D]
-    periods: Float[np.ndarray, "2"] | None  # its sides [D]
+    partners: np.ndarray  # (p,), uint32; increasing from the grain's own index if it meets its images
+    shifts: Float[np.ndarray, "2 p"] | None  # added to x_i - x_j in a periodic cell [D]
+    periods: Float[np.ndarray, "2"] | None  # sides of the periodic cell [D]
     radius: Float[np.ndarray, "m"] | None  # None: the reach is the same for all pairs [D]
-    reach: float  # the longest, without the skin [D]
+    reach: float  # longest reach, without the skin [D]
     skin: float  # [D]
-    farthest: float  # squared displacement of a grain from which on the list is made again [D^2]
-    built: Float[np.ndarray, "2 m"]  # positions at which it was made [D]
-    memory: Float[np.ndarray, "3"]  # see `LISTED` and the others
+    farthest: float  # squared displacement of a grain that triggers a new listing [D^2]
+    built: Float[np.ndarray, "2 m"]  # positions at the last listing [D]
+    memory: Float[np.ndarray, "3"]  # see `LISTED` to `BUILDS`
     cell: Int[np.ndarray, "m"]  # cell of each grain
     order: Int[np.ndarray, "m"]  # grains in the order of cells
     begins: Int[np.ndarray, "c"]  # index in ``order`` at which each cell begins
@@ -81,20 +77,21 @@ def near_list_workspace(
     radius: Float[np.ndarray, "m"] | None = None,
     smallest: float = 1.0,
 ) -> NearList:
-    """Allocate a near list; lengths [D]. With radii it holds pairs that overlap, not all within reach."""
+    """Allocate a near list; lengths [D]. With radii only overlapping pairs are listed."""
     longest = reach + skin
-    per_grain = LEAST_PARTNERS
+    per_grain = MIN_PARTNERS
     if radius is None:
         per_grain = max(per_grain, math.ceil(_PARTNERS_PER_AREA * (longest / smallest) ** 2))
-    most = size * (size - 1) // 2 if periods is None else size * (size + 1) // 2
+    max_pairs = size * (size - 1) // 2 if periods is None else size * (size + 1) // 2
     if periods is not None:
-        most *= int(
+        max_pairs *= int(
             (2.0 * math.ceil(longest / periods[0]) + 1.0) * (2.0 * math.ceil(longest / periods[1]) + 1.0)
         )
-    capacity = max(1, min(most, size * per_grain))
-    if capacity > _MOST_PAIRS:
+    capacity = max(1, min(max_pairs, size * per_grain))
+    if capacity > _MAX_PAIRS:
         raise InputError(
-            f"pairs up to {reach:.4g} diameters may be {capacity:.3g}, {_MOST_PAIRS:.3g} is the limit; give "
+            f"there may be {capacity:.3g} pairs within {reach:.4g} diameters; the limit is "
+            f"{_MAX_PAIRS:.3g}: give "
             "the pair law a shorter reach"
         )
     return NearList(
@@ -115,7 +112,7 @@ def near_list_workspace(
 
 
 class _Grid(NamedTuple):
-    """Grid of cells: lowest coordinates and sides of a cell [D], numbers, and neighbours to look at."""
+    """Grid of cells: origin and sides of a cell [D], numbers of cells, and of neighbours to search."""
 
     left: float
     low: float
@@ -134,7 +131,7 @@ def _covering_grid(x: Array, y: Array, grains: int, reach: float, most: int) -> 
     for i in range(grains):
         left, right = min(left, x[i]), max(right, x[i])
         low, high = min(low, y[i]), max(high, y[i])
-    # In floating-point numbers: the product of far more cells than there is room for overflows.
+    # In floating-point numbers, since the product of the numbers of cells may overflow integers.
     size = reach
     columns, rows = np.floor((right - left) / size) + 1.0, np.floor((high - low) / size) + 1.0
     while columns * rows > most and size < np.inf:
@@ -145,7 +142,7 @@ def _covering_grid(x: Array, y: Array, grains: int, reach: float, most: int) -> 
 
 @compiled
 def _periodic_grid(periods: Array, reach: float, most: int) -> _Grid:
-    """Grid of a periodic cell: of a reach longer than a side, images further away are looked at."""
+    """Grid of a periodic cell; for a reach longer than a side, more distant images are searched."""
     columns = min(max(np.floor(periods[0] / reach), 1.0), most)
     rows = min(max(np.floor(periods[1] / reach), 1.0), max(np.floor(most / columns), 1.0))
     wide, high = periods[0] / columns, periods[1] / rows
@@ -162,8 +159,8 @@ def _grid_of_cells(periods: Array | None, near: NearList, grains: int, reach: fl
 
 
 @compiled(inline=True)
-def _turns(periods: Array | None, axis: int, position: float) -> float:
-    """Return how many periods a position is away from the cell."""
+def _periods_from_cell(periods: Array | None, axis: int, position: float) -> float:
+    """Return the number of periods between a position and the cell."""
     return 0.0 if periods is None else np.floor(position / periods[axis])
 
 
@@ -180,8 +177,8 @@ def _sort_into_cells(near: NearList, grid: _Grid, grains: int) -> None:
     for i in range(grains):
         x, y = near.built[0, i], near.built[1, i]
         x, y = (
-            x - _turns(periods, 0, x) * _period(periods, 0),
-            y - _turns(periods, 1, y) * _period(periods, 1),
+            x - _periods_from_cell(periods, 0, x) * _period(periods, 0),
+            y - _periods_from_cell(periods, 1, y) * _period(periods, 1),
         )
         column = min(int((x - grid.left) / grid.wide), grid.columns - 1)
         row = min(int((y - grid.low) / grid.high), grid.rows - 1)
@@ -190,7 +187,7 @@ def _sort_into_cells(near: NearList, grid: _Grid, grains: int) -> None:
     for cell in range(cells):
         begins[cell + 1] += begins[cell]
     for i in range(grains - 1, -1, -1):
-        # Filling from the back moves each end down to its beginning.
+        # Filling from the back moves the end index of each cell down to its begin.
         begins[near.cell[i] + 1] -= 1
         near.order[begins[near.cell[i] + 1]] = i
     for cell in range(cells):
@@ -210,8 +207,8 @@ def _store_shift(shifts: Array | None, k: int, x: float, y: float) -> None:
 
 
 @compiled(inline=True)
-def _is_behind(shifts: Array | None, partners: Array, k: int, j: int, x: float, y: float) -> bool:
-    """Return whether entry ``k`` comes behind partner ``j`` with a shift."""
+def _comes_after(shifts: Array | None, partners: Array, k: int, j: int, x: float, y: float) -> bool:
+    """Return True if entry ``k`` is ordered after partner ``j`` with the given shift."""
     if partners[k] != j or shifts is None:
         return partners[k] > j
     return shifts[1, k] > y or (shifts[1, k] == y and shifts[0, k] > x)
@@ -227,24 +224,24 @@ def _copy_shift(shifts: Array | None, source: int, target: int) -> None:
 def _list_partners_in_cell(
     near: NearList, i: int, cell: int, turns_x: float, turns_y: float, begin: int, last: int
 ) -> int:
-    """List a grain's partners in a cell that stands so many periods away; the new end, or -1: no room."""
+    """List a grain's partners in a cell shifted by periods; return the new end, or -1 if the list is full."""
     periods, x, y = near.periods, near.built[0], near.built[1]
     for index in range(near.begins[cell], near.begins[cell + 1]):
         j = near.order[index]
         if j < i:
             continue
-        # Grain i stays where it is: its partner is brought to the image in question.
-        by_x = (_turns(periods, 0, x[j]) - turns_x) * _period(periods, 0)
-        by_y = (_turns(periods, 1, y[j]) - turns_y) * _period(periods, 1)
+        # Grain i is not shifted; its partner is moved to the image.
+        by_x = (_periods_from_cell(periods, 0, x[j]) - turns_x) * _period(periods, 0)
+        by_y = (_periods_from_cell(periods, 1, y[j]) - turns_y) * _period(periods, 1)
         if j == i and not (by_y > 0.0 or (by_y == 0.0 and by_x > 0.0)):
-            continue  # of a grain's own images, each and its opposite are one pair
+            continue  # opposite images of the grain itself form one pair
         dx, dy, reach = x[i] - x[j] + by_x, y[i] - y[j] + by_y, _pair_reach(near.radius, near, i, j)
         if dx * dx + dy * dy < reach * reach:
             if last == near.partners.size:
                 return -1
-            # In their order: the sums do not depend on when the list was made.
+            # Sorted, so that sums do not depend on the time of listing.
             at = last
-            while at > begin and _is_behind(near.shifts, near.partners, at - 1, j, by_x, by_y):
+            while at > begin and _comes_after(near.shifts, near.partners, at - 1, j, by_x, by_y):
                 near.partners[at] = near.partners[at - 1]
                 _copy_shift(near.shifts, at - 1, at)
                 at -= 1
@@ -256,7 +253,7 @@ def _list_partners_in_cell(
 
 @compiled
 def _list_pairs(near: NearList, grains: int) -> bool:
-    """List the pairs at the positions where the list is made; False where there is no room."""
+    """List the pairs at the stored positions; return False if the list is full."""
     grid = _grid_of_cells(near.periods, near, grains, near.reach + near.skin)
     _sort_into_cells(near, grid, grains)
     last = 0
@@ -264,7 +261,10 @@ def _list_pairs(near: NearList, grains: int) -> bool:
         begin = last
         near.starts[i] = begin
         column, row = near.cell[i] % grid.columns, near.cell[i] // grid.columns
-        home_x, home_y = _turns(near.periods, 0, near.built[0, i]), _turns(near.periods, 1, near.built[1, i])
+        home_x, home_y = (
+            _periods_from_cell(near.periods, 0, near.built[0, i]),
+            _periods_from_cell(near.periods, 1, near.built[1, i]),
+        )
         for up in range(row - grid.up, row + grid.up + 1):
             for across in range(column - grid.across, column + grid.across + 1):
                 inside = 0 <= up < grid.rows and 0 <= across < grid.columns
@@ -283,7 +283,7 @@ def _list_pairs(near: NearList, grains: int) -> bool:
 def any_grain_moved(
     before: Float[Array, "2 m"], x: Float[Array, "m"], y: Float[Array, "m"], grains: int, farthest: float
 ) -> bool:
-    """Test whether a grain has moved as far as a squared distance [D^2]; before, x, y [D]."""
+    """Return True if a grain has moved by a squared distance ``farthest`` [D^2]; before, x, y [D]."""
     moved = 0
     for i in range(grains):
         dx, dy = x[i] - before[0, i], y[i] - before[1, i]
@@ -295,7 +295,7 @@ def any_grain_moved(
 def store_positions(
     before: Float[Array, "2 m"] | None, x: Float[Array, "m"], y: Float[Array, "m"], grains: int
 ) -> None:
-    """Store the positions, where they are kept; before, x, y [D]."""
+    """Store the positions if there is an array for them; before, x, y [D]."""
     if before is not None:
         for i in range(grains):
             before[0, i], before[1, i] = x[i], y[i]
@@ -303,16 +303,16 @@ def store_positions(
 
 @compiled
 def positions_are_finite(x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
-    """Test whether all positions are finite numbers; x, y [D]."""
-    odd = 0
+    """Return True if all positions are finite; x, y [D]."""
+    invalid = 0
     for i in range(grains):
-        odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
-    return odd == 0
+        invalid += 0.0 * x[i] + 0.0 * y[i] != 0.0
+    return invalid == 0
 
 
 @compiled
 def refresh_near_list(near: NearList, x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
-    """Hold every pair within the reach [D]; False where there is no room, or a position is no number."""
+    """List all pairs within the reach [D]; return False if the list is full or a position is not finite."""
     if near.memory[GRAINS] != grains or any_grain_moved(near.built, x, y, grains, near.farthest):
         store_positions(near.built, x, y, grains)
         if not positions_are_finite(x, y, grains):
@@ -339,25 +339,25 @@ def pair_displacement(
 
 
 VERLET_RADIUS, VERLET_SKIN = 11.26, 4.13
-"""De Paula's values, in diameters of the first species."""
+"""De Paula's radius and skin, in diameters of the first species."""
 
 
 class VerletSettings(NamedTuple):
-    """Radius and skin of the list [D]."""
+    """Radius and skin of de Paula's list [D]."""
 
     radius: float
     skin: float
 
 
 def verlet_list_workspace(size: int, settings: VerletSettings) -> NearList:
-    """Allocate de Paula's list of pairs: no pair beyond the radius is listed, and the skin has no pairs."""
+    """Allocate de Paula's list: pairs in the skin are not listed."""
     near = near_list_workspace(size, settings.radius, skin=0.0)
     return near._replace(farthest=settings.skin**2)
 
 
 @compiled
 def verlet_list_sum(near: NearList, grains: int, arrays: GrainArrays) -> None:
-    """Compute forces [F*] and sums over the listed pairs; list again where a grain has moved by the skin."""
+    """Compute forces [F*] and sums over the listed pairs; list again if a grain has moved by the skin."""
     listed = refresh_near_list(near, arrays.x, arrays.y, grains)
     clear_sums(arrays)
     if not listed:

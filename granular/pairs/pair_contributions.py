@@ -1,10 +1,10 @@
-"""The law of a pair as it runs, eight pairs at a time: their part of the sums of both grains; rows of grains.
+"""Vectorized pair law: contributions of eight pairs to the sums of both grains, and of rows of grains.
 
-The law is the dipole pair: with s = r^-5 the force on i is (3/4) q_i q_j s (r_i - r_j), and
-r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the
-factor `granular.pairs.simd.SCALE`, and the forces also 3/4. Of discs (`granular.pairs.disc_law`)
-s = rho^-5, without `DISC_SCALE`; it enters the energy as rho^2 (s + c s^2), the force as (s + g)^2 - g^2,
-whose sums lack a factor of their own, and the load with two terms more (`granular.pairs.disc_law`).
+For dipoles, with s = r^-5, the force on i is (3/4) q_i q_j s (r_i - r_j), and r^-3 = r^2 s gives the
+energy and the friction load in the same pass. All sums lack the factor `granular.pairs.simd.SCALE`, and
+forces also 3/4. For discs (`granular.pairs.disc_law`) s = rho^-5, without `DISC_SCALE`. It enters the
+energy as rho^2 (s + c s^2), the force as (s + g)^2 - g^2, whose sums lack a separate factor, and the load
+with two more terms.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from granular.pairs.simd import (
     rough_inverse_fifth_power,
 )
 
-# Only the padding of `granular.pairs.direct_sum`, at 1e70 D, is farther.
-_AWAY = 1e100
-"""Square of a displacement [D^2] that no two grains are apart."""
+# Only the padding of `granular.pairs.direct_sum`, at 1e70 D, is more distant.
+_PADDING_DISTANCE_SQUARED = 1e100
+"""Squared distance [D^2] beyond which a pair contains padding."""
 
 
 class PairSums(NamedTuple):
@@ -42,7 +42,7 @@ class PairSums(NamedTuple):
 
 
 class SeriesVectors(NamedTuple):
-    """Sum over all pairs of discs, in every lane: b of equal discs, g, -g^2, c of energies, d of loads."""
+    """Coefficients of the sum over discs, in every lane: b of equal discs, g, -g^2, c, d."""
 
     common: Any
     centre: Any
@@ -64,7 +64,7 @@ def _load_series(code: VectorBuilder, pointer: Any) -> SeriesVectors | None:
 
 
 class GrainArrayPointers:
-    """Pointers of one call's `GrainArrays`. An absent array is None, and no code is made for it."""
+    """Pointers to `GrainArrays`; an absent array is None, and no code is emitted for it."""
 
     def __init__(self, code: VectorBuilder, kinds: Any, arrays: Any, row: ir.Value | None = None) -> None:
         pointers = [
@@ -96,7 +96,7 @@ class GrainVectors(NamedTuple):
 
 
 def computed_sums(values: PairSums) -> list[Any]:
-    """List the sums that are computed, in the order of the fields, without those that are None."""
+    """List the sums that are not None, in the order of the fields."""
     return [value for value in values if value is not None]
 
 
@@ -124,12 +124,12 @@ class FarPartCoefficients(NamedTuple):
 
 
 class CutOffVectors(NamedTuple):
-    """Cut-off of the pairs, in every lane: its square, and r^-3 there over the scale."""
+    """Cut-off of pairs, in every lane: its square, and r^-3 at the cut-off over the scale."""
 
     square: Any
     cube: Any
-    smooth: FarPartCoefficients | None = None  # far part to be taken off; None: the law just ends
-    rest: list[Any] | None = None  # of discs: coefficients in b of their energy there
+    smooth: FarPartCoefficients | None = None  # far part to be subtracted; None: plain cut-off
+    rest: list[Any] | None = None  # of discs: coefficients in b of the energy at the cut-off
 
 
 def make_cut_off_vectors(
@@ -154,7 +154,7 @@ def make_cut_off_vectors(
 
 
 class PeriodicCellVectors(NamedTuple):
-    """A periodic cell, in every lane: its sides, and one over them."""
+    """A periodic cell, in every lane: sides and their inverses."""
 
     width: Any
     height: Any
@@ -170,12 +170,12 @@ class PeriodicCellVectors(NamedTuple):
             turns = code.round_to_integers(b.fmul(displacement, per))
             result.append(b.fsub(displacement, b.fmul(turns, side)))
         # Padding grains have no images.
-        padding = b.fcmp_unordered(">", b.fmul(dx, dx), broadcast_constant(_AWAY))
+        padding = b.fcmp_unordered(">", b.fmul(dx, dx), broadcast_constant(_PADDING_DISTANCE_SQUARED))
         return b.select(padding, dx, result[0]), result[1]
 
 
 class EnergyAndClosestPair:
-    """The energy of a sweep, and its closest pair."""
+    """Energy and closest pair of a sweep."""
 
     def __init__(self, code: VectorBuilder, pointer: ir.Value) -> None:
         self.code, self.pointer = code, pointer
@@ -219,7 +219,7 @@ def _pair_energies(
     cube: ir.Value | None,
     shift: ir.Value | None,
 ) -> ir.Value:
-    """Energy of pairs; where they end at a distance, it is zero there."""
+    """Energy of pairs, shifted to be zero at a cut-off."""
     b = code.builder
     if cube is not None:
         if shift is not None and cut is not None and cut.rest is not None:
@@ -243,7 +243,7 @@ def _masked_inverse_fifth_power(
     cut: CutOffVectors | None,
     series: SeriesVectors | None,
 ) -> ir.Value:
-    """Return ``argument``^(-5/2), and 0 where a pair does not count."""
+    """Emit ``argument``^(-5/2), and 0 for excluded pairs."""
     b, zero = code.builder, broadcast_constant(0.0)
     s = inverse_fifth_power(code, argument) if series is None else rough_inverse_fifth_power(code, argument)
     if lanes is not None:
@@ -257,21 +257,21 @@ def pair_contributions(
     code: VectorBuilder,
     first: GrainVectors,
     second: GrainVectors,
-    wanted: PairSums,
+    requested: PairSums,
     energy_and_closest: EnergyAndClosestPair,
     lanes: list[bool] | None = None,
     cut: CutOffVectors | None = None,
     images: PeriodicCellVectors | None = None,
     series: SeriesVectors | None = None,
 ) -> tuple[PairSums, PairSums]:
-    """Emit what eight pairs add to the sums of both grains, in the given lanes (8,) or all; see the head."""
+    """Emit the contributions of eight pairs to the sums of both grains, in the given lanes (8,) or all."""
     b = code.builder
     zero = broadcast_constant(0.0)
     dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)
     if images is not None:
         dx, dy = images.nearest_image_displacement(code, dx, dy)
     r2 = code.fused_multiply_add(dx, dx, b.fmul(dy, dy))
-    # Of dipoles, all of these are the same; of discs, s stands for rho^-5.
+    # For dipoles all of these are equal; for discs s is rho^-5.
     argument, shift = r2, None
     if series is not None:
         shift = series.common if first.shift is None else b.fadd(first.shift, second.shift)
@@ -286,7 +286,7 @@ def pair_contributions(
         energy = code.fused_multiply_add(b.fmul(s, series.energy), s, s)
     cube = None
     if cut is not None and cut.smooth is not None:
-        # Not zero, and so inside, also where two grains are at one place and s is no number.
+        # The test includes pairs at zero distance, for which s is NaN.
         inside = b.fcmp_unordered("!=", s, zero)
         fifth = _evaluate_polynomial(code, cut.smooth.fifth, r2)
         near = b.select(inside, b.fsub(slope, fifth), zero)
@@ -301,16 +301,16 @@ def pair_contributions(
         energy_and_closest.include_pairs(
             closest, _pair_energies(code, r2, s, strength, pair, cut, cube, shift)
         )
-    # Products and sums apart: action and reaction are equal to the last bit, and processors with
-    # units for sums of their own are faster.
+    # Separate products and sums make action and reaction equal to the last bit, and are faster on
+    # processors with separate adders.
     fx, fy = b.fmul(strength, dx), b.fmul(strength, dy)
     own: list[Any] = [fx, fy, None, None]
     other: list[Any] = [b.fneg(fx), b.fneg(fy), None, None]
-    if wanted.stiffness is not None:
+    if requested.stiffness is not None:
         differ = first.moments is not None
         own[2] = b.fmul(s, second.moments) if differ else s
         other[2] = b.fmul(s, first.moments) if differ else s
-    if wanted.load is not None:
+    if requested.load is not None:
         cubes = _inverse_cubes_in_loads(code, first, second, r2, s, b.fmul(argument, energy), series, cut)
         own[3], other[3] = b.fmul(cubes[0], second.weight), b.fmul(cubes[1], first.weight)
     return PairSums(*own), PairSums(*other)
@@ -324,7 +324,7 @@ def _inverse_cube_in_energy(
     shift: ir.Value | None,
     cut: CutOffVectors | None,
 ) -> ir.Value | None:
-    """Return what stands for r^-3 in energies, of discs or where a far part is taken off."""
+    """Emit the value in place of r^-3 in energies, for discs or with a far part subtracted."""
     b, zero = code.builder, broadcast_constant(0.0)
     smooth = None if cut is None else cut.smooth
     if shift is None and smooth is None:
@@ -345,7 +345,7 @@ def _inverse_cubes_in_loads(
     series: SeriesVectors | None,
     cut: CutOffVectors | None,
 ) -> tuple[ir.Value, ir.Value]:
-    """Return what stands for r^-3 in the loads on the first and on the second grains."""
+    """Emit the values in place of r^-3 in the loads on the first and the second grains."""
     b, zero = code.builder, broadcast_constant(0.0)
     if series is not None:
         both = b.fmul(broadcast_constant(3.5), series.common)
@@ -370,7 +370,7 @@ def add_vectors(code: VectorBuilder, totals: list[Any], values: list[Any]) -> li
 
 
 class RowSums(NamedTuple):
-    """Some rows, their sums so far, and where their pairs end."""
+    """Rows of grains, their partial sums, and the cut-off of their pairs."""
 
     arrays: GrainArrayPointers
     grains: list[GrainVectors]
@@ -388,7 +388,7 @@ def begin_row_sums(
     cut: CutOffVectors | None,
     images: PeriodicCellVectors | None = None,
 ) -> RowSums:
-    """Emit the loading of some grains from ``first`` on, with sums of zero."""
+    """Emit the loading of ``rows`` grains from ``first`` on, with zero sums."""
     indices = [code.builder.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
     grains = [broadcast_grain(code, arrays, position) for position in indices]
     pointers = computed_sums(arrays.sums)
@@ -398,7 +398,7 @@ def begin_row_sums(
 
 
 def add_eight_partners(code: VectorBuilder, sums: RowSums, j: ir.Value, *, own: bool = False) -> None:
-    """Emit rows against the partners from j on; with ``own`` j is the second row, a partner of the first."""
+    """Emit sums of rows with partners from j on; with ``own`` j is the second row, a partner of the first."""
     arrays = sums.arrays
     pointers = computed_sums(arrays.sums)
     partners = load_eight_grains(code, arrays, j)
@@ -416,7 +416,7 @@ def add_eight_partners(code: VectorBuilder, sums: RowSums, j: ir.Value, *, own: 
 
 def store_row_sums(code: VectorBuilder, sums: RowSums, first: ir.Value) -> None:
     """Emit the addition of the sums to the entries of the rows."""
-    for which, pointer in enumerate(computed_sums(sums.arrays.sums)):
-        vectors = [code.builder.load(totals[which]) for totals in sums.totals]
+    for index, pointer in enumerate(computed_sums(sums.arrays.sums)):
+        vectors = [code.builder.load(totals[index]) for totals in sums.totals]
         code.add_vector_to_entries(code.sum_lanes_of_vectors(vectors), pointer, first)
     sums.energy_and_closest.store_results()

@@ -1,21 +1,21 @@
-"""A mesh that goes round a periodic cell: sources, levels and potential on it.
+"""A periodic mesh: sources, levels and potential.
 
-Each level is stored like those of `granular.pairs.multilevel_mesh`, with copies in place of zeros: points of
-the other side before and behind every line, one line below the first one and two above the last.
+Each level is stored as in `granular.pairs.multilevel_mesh`, with periodic copies in place of zeros: points of
+the opposite side before and after each line, one line below the first and two above the last.
 
-Its tables say what a point feels of another and of all its images. The bands are those of
-`granular.pairs.multilevel_mesh`: they end at a distance, and the mesh goes round the cell. The rest does not
-end. On the coarsest level, which goes round the cell in a few points, it is summed over all images
-by Ewald's method for the power r^-3 in the plane: with
+The tables give the interaction of a point with another and all its images. The bands are as in
+`granular.pairs.multilevel_mesh`: their range is finite, and the mesh is periodic. The rest has infinite
+range. On the coarsest level, which has only a few points, it is summed over all images by Ewald's method
+for the power r^-3 in the plane: with
 
     1/r^3 = 1/Gamma(3/2) integral of t^(1/2) exp(-r^2 t) dt
 
-split at t = a^2, the upper part falls off within a few 1/a, and the lower one is a Fourier series
+split at t = a^2, the upper part decays within a few 1/a, and the lower one is a Fourier series
 over the reciprocal lattice (by Poisson's sum)
 
     pi/(A Gamma(3/2)) sum_k cos(k d) (2 a exp(-k^2/(4 a^2)) - sqrt(pi) k erfc(k/(2 a))),
 
-with the cell's area A. The term k = 0 is there: a sum over r^-3 converges in the plane.
+with the area A of the cell. The term k = 0 is included, since a sum over r^-3 converges in the plane.
 """
 
 from __future__ import annotations
@@ -44,30 +44,29 @@ from granular.shared.array_types import Float, Int
 
 Samples = NDArray[np.float64]
 
-FEWEST = 4
-"""Points of the coarsest level along the shorter side, at least; and less than twice as many."""
+MIN_COARSEST_POINTS = 4
+"""Minimum number of points of the coarsest level along the shorter side; the maximum is below twice this."""
 
 _MARGIN = 48
 """The margin of `granular.pairs.multilevel_mesh`."""
 
 _SHARPNESS, _IMAGES, _WAVES = 1.8, 6.0, 12.0
-"""Parameters of the Ewald sum: a, times the square root of the cell's area; images within 6/a and waves below
-12 a are taken, and leave less than 1e-15."""
+"""Parameters of the Ewald sum: a times the square root of the cell's area; images within 6/a and waves below
+12 a are included, with an error below 1e-15."""
 
 _CELLS = 6.0
-"""Distance over the longer side up to which images of r^-5 are summed; it falls faster than waves."""
+"""Distance over the longer side up to which images of r^-5 are summed directly, since r^-5 decays fast."""
 
-_NOTHING, _DIGITS = 1e-5, 13
-"""Products below this part of the first one are left out, which keeps eight of them: the others
-change forces by less than 1e-7, where 1e-6 is asked for. Digits as in
-`granular.pairs.multilevel_mesh`."""
+_NEGLIGIBLE_FRACTION, _DIGITS = 1e-5, 13
+"""Products below this fraction of the first one are neglected, so that eight remain: the others change forces
+by less than 1e-7, against a required 1e-6. Digits as in `granular.pairs.multilevel_mesh`."""
 
 
 def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tuple[int, int]]:
-    """Count the mesh points along both sides, level by level from the finest; width, height, spacing [D]."""
-    wanted = [math.ceil(side / spacing) for side in (width, height)]
-    levels = 1 + max(0, math.floor(math.log2(min(wanted) / FEWEST)))
-    across, up = (max(FEWEST, math.ceil(quantity / 2 ** (levels - 1))) for quantity in wanted)
+    """Numbers of mesh points along both sides of each level, finest first; width, height, spacing [D]."""
+    needed = [math.ceil(side / spacing) for side in (width, height)]
+    levels = 1 + max(0, math.floor(math.log2(min(needed) / MIN_COARSEST_POINTS)))
+    across, up = (max(MIN_COARSEST_POINTS, math.ceil(points / 2 ** (levels - 1))) for points in needed)
     return [(across * 2**k, up * 2**k) for k in reversed(range(levels))]
 
 
@@ -77,10 +76,10 @@ def sum_far_part_over_images(
     """Sum the far part (...) over images [1/D^3]; dx, dy (...) ... radius [D], inverse_fifth_factor [D^2]."""
     from scipy.special import erfc, gammainc, gammaincc
 
-    # Ewald 1921, doi:10.1002/andp.19213690304; see the head of this file.
+    # Ewald 1921, doi:10.1002/andp.19213690304; see the module's docstring.
     sharp = _SHARPNESS / math.sqrt(width * height)
     total = np.zeros(np.broadcast(dx, dy).shape)
-    # Where the far part is softened, it is the upper part less what near pairs have.
+    # Within the radius the far part is softened.
     reach = max(radius, _IMAGES / sharp)
     for square in _squared_distances_of_images(dx, dy, (width, height), reach):
         cube = np.maximum(square, 1e-12) ** 1.5
@@ -109,7 +108,7 @@ def sum_far_part_over_images(
 def _sum_inverse_fifth_over_images(
     dx: Samples, dy: Samples, sides: tuple[float, float], radius: float, inverse_fifth_factor: float
 ) -> Samples:
-    """Sum over images of the far part of r^-5; farther ones are the same everywhere."""
+    """Sum over images of the far part of r^-5; more distant images contribute a constant."""
     total = np.zeros(np.broadcast(dx, dy).shape)
     for square in _squared_distances_of_images(dx, dy, sides, max(radius, _CELLS * max(sides))):
         every = far_part_of_inverse_cube(square, radius, inverse_fifth_factor)
@@ -120,7 +119,7 @@ def _sum_inverse_fifth_over_images(
 def _squared_distances_of_images(
     dx: Samples, dy: Samples, sides: tuple[float, float], reach: float
 ) -> Iterator[Samples]:
-    """Squared distances (...) of the images that lie within reach of any point of the cell [D^2]."""
+    """Squared distances (...) of all images within reach of any point of the cell [D^2]."""
     most = [math.ceil(reach / side) + 1 for side in sides]
     for column in range(-most[0], most[0] + 1):
         for row in range(-most[1], most[1] + 1):
@@ -135,17 +134,17 @@ def _divide_by_splines(samples: Samples) -> Samples:
 
 
 def _factor_into_products(table: Samples, reach: int) -> SeparableTable:
-    """Quarter of a table, by the distances up and across, as a sum of products."""
+    """Write a quarter of a table, by distances up and across, as a sum of products."""
     left, weights, right = np.linalg.svd(table, full_matrices=False)
-    # The sign of a pair of vectors is free; it is fixed, and the numbers cut, for all machines.
+    # Fix the free sign of each pair of vectors and round, for equal results on all machines.
     signs = np.where(right[:, 0] < 0.0, -1.0, 1.0)
     left, right = np.round(left * signs, _DIGITS), np.round(right * signs[:, None], _DIGITS)
-    many = int(np.count_nonzero(weights > _NOTHING * weights[0]))
+    many = int(np.count_nonzero(weights > _NEGLIGIBLE_FRACTION * weights[0]))
     return separable_table(right[:many], (weights * left)[:, :many].T, reach)
 
 
 def _band_table(radius: float, spacings: tuple[float, float], inverse_fifth_factor: float) -> Samples:
-    """Quarter of the band's table, up and across."""
+    """Quarter of a band's table, up and across."""
     reach = math.ceil(2.0 * radius / min(spacings)) + REACH
     n = np.arange(-reach - _MARGIN, reach + _MARGIN + 1)
     square = (n[:, None] * spacings[1]) ** 2 + (n[None, :] * spacings[0]) ** 2
@@ -160,7 +159,7 @@ def _band_table(radius: float, spacings: tuple[float, float], inverse_fifth_fact
 def _coarsest_level_table(
     width: float, height: float, radius: float, across: int, up: int, inverse_fifth_factor: float
 ) -> Samples:
-    """Quarter of the rest's table; what lies half round the cell is met from both sides."""
+    """Quarter of the rest's table; entries at half a period are halved, since both sides count them."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
     table = _divide_by_splines(sum_far_part_over_images(dx, dy, width, height, radius, inverse_fifth_factor))
     quarter = table[: up // 2 + 1, : across // 2 + 1].copy()
@@ -175,7 +174,7 @@ def _coarsest_level_table(
 def periodic_mesh_tables(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MeshTables:
-    """Tables of a mesh that goes round a periodic cell [1/D^3]; inverse_fifth_factor [D^2], lengths [D]."""
+    """Tables of a periodic mesh [1/D^3]; inverse_fifth_factor [D^2], lengths [D]."""
     points = periodic_mesh_points(width, height, spacing)
     fine, coarse = points[0], points[-1]
     scale = 2.0 ** (len(points) - 1)
@@ -189,12 +188,12 @@ def periodic_mesh_tables(
 
 
 BELOW, ABOVE = 1, 2
-"""Copied lines that a spline reaches."""
+"""Numbers of copied lines that a spline reaches."""
 
 
 @compiled(inline=True)
 def index_of_first_mesh_point(mesh: MultilevelMesh, level: int) -> int:
-    """Index of a level's first point in the mesh arrays, behind the copied line and the margin."""
+    """Index of a level's first point in the mesh arrays, after the copied line and the margin."""
     return mesh.begins[level] + mesh.margin + BELOW * mesh.strides[level]
 
 
@@ -218,7 +217,7 @@ def copy_periodic_margin(mesh: MultilevelMesh, values: Float[Array, "p"], level:
 
 @compiled
 def _fold_periodic_margin(mesh: MultilevelMesh, level: int) -> None:
-    """Add what was put on the copies of points to the points."""
+    """Add the amounts on the copies of points to the points."""
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
     stride, first, source = mesh.strides[level], index_of_first_mesh_point(mesh, level), mesh.source
     for line in range(-BELOW, up + ABOVE):
@@ -273,7 +272,7 @@ def interpolate_on_periodic_mesh(
 def periodic_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
-    """Allocate a mesh that goes round a periodic cell; width ... spacing [D], inverse_fifth_factor [D^2]."""
+    """Allocate a periodic mesh; width ... spacing [D], inverse_fifth_factor [D^2]."""
     tables = periodic_mesh_tables(width, height, radius, spacing, inverse_fifth_factor)
     points = periodic_mesh_points(width, height, spacing)
     mesh = mesh_workspace(tables, spacing, points, BELOW + ABOVE)

@@ -1,13 +1,13 @@
-"""Functions of a squared distance as tables of polynomials, as kernels take them.
+"""Piecewise polynomial tables of functions of a squared distance, for kernels.
 
-Pieces are as wide as a fixed fraction of the squared distance: the exponent and the first digits of
-its binary number are their index. Where one polynomial is not close enough (at a kink, or at the
-root by which two discs touch) a piece is halved, and its halves, until they are. A piece holds its
-middle, six coefficients and one number more: a line of the processor's cache.
+The width of a piece is a fixed fraction of the squared distance: exponent and leading digits of the
+binary number are the index. A piece whose polynomial is not accurate enough (at a kink, or at the
+square-root singularity of touching discs) is halved recursively. A piece holds its middle, six
+coefficients and one more number, which fill one line of the processor's cache.
 
-Of an energy E(u), u = r^2, a table holds F/r = -2 dE/du, the derivative of the polynomial that was
-fitted to the energy, and the energy in the middle: the force is minus the gradient of the energy to
-rounding, and both come from the energy alone.
+For an energy E(u), u = r^2, a table holds F/r = -2 dE/du, the derivative of the polynomial fitted
+to the energy, and the energy in the middle. The force is therefore minus the gradient of the energy
+up to rounding.
 """
 
 from __future__ import annotations
@@ -23,54 +23,55 @@ from granular.shared.array_types import Float, Int
 
 Samples = NDArray[np.float64]
 Sampled = Callable[[Samples], tuple[Samples, Samples]]
-"""Function of squared distances (n,): its values, and the magnitudes by which errors are judged."""
+"""Function of squared distances (n,): its values, and magnitudes relative to which errors are measured."""
 
 _DIGITS = 5
-"""Binary digits of a squared distance that choose the piece: 32 pieces for each factor of two. Of
-1/r^3 the polynomials are then off by 1e-14, their derivatives by 2e-11."""
+"""Binary digits of a squared distance that select the piece: 32 pieces per factor of two. For 1/r^3 the
+errors of the polynomials are then 1e-14, of their derivatives 2e-11."""
 
 _SHIFT = 52 - _DIGITS
-"""Binary digits behind these: a double has 52 (IEEE 754)."""
+"""Number of binary digits after these: a double has 52 (IEEE 754)."""
 
 _ORDER = 6
-"""Coefficients of a piece: a line of 64 bytes has room for eight numbers."""
+"""Number of coefficients of a piece: a cache line of 64 bytes holds eight numbers."""
 
-_DEEPEST = 26
-"""Halvings of a piece: a jump is then within 1e-9 of where it should be."""
+_MAX_HALVINGS = 26
+"""Maximum number of halvings of a piece: a jump is then located within 1e-9."""
 
-_AROUND = 8
-"""Pieces on either side whose magnitude counts, too: where a function ends its own is that of rounding."""
+_NEIGHBOUR_PIECES = 8
+"""Neighbouring pieces on each side whose magnitude is included, since near the end of a function the
+magnitude is only rounding."""
 
-_MOST_PIECES = 20000
-"""Pieces from which on none is halved: of a function that is no smoother anywhere; 1.3 MB."""
+_MAX_PIECES = 20000
+"""Number of pieces (1.3 MB) beyond which none is halved, for functions that are nowhere smooth."""
 
 MIDDLE, FIRST, ENERGY = 0, 1, 7
-"""Entries of a piece: its middle [D^2]; its coefficients; the energy in the middle [F* D]."""
+"""Entries of a piece: middle [D^2]; first coefficient; energy in the middle [F* D]."""
 
-_CHECKS = np.array([-1.0, -0.8, -0.35, 0.15, 0.6, 0.95, 1.0])
-"""Places of a piece, on [-1, 1], at which polynomial and function are compared."""
+_CHECK_POINTS = np.array([-1.0, -0.8, -0.35, 0.15, 0.6, 0.95, 1.0])
+"""Points of a piece, on [-1, 1], at which polynomial and function are compared."""
 
 
 class PiecewiseTable(NamedTuple):
-    """Tables of one function for each pair of species, one behind the other."""
+    """Consecutive tables of one function for each pair of species."""
 
-    pieces: Float[np.ndarray, "p*n 8"]  # see `MIDDLE` and the others
-    halves: Int[np.ndarray, "p*n"]  # index of the lower half of a piece that is halved; 0: it is not
-    length: int  # pieces of a table, n
+    pieces: Float[np.ndarray, "p*n 8"]  # see `MIDDLE` to `ENERGY`
+    halves: Int[np.ndarray, "p*n"]  # index of the lower half of a halved piece; 0: not halved
+    length: int  # number of pieces of a table, n
     start: int  # leading digits of the lowest squared distance
-    last: int  # index of the last piece of a table that is no half
+    last: int  # index of the last piece of a table that is not a half
 
 
 def tabulate_energies(
     energies: Sequence[Sampled], low: float, high: float, tolerance: float, order: Sequence[int] | None = None
 ) -> PiecewiseTable:
-    """Tabulate energies, in an order (p,), between two squared distances [D^2], to a part of their size."""
-    made = [_fit_pieces(sampled, low, high, tolerance, _force_pieces) for sampled in energies]
-    return _join_tables(made if order is None else [made[k] for k in order], low, high)
+    """Tabulate energies, in an order (p,), between two squared distances [D^2], to a relative tolerance."""
+    tables = [_fit_pieces(sampled, low, high, tolerance, _force_pieces) for sampled in energies]
+    return _join_tables(tables if order is None else [tables[k] for k in order], low, high)
 
 
 def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
-    """Tabulate functions (p,) themselves, to be read by `tabulated_ratio`."""
+    """Tabulate functions (p,) themselves, for `tabulated_ratio`."""
     made = [_fit_pieces(sampled, low, high, tolerance, _value_pieces) for sampled in values]
     return _join_tables(made, low, high)
 
@@ -97,32 +98,35 @@ def _fit_pieces(
     tolerance: float,
     fit: Callable[[Sampled, Samples, Samples], tuple[Samples, Samples, Samples]],
 ) -> tuple[Samples, NDArray[np.int64]]:
-    """Pieces of one table, and where the halves of each begin."""
+    """Fit the pieces of one table; return them and the index of each piece's halves."""
     edges = (np.arange(_leading_digits(low), _leading_digits(high) + 2) << _SHIFT).view(np.float64)
     lower, upper = edges[:-1], edges[1:]
     pieces, halves, bounds = np.zeros((0, 8)), np.zeros(0, dtype=np.int64), np.zeros(0)
-    for depth in range(_DEEPEST + 1):
+    for depth in range(_MAX_HALVINGS + 1):
         made, errors, sizes = fit(sampled, lower, upper)
         if depth == 0:
-            around = np.pad(np.nan_to_num(sizes), _AROUND, mode="edge")
-            bounds = tolerance * np.lib.stride_tricks.sliding_window_view(around, 2 * _AROUND + 1).max(axis=1)
-        bad = np.flatnonzero(errors > bounds)
-        if depth == _DEEPEST or len(pieces) > _MOST_PIECES:
-            bad = bad[:0]
+            around = np.pad(np.nan_to_num(sizes), _NEIGHBOUR_PIECES, mode="edge")
+            bounds = tolerance * np.lib.stride_tricks.sliding_window_view(
+                around, 2 * _NEIGHBOUR_PIECES + 1
+            ).max(axis=1)
+        inaccurate = np.flatnonzero(errors > bounds)
+        if depth == _MAX_HALVINGS or len(pieces) > _MAX_PIECES:
+            inaccurate = inaccurate[:0]
         links = np.zeros(len(made), dtype=np.int64)
-        links[bad] = len(pieces) + len(made) + 2 * np.arange(len(bad))
+        links[inaccurate] = len(pieces) + len(made) + 2 * np.arange(len(inaccurate))
         pieces, halves = np.concatenate([pieces, made]), np.concatenate([halves, links])
-        if not len(bad):
+        if not len(inaccurate):
             break
-        bounds, middle = np.repeat(bounds[bad], 2), 0.5 * (lower[bad] + upper[bad])
+        bounds, middle = np.repeat(bounds[inaccurate], 2), 0.5 * (lower[inaccurate] + upper[inaccurate])
         lower, upper = (
-            np.column_stack(ends).ravel() for ends in ((lower[bad], middle), (middle, upper[bad]))
+            np.column_stack(ends).ravel()
+            for ends in ((lower[inaccurate], middle), (middle, upper[inaccurate]))
         )
     return pieces, halves
 
 
 def _chebyshev_nodes(count: int) -> tuple[Samples, Samples]:
-    """Nodes on (-1, 1), and the matrix from values there to coefficients of powers."""
+    """Nodes on (-1, 1), and the matrix from values at the nodes to coefficients of powers."""
     nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
     return nodes, np.linalg.inv(np.vander(nodes, increasing=True)).T
 
@@ -130,13 +134,13 @@ def _chebyshev_nodes(count: int) -> tuple[Samples, Samples]:
 def _fit_polynomials(
     sampled: Sampled, lower: Samples, upper: Samples, count: int
 ) -> tuple[Samples, Samples, Samples]:
-    """Coefficients in the part of half a piece (n, count), their errors, and the largest magnitude (n,)."""
+    """Coefficients in units of half a piece (n, count), their errors (n,), and the largest magnitude (n,)."""
     nodes, to_powers = _chebyshev_nodes(count)
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    points = middle[:, None] + half[:, None] * np.concatenate([nodes, _CHECKS])
+    points = middle[:, None] + half[:, None] * np.concatenate([nodes, _CHECK_POINTS])
     values, magnitudes = (part.reshape(points.shape) for part in sampled(points.ravel()))
     powers = values[:, :count] @ to_powers
-    differences = powers @ np.vander(_CHECKS, count, increasing=True).T - values[:, count:]
+    differences = powers @ np.vander(_CHECK_POINTS, count, increasing=True).T - values[:, count:]
     return powers, np.abs(differences).max(axis=1), np.abs(magnitudes).max(axis=1)
 
 
@@ -155,9 +159,9 @@ def _value_pieces(values: Sampled, lower: Samples, upper: Samples) -> tuple[Samp
 
 @compiled(inline=True)
 def find_piece(table: PiecewiseTable, row: int, square: float) -> np.uint64:
-    """Index of the piece that holds a squared distance [D^2]; its end piece beyond the table."""
+    """Index of the piece that contains a squared distance [D^2]; the end piece beyond the table."""
     index: Any = (np.float64(square).view(np.int64) >> _SHIFT) - table.start
-    # An index without a sign takes no look at whether it counts from the end.
+    # An unsigned index is not checked for counting from the end.
     k = np.uint64(row * table.length + min(max(index, 0), table.last))
     half = table.halves[k]
     while half > 0:

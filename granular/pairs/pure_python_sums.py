@@ -1,6 +1,6 @@
-"""The direct sum once more, as plain as the law is written: the slow twin of `direct_sum`.
+"""Plain reference for `direct_sum` and `cut_off_sum`: a loop over pairs with the law as written.
 
-Takes the same arguments; runs without compilation when ``NUMBA_DISABLE_JIT=1``.
+The functions take the same arguments and run without compilation with ``NUMBA_DISABLE_JIT=1``.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from granular.pairs.grain_arrays import COMMON, FAR, LOAD_FAR, LOAD_TERM, TERM, 
 from granular.shared.array_types import Float
 
 PADDING = 1e60
-"""Places of padding grains, behind the others, are beyond [D]."""
+"""Grains beyond this position are padding [D]."""
 
 
 class _PairLawValues(NamedTuple):
-    """Stand-ins for 1/r^5 in the force, 1/r^3 in the energy, and 1/r^3 in both loads; the sum's 1/r^5."""
+    """Values in place of 1/r^5 in the force, 1/r^3 in the energy and both loads, and 1/r^5 in stiffness."""
 
     slope: float
     cube: float
@@ -51,15 +51,15 @@ def _pair_law_values(arrays: GrainArrays, i: int, j: int, r: float) -> _PairLawV
 
 
 def _squared_distance_shifts(arrays: GrainArrays, i: int, j: int) -> tuple[float, float]:
-    """Parts of both grains in b [D^2]."""
+    """Contributions of both grains to b [D^2]."""
     assert arrays.series is not None
     if arrays.shift is None:
         return 0.5 * float(arrays.series[COMMON]), 0.5 * float(arrays.series[COMMON])
     return float(arrays.shift[i]), float(arrays.shift[j])
 
 
-def _energy_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> float:
-    """Value that stands for 1/r^3 where pairs end."""
+def _inverse_cube_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> float:
+    """Value in place of 1/r^3 in the energy at the cut-off."""
     rest = pair_energy(radius) / ENERGY
     if arrays.series is None:
         return rest
@@ -73,7 +73,7 @@ def pure_python_direct_sum(
     threaded: bool | None,
     periodic_cut_off: Float[Array, "3"] | None,
 ) -> None:
-    """Pair forces and sums of all grains, one pair at a time; arrays [D, F*], periodic_cut_off [D]."""
+    """Compute pair forces and sums, one pair at a time; arrays [D, F*], periodic_cut_off [D]."""
     grains = int((~(arrays.x > PADDING)).sum())
     if periodic_cut_off is None:
         _sum_pairs(arrays, grains, math.inf, None, None)
@@ -89,11 +89,11 @@ def pure_python_cut_off_sum(
     grains: int,
     arrays: GrainArrays,
 ) -> None:
-    """Pair forces [F*] and sums within a radius [D], at which the energy is zero; of stripes only periods."""
+    """Compute pair forces [F*] and sums within a radius [D]; only the periods of ``stripes`` are used."""
     _sum_pairs(arrays, grains, radius, smooth, getattr(stripes, "periods", None))
 
 
-@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of grains at one place
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # for grains at equal positions
 def _sum_pairs(
     arrays: GrainArrays, grains: int, radius: float, smooth: bool | None, periods: Array | None
 ) -> None:
@@ -111,7 +111,7 @@ def _sum_pairs(
             if r >= radius:
                 continue
             law, square = _pair_law_values(arrays, i, j, r), np.array(r * r)
-            rest = _energy_at_cut_off(arrays, i, j, radius)
+            rest = _inverse_cube_at_cut_off(arrays, i, j, radius)
             if smooth is not None:
                 far = float(far_part_of_inverse_cube(square, radius, of_loads))
                 law = law._replace(
@@ -126,7 +126,7 @@ def _sum_pairs(
 def _add_pair_to_sums(
     arrays: GrainArrays, pair: tuple[int, int], apart: tuple[float, float], law: _PairLawValues, rest: float
 ) -> None:
-    """Add a pair to all sums; energies are less by a rest."""
+    """Add a pair to all sums, with ``rest`` subtracted from its energy."""
     i, j = pair
     q = np.ones(arrays.x.size) if arrays.moments is None else arrays.moments
     ratio = q[i] * q[j] * STRENGTH * law.slope

@@ -1,21 +1,20 @@
-"""Operations on eight doubles at a time, written out as LLVM vector instructions.
+"""Operations on eight doubles at a time, emitted as LLVM vector instructions.
 
 LLVM splits the eight lanes on processors with narrower registers. Every operation is IEEE double
-and its order is fixed: the result has the same bits whichever thread runs it.
+and the order is fixed, so the bits of the result do not depend on the thread.
 
-The inverse fifth power of a distance needs no division, which would take longest of all. A seed y
-of 1/sqrt(r^2) is corrected by a polynomial: with e = 1 - r^2 y^2,
+The inverse fifth power of a distance avoids division, the slowest operation. A seed y of
+1/sqrt(r^2) is corrected by a polynomial: with e = 1 - r^2 y^2,
 r^-5 = y^5 (1 - e)^(-5/2) = y^5 (1 + (5/2) e + (35/8) e^2 + (105/16) e^3 + ...). The fourth-order
-rest is below 2e-15 for |e| < 1.3e-4, which both seeds keep:
+remainder is below 2e-15 for |e| < 1.3e-4, which both seeds satisfy:
 
-- AVX-512 has an instruction for it, with a relative error below 2^-14;
-- elsewhere half the exponent is taken on the bits of the number (Lomont 2003, "Fast inverse square
-  root"; error 3.4 %), and a polynomial in r^2 y^2, the minimax one over its range, takes e below
-  5e-5. It takes about as long as it saves on processors with fast division, and gives the same
-  bits on all of them.
+- AVX-512 has an instruction for the seed, with a relative error below 2^-14;
+- other processors halve the exponent on the bits of the number (Lomont 2003, "Fast inverse square
+  root"; error 3.4 %), and the minimax polynomial in r^2 y^2 brings e below 5e-5. On processors
+  with fast division this saves no time, but the bits are the same on all of them.
 
 The cubic is evaluated as (105/16) ((e + 2/3) (e^2 + 8/21) - 32/315): two products instead of
-three (Knuth, The Art of Computer Programming 2, 4.6.4). The factor 105/16 is left to the end of a
+three (Knuth, The Art of Computer Programming 2, 4.6.4). The factor 105/16 is applied at the end of a
 sum: `SCALE`.
 """
 
@@ -29,7 +28,7 @@ from numba import types
 from numba.core import cgutils
 
 WIDTH = 8
-"""Lanes of a vector; arrays are padded to a multiple of it."""
+"""Number of lanes of a vector; arrays are padded to a multiple of it."""
 
 DOUBLE = ir.DoubleType()
 INDEX = ir.IntType(64)
@@ -55,23 +54,23 @@ def constant_vector(values: Sequence[float]) -> ir.Constant:
 
 
 def lane_mask(lanes: list[bool]) -> ir.Constant:
-    """Make a constant mask <8 x i1> for the selection of lanes."""
+    """Make a constant mask <8 x i1> that selects lanes."""
     return ir.Constant(_FLAGS, lanes)
 
 
 def has_avx512(context: Any) -> bool:
-    """Test whether the processor that Numba compiles for has 512-bit vectors."""
+    """Return True if the processor that Numba compiles for has 512-bit vectors."""
     return "+avx512f" in context.codegen().magic_tuple()[2]
 
 
 class VectorBuilder:
-    """An instruction builder with the few vector operations that are needed."""
+    """An instruction builder for vector operations."""
 
     def __init__(self, context: Any, builder: ir.IRBuilder) -> None:
         self.context, self.builder = context, builder
 
     def array_pointer(self, kind: Any, array: Any, row: ir.Value | None = None) -> Any:
-        """Emit the pointer to an array's first element, or to that of a row."""
+        """Emit the pointer to the first element of an array, or of one of its rows."""
         if isinstance(kind, types.NoneType):
             return None
         made = self.context.make_array(kind)(self.context, self.builder, array)
@@ -81,7 +80,7 @@ class VectorBuilder:
         return self.builder.gep(made.data, [self.builder.mul(row, across)])
 
     def call_llvm_function(self, name: str, *operands: ir.Value) -> ir.Value:
-        """Emit the call of a function of LLVM on vectors of doubles."""
+        """Emit the call of an LLVM function on vectors of doubles."""
         module = self.builder.module
         function = module.globals.get(name)
         if function is None:
@@ -90,11 +89,11 @@ class VectorBuilder:
         return self.builder.call(function, operands)
 
     def fused_multiply_add(self, a: ir.Value, b: ir.Value, c: ir.Value) -> ir.Value:
-        """Emit a b + c in every lane, rounded once where the processor can."""
+        """Emit a b + c in every lane, with one rounding if the processor supports it."""
         return self.call_llvm_function(f"llvm.fmuladd.v{WIDTH}f64", a, b, c)
 
     def round_to_integers(self, vector: ir.Value) -> ir.Value:
-        """Emit the rounding to integers, halves to even ones."""
+        """Emit rounding to integers, with halves to even."""
         return self.call_llvm_function(f"llvm.rint.v{WIDTH}f64", vector)
 
     def broadcast_scalar(self, scalar: ir.Value) -> ir.Value:
@@ -108,7 +107,7 @@ class VectorBuilder:
         return self.builder.shuffle_vector(first, second, mask)
 
     def rotate_lanes(self, vector: ir.Value, by: int) -> ir.Value:
-        """Rotate the lanes: lane l takes the value of lane l + ``by``, round the end."""
+        """Rotate the lanes cyclically: lane l takes the value of lane l + ``by``."""
         return self.shuffle(vector, vector, [(lane + by) % WIDTH for lane in range(WIDTH)])
 
     def _vector_pointer(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
@@ -135,7 +134,7 @@ class VectorBuilder:
         return self.builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
 
     def _add_folded_lanes(self, first: ir.Value, second: ir.Value, half: int) -> ir.Value:
-        """Add lanes that lie ``half`` apart: of the first vector, and between them of both."""
+        """Add lanes at distance ``half`` in each vector, and interleave the sums of both."""
         lanes = range(WIDTH)
         there = [lane + WIDTH if lane & half else lane for lane in lanes]
         other = [(lane ^ half) + WIDTH if lane & half else lane ^ half for lane in lanes]
@@ -164,18 +163,18 @@ class VectorBuilder:
         self.builder.store(total, position, align=8)
 
     def largest_lane(self, vector: ir.Value) -> ir.Value:
-        """Emit the greatest lane of a vector."""
+        """Emit the largest lane of a vector."""
         for half in (4, 2, 1):
             other = self.shuffle(vector, vector, [lane ^ half for lane in range(WIDTH)])
             vector = self.elementwise_maximum(vector, other)
         return self.extract_lane(vector, 0)
 
     def elementwise_maximum(self, a: ir.Value, b: ir.Value) -> ir.Value:
-        """Emit the greater one of two vectors, lane by lane."""
+        """Emit the lane-wise maximum of two vectors."""
         return self.builder.select(self.builder.fcmp_ordered(">", a, b), a, b)
 
     def new_variable(self, start: ir.Value) -> ir.Value:
-        """Emit a variable on the stack with a value to start with."""
+        """Emit a variable on the stack with an initial value."""
         return cgutils.alloca_once_value(self.builder, start)
 
     def add_to_variable(self, variable: ir.Value, value: ir.Value) -> None:
@@ -184,9 +183,9 @@ class VectorBuilder:
 
 
 SCALE = 105.0 / 16.0
-"""The factor that sums of `inverse_fifth_power` lack."""
+"""Factor missing from sums of `inverse_fifth_power`."""
 
-# Lomont's number for double precision: with it the seed errs by 3.4 % at most.
+# Lomont's constant for double precision: the error of the seed is at most 3.4 %.
 _HALVED_EXPONENT = 0x5FE6EB50C7B537A9
 # Minimax polynomial for t^(-1/2) over the seed's range of t = r^2 y^2.
 _FIRST = (1.8765983221738327, -1.252100297322187, 0.37550218858758094)
@@ -194,7 +193,7 @@ _SHIFT, _SQUARE, _REST = 2.0 / 3.0, 8.0 / 21.0, -32.0 / 315.0
 
 
 def _avx512_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
-    """Processor's own estimate."""
+    """Emit the processor's estimate of 1/sqrt(r2)."""
     b = code.builder
     name = "llvm.x86.avx512.rsqrt14.pd.512"
     function = b.module.globals.get(name)
@@ -206,7 +205,7 @@ def _avx512_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 def _portable_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
-    """Approximate from the bits: the same on every processor."""
+    """Emit an estimate of 1/sqrt(r2) from its bits, equal on every processor."""
     b = code.builder
     halved = b.lshr(b.bitcast(r2, _BITS), ir.Constant(_BITS, [1] * WIDTH))
     y = b.bitcast(b.sub(ir.Constant(_BITS, [_HALVED_EXPONENT] * WIDTH), halved), LANES)
@@ -216,7 +215,7 @@ def _portable_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 DISC_SCALE = 35.0 / 8.0
-"""The same of `rough_inverse_fifth_power`."""
+"""Factor missing from sums of `rough_inverse_fifth_power`."""
 
 # 1 + (5/2) e + (35/8) e^2 = (35/8) ((e + 2/7)^2 + 36/245); 9/7 = 1 + 2/7.
 _SHORT_SHIFT, _SHORT_REST = 9.0 / 7.0, 36.0 / 245.0
@@ -231,7 +230,7 @@ def _inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 def rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
-    """Emit r^-5 / `DISC_SCALE` [1/D^5] from r2 [D^2], two products less, to a relative error of 2e-11."""
+    """Emit r^-5 / `DISC_SCALE` [1/D^5] from r2 [D^2] with two products fewer; relative error 2e-11."""
     b = code.builder
     y = _inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)

@@ -1,8 +1,8 @@
-"""Grains in horizontal stripes, sorted by x within each: buffers for them, and for their partners.
+"""Buffers for grains in horizontal stripes, sorted by x within each, and for their partners.
 
-The partners of a grain are then a few runs of consecutive entries: the rest of its own
-stripe, and a part of each of the two stripes above. Every stripe ends with entries so far away that
-a vector may run over its end. See `granular.pairs.cut_off_sum`.
+The partners of a grain are then a few runs of consecutive entries: the rest of the grain's stripe,
+and a part of each of the two stripes above. Each stripe ends with distant padding entries, so that
+a vector may extend beyond its end. See `granular.pairs.cut_off_sum`.
 """
 
 from __future__ import annotations
@@ -12,27 +12,26 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.direct_sum import PARTED_FROM, PARTS
+from granular.pairs.direct_sum import MIN_GRAINS_FOR_PARTS, PARTS
 from granular.pairs.simd import WIDTH, pad_to_vectors
 from granular.shared.array_types import Float, Int
 
 ROWS = 2
-"""Rows swept together, neighbours in a stripe."""
+"""Number of neighbouring rows in a stripe that are summed together."""
 
 RANGES = 3
-"""Runs of partners for two rows: the rest of their stripe, and the two stripes above it."""
+"""Number of runs of partners for two rows: the rest of their stripe, and the two stripes above."""
 
 IMAGES = 3
-"""Runs in the place of one in a periodic cell: of the grains themselves, and of their images on the
-right and on the left."""
+"""Number of runs per stripe in a periodic cell: the grains, and their images on the right and on the left."""
 
 
 @compiled
 def sort_by_value(order: Int[Array, "k"], values: Float[Array, "n"]) -> None:
-    """Sort numbers of grains by a value of each, smallest first."""
-    # Shell's method, steps of [Knuth, The Art of Computer Programming 3, 5.2.1]: quicker than Numba's
-    # ``argsort`` for the hundred grains of a stripe, 1.7 times as slow for 1e5, compiled in a tenth of the
-    # time.
+    """Sort the indices of grains by a value, smallest first."""
+    # Shell sort with the increments of [Knuth, The Art of Computer Programming 3, 5.2.1]: faster than Numba's
+    # ``argsort`` for the hundred grains of a stripe, 1.7 times slower for 1e5, and compiled in a tenth of
+    # the time.
     gap = 1
     while gap < order.size // 9:
         gap = 3 * gap + 1
@@ -47,27 +46,27 @@ def sort_by_value(order: Int[Array, "k"], values: Float[Array, "n"]) -> None:
         gap //= 3
 
 
-LEAST_IN_STRIPE = 8
-"""Fewer grains a stripe are not worth one: stripes are made higher, and memory stays bounded."""
+MIN_PER_STRIPE = 8
+"""Minimum mean number of grains per stripe: with fewer, stripes are made higher; this bounds the memory."""
 
 LISTED, GRAINS, SKIN, CALLS, BUILDS, STRIPES = range(6)
-"""Entries of the memory: whether there are lists for the places that they were made at; for how
-many grains; the skin [D]; sums since; how often lists were made; in how many stripes."""
+"""Entries of the memory: 1 if the lists are valid; their number of grains; the skin [D]; number of sums since
+the last listing; number of listings; number of stripes."""
 
 
 class CutOffSettings(NamedTuple):
-    """Pairs end at a distance."""
+    """Settings of a cut-off."""
 
     radius: float  # [D]
-    moments: bool  # the grains' moments differ
-    smooth: bool | None  # None: pairs just end; else the far part of their law is taken off
+    moments: bool  # True if moments differ between grains
+    smooth: bool | None  # None: plain cut-off; else the far part of the law is subtracted
     periods: tuple[float, float] | None = None  # width and height of a periodic cell [D]
 
 
 class Stripes(NamedTuple):
-    """Grains in stripes, and the runs of partners."""
+    """Grains in stripes, and their runs of partners."""
 
-    x: Float[np.ndarray, "s"]  # in the order of stripes, with far points between [D]
+    x: Float[np.ndarray, "s"]  # in the order of stripes, with distant padding between them [D]
     y: Float[np.ndarray, "s"]  # [D]
     moments: Float[np.ndarray, "s"] | None
     weight: Float[np.ndarray, "s"] | None
@@ -79,17 +78,17 @@ class Stripes(NamedTuple):
     rows: Int[np.ndarray, "parts+1"]  # first row of each part
     firsts: Int[np.ndarray, "parts+1"]  # index in ``order`` of each part's first grain
     lows: Int[np.ndarray, "parts"]  # first entry that a part adds to
-    ends: Int[np.ndarray, "parts"]  # the entry behind the last
+    ends: Int[np.ndarray, "parts"]  # end of the entries that a part adds to
     slot: Int[np.ndarray, "m"]  # entry of each grain in ``order``
-    order: Int[np.ndarray, "m"]  # grains in the order of stripes; before, as they come
+    order: Int[np.ndarray, "m"]  # grains in the order of stripes; initially 0, 1, ...
     stripe: Int[np.ndarray, "m"]  # scratch
-    begins: Int[np.ndarray, "k"]  # of each stripe, a multiple of the vector width
+    begins: Int[np.ndarray, "k"]  # first entry of each stripe, a multiple of the vector width
     partner_ranges: Int[np.ndarray, "s/2 RANGES 2"]  # start and stop of each run
-    shifts: Float[np.ndarray, "s/2 RANGES*IMAGES 2"] | None  # of the images of each run [D]
-    cell_offsets: Float[np.ndarray, "2 m"] | None  # of each grain from its image in the periodic cell [D]
-    periods: Float[np.ndarray, "2"] | None  # its sides [D]
+    shifts: Float[np.ndarray, "s/2 RANGES*IMAGES 2"] | None  # shift of the images of each run [D]
+    cell_offsets: Float[np.ndarray, "2 m"] | None  # offset of each grain from its image in the cell [D]
+    periods: Float[np.ndarray, "2"] | None  # sides of the periodic cell [D]
     built: Float[np.ndarray, "2 m"]  # positions of the last listing [D]; part of a checkpoint
-    memory: Float[np.ndarray, "6"]  # see `LISTED` and the others; part of a checkpoint
+    memory: Float[np.ndarray, "6"]  # see `LISTED` to `STRIPES`; part of a checkpoint
 
 
 def stripes_workspace(
@@ -101,11 +100,11 @@ def stripes_workspace(
     periods: tuple[float, float] | None = None,
 ) -> Stripes:
     """Allocate stripes for pairs within a radius; memory is linear in the number of grains; periods [D]."""
-    around = periods is not None
-    runs = RANGES * IMAGES if around else RANGES
-    most = max(1, size // LEAST_IN_STRIPE)
-    length = pad_to_vectors(size + 2 * WIDTH * most) + 2 * WIDTH
-    parts = PARTS if size >= PARTED_FROM else 1
+    periodic = periods is not None
+    runs = RANGES * IMAGES if periodic else RANGES
+    max_stripes = max(1, size // MIN_PER_STRIPE)
+    length = pad_to_vectors(size + 2 * WIDTH * max_stripes) + 2 * WIDTH
+    parts = PARTS if size >= MIN_GRAINS_FOR_PARTS else 1
     return Stripes(
         x=np.zeros(length),
         y=np.zeros(length),
@@ -123,20 +122,20 @@ def stripes_workspace(
         slot=np.zeros(size, dtype=np.int64),
         order=np.arange(size),
         stripe=np.zeros(size, dtype=np.int64),
-        begins=np.zeros(most + 2, dtype=np.int64),
+        begins=np.zeros(max_stripes + 2, dtype=np.int64),
         partner_ranges=np.zeros((length // ROWS, runs, 2), dtype=np.int64),
-        shifts=np.zeros((length // ROWS, runs, 2)) if around else None,
-        cell_offsets=np.zeros((2, size)) if around else None,
-        periods=np.array(periods) if around else None,
+        shifts=np.zeros((length // ROWS, runs, 2)) if periodic else None,
+        cell_offsets=np.zeros((2, size)) if periodic else None,
+        periods=np.array(periods) if periodic else None,
         built=np.zeros((2, size)),
         memory=np.zeros(6),
     )
 
 
 PADDING = 1e9
-"""Place of the first of what is no grain [D]: farther than any grain, and so near that a period
-still shifts it. It stands beyond the radius of its own image, too, whose energy is no number at
-no distance."""
+"""Position of the first padding entry [D]: farther than any grain, but near enough that a shift by a period
+is not lost to rounding. It is also beyond the radius of its own image, whose energy at zero distance would be
+NaN."""
 
 
 @compiled
@@ -146,8 +145,8 @@ def sort_into_stripes(stripes: Stripes, grains: int, reach: float) -> int:
     low, high = y[0], y[0]
     for i in range(grains):
         low, high = min(low, y[i]), max(high, y[i])
-    most = max(1, min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE))
-    # Half the reach: then all partners lie in the stripe itself and the two above it.
+    most = max(1, min(stripes.begins.size - 2, grains // MIN_PER_STRIPE))
+    # With half the reach all partners lie in the stripe itself and the two above it.
     height = max(reach / (RANGES - 1), (high - low) / most)
     number = min(int((high - low) / height) + 1, most)
     _sort_into_equal_stripes(stripes, stripes.built[0], y, grains, low, height, number)
@@ -158,7 +157,7 @@ def sort_into_stripes(stripes: Stripes, grains: int, reach: float) -> int:
 def _sort_into_equal_stripes(
     stripes: Stripes, x: Array, y: Array, grains: int, low: float, height: float, number: int
 ) -> None:
-    """Sort grains at those positions into so many stripes."""
+    """Sort grains at the given positions into ``number`` stripes."""
     counts = np.zeros(number + 1, dtype=np.int64)
     for i in range(grains):
         stripes.stripe[i] = min(max(int((y[i] - low) / height), 0), number - 1)
@@ -195,7 +194,7 @@ def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> i
             index = stripes.built[axis, i]
             cell_offsets[axis, i] = periods[axis] * np.floor(index / periods[axis])
             inside[axis, i] = index - cell_offsets[axis, i]
-    most = min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE)
+    most = min(stripes.begins.size - 2, grains // MIN_PER_STRIPE)
     number = min(int(periods[1] * (RANGES - 1) / reach), most)
     _sort_into_equal_stripes(stripes, inside[0], inside[1], grains, 0.0, periods[1] / number, number)
     return number

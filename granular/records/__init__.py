@@ -1,8 +1,8 @@
-"""Records: a piston's motion, and what it is taken for in files as instruments write them.
+"""Records: the motion of a piston, and the reading of files that instruments write.
 
-A file passes in one direction: `formats` reads its bytes and knows its format; the format's file
-(`text` for CSV and its many kin, `instruments`, `binary`) makes a `sheet` of them,
-columns of numbers with names and units in which lost samples are NaN; `roles` chooses which column
-is the time and which the coordinate, by `headings` or by what the user says (`options`);
-`interpret` makes SI of them and says what was done; and `record` holds the motion.
+A file is read in steps. `formats` reads the bytes and detects the format. The module of the format
+(`text` for CSV and similar files, `instruments`, `binary`) makes a `sheet`: columns of numbers with
+names and units, in which missing samples are NaN. `roles` chooses the columns of time and coordinate
+from `headings` or the user's `options`. `interpret` converts them to SI and notes each guess and
+change. `record` holds the motion.
 """

@@ -1,10 +1,9 @@
-"""Files that libraries read: workbooks, MATLAB's, and Parquet.
+"""Binary files that libraries read: workbooks, MATLAB files and Parquet.
 
-Reading of files whose few bytes may stand for many, in a process of limited memory and time.
-
-Workbooks, MATLAB's files and TDMS are squeezed, repeat cells and nest arrays: a library that reads one has no
-limit of its own. If its process ends at a limit, this one goes on. What it may hand over is limited by
-the readers.
+Workbooks, MATLAB files and TDMS are compressed, repeat cells and nest arrays, so a small file may
+expand to a large one. The libraries that read them set no limit. They therefore run in a separate
+process with limited memory and time; if it is killed at a limit, the main process continues. The
+readers limit the size of the result.
 """
 
 from __future__ import annotations
@@ -34,11 +33,11 @@ from granular.shared.errors import RecordError, quote
 from granular.shared.files import write_atomically
 
 MAX_MEGABYTES, MAX_SECONDS = 2048, 20
-"""Memory, and processor time, that one file may take: a full sheet of four columns needs half of them."""
+"""Memory and processor time allowed per file; a full sheet of four columns needs half of each."""
 MAX_NUMBERS = 50_000_000
-"""Numbers of a file, five columns of ten million, in whatever few bytes: reading takes 1.5 GB."""
-_WAIT = 6.0
-"""Times the seconds after which a process that waits is ended, as on a machine with other work."""
+"""Maximum count of numbers in a file (five columns of ten million): reading takes 1.5 GB."""
+_TIMEOUT_FACTOR = 6.0
+"""Limit of wall-clock time over limit of processor time, for a machine with other work."""
 _OUT_OF_MEMORY = 3
 _AT_A_LIMIT = {_OUT_OF_MEMORY, *(-getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL", "SIGABRT"))}
 _PROGRAM = """
@@ -48,50 +47,52 @@ from granular.records.binary import serve
 from granular.records.{module} import {function}
 serve({function})
 """
-_REMEDY = "save time and height alone, as CSV"
+_REMEDY = "save only time and height, as CSV"
 
 Content = tuple[Any, list[np.ndarray]]
-"""Content of a file: texts, integers, lists and dicts of such, and arrays that the integers may count."""
+"""Content of a file: nested lists and dicts of strings and integers, and the arrays that integers index."""
 
 
 def read_within_limits(read: Callable[[bytes], Content], content: bytes) -> Content:
-    """Return what a function of a file of this room reads of bytes."""
+    """Run a reader of `granular.records` on the bytes in a process with limits, and return its result."""
     program = _PROGRAM.format(module=read.__module__.rpartition(".")[2], function=read.__name__)
     if not sys.executable or getattr(sys, "frozen", False):
-        raise RecordError(f"is read by a Python of its own, and none is known here; {_REMEDY}")
+        raise RecordError(f"needs a separate Python process, but no interpreter is known here; {_REMEDY}")
     try:
-        # Isolated, and with the present path: nothing of the working directory is run.
+        # Isolated, with this process's path: no code from the working directory is run.
         done = subprocess.run(
             [sys.executable, "-I", "-c", program, json.dumps([item for item in sys.path if item])],
             input=content,
             capture_output=True,
             check=False,
-            timeout=_WAIT * MAX_SECONDS,
+            timeout=_TIMEOUT_FACTOR * MAX_SECONDS,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )
     except OSError as error:
-        raise RecordError(f"is read by a Python of its own, which fails: {error.strerror}") from None
+        raise RecordError(
+            f"needs a separate Python process, which fails to start: {error.strerror}"
+        ) from None
     except subprocess.TimeoutExpired:
         done = None
     if done is None or done.returncode in _AT_A_LIMIT:
         raise RecordError(
             f"takes more than {MAX_MEGABYTES} MB or {MAX_SECONDS} s to read, the limits; {_REMEDY}"
         )
-    if done.returncode == 1:  # Python's own, of a fault in here
+    if done.returncode == 1:  # an uncaught exception: a fault of this code
         raise RuntimeError(done.stderr.decode(errors="replace"))
     if done.returncode or not done.stdout:
-        raise RecordError(f"stops what reads it (code {done.returncode}); {_REMEDY}")
-    answer, *arrays = np.load(io.BytesIO(done.stdout), allow_pickle=False).values()
-    plain = json.loads(answer.tobytes())
+        raise RecordError(f"stops the process that reads it (exit code {done.returncode}); {_REMEDY}")
+    encoded, *arrays = np.load(io.BytesIO(done.stdout), allow_pickle=False).values()
+    plain = json.loads(encoded.tobytes())
     if isinstance(plain, str):
         raise RecordError(plain)
     return plain, arrays
 
 
 def serve(read: Callable[[bytes], Content]) -> None:
-    """Read the bytes of the standard input, and write what they hold, or why they hold nothing."""
+    """Read a file's bytes from standard input; write their content, or the error, to standard output."""
     _set_limits()
-    # What else is printed must not stand in the answer.
+    # Other print-outs must not mix with the result.
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
@@ -106,48 +107,48 @@ def serve(read: Callable[[bytes], Content]) -> None:
 
 
 def check_count(numbers: int) -> None:
-    """Refuse a file of too many numbers."""
+    """Refuse a file with too many numbers."""
     if numbers > MAX_NUMBERS:
         raise RecordError(
-            f"holds {numbers} numbers; at most {MAX_NUMBERS} are read: save time and height alone, or sample "
+            f"holds {numbers} numbers; the limit is {MAX_NUMBERS}: save only time and height, or sample "
             "less often"
         )
 
 
 def _set_limits() -> None:
-    """Limit memory and time where the system can; Windows cannot, and macOS not the memory."""
+    """Limit memory and time if the system supports it; Windows has neither limit, macOS none of memory."""
     with contextlib.suppress(ImportError):
         import resource
 
         wanted = {"RLIMIT_AS": MAX_MEGABYTES * 2**20, "RLIMIT_CPU": MAX_SECONDS, "RLIMIT_CORE": 0}
-        for name, most in wanted.items():
+        for name, limit in wanted.items():
             with contextlib.suppress(ValueError, OSError):
                 kind = getattr(resource, name)
                 hard = resource.getrlimit(kind)[1]
-                resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard),) * 2)
+                resource.setrlimit(kind, (limit if hard == resource.RLIM_INFINITY else min(limit, hard),) * 2)
 
 
 # Workbooks ---------------------------------------------------------------------------------------
 
 MAX_WORKBOOK_BYTES = 64 * 2**20
-_FEWEST_ROWS = 20
-"""Rows of a sheet up to which it is no record."""
-_MAX_CELLS, _MAX_LETTERS = 2**22, 2**26
-"""Cells of all sheets, four columns of as many rows as a sheet has, and letters of all of them."""
-_MAX_LETTERS_OF_CELL = 2**15
-"""As in Excel."""
+_MIN_ROWS = 20
+"""A sheet with this many rows or fewer is not taken for a record."""
+_MAX_CELLS, _MAX_CHARACTERS = 2**22, 2**26
+"""Limits over all sheets: cells (four columns of the maximum number of rows) and characters."""
+_MAX_CHARACTERS_PER_CELL = 2**15
+"""The limit of Excel."""
 _ERRORS = ("#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#N/A")
-"""Contents of a cell whose formula has no value."""
+"""Texts of cells whose formula failed."""
 _DURATION = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
-"""A time of LibreOffice that calamine leaves as it stands: of a day and more, or with a decimal comma."""
+"""A LibreOffice time that calamine leaves as text: a day or longer, or with a decimal comma."""
 
 Table = Sequence[Sequence[str]]
 
 
 def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
-    """Read a sheet of a workbook: the first that holds a table, or that which is named."""
-    every, _ = read_within_limits(list_sheets, content)
-    tables: Mapping[str, Table] = options.select_table(every, "sheet")
+    """Read the named sheet of a workbook, or else the first that holds a table."""
+    sheets, _ = read_within_limits(list_sheets, content)
+    tables: Mapping[str, Table] = options.select_table(sheets, "sheet")
     first_error: RecordError | None = None
     for name, table in tables.items():
         try:
@@ -160,33 +161,33 @@ def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
         if others:
             sheet.notes.append(note_on_other_tables("sheet", [name, *others]))
         return sheet
-    raise first_error or RecordError("holds no sheet; save the table in one")
+    raise first_error or RecordError("holds no sheet; save the table in a sheet")
 
 
 def list_sheets(content: bytes) -> Content:
-    """Cells of all sheets as texts, row by row, up to the last that holds something."""
+    """Cells of all sheets as strings, row by row, up to the last cell with content."""
     from python_calamine import CalamineWorkbook, SheetTypeEnum
 
     with report_parsing_errors("a workbook"):
         book = CalamineWorkbook.from_filelike(io.BytesIO(content))
         names = [sheet.name for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
         tables: dict[str, list[list[str]]] = {}
-        cells_left, letters_left = _MAX_CELLS, _MAX_LETTERS
+        cells_left, characters_left = _MAX_CELLS, _MAX_CHARACTERS
         for name in names:
             sheet = book.get_sheet_by_name(name)
             rows, columns = sheet.total_height + 1, sheet.total_width + 1  # counted from 0
             cells_left -= rows * columns
             if cells_left < 0:
                 raise RecordError(
-                    f"sheet {quote(name)} reaches to row {rows} and column {columns}; at most {_MAX_CELLS} "
-                    "cells of all sheets are read: save the columns that are wanted as CSV"
+                    f"sheet {quote(name)} extends to row {rows} and column {columns}; the limit over all "
+                    f"sheets is {_MAX_CELLS} cells: save the columns that you need as CSV"
                 )
             tables[name] = [list(map(_cell_text, row)) for row in sheet.to_python(skip_empty_area=False)]
-            letters_left -= sum(len(text) for row in tables[name] for text in row)
-            if letters_left < 0:
+            characters_left -= sum(len(text) for row in tables[name] for text in row)
+            if characters_left < 0:
                 raise RecordError(
-                    f"its cells hold more than {_MAX_LETTERS} letters, the limit; save the columns that "
-                    "are wanted as CSV"
+                    f"its cells hold more than {_MAX_CHARACTERS} characters, the limit; save the columns "
+                    "that you need as CSV"
                 )
         return tables, []
 
@@ -203,9 +204,9 @@ def _cell_text(value: Any) -> str:
         sign = "-" if value < datetime.timedelta(0) else ""
         return f"{sign}{int(minutes // 60)}:{int(minutes % 60):02}:{seconds:09.6f}"
     text = str(value)
-    if len(text) > _MAX_LETTERS_OF_CELL:
+    if len(text) > _MAX_CHARACTERS_PER_CELL:
         raise RecordError(
-            f"a cell holds {len(text)} letters; at most {_MAX_LETTERS_OF_CELL} are read: empty it"
+            f"a cell holds {len(text)} characters; the limit is {_MAX_CHARACTERS_PER_CELL}: empty it"
         )
     if duration := _DURATION.fullmatch(text):
         return ":".join(duration.groups()).replace(",", ".")
@@ -213,14 +214,14 @@ def _cell_text(value: Any) -> str:
 
 
 def _may_be_record(table: Table) -> bool:
-    """Return True for a sheet with many rows that have two numbers in its middle and at its end."""
-    rows = (table[len(table) // 2], table[-1]) if len(table) > _FEWEST_ROWS else ()
+    """Return True for a sheet with many rows, two or more numbers in the middle row and in the last."""
+    rows = (table[len(table) // 2], table[-1]) if len(table) > _MIN_ROWS else ()
     counts = [sum(is_number(text, ".") for text in row) for row in rows]
     return min(counts, default=0) > 1
 
 
 def _sheet_to_csv(table: Table) -> str:
-    """Write a sheet as text; numbers of cells stay exact."""
+    """Write a sheet as tab-separated text; numbers stay exact."""
     width = max(map(len, table), default=0)
     written = io.StringIO()
     csv.writer(written, delimiter="\t").writerows(
@@ -233,9 +234,9 @@ def _sheet_to_csv(table: Table) -> str:
 
 
 def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the vectors of one length in a MATLAB file of version 4 to 7."""
-    every, arrays = read_within_limits(list_variables, content)
-    variables = dict(options.select_table(every, "variable"))
+    """Read the vectors of the most frequent length in a MATLAB file of version 4 to 7."""
+    contents, arrays = read_within_limits(list_variables, content)
+    variables = dict(options.select_table(contents, "variable"))
     vectors = _numeric_vectors(variables, arrays)
     lengths = [len(values) for values in vectors.values()]
     length = max(lengths, key=lengths.count, default=0)
@@ -245,22 +246,22 @@ def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
         if len(values) == length
     ]
     timed = TIME in options.columns or any(guess_column_role(column.name) == TIME for column in columns)
-    # PicoScope: its channels A, B, ... are whatever was connected.
+    # PicoScope: the names A, B, ... of its channels say nothing of the sensor.
     if "Tinterval" in variables and columns and not timed:
         for column in columns:
-            column.channel = len(column.name) == 1
+            column.is_channel = len(column.name) == 1
         given = {name: arrays[item] if isinstance(item, int) else item for name, item in variables.items()}
         columns.insert(0, _sampling_times(given, length))
     if len(columns) < 2:
         raise RecordError(
-            f"holds no two vectors of one length; found: "
+            f"needs two vectors of equal length; found: "
             f"{', '.join(map(quote, variables)) or 'nothing'}; save time and height as vectors"
         )
     return Sheet(columns, None, any(column.name for column in columns), "MATLAB file")
 
 
 def list_variables(content: bytes) -> Content:
-    """Variables of a file: places among the arrays of those that hold numbers, and words on the others."""
+    """Variables of a file: the index among the arrays if numeric, else a description."""
     import scipy.io
 
     arrays: list[np.ndarray] = []
@@ -269,7 +270,7 @@ def list_variables(content: bytes) -> Content:
             loaded = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
         except NotImplementedError:
             raise RecordError(
-                "is of MATLAB's version 7.3, which is not read; save it with save(..., '-v7')"
+                "is a MATLAB file of version 7.3, which is not supported; save it with save(..., '-v7')"
             ) from None
         named = {name: value for name, value in loaded.items() if not name.startswith("__")}
         variables = _without_arrays(named, arrays)
@@ -288,15 +289,15 @@ def _without_arrays(value: Any, arrays: list[np.ndarray]) -> Any:
 
 
 def _sampling_times(given: Mapping[str, Any], length: int) -> Column:
-    """Return times by PicoScope's start and interval."""
+    """Compute times from PicoScope's start and interval."""
     first, step = (
         value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
         for value in (given.get("Tstart", 0.0), given["Tinterval"])
     )
     if not _is_finite_number(first) or not _is_finite_number(step) or step <= 0.0:
         raise RecordError(
-            f"Tstart = {quote(first)} and Tinterval = {quote(step)}; a start "
-            "and an interval above 0, both in s, are wanted: or save the times as a vector"
+            f"Tstart = {quote(first)} and Tinterval = {quote(step)}; give a start "
+            "and an interval above 0, both in s, or save the times as a vector"
         )
     return Column(TIME, "s", float(first) + float(step) * np.arange(length))
 
@@ -331,16 +332,16 @@ def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
 
         source = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(content))
         schema, rows = source.schema_arrow, source.metadata.num_rows
-        # Texts may be many times as large as the file, and no number.
+        # Texts may expand far beyond the size of the file, and are not needed.
         numeric = [field.name for field in schema if _is_numeric_type(field.type)]
         if rows * len(numeric) > MAX_NUMBERS:
             raise RecordError(
-                f"holds {rows} rows of {len(numeric)} columns of numbers; at most "
-                f"{MAX_NUMBERS} numbers are read: drop columns, or sample less often"
+                f"holds {rows} rows of {len(numeric)} columns of numbers; the limit is "
+                f"{MAX_NUMBERS} numbers: drop columns, or sample less often"
             )
         table = source.read(columns=numeric)
     notes: list[str] = []
-    read: dict[str, list[Any]] = {}  # of one name there may be several
+    read: dict[str, list[Any]] = {}  # several columns may share a name
     for field, column in zip(table.schema, table.columns, strict=True):
         read.setdefault(field.name, []).append(column)
     columns = []
@@ -353,7 +354,7 @@ def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
             values = column.cast(pyarrow.float64(), safe=False).to_numpy()
             columns[-1].values = np.asarray(values, dtype=np.float64)
         else:
-            columns[-1].wrong = (0, f"of the type {column.type}")
+            columns[-1].first_invalid = (0, f"of the type {column.type}")
     return Sheet(columns, None, True, "Parquet", notes)
 
 

@@ -1,9 +1,9 @@
-"""Calibration of a sensor: from the number in a column to a height, height = scale (raw - zero).
+"""Calibration of a sensor: height = scale (raw - zero), with the number ``raw`` of a column.
 
 A scale is written with both units, ``2.4894 mm/V`` or ``360 deg/2048 counts``, and the zero in the
-unit of the column, ``2.513 V``. A standard uncertainty may stand behind a number, as in ``2.4894 +-
-0.003 mm/V`` or ``2.4894 +- 0.1 % mm/V``. Instead of both, coefficients of a polynomial may be
-given, or points of a calibration through which one is laid.
+unit of the column, ``2.513 V``. A standard uncertainty may follow a number, as in ``2.4894 +-
+0.003 mm/V`` or ``2.4894 +- 0.1 % mm/V``. Alternatives to scale and zero are the coefficients of a
+polynomial, or calibration points to which a polynomial is fitted.
 """
 
 from __future__ import annotations
@@ -26,38 +26,40 @@ _VALUE = rf"\s*({_NUMBER})\s*(?:(?:\+-|±|\+/-)\s*({_NUMBER})\s*(%(?=\s))?)?\s*"
 _SCALE = re.compile(rf"{_VALUE}([^/\s\d]\S*?(?:/s(?:\^2|2|²)?)?)\s*/\s*({_NUMBER})?\s*([^\s/]+)\s*")
 _ZERO = re.compile(rf"{_VALUE}(\S+)?\s*")
 _POWER = re.compile(r"(.+)/(.*?)(\^\d)?")
-_LONGEST = 100
-"""Characters of a calibration."""
+_MAX_CHARACTERS = 100
+"""Maximum length of a calibration's text."""
 FORMS = {"scale": "zero", "coefficients": "", "points": "degree"}
-"""Forms of a calibration, and what may go with each."""
+"""Forms of a calibration, each with the key that may accompany it."""
 KEYS = ("scale", "zero", "coefficients", "points", "degree")
-"""The keys of a calibration."""
-_MOST_DEGREE = 5
-_FEWEST_BEYOND = 2
-"""Points that must be left where their scatter has to tell their uncertainty."""
+"""All keys of a calibration."""
+_MAX_DEGREE = 5
+_MIN_DEGREES_OF_FREEDOM = 2
+"""Points beyond the number of coefficients, needed to estimate the uncertainty from the scatter."""
 
 
 class Calibration(NamedTuple):
-    """A polynomial in a sensor's number, and how well it is known."""
+    """A polynomial in a sensor's number, with its uncertainty."""
 
-    coefficients: Float[np.ndarray, "k"]  # of powers of the number, in SI over the unit of the column
-    deviations: Float[np.ndarray, "m k"]  # of the coefficients, independent, one standard uncertainty each
-    raw_unit: str | None  # of the column, such as V; None: none named
-    unit: str  # in SI, of what it gives: of the height m, or rad
-    inside: tuple[float, float] = (-math.inf, math.inf)  # numbers that it was made for
+    coefficients: Float[np.ndarray, "k"]  # of the powers 0, 1, ...: SI unit per power of the column's unit
+    deviations: Float[
+        np.ndarray, "m k"
+    ]  # independent deviations of the coefficients, one standard uncertainty each
+    raw_unit: str | None  # unit of the column, such as V; None: not given
+    unit: str  # SI unit of the result: of the height m or rad
+    raw_range: tuple[float, float] = (-math.inf, math.inf)  # of the calibration points
 
     def apply(
         self, raw: Float[np.ndarray, "n"], unit: str | None
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "m n"]]:
         """Convert the numbers of a sensor's column to SI [m; rad]."""
-        known = None in (unit, self.raw_unit)
-        ratio = 1.0 if known else _unit_ratio(str(unit), str(self.raw_unit), "heading")
+        unit_missing = None in (unit, self.raw_unit)
+        ratio = 1.0 if unit_missing else _unit_ratio(str(unit), str(self.raw_unit), "heading")
         powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T
         return self.coefficients @ powers, self.deviations @ powers
 
 
 def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
-    """Make a calibration of what is said of a column."""
+    """Parse the calibration of a column."""
     for key in given:
         if key not in KEYS:
             raise RecordError(unknown_word_message(str(key), KEYS, "key of a calibration"))
@@ -66,12 +68,12 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
         raise RecordError(f"zero of {quote(role)} without scale; give both, such as scale = '2.4894 mm/V'")
     if len(forms) != 1:
         raise RecordError(
-            f"a calibration of {quote(role)} by {' and '.join(forms) or 'none of them'}; give one "
+            f"the calibration of {quote(role)} is given by {' and '.join(forms) or 'no form'}; give one "
             "of scale (with zero), coefficients or points"
         )
     for form, companion in FORMS.items():
         if companion in given and form not in forms:
-            raise RecordError(f"{companion} goes with {form}, not with {forms[0]}; leave one out")
+            raise RecordError(f"{companion} goes with {form}, not with {forms[0]}; drop one of them")
     if forms == ["scale"]:
         return _calibration_from_scale(role, given["scale"], given.get("zero"))
     if forms == ["coefficients"]:
@@ -86,7 +88,7 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
     match = _match(_SCALE, scale)
     if match is None:
         raise RecordError(
-            f"scale = {quote(scale)}; write a number, the unit of the height and that of the "
+            f"scale = {quote(scale)}; write a number, the unit of the height and the unit of the "
             "column, such as '2.4894 mm/V' or '360 deg/2048 counts'"
         )
     value, spread = _number_and_uncertainty(match)
@@ -95,14 +97,14 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
     if value == 0.0 or steps == 0.0:
         raise RecordError(f"scale = {quote(scale)} is 0 or infinite; give another number")
     factor = value * size / steps
-    level, uncertainty = (0.0, 0.0) if zero is None else _parse_zero(zero, raw_unit)
-    deviations = [np.array([-level, 1.0]) * factor * spread / value, np.array([-factor * uncertainty, 0.0])]
+    offset, uncertainty = (0.0, 0.0) if zero is None else _parse_zero(zero, raw_unit)
+    deviations = [np.array([-offset, 1.0]) * factor * spread / value, np.array([-factor * uncertainty, 0.0])]
     known = [row for row, given in zip(deviations, (spread, uncertainty), strict=True) if given]
-    return Calibration(np.array([-factor * level, factor]), np.reshape(known, (-1, 2)), raw_unit, unit)
+    return Calibration(np.array([-factor * offset, factor]), np.reshape(known, (-1, 2)), raw_unit, unit)
 
 
 def _parse_zero(text: Any, raw_unit: str) -> tuple[float, float]:
-    """Return number and uncertainty of a zero in the unit of the scale's column."""
+    """Zero and its standard uncertainty, in the unit of the scale's column."""
     match = _match(_ZERO, text)
     if match is None:
         raise RecordError(f"zero = {quote(text)}; write a number and a unit, such as '2.513 V'")
@@ -112,33 +114,33 @@ def _parse_zero(text: Any, raw_unit: str) -> tuple[float, float]:
 
 
 def _match(form: re.Pattern[str], text: Any) -> re.Match[str] | None:
-    return form.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
+    return form.fullmatch(text) if isinstance(text, str) and len(text) <= _MAX_CHARACTERS else None
 
 
 def _number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
-    """Return the number of a calibration, and its standard uncertainty."""
+    """Parse the number of a calibration and its standard uncertainty."""
     value, spread = float(match[1]), abs(float(match[2] or 0.0))
     return value, abs(value) * spread / 100.0 if match[3] else spread
 
 
-def _calibrated_unit_size(role: str, text: str, what: str) -> tuple[float, str]:
-    """SI size of the unit that a calibration gives, and the unit in SI that it becomes."""
+def _calibrated_unit_size(role: str, text: str, subject: str) -> tuple[float, str]:
+    """SI size of the unit of calibrated values, and the corresponding SI unit."""
     unit = normalize_unit(text)
     try:
         size, dimension = role_unit_size(role, unit)
     except SceneError as error:
-        raise RecordError(f"{what}: {error}") from None
+        raise RecordError(f"{subject}: {error}") from None
     if role == HEIGHT and unit in ANGLE_UNITS:
         return size, "rad"
     wanted = SI.get(role, "")
     if wanted and dimension != unit_size(wanted)[1]:
-        kind = "neither a length nor an angle" if role == HEIGHT else f"no unit of {role}"
-        raise RecordError(f"{what}: {quote(text)} is {kind}; write such as '{wanted}/V'")
+        kind = "neither a length nor an angle" if role == HEIGHT else f"not a unit of {role}"
+        raise RecordError(f"{subject}: {quote(text)} is {kind}; write for example '{wanted}/V'")
     return size, wanted
 
 
-def _unit_ratio(unit: str, wanted: str, what: str) -> float:
-    """Size of a unit over that of the calibration's column."""
+def _unit_ratio(unit: str, wanted: str, subject: str) -> float:
+    """Size of a unit over the size of the unit of the calibration's column."""
     names = [name.lower().removesuffix("s") if len(name) > 2 else name for name in (unit, wanted)]
     if names[0] == names[1]:
         return 1.0
@@ -148,7 +150,7 @@ def _unit_ratio(unit: str, wanted: str, what: str) -> float:
         size, other, dimension, expected = 1.0, 1.0, (1, 0, 0, 0), (0, 0, 0, 0)
     if dimension != expected or not {unit, wanted}.isdisjoint(("1", "%")):
         raise RecordError(
-            f"the {what} is in {quote(unit)}, and the scale is over {quote(wanted)}; write both in "
+            f"the {subject} is in {quote(unit)}, but the scale is per {quote(wanted)}; write both in "
             "the unit of the column"
         )
     return size / other
@@ -158,14 +160,14 @@ def _unit_ratio(unit: str, wanted: str, what: str) -> float:
 
 
 def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
-    """Polynomial of coefficients such as ``0.1 mm``, ``2.49 mm/V`` and ``0.01 mm/V^2``."""
+    """Polynomial with coefficients such as ``0.1 mm``, ``2.49 mm/V`` and ``0.01 mm/V^2``."""
     if isinstance(texts, str) or not isinstance(texts, Sequence) or not texts:
         raise RecordError(
-            f"coefficients = {quote(texts)}; give a list, from the constant on, such as "
+            f"coefficients = {quote(texts)}; give a list that starts with the constant, such as "
             "['0.1 mm', '2.49 mm/V']"
         )
-    if len(texts) > _MOST_DEGREE + 1:
-        raise RecordError(f"{len(texts)} coefficients; at most {_MOST_DEGREE + 1} are taken")
+    if len(texts) > _MAX_DEGREE + 1:
+        raise RecordError(f"{len(texts)} coefficients; the maximum is {_MAX_DEGREE + 1}")
     values, spreads, units = [], [], set()
     for power, text in enumerate(texts):
         match = _match(_ZERO, text)
@@ -175,7 +177,7 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
         if match is None or not written or (power and (quotient is None or (quotient[3] or "") != exponent)):
             over = f"/V{exponent}" if power else ""
             raise RecordError(
-                f"coefficients: {quote(text)} for the power {power}; write a number and a unit, "
+                f"coefficients: {quote(text)} of the power {power}; write a number and a unit, "
                 f"such as '0.1 mm{over}'"
             )
         top, below = (written, None) if quotient is None else (quotient[1], normalize_unit(quotient[2]))
@@ -192,9 +194,9 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
 
 
 def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration:
-    """Polynomial through points by least squares, with the uncertainty that they leave."""
-    if isinstance(degree, bool) or not isinstance(degree, int) or not 1 <= degree <= _MOST_DEGREE:
-        raise RecordError(f"degree = {quote(degree)}; give an integer from 1 to {_MOST_DEGREE}")
+    """Least-squares polynomial through calibration points, with its uncertainty."""
+    if isinstance(degree, bool) or not isinstance(degree, int) or not 1 <= degree <= _MAX_DEGREE:
+        raise RecordError(f"degree = {quote(degree)}; give an integer from 1 to {_MAX_DEGREE}")
     if not isinstance(points, Mapping) or not {"raw", "value"} <= set(points):
         raise RecordError(
             f"points = {quote(points)}; give a file with the columns raw, value and uncertainty"
@@ -207,23 +209,23 @@ def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration
         spread = None if given is None else np.asarray(given, dtype=np.float64) * size
     except (TypeError, ValueError):
         raise RecordError("points hold something that is not a number; correct them") from None
-    here = np.isfinite(raw) & np.isfinite(value)
-    raw, value = raw[here], value[here] * size
-    needed = degree + 1 + (_FEWEST_BEYOND if spread is None else 0)
+    complete = np.isfinite(raw) & np.isfinite(value)
+    raw, value = raw[complete], value[complete] * size
+    needed = degree + 1 + (_MIN_DEGREES_OF_FREEDOM if spread is None else 0)
     if len(np.unique(raw)) < degree + 1 or len(raw) < needed:
         raise RecordError(
-            f"{len(raw)} points for a polynomial of degree {degree}; at least "
-            f"{needed} are needed" + (", or their uncertainty" if spread is None else "")
+            f"{len(raw)} points for a polynomial of degree {degree}; {needed} or more are needed"
+            + (", or their uncertainty" if spread is None else "")
         )
-    if spread is not None and not (np.isfinite(spread[here]) & (spread[here] > 0.0)).all():
+    if spread is not None and not (np.isfinite(spread[complete]) & (spread[complete] > 0.0)).all():
         raise RecordError("points: each uncertainty must be a number above 0; correct them")
-    # about the middle of the points and over their extent, where least squares lose no digits
+    # centred on the points and scaled by their extent, so that least squares are well conditioned
     middle, extent = float(raw.mean()), float(np.ptp(raw)) / 2.0
     terms = np.vander((raw - middle) / extent, degree + 1, increasing=True)
-    weight = np.ones(len(raw)) if spread is None else 1.0 / spread[here]
+    weight = np.ones(len(raw)) if spread is None else 1.0 / spread[complete]
     fitted, *_ = np.linalg.lstsq(terms * weight[:, None], value * weight, rcond=None)
     scatter = float((((value - terms @ fitted) * weight) ** 2).sum()) / max(1, len(raw) - degree - 1)
-    # what the points scatter more than their uncertainty says counts too (Birge's ratio)
+    # scatter beyond the stated uncertainty widens the result (Birge ratio)
     variance = scatter if spread is None else max(1.0, scatter)
     inverse = np.linalg.pinv(terms * weight[:, None]) * math.sqrt(variance)
     strengths, directions = np.linalg.eigh(inverse @ inverse.T)
@@ -231,5 +233,5 @@ def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration
     powers = [(Polynomial([-middle / extent, 1.0 / extent]) ** power).coef for power in range(degree + 1)]
     shifted = np.array([np.pad(power, (0, degree + 1 - len(power))) for power in powers]).T
     raw_unit = None if units.get("raw") is None else normalize_unit(units["raw"])
-    inside = (float(raw.min()), float(raw.max()))
-    return Calibration(shifted @ fitted, deviations @ shifted.T, raw_unit, unit, inside)
+    raw_range = (float(raw.min()), float(raw.max()))
+    return Calibration(shifted @ fitted, deviations @ shifted.T, raw_unit, unit, raw_range)

@@ -1,4 +1,4 @@
-"""Files of all formats: bytes to a sheet of columns, and a sheet to what its columns mean."""
+"""Files of all formats: from bytes to a sheet, and from a sheet to columns with roles."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ from granular.shared.registry import Registry
 __all__ = ["FileFormat"]
 
 MAX_BYTES = 256 * 2**20
-"""Largest file."""
+"""Maximum size of a file."""
 _MAX_LINES = 3_000_000
-"""Lines of a text, whose reading takes five hundred bytes of memory for each."""
+"""Maximum number of lines in a text; reading takes 500 bytes of memory per line."""
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -53,13 +53,13 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 _LEGACY = "cp1252"
-"""The encoding of Windows in Western Europe and America, unless a program says otherwise."""
+"""Default encoding of Windows in Western Europe and America."""
 _ROLES = {"N": FORCE, "m/s^2": ACCELERATION}
-"""The quantity of a column by the unit of its numbers."""
+"""Role of a column, by its unit."""
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-"""First bytes of a workbook of Excel 97 to 2003, whatever its file is called."""
+"""First bytes of a workbook of Excel 97 to 2003."""
 _UNIVERSAL = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*(\d{2,4}b?)[ \t\r\n]")
-"""Beginning of a universal file (SDRC): a line of -1, and the number of a data set."""
+"""Beginning of a universal file (SDRC): a line with -1, then the number of a data set."""
 _MAX_SHOWN = 20
 
 
@@ -69,9 +69,9 @@ class FileFormat(NamedTuple):
     Attributes
     ----------
     read : function
-        Of the file's bytes and the options of reading; returns a sheet, as `sheet_from_table` makes one.
+        Function of the file's bytes and the `ReadOptions`; returns a sheet, like `sheet_from_table`.
     max_bytes : int
-        Size of the largest file.
+        Maximum size of a file [bytes].
     """
 
     read: Callable[[bytes, ReadOptions], Sheet]
@@ -79,19 +79,19 @@ class FileFormat(NamedTuple):
 
 
 def interpret_record_file(
-    path: Path, options: ReadOptions, form: FileFormat | None = None
+    path: Path, options: ReadOptions, file_format: FileFormat | None = None
 ) -> SheetInterpretation:
-    """Read the columns of a file, or of the file that a description names, with their meaning, in SI."""
+    """Read the columns of a file, or of the file that a description gives, with roles and in SI."""
     file, described = described_file(path, options)
-    every = _load_calibration_points(path, described)
+    complete_options = _load_calibration_points(path, described)
     with name_description_in_errors(path, file):
-        sheet = read_sheet(file, every, form if file == path else None)
+        sheet = read_sheet(file, complete_options, file_format if file == path else None)
         with _name_file_in_errors(file):
-            return interpret_sheet(sheet, every)
+            return interpret_sheet(sheet, complete_options)
 
 
 def _load_calibration_points(path: Path, options: ReadOptions) -> ReadOptions:
-    """Return the options with the numbers of the files that calibrations name."""
+    """Return the options with the calibration points read from their files."""
     calibrations = {}
     for column, given in options.calibrations().items():
         if isinstance(given.get("points"), str):
@@ -102,11 +102,11 @@ def _load_calibration_points(path: Path, options: ReadOptions) -> ReadOptions:
 
 
 def _read_calibration_points(path: Path) -> dict[str, Any]:
-    """Points of a calibration in a file: raw, value and, where it is there, uncertainty."""
+    """Calibration points in a file: raw, value and optionally uncertainty."""
     sheet = read_sheet(path, ReadOptions())
     with _name_file_in_errors(path):
         if len(sheet.columns) < 2:
-            raise RecordError("holds one column; raw, value and uncertainty are wanted")
+            raise RecordError("holds one column; the columns raw, value and uncertainty are needed")
         columns = dict(zip(("raw", "value", "uncertainty"), sheet.columns, strict=False))
         points: dict[str, Any] = {
             name: require_numeric_values(sheet, name, column).tolist() for name, column in columns.items()
@@ -115,18 +115,18 @@ def _read_calibration_points(path: Path) -> dict[str, Any]:
     return points
 
 
-def read_sheet(path: Path, options: ReadOptions, form: FileFormat | None = None) -> Sheet:
-    """Read the columns of a file; its name's ending tells a format that is no text."""
+def read_sheet(path: Path, options: ReadOptions, file_format: FileFormat | None = None) -> Sheet:
+    """Read the columns of a file; the suffix of its name selects a binary format."""
     ending = path.suffix.lower()
-    read, max_bytes = form or (TEXT if ending in TEXT_ENDINGS else READERS.get(ending, TEXT))
+    read, max_bytes = file_format or (TEXT if ending in TEXT_ENDINGS else READERS.get(ending, TEXT))
     content = [read_bytes(path, max_bytes, RecordError)]
     with _name_file_in_errors(path):
-        return read(content.pop(), options)  # which alone holds it then
+        return read(content.pop(), options)  # popped, so that the reader can free the bytes
 
 
 @contextlib.contextmanager
 def _name_file_in_errors(path: Path) -> Iterator[None]:
-    """Context whose errors begin with the name of a file."""
+    """Put the name of a file at the beginning of errors."""
     try:
         yield
     except RecordError as error:
@@ -137,20 +137,21 @@ def _name_file_in_errors(path: Path) -> Iterator[None]:
 
 
 def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the table of a text file, in any of the encodings that instruments write."""
-    if content.startswith(_OLD_WORKBOOK):  # .xls, as many programs call their tables of text, too
+    """Read the table of a text file, in the usual encodings of instruments."""
+    if content.startswith(_OLD_WORKBOOK):  # the name .xls says nothing: many programs use it for text
         return read_workbook(content, options)
     if universal := _UNIVERSAL.match(content):
         raise RecordError(
-            f"is a universal file (data set {universal[1].decode()}), which is not read; write its motion as "
+            f"is a universal file (data set {universal[1].decode()}), which is not supported; write its "
+            "motion as "
             "CSV, with pyuff: data = pyuff.UFF(FILE).read_sets(0); numpy.savetxt('record.csv', "
             "numpy.c_[data['x'], data['data']], delimiter=',', header='time [s],height [m]', comments='')"
         )
     text, encoding = _decode_text(content)
-    del content  # some hundred megabytes
+    del content  # may be hundreds of megabytes
     count = 1 + max(text.count("\n"), text.count("\r"))
     if count > _MAX_LINES:
-        raise RecordError(f"has {count} lines; at most {_MAX_LINES} are read: sample less often, or split it")
+        raise RecordError(f"has {count} lines; the limit is {_MAX_LINES}: sample less often, or split it")
     if LABVIEW.match(text):
         sheet = read_labview(text, options)
     elif RIGOL.match(text):
@@ -163,7 +164,7 @@ def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
 
 
 def _decode_text(content: bytes) -> tuple[str, str]:
-    """Text of some bytes, and its encoding."""
+    """Decode bytes to text; return the text and its encoding."""
     marked = next((name for mark, name in _MARKS if content.startswith(mark)), None)
     if marked is None and b"\0" in content[:4096]:
         marked = _looks_like_utf16(content)
@@ -180,7 +181,7 @@ def _decode_text(content: bytes) -> tuple[str, str]:
 
 
 def _looks_like_utf16(content: bytes) -> str | None:
-    """UTF-16 without its mark has a zero in every other byte of plain text."""
+    """Return UTF-16's name if every other byte is zero, as in plain text without a byte-order mark."""
     start = content[: min(len(content), 4096) // 2 * 2]
     even, odd = start[::2].count(0), start[1::2].count(0)
     if odd > 0.4 * len(start) / 2 and not even:
@@ -190,14 +191,14 @@ def _looks_like_utf16(content: bytes) -> str | None:
 
 def _not_a_text_error(reason: str) -> RecordError:
     return RecordError(
-        f"cannot be read as text: {sanitize(reason)}; save it as CSV in UTF-8, or as a file that "
-        f"is read by its ending: {', '.join(READERS)}"
+        f"cannot be read as text: {sanitize(reason)}; save it as CSV in UTF-8, or in a format with one "
+        f"of these suffixes: {', '.join(READERS)}"
     )
 
 
 TEXT = FileFormat(read_text_table)
 TEXT_ENDINGS = frozenset((".csv", ".txt", ".dat", ".tsv"))
-"""Endings that packages cannot take, so that text is read whatever is installed."""
+"""Suffixes that installed packages cannot claim, so that text always reads as text."""
 PARQUET = FileFormat(read_parquet)
 _WORKBOOK = FileFormat(read_workbook, MAX_WORKBOOK_BYTES)
 READERS = Registry[FileFormat](
@@ -216,34 +217,37 @@ READERS = Registry[FileFormat](
     lambda ending, form: (
         isinstance(form, FileFormat) and ending == "." + ending[1:].lower() and ending not in TEXT_ENDINGS
     ),
-    "a granular.records.formats.FileFormat for an ending in small letters that no text has",
+    "a granular.records.formats.FileFormat for a suffix in lower case that is not a text suffix",
 )
-"""Formats by the endings of their names; every other file is read as text."""
+"""Formats by suffix; any other file is read as text."""
 
 
 # A time and one other column -------------------------------------------------------------------
 
 
 def read_time_series(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Read times and numbers of a file in the form of a laboratory record [s]."""
+    """Read times [s] and the values of one other column, in SI, from a file."""
     sheet = read_sheet(path, ReadOptions())
     with _name_file_in_errors(path):
         time = find_time_column(sheet)
-        other = _choose_value_column(sheet, time, unit)
-        name = sanitize(other.name) or f"column {sheet.columns.index(other) + 1}"
-        times, values = _in_si(sheet, TIME, time, "s"), _in_si(sheet, name, other, unit)
-    here, notes = np.isfinite(times) & np.isfinite(values), list(sheet.notes)
-    if not here.all():
-        first = sheet.describe_row(int(np.argmin(here)))
-        notes.append(f"{(~here).sum()} of {len(here)} samples are lost and left out: {first} first")
-    times = spread_rounded_times(times[here], notes)
+        value_column = _choose_value_column(sheet, time, unit)
+        name = sanitize(value_column.name) or f"column {sheet.columns.index(value_column) + 1}"
+        times, values = _in_si(sheet, TIME, time, "s"), _in_si(sheet, name, value_column, unit)
+    complete, notes = np.isfinite(times) & np.isfinite(values), list(sheet.notes)
+    if not complete.all():
+        first = sheet.describe_row(int(np.argmin(complete)))
+        notes.append(
+            f"{(~complete).sum()} of {len(complete)} samples are incomplete and are dropped, the first is "
+            f"{first}"
+        )
+    times = spread_rounded_times(times[complete], notes)
     if notes:
         warnings.warn(f"{sanitize(path)}: {'; '.join(notes)}", RecordWarning, stacklevel=2)
-    return times, values[here]
+    return times, values[complete]
 
 
 def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
-    """Return the only column besides the time, of that unit or name; without names the next."""
+    """Choose the only other column, the only one with this unit or role, or the first without names."""
     others = [column for column in sheet.columns if column is not time and not is_index(sheet, column)]
     choices: Sequence[list[Column]] = (
         others,
@@ -255,16 +259,16 @@ def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     if chosen is None:
         names = ", ".join(quote(column.name) for column in others[:_MAX_SHOWN])
         raise RecordError(
-            f"holds {len(others)} columns besides the time ({names}); leave one, or write its unit "
-            f"behind its name, such as 'value [{unit}]'"
+            f"holds {len(others)} columns besides the time ({names}); keep one, or write its unit "
+            f"after its name, such as 'value [{unit}]'"
         )
     return chosen[0]
 
 
 def _in_si(sheet: Sheet, name: str, column: Column, wanted: str) -> Float[np.ndarray, "n"]:
-    """Return the numbers of a column in SI; those without a unit stay as they are."""
+    """Convert the numbers of a column to SI; without a unit they are taken as SI."""
     values = require_numeric_values(sheet, name, column)
-    if column.unit is None or column.clock:
+    if column.unit is None or column.timestamp_kind:
         return values
     try:
         size, dimension = unit_size(normalize_unit(column.unit))
@@ -272,7 +276,7 @@ def _in_si(sheet: Sheet, name: str, column: Column, wanted: str) -> Float[np.nda
         raise RecordError(f"{name}: {error}") from None
     if dimension not in (unit_size(wanted)[1], unit_size("1")[1]):
         raise RecordError(
-            f"{name}: the unit {quote(column.unit)} does not fit; one of {wanted} is wanted: "
+            f"{name}: the unit {quote(column.unit)} does not fit; a unit like {wanted} is needed: "
             "correct it, or convert the numbers"
         )
     return values * size

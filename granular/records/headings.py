@@ -1,4 +1,4 @@
-"""Names, roles and units of columns, as people and programs write them."""
+"""Names, roles and units of columns, in the spellings of people and programs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TIME, HEIGHT, VELOCITY, FORCE = "time", "height", "velocity", "force"
 ACCELERATION = "acceleration"
 BASE_HEIGHT, BASE_ACCELERATION = "base_height", "base_acceleration"
 INPUT = "input"
-"""Role of what is no motion: never taken for the height unasked."""
+"""Role of quantities other than motion; never guessed to be the height."""
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -54,29 +54,29 @@ SYNONYMS = {
         pression, presión"""
     ),
 }
-"""Names of columns in lower case, without punctuation; the first that is there is taken."""
+"""Names of columns in lower case, without punctuation; the first that is present is chosen."""
 
 ANGLES = _names("angle,theta,θ,phi,φ,winkel,rotation,angulo,ángulo,roll,pitch,drehwinkel,neigung,alpha,α,β")
 """Names of columns that hold an angle."""
 PREFERRED = SYNONYMS[HEIGHT][:9]
-"""Names of the height that go before the other ones."""
+"""Names of the height with priority over the others."""
 LOADS = _names("load, last, charge, carga, axial load")
-"""Names of a force where the unit is one of a force."""
+"""Names of a force, if the unit is a unit of force."""
 COUNTERS = _names("frame,frames,sample,samples,index,n,no,nr,number,step,bild,image,muestra,échantillon")
 """Names of columns that count samples."""
 
-_OF_THE_MOTION = re.compile(
+_DERIVED_QUANTITY = re.compile(
     r"[avr][xyz]?|θr|r θ|θ[avp]|[xyz]|p[xyz]?|pixel ?[xy]|k|ke|pe|e[ckmpt]"
     r"|.*\b(energ\w+|énergie|momentum|impuls)\b.*"
 )
-"""Names of what follows from a motion, besides synonyms: other coordinates, energies, momenta."""
-NO_TIMES = frozenset(
+"""Names of quantities derived from the motion: other coordinates, energies, momenta."""
+NOT_TIME_WORDS = frozenset(
     _names(
         """frequency, freq, frequenz, fréquence, frecuencia, wavelength, wavenumber, wellenlänge, lambda,
         energy, length, strain, distance, amplitude, temperature, 2theta, order"""
     )
 )
-"""Words in names of columns that are no times, though they rise in even steps."""
+"""Words in names of columns that are not times, although they increase in even steps."""
 
 _SPELLINGS = {
     "s": "sec secs second seconds sek sekunde sekunden segundo segundos seconde secondes",
@@ -105,7 +105,7 @@ _SPELLINGS = {
     "mm/s": "mm/sec",
     "m/s^2": "m/s2 m/s² m/s/s",
 }
-"""Spellings of units that `granular.schema.units` calls otherwise."""
+"""Alternative spellings of units, by the names of `granular.schema.units`."""
 _UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
 
 _KNOWN = {
@@ -114,41 +114,41 @@ _KNOWN = {
         "ns,nm,km,mN,lbf,kgf,mrad,cm/s,in/s,ft/s,rad/s,mm/s^2,g,A,K,°C,C,Hz,Pa,kPa,bar,1,%,mA,lb,kip,psi"
     ),
 }
-"""Units that are recognised behind a name, without brackets."""
+"""Units that are recognized after a name, without brackets."""
 
 _CAPITALS = ("S", "MS", "US", "M", "MM", "CM", "UM", "IN", "FT", "DEG", "RAD")
-"""Units in capitals, which stand for those of a time or a way in headings that are all capitals."""
-_UNITS_ALONE = ("V", "mV", "mA", "counts", "px", "mm", "cm", "um", "mil", "deg", "rad", "mrad")
-"""Units that a heading may be, without a name, of what is no time."""
+"""Units of time, length and angle, in headings that are all capitals."""
+_UNITS_WITHOUT_NAME = ("V", "mV", "mA", "counts", "px", "mm", "cm", "um", "mil", "deg", "rad", "mrad")
+"""Units, other than of time, that may form a heading without a name."""
 _LONGEST = 100
-"""Characters of a header that may be a synonym and a unit without brackets."""
-_TIMES = ("s", "ms", "us")
-_LONG_TIMES = ("min", "h", "d")
-"""Units of time whose signs may be other names, as of a minimum or a height; spelt out they are times."""
+"""Maximum length of a header in which a unit without brackets is looked for."""
+_SHORT_TIME_UNITS = ("s", "ms", "us")
+_LONG_TIME_UNITS = ("min", "h", "d")
+"""Units of time whose symbols may mean something else (minimum, height); spelt out they are times."""
 _SHORTEST_WORD = 4
 _AXIS = re.compile(r" ([xyz]|abs.*|total)$")
-"""Axis of a vector behind the name of its quantity."""
-_GROUP = re.compile(r"[\[\({]([^\[\](){}]*)[\]\)}]")
-"""A unit, or a remark, in brackets."""
-_RUN = re.compile(
+"""Axis of a vector after the name of the quantity."""
+_BRACKETS = re.compile(r"[\[\({]([^\[\](){}]*)[\]\)}]")
+"""A unit or a remark in brackets."""
+_RUN_LABEL = re.compile(
     r"^(latest|run \d+|letzter durchgang|última) | (run|durchgang|essai|ensayo|serie)( nr)? \d+$"
 )
-"""Words that programs for schools put before or behind a name."""
+"""Words that school data loggers put before or after a name."""
 CHANNEL = re.compile(r"(ch|chan|channel|kanal|canal|voie|ai|ain|adc|analog|sensor) ?\d+")
-"""Normalized names of an instrument's inputs, which say nothing of what was connected."""
-_INPUT = re.compile(r"(\w) ?[ab][12]|([ui]) ?\d")
-"""Quantity, and the input of CASSY Lab that it was measured at, as in sA1; a voltage or current, as U1."""
+"""Normalized names of an instrument's inputs, which say nothing of the sensor."""
+_CASSY_INPUT = re.compile(r"(\w) ?[ab][12]|([ui]) ?\d")
+"""Quantity with its CASSY Lab input, as in sA1; a voltage or current, as in U1."""
 _TEX = re.compile(r"\\(?:mathrm|text|rm|si|unit)\b|\\[,;: !]|_\{[^}]*\}|_\w|[\${}\\]")
-_IN = re.compile(r"(.*)\b(?:in|en)\s+([^\s_,:]+)")
-_OVER = re.compile(r"(\S[^/]{0,40}?)\s+/\s+(\S+)")
-"""A quantity over its unit, with spaces about the stroke."""
-_BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
-_ENDING = re.compile(r"(.*\w)_(mm|cm|um|nm|ms|us|deg|m?rad|m[VA]|px|counts|k?Pa|kN|Hz|psi)")
-"""Endings that are a unit behind any name, which ``_in``, ``_min`` and single letters are not."""
+_NAME_IN_UNIT = re.compile(r"(.*)\b(?:in|en)\s+([^\s_,:]+)")
+_NAME_OVER_UNIT = re.compile(r"(\S[^/]{0,40}?)\s+/\s+(\S+)")
+"""A quantity over its unit, with spaces around the slash."""
+_NAME_THEN_UNIT = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
+_NAME_UNIT_SUFFIX = re.compile(r"(.*\w)_(mm|cm|um|nm|ms|us|deg|m?rad|m[VA]|px|counts|k?Pa|kN|Hz|psi)")
+"""Suffixes that are a unit after any name; ``_in``, ``_min`` and single letters are ambiguous."""
 _POWER_OF_TEN = re.compile(
     r"[x×*·]?\s*10\s*(?:\^|\*\*)?\s*\(?([+-]?\d)\)?\s*[x×*·]?\s*((?:[^\W\d]|°).*)|1[eE]([+-]?\d{1,2})\s*(\D.*)"
 )
-"""A unit behind a power of ten, as in ``x10^-3 m`` or ``1e-3 m``."""
+"""A unit after a power of ten, as in ``x10^-3 m`` or ``1e-3 m``."""
 _PREFIXES = {-9: "n", -6: "u", -3: "m", -2: "c", 3: "k"}
 _SUPERSCRIPTS = str.maketrans("⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹−", "-+0123456789-")
 
@@ -156,7 +156,7 @@ _SUPERSCRIPTS = str.maketrans("⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹−", "-+0123456
 
 
 def normalize_unit(unit: str) -> str:
-    """Spell a unit as `granular.schema.units` does, where it is known [millimetres]."""
+    """Spell a unit as in `granular.schema.units`, if it is known."""
     bare = unit.strip().strip("[](){}").strip().rstrip(".").replace("²", "^2")
     power = _POWER_OF_TEN.fullmatch(bare.translate(_SUPERSCRIPTS)) if len(bare) <= _LONGEST else None
     if power is not None:
@@ -168,31 +168,33 @@ def normalize_unit(unit: str) -> str:
 
 
 def is_unit(text: str) -> bool:
-    """Tell a cell that is a known unit and nothing else, also in brackets."""
+    """Return True for a cell that holds only a known unit, also in brackets."""
     normal = normalize_unit(text)
-    # a letter d alone is rather a name, as x_d, than a day
+    # a single d is more likely a name, as in x_d, than a day
     return (normal in _KNOWN and text.strip() != "d") or (
         normal.startswith("10^") and normal.split(" ", 1)[1] in _KNOWN
     )
 
 
 _SPLITS: tuple[tuple[re.Pattern[str], float, Any], ...] = (
-    (_IN, float("inf"), lambda name, unit: is_unit(unit)),
-    (_OVER, _LONGEST, lambda name, unit: is_unit(unit)),
-    (_BEHIND, _LONGEST, lambda name, unit: is_unit(unit) and guess_column_role(name) is not None),
-    (_ENDING, _LONGEST, lambda name, unit: True),
+    (_NAME_IN_UNIT, float("inf"), lambda name, unit: is_unit(unit)),
+    (_NAME_OVER_UNIT, _LONGEST, lambda name, unit: is_unit(unit)),
+    (_NAME_THEN_UNIT, _LONGEST, lambda name, unit: is_unit(unit) and guess_column_role(name) is not None),
+    (_NAME_UNIT_SUFFIX, _LONGEST, lambda name, unit: True),
 )
-"""Headings with a unit that is not in brackets: their form, their most characters, and what else must hold.
+"""Headings with a unit without brackets: pattern, maximum length and further condition.
 
-``height in mm``; the quotient ``s / mm`` of ISO 80000 by any name; ``height/mm``, ``height_mm``, ``height
-mm``, ``height, mm`` where name and unit are known; ``x_mm``.
+``height in mm``; the quotient ``s / mm`` of ISO 80000 with any name; ``height/mm``, ``height_mm``, ``height
+mm``, ``height, mm`` if name and unit are known; ``x_mm``.
 """
 
 
 def parse_header(cell: str) -> tuple[str, str | None]:
     """Split a column's header into its name and its unit."""
     cell = cell.strip()
-    if ("$" in cell or "_{" in cell) and len(cell) <= _LONGEST:  # Tracker writes t_{1} without TeX's dollars
+    if ("$" in cell or "_{" in cell) and len(
+        cell
+    ) <= _LONGEST:  # Tracker writes t_{1} without TeX's dollar signs
         cell = _TEX.sub("", cell).strip()
     group = _find_unit_brackets(cell)
     if group is not None:
@@ -200,26 +202,28 @@ def parse_header(cell: str) -> tuple[str, str | None]:
         unit = group[1].strip() or None
         if unit is None or is_unit(unit) or group[0][0] == "[" or len(cell) > _LONGEST:
             return rest, unit
-        name, before = parse_header(rest)  # a remark behind a unit without brackets, or alone
+        name, before = parse_header(rest)  # the brackets hold a remark, perhaps after a unit without brackets
         if before is not None:
             return f"{name} {group[0]}", before
         if " " in unit or unit == "t" or unit.isdigit():
             return cell, None
-        # a unit that is less usual, as mN, or one that is not known, or a part of the name
+        # an unusual unit such as mN, an unknown unit, or part of the name
         return (rest if not rest or dimension_of(unit) else cell), unit
     for form, longest, fits in _SPLITS:
         match = form.fullmatch(cell) if len(cell) <= longest else None
         if match is not None and fits(match[1], match[2]):
             name = match[1].strip()
-            return name or (TIME if normalize_unit(match[2]) in _TIMES else ""), match[2]
+            return name or (TIME if normalize_unit(match[2]) in _SHORT_TIME_UNITS else ""), match[2]
     normal = normalize_unit(cell)
-    if (normal in _TIMES and len(cell) > 1) or (normal in _LONG_TIMES and len(cell) >= _SHORTEST_WORD):
+    if (normal in _SHORT_TIME_UNITS and len(cell) > 1) or (
+        normal in _LONG_TIME_UNITS and len(cell) >= _SHORTEST_WORD
+    ):
         return TIME, cell
-    return cell, cell if normal in _UNITS_ALONE and len(cell) > 1 else None
+    return cell, cell if normal in _UNITS_WITHOUT_NAME and len(cell) > 1 else None
 
 
 def name_and_unit(header: str, label: str | None, notes: list[str]) -> tuple[str, str | None]:
-    """Name and unit of a column: the unit by a label beside the header, if there is one, or by the header."""
+    """Name and unit of a column; a separate label of the unit takes precedence over the header."""
     name, unit = parse_header(header)
     label = (label or "").strip("[](){} ")
     known = unit is not None and is_unit(unit)
@@ -227,45 +231,45 @@ def name_and_unit(header: str, label: str | None, notes: list[str]) -> tuple[str
         return name, unit
     if known and normalize_unit(str(unit)) != normalize_unit(label):
         word = shlex.quote(f"{name}={sanitize(unit)}")
-        notes.append(f"{quote(header)} is in {sanitize(label)}, as its label says (--units {word})")
+        notes.append(f"{quote(header)} is in {sanitize(label)} according to its label (--units {word})")
     return name, label
 
 
 def _find_unit_brackets(cell: str) -> re.Match[str] | None:
-    """Brackets of a header that hold its unit, by what stands in them or else by their kind."""
-    groups = list(_GROUP.finditer(cell))
+    """Find the brackets with the unit in a header, by their content or else their kind."""
+    groups = list(_BRACKETS.finditer(cell))
     units = [group for group in groups if is_unit(group[1])]
-    named = [group for group in units if group[1].strip() != "1"]
+    dimensional = [group for group in units if group[1].strip() != "1"]
     square = [group for group in groups if group[0].startswith("[")]
-    return [None, *groups[:1], *square, *units, *named][-1]
+    return [None, *groups[:1], *square, *units, *dimensional][-1]
 
 
 def role_of_component(name: str) -> str | None:
-    """Guess the role of a column by its name without the axis, as of ``Gyroscope x``."""
+    """Guess the role of a column from its name without the axis, as in ``Gyroscope x``."""
     return guess_column_role(_AXIS.sub("", normalize_column_name(name)))
 
 
 def normalize_column_name(name: str) -> str:
-    """Reduce a column's name to its words in lower case, without remarks in brackets and a run's number."""
-    words = re.sub(r"[\W_]+", " ", _GROUP.sub(" ", name.lower())).split()
-    phrase = _RUN.sub("", " ".join(words))
-    match = _INPUT.fullmatch(phrase)
+    """Reduce a column's name to lower-case words, without remarks in brackets and run numbers."""
+    words = re.sub(r"[\W_]+", " ", _BRACKETS.sub(" ", name.lower())).split()
+    phrase = _RUN_LABEL.sub("", " ".join(words))
+    match = _CASSY_INPUT.fullmatch(phrase)
     return (match[1] or match[2]) if match else phrase
 
 
-def tells_of_motion(name: str) -> bool:
-    """Return True for a name of what follows from the motion, as its energy, or counts its samples."""
+def is_derived_from_motion(name: str) -> bool:
+    """Return True for a name of a quantity derived from motion, such as energy, or of a sample counter."""
     words = normalize_column_name(name)
     return (
         guess_column_role(name) in (TIME, HEIGHT, VELOCITY, ACCELERATION)
         or words in COUNTERS
-        or _OF_THE_MOTION.fullmatch(words) is not None
+        or _DERIVED_QUANTITY.fullmatch(words) is not None
         or role_of_component(name) in (VELOCITY, ACCELERATION)
     )
 
 
 def guess_column_role(name: str) -> str | None:
-    """Guess the role of a column by its name, from `SYNONYMS`."""
+    """Guess the role of a column from its name, by `SYNONYMS`."""
     words = normalize_column_name(name)
     return next((role for role, known in SYNONYMS.items() if words in known), None)
 
@@ -281,47 +285,47 @@ SI = {
     BASE_HEIGHT: "m",
     BASE_ACCELERATION: "m/s^2",
 }
-"""Units by roles, where the coordinate is a height."""
+"""SI unit of each role, for a height as the coordinate."""
 CoordinateUnit = Literal["m", "rad"]
 COORDINATES: dict[CoordinateUnit, str] = {"m": "height", "rad": "angle"}
-"""Names of the coordinate by its unit in SI."""
+"""Name of the coordinate by its SI unit."""
 ANGLE_UNITS = ("deg", "rad", "mrad")
-_LEVEL = re.compile(r"dB(\W.*|[a-zA-Zµ]{0,3})")
-_SPECIAL = {
+_DECIBEL = re.compile(r"dB(\W.*|[a-zA-Zµ]{0,3})")
+_UNITS_BY_ROLE = {
     **{(role, "g"): (9.80665, "m/s^2") for role in (ACCELERATION, BASE_ACCELERATION)},
     **{(role, "mg"): (9.80665e-3, "m/s^2") for role in (ACCELERATION, BASE_ACCELERATION)},
     (FORCE, "lb"): (4.4482216152605, "N"),
     (FORCE, "kg"): (9.80665, "N"),
     (FORCE, "g"): (9.80665e-3, "N"),
 }
-"""Units that mean another thing in a role: the acceleration of gravity, and forces as masses."""
+"""Units with a special meaning in a role: multiples of gravity, and masses used as forces."""
 
 
 def example_unit(role: str) -> str:
-    """Return a unit to name in a remedy for a role's column."""
+    """Return an example of a unit for a role, for error messages."""
     return "mm" if role in (HEIGHT, BASE_HEIGHT) else SI.get(role, "V")
 
 
-def is_level(unit: str) -> bool:
-    """Tell a logarithmic unit, as dB and dBm."""
-    return _LEVEL.fullmatch(unit) is not None
+def is_logarithmic_unit(unit: str) -> bool:
+    """Return True for a logarithmic unit such as dB or dBm."""
+    return _DECIBEL.fullmatch(unit) is not None
 
 
 def si_unit_of_role(role: str, coordinate_unit: CoordinateUnit = "m") -> str:
-    """SI unit that a role's column is converted to."""
+    """SI unit to which the column of a role is converted."""
     return SI.get(role, "").replace("m", coordinate_unit)
 
 
 def role_unit_size(role: str, unit: str) -> tuple[float, Dimension]:
     """SI size and dimension of a unit in a role's column."""
-    if (role, unit) not in _SPECIAL:
+    if (role, unit) not in _UNITS_BY_ROLE:
         return unit_size(unit)
-    size, plain = _SPECIAL[role, unit]
+    size, plain = _UNITS_BY_ROLE[role, unit]
     return size, unit_size(plain)[1]
 
 
 def dimension_of(unit: str | None, role: str = "") -> Dimension | None:
-    """Physical dimension of a unit, in any spelling; None where there is none, or it is not known."""
+    """Physical dimension of a unit in any spelling; None if it is missing or unknown."""
     try:
         return None if unit is None else role_unit_size(role, normalize_unit(unit))[1]
     except SceneError:
@@ -329,18 +333,19 @@ def dimension_of(unit: str | None, role: str = "") -> Dimension | None:
 
 
 def has_dimension_of(unit: str | None, *wanted: str) -> bool:
-    """Return True for a unit of the same physical dimension as one of some others."""
+    """Return True for a unit with the dimension of one of the other units."""
     return dimension_of(unit) in [unit_size(other)[1] for other in wanted]
 
 
 def size_of_quantity(role: str, text: str) -> float:
-    """SI size of the unit that a quantity of pint or astropy carries, in a role or a further column."""
+    """SI size of the unit of a pint or astropy quantity, in a role or a further column."""
     try:
         size, dimension = role_unit_size(role, normalize_unit(text))
     except SceneError as error:
         raise RecordError(f"{sanitize(role)}: {error}; convert the quantity") from None
     if role in SI and dimension not in [unit_size(si_unit_of_role(role, unit))[1] for unit in COORDINATES]:
         raise RecordError(
-            f"{role}: the unit {quote(text)} does not fit; one of {SI[role]} is wanted: convert the quantity"
+            f"{role}: the unit {quote(text)} does not fit; a unit like {SI[role]} is needed: convert the "
+            "quantity"
         )
     return size

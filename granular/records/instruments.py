@@ -1,4 +1,4 @@
-"""Measurements of instruments: LabVIEW's text (.lvm) and TDMS, waveforms of Rigol oscilloscopes."""
+"""Files of instruments: LabVIEW text (.lvm) and TDMS, waveforms of Rigol oscilloscopes."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ _X_VALUE = "x_value"
 LABVIEW = re.compile(r"\s*LabVIEW Measurement")
 """First words of a LabVIEW measurement file (.lvm)."""
 RIGOL = re.compile(r"X(,[^,\r\n]+)+,Start,Increment,?\s*[\r\n]+Sequence,")
-"""First two lines in files of the series DS1000Z, DS2000 and DS4000."""
+"""First two lines in files of the oscilloscope series DS1000Z, DS2000 and DS4000."""
 
 
 def read_labview(text: str, options: ReadOptions) -> Sheet:
-    """Read the first segment of a LabVIEW measurement file (.lvm) [s]."""
+    """Read the first segment of a LabVIEW measurement file (.lvm); times in s."""
     lines = re.split(r"\r\n|\r|\n", text)
     ends = [k for k, line in enumerate(lines) if line.strip().startswith(_END)]
     if not ends:
-        raise RecordError(f"has no line {_END}; write the measurement anew")
-    mark = "," if any(line.startswith("Separator,") for line in lines[: ends[0]]) else "\t"
-    file_head = _header_entries(lines[: ends[0]], mark)
-    decimal = options.decimal or file_head.get("Decimal_Separator", ["."])[0]
-    without_times = file_head.get("X_Columns", [""])[0] == "No"
-    head = _header_entries(lines[ends[0] + 1 : ends[1]], mark) if len(ends) > 1 else {}
+        raise RecordError(f"has no line {_END}; write the measurement again")
+    separator = "," if any(line.startswith("Separator,") for line in lines[: ends[0]]) else "\t"
+    file_header = _header_entries(lines[: ends[0]], separator)
+    decimal = options.decimal or file_header.get("Decimal_Separator", ["."])[0]
+    without_times = file_header.get("X_Columns", [""])[0] == "No"
+    header = _header_entries(lines[ends[0] + 1 : ends[1]], separator) if len(ends) > 1 else {}
     begin = ends[:2][-1] + 1
     later = next((k for k in range(begin + 1, len(lines)) if lines[k].startswith("Channels")), None)
     body = "\n".join([*[""] * begin, *lines[begin:later]])
@@ -56,23 +56,23 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
     sheet = read_delimited(body, decimal, 0)
     sheet.form = "LabVIEW measurement"
     if later is not None:
-        sheet.notes.append(f"segments from line {later + 1} on are left out")
-    labels = head.get("Y_Unit_Label", [])[: len(sheet.columns) - 1]
+        sheet.notes.append(f"segments from line {later + 1} on are not read")
+    labels = header.get("Y_Unit_Label", [])[: len(sheet.columns) - 1]
     for column, label in itertools.zip_longest(sheet.columns[1:], labels):
         column.name, unit = name_and_unit(column.heading, label, sheet.notes)
         column.unit = unit if label or is_unit(unit or "") else None
     channels, times = [], None
-    clock = functools.cache(_even_times)  # one array for channels that share a clock
+    sampling_times = functools.cache(_even_times)  # one array for channels that share a clock
     for number, column in enumerate(sheet.columns):
         name = column.name.lower()
-        start = _seconds_of_start(head, number if name == _X_VALUE else number - 1)
+        start = _start_delay(header, number if name == _X_VALUE else number - 1)
         if name == _X_VALUE:
             times = column.values if column.values is None or start == 0.0 else column.values + start
         elif name != "comment" and column.values is not None:
             if without_times:
                 # National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020.
-                first, step = (_header_number(head, key, number - 1, decimal) for key in ("X0", "Delta_X"))
-                times = clock(first + start, step, len(column.values))
+                first, step = (_header_number(header, key, number - 1, decimal) for key in ("X0", "Delta_X"))
+                times = sampling_times(first + start, step, len(column.values))
             if times is not None:
                 channels.append(SampledChannel(column, times))
     if channels:
@@ -80,26 +80,26 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
     return sheet
 
 
-def _seconds_of_start(head: dict[str, list[str]], channel: int) -> float:
-    """Return the start of a channel after the first one's [s]; 0 where the header does not hold both."""
-    days, times = head.get("Date", []), head.get("Time", [])
+def _start_delay(header: dict[str, list[str]], channel: int) -> float:
+    """Delay of a channel's start after the first channel's [s]; 0 if the header does not give both."""
+    days, times = header.get("Date", []), header.get("Time", [])
     try:
-        first, own = (
+        first, start = (
             datetime.datetime.fromisoformat(f"{days[k].replace('/', '-')} {times[k].replace(',', '.')}")
             for k in (0, channel)
         )
     except (IndexError, ValueError):
         return 0.0
-    return (own - first).total_seconds()
+    return (start - first).total_seconds()
 
 
-def _header_entries(lines: list[str], mark: str) -> dict[str, list[str]]:
-    rows = [line.strip().split(mark) for line in lines]
+def _header_entries(lines: list[str], separator: str) -> dict[str, list[str]]:
+    rows = [line.strip().split(separator) for line in lines]
     return {name: [value.strip() for value in values] or [""] for name, *values in rows}
 
 
-def _header_number(head: dict[str, list[str]], name: str, channel: int, decimal: str) -> float:
-    entries = head.get(name, [""])
+def _header_number(header: dict[str, list[str]], name: str, channel: int, decimal: str) -> float:
+    entries = header.get(name, [""])
     text = entries[min(channel, len(entries) - 1)].replace(decimal, ".")
     try:
         return float(text)
@@ -110,11 +110,11 @@ def _header_number(head: dict[str, list[str]], name: str, channel: int, decimal:
 
 
 def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
-    """Read a group of a TDMS file of LabVIEW: the first with samples, or that which ``sheet`` names."""
+    """Read the group of a LabVIEW TDMS file that ``sheet`` names, or else the first with samples."""
     (groups, notes), arrays = read_within_limits(list_channels, content)
-    filled = {name: some for name, some in options.select_table(groups, "group").items() if some}
+    filled = {name: found for name, found in options.select_table(groups, "group").items() if found}
     if not filled:
-        raise RecordError("holds no channel with samples; export it anew")
+        raise RecordError("holds no channel with samples; export it again")
     name, channels = next(iter(filled.items()))
     if len(filled) > 1:
         notes.append(note_on_other_tables("group", list(filled)))
@@ -123,27 +123,29 @@ def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
         timed = []
     length = len(arrays[(timed or channels)[0]["values"]])
     columns, times = [], []
-    clock = functools.cache(_even_times)
+    sampling_times = functools.cache(_even_times)
     for channel in channels:
         values = arrays[channel["values"]]
         if channel not in timed and len(values) != length:
-            notes.append(f"{quote(channel['name'])} has {len(values)} samples, not {length}, and is left out")
+            notes.append(f"{quote(channel['name'])} has {len(values)} samples, not {length}, and is dropped")
             continue
-        named, unit = name_and_unit(channel["name"], channel["unit"], notes)
+        column_name, unit = name_and_unit(channel["name"], channel["unit"], notes)
         unit = unit if channel["unit"] or is_unit(unit or "") else None
-        columns.append(Column(named, unit, np.asarray(values, dtype=np.float64), heading=channel["name"]))
+        columns.append(
+            Column(column_name, unit, np.asarray(values, dtype=np.float64), heading=channel["name"])
+        )
         if timed:
-            own, first = channel if channel["step"] else timed[0], timed[0]
-            both = None not in (own["start"], first["start"])
-            delay = float(own["start"] - first["start"]) * 1e-6 if both else 0.0
-            times.append(clock(delay + own["offset"], own["step"], len(values)))
+            waveform, first = channel if channel["step"] else timed[0], timed[0]
+            both_known = None not in (waveform["start"], first["start"])
+            delay = float(waveform["start"] - first["start"]) * 1e-6 if both_known else 0.0
+            times.append(sampling_times(delay + waveform["offset"], waveform["step"], len(values)))
     if timed:
         columns = columns_on_one_clock(list(map(SampledChannel, columns, times)), options, notes)
     return Sheet(columns, None, True, f"group {quote(name)} of a TDMS file", notes)
 
 
 def list_channels(content: bytes) -> Content:
-    """Channels of numbers of each group of a TDMS file, and notes on it; starts in us."""
+    """Numeric channels of each group of a TDMS file, with starts in us, and notes."""
     arrays: list[np.ndarray] = []
     groups: dict[str, list[dict[str, Any]]] = {}
     with report_parsing_errors("a TDMS file", "npTDMS", "labview"):
@@ -167,7 +169,7 @@ def list_channels(content: bytes) -> Content:
                     groups[group.name].append(plain)
                     arrays.append(values)
     check_count(sum(array.size for array in arrays))
-    cut = "its last segment is incomplete: what is there of it is read"
+    cut = "its last segment is incomplete; the samples present in it are read"
     return [groups, [cut] if file.file_status.incomplete_final_segment else []], arrays
 
 
@@ -176,21 +178,21 @@ def list_channels(content: bytes) -> Content:
 
 def read_rigol(text: str) -> Sheet:
     """Read the channels of a Rigol waveform; sample n is at ``Start`` + n ``Increment`` [s]."""
-    names, said = (line.rstrip(",").split(",") for line in text.splitlines()[:2])
+    names, entries = (line.rstrip(",").split(",") for line in text.splitlines()[:2])
     channels = names[1:-2]
-    if len(said) != len(names):
-        raise RecordError(f"line 2 has {len(said)} entries, line 1 {len(names)}; save it anew")
-    first, step = _parse_seconds(said[-2]), _parse_seconds(said[-1])
+    if len(entries) != len(names):
+        raise RecordError(f"line 2 has {len(entries)} entries, line 1 {len(names)}; save it again")
+    first, step = _parse_seconds(entries[-2]), _parse_seconds(entries[-1])
     sheet = read_delimited(text, ".", 2)
     if len(sheet.columns) != len(channels) + 1:
         raise RecordError(
-            f"line 3 has {len(sheet.columns)} values for {len(channels) + 1} columns; save it anew"
+            f"line 3 has {len(sheet.columns)} values for {len(channels) + 1} columns; save it again"
         )
     sequence, *values = (column.values for column in sheet.columns)
     if sequence is None:
-        raise RecordError("the numbers of samples are none; save it anew")
+        raise RecordError("the sample numbers are not numeric; save it again")
     times = Column(TIME, "s", np.asarray(first + step * sequence))
-    sheet.columns = [times, *map(Column, channels, said[1:-2], values)]
+    sheet.columns = [times, *map(Column, channels, entries[1:-2], values)]
     sheet.header, sheet.form = True, "waveform of a Rigol oscilloscope"
     return sheet
 
@@ -202,7 +204,7 @@ def _parse_seconds(text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise RecordError(
-            f"line 2 ends with {quote(text)}, where start and increment in seconds are wanted; save it anew"
+            f"line 2 ends with {quote(text)} instead of start and increment in seconds; save it again"
         )
     return value
 
@@ -210,9 +212,9 @@ def _parse_seconds(text: str) -> float:
 # Channels with clocks ----------------------------------------------------------------------------
 
 _MOTION = (HEIGHT, ANGLE, STROKE, VELOCITY, ACCELERATION)
-_SAME = 1e-3
-"""Fraction of a step of the clock up to which two times are the same."""
-_LEAST_SAMPLES = 2
+_TIME_TOLERANCE = 1e-3
+"""Difference of two times, over the sampling interval, up to which they are equal."""
+_MIN_SAMPLES = 2
 
 
 def _even_times(first: float, step: float, count: int) -> Float[np.ndarray, "n"]:
@@ -220,7 +222,7 @@ def _even_times(first: float, step: float, count: int) -> Float[np.ndarray, "n"]
 
 
 class SampledChannel(NamedTuple):
-    """Channel of an instrument, with values, and the times of its samples [s]."""
+    """Channel of an instrument, and the times of its samples [s]."""
 
     column: Column
     times: Float[np.ndarray, "n"]
@@ -229,28 +231,32 @@ class SampledChannel(NamedTuple):
 def columns_on_one_clock(
     channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
 ) -> list[Column]:
-    """Return the times of the motion's channel, those that all with a role share, with all channels."""
+    """Interpolate all channels to the motion's times, cut to the interval common to channels with a role."""
     motion = _motion_channel(channels, options)
     times = motion.times
-    slack = _SAME * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    tolerance = _TIME_TOLERANCE * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     common = np.isfinite(times)
-    for column, own in channels:
-        if own is times or (
-            len(own) == len(times) and np.allclose(own, times, rtol=0.0, atol=slack, equal_nan=True)
+    for column, channel_times in channels:
+        if channel_times is times or (
+            len(channel_times) == len(times)
+            and np.allclose(channel_times, times, rtol=0.0, atol=tolerance, equal_nan=True)
         ):
             continue
         assert column.values is not None
-        known = np.isfinite(own) & np.isfinite(column.values)
+        known = np.isfinite(channel_times) & np.isfinite(column.values)
         values = np.full(len(times), np.nan)
         if known.any():
-            inside = (times >= own[known][0] - slack) & (times <= own[known][-1] + slack)
-            values[inside] = np.interp(times[inside], own[known], column.values[known])
+            known_times = channel_times[known]
+            inside = (times >= known_times[0] - tolerance) & (times <= known_times[-1] + tolerance)
+            values[inside] = np.interp(times[inside], known_times, column.values[known])
         column.values = values
-        notes.append(_note_on_clock(column.name, motion.column.name, float(own[0] - times[0]), slack))
+        notes.append(
+            _note_on_clock(column.name, motion.column.name, float(channel_times[0] - times[0]), tolerance)
+        )
         together = common & np.isfinite(values)
-        if _has_role(column, options) and together.sum() >= _LEAST_SAMPLES:
+        if _has_role(column, options) and together.sum() >= _MIN_SAMPLES:
             if together.sum() < common.sum():
-                notes[-1] += "; the record is cut to those of both"
+                notes[-1] += "; the record is cut to the times common to both"
             common = together
     columns = [Column(TIME, "s", times), *(column for column, _ in channels)]
     if not common.all():
@@ -261,10 +267,10 @@ def columns_on_one_clock(
 
 
 def _motion_channel(channels: Sequence[SampledChannel], options: ReadOptions) -> SampledChannel:
-    """Channel that the options, or else its name, calls the coordinate; or else the first."""
-    for said in (str(options.columns[role]) for role in _MOTION if role in options.columns):
+    """Channel of the coordinate by the options, or else by its name, or else the first."""
+    for requested in (str(options.columns[role]) for role in _MOTION if role in options.columns):
         for number, channel in enumerate(channels, start=2):  # the times are column 1
-            if channel.column.is_called(said) or said == str(number):
+            if channel.column.has_name(requested) or requested == str(number):
                 return channel
     named = (channel for channel in channels if guess_column_role(channel.column.name) == HEIGHT)
     return next(named, channels[0])
@@ -272,11 +278,11 @@ def _motion_channel(channels: Sequence[SampledChannel], options: ReadOptions) ->
 
 def _has_role(column: Column, options: ReadOptions) -> bool:
     return guess_column_role(column.name) is not None or any(
-        column.is_called(str(said)) for said in options.columns.values()
+        column.has_name(str(requested)) for requested in options.columns.values()
     )
 
 
-def _note_on_clock(name: str, other: str, delay: float, slack: float) -> str:
-    when = f"starts {abs(delay):.4g} s {'after' if delay > 0.0 else 'before'} {quote(other)}"
-    what = when if abs(delay) > slack else f"is sampled at other times than {quote(other)}"
-    return f"{quote(name)} {what}, and is read at the times of the latter"
+def _note_on_clock(name: str, other: str, delay: float, tolerance: float) -> str:
+    start = f"starts {abs(delay):.4g} s {'after' if delay > 0.0 else 'before'} {quote(other)}"
+    difference = start if abs(delay) > tolerance else f"is sampled at other times than {quote(other)}"
+    return f"{quote(name)} {difference}, and is interpolated to the times of the latter"

@@ -1,8 +1,9 @@
-"""Instructions of a user on reading a file, where the guess is wrong or is to be repeated.
+"""Options for reading a file, to correct a guess or to make it explicit.
 
-It is said in a call, or in a *description*, ``record.toml``, which names the file by a path from
-itself, upwards too, or by an absolute path. Of a file that does not lie below its description, no
-error shows what is in it: who wrote the description need not be who may read that file.
+Options are given in a call or in a *description*, ``record.toml``. A description gives the file by an
+absolute path, or by a path relative to the description, also upwards. If the file is not below its
+description, errors do not quote its content: the author of a description may lack permission to read
+the file.
 """
 
 from __future__ import annotations
@@ -26,19 +27,19 @@ from granular.shared.files import read_toml, write_text
 T = TypeVar("T")
 
 FILE = "file"
-"""Key of the file that is described, as a path from the description."""
+"""Key of a description for the path of the file."""
 _MISSPELT = 0.8
-"""Similarity to a role from which on a name is no input's, but that role misspelt."""
+"""Similarity to a role above which a name is refused as a misspelt role."""
 _MAX_BYTES = 2**20
-"""Longest description; a scene, which may be longer, is not read to see that it is none."""
+"""Maximum size of a description; larger TOML files are taken as scenes without reading."""
 ALL = "all"
-"""All releases of a record."""
+"""Value of ``release`` for all releases of a record."""
 ANGLE = "angle"
-"""Name of the height's column in ``columns`` and ``units`` if it is an angle."""
+"""Alias of the height in ``columns`` and ``units`` for an angle."""
 STROKE = "stroke"
-"""Role of ``columns`` for the height's column where it is prescribed, and the force is measured."""
+"""Alias of the height in ``columns`` for a prescribed height with a measured force."""
 ROLES = ("time", "height", "velocity", "force", "acceleration", "base_height", "base_acceleration")
-"""Columns of a record that have a meaning."""
+"""Roles of columns."""
 
 
 _KINDS: tuple[tuple[tuple[str, ...], Any, str], ...] = (
@@ -47,50 +48,50 @@ _KINDS: tuple[tuple[tuple[str, ...], Any, str], ...] = (
     (("sheet",), str | None, "give a name"),
     (("scale", "zero"), str | Mapping | None, "give a text with units"),
 )
-"""Types of options, and what to say where another is given."""
+"""Types of options, and the advice for any other type."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ReadOptions:
-    """Instructions on reading a file. What is not said is guessed.
+    """Options for reading a file; options that are not given are guessed.
 
     Attributes
     ----------
     columns : mapping of str to str
-        Which column is the time, the height (or any other coordinate), the angle, the stroke (a
-        height that is prescribed, of a record whose force is measured), the velocity, the force,
-        the acceleration, and height or acceleration of the base: by its name in the file, or by its
-        number from 1. Any other name calls a column so, as an input of a law.
+        Column of each role, by its name in the file or its number from 1. Roles are ``time``,
+        ``height`` (or any other coordinate), ``angle``, ``stroke`` (a prescribed height in a record
+        with a measured force), ``velocity``, ``force``, ``acceleration``, ``base_height`` and
+        ``base_acceleration``. Any other key names a column as an input of a law.
     units : mapping of str to str
-        Units by those names, or by names in the file.
+        Units by role, or by name in the file.
     decimal : str or None
         ``"."`` or ``","``.
     skip : int
-        Lines at the head of the file that are no part of the table.
+        Number of lines to skip at the beginning of the file.
     sheet : str or None
-        Of a workbook, or the variable of a MATLAB file.
+        Sheet of a workbook, variable of a MATLAB file, or group of a TDMS file.
     flip : bool
-        Whether the coordinate grows downwards, as the distance from a sensor above does.
+        True if the coordinate increases downwards, such as the distance from a sensor above.
     between : tuple of float or None
-        The samples from this time to that one [s].
+        First and last time of the samples to keep [s].
     scale, zero : str, mapping of str to str, or None
-        Calibration of the height's column, such as ``"2.4894 mm/V"`` and ``"2.513 V"``, or of
-        several by their roles or names; see `granular.records.calibration`.
+        Calibration of the height, such as ``"2.4894 mm/V"`` and ``"2.513 V"``, or of several
+        columns by role or name; see `granular.records.calibration`.
     calibration : mapping of str to any
-        The same with its other forms, ``coefficients`` or ``points``, of the height or by columns;
-        as in a description, where ``points`` names a file.
+        Calibration in its other forms, ``coefficients`` or ``points``, of the height or by column;
+        in a description ``points`` is the name of a file.
     release : int, str or None
-        Which of several releases is the record, from 1, or ``"all"`` for all of them; heeded where
-        the motion in a record is looked for (`reduced_models.records.free_motion`).
+        Number from 1 of the release to use, or ``"all"``. Used only when free motion is extracted
+        from a record (`reduced_models.records.free_motion`).
     rate : str, float or None
-        Samples a second [Hz] of a file without times.
+        Sampling rate [Hz] of a file without times.
     sort : bool
-        Whether rows are put in the order of their times, those of one time as their mean.
+        True to sort rows by time and to average rows at equal times.
 
     Raises
     ------
     RecordError
-        If a key or a value is none of these.
+        If a key or a value is not valid.
     """
 
     columns: Mapping[str, str | int] = dataclasses.field(default_factory=dict)
@@ -125,7 +126,9 @@ class ReadOptions:
         if self.release not in (None, ALL):
             number = str(self.release)
             fits = number.isdigit() and int(number) > 0 and self.between is None
-            self._require("release", fits, "give a number from 1, or 'all', and no times (between) with it")
+            self._require(
+                "release", fits, "give a number from 1, or 'all', and do not combine it with between"
+            )
             object.__setattr__(self, "release", int(number))
         if self.rate is not None:
             object.__setattr__(self, "rate", _parse_sampling_rate(self.rate))
@@ -136,20 +139,20 @@ class ReadOptions:
         if not fits:
             raise RecordError(f"{name} = {quote(getattr(self, name))}; {advice}")
 
-    def merge(self, more: ReadOptions) -> ReadOptions:
-        """Combine these options with others, which go before them."""
-        plain, over = self.to_plain(), more.to_plain()
-        both = {key: {**plain.get(key, {}), **over.get(key, {})} for key in ("columns", "units")}
+    def merge(self, overrides: ReadOptions) -> ReadOptions:
+        """Combine these options with others, which take precedence."""
+        plain, over = self.to_plain(), overrides.to_plain()
+        merged = {key: {**plain.get(key, {}), **over.get(key, {})} for key in ("columns", "units")}
         calibrations = self.calibrations()
-        for column, given in more.calibrations().items():
+        for column, given in overrides.calibrations().items():
             before = calibrations.get(column, {})
-            same = all(key in before or key == "zero" for key in given)
-            calibrations[column] = {**before, **given} if same else given
+            same_form = all(key in before or key == "zero" for key in given)
+            calibrations[column] = {**before, **given} if same_form else given
         given = {"scale": None, "zero": None, "calibration": calibrations}
-        return ReadOptions(**{**plain, **over, **both, **given})
+        return ReadOptions(**{**plain, **over, **merged, **given})
 
     def calibrations(self) -> dict[str, dict[str, Any]]:
-        """Collect what is said of the calibration of each column, by its role or name."""
+        """Collect the calibration of each column, by role or name."""
         result: dict[str, dict[str, Any]] = {}
         for name in ("scale", "zero"):
             given = getattr(self, name)
@@ -167,7 +170,7 @@ class ReadOptions:
         return result
 
     def select_table(self, tables: Mapping[str, T], kind: str) -> Mapping[str, T]:
-        """Select the table of a file that ``sheet`` names; all where it names none."""
+        """Select the table named by ``sheet``, or all tables if it is None."""
         if self.sheet is None:
             return tables
         if self.sheet not in tables:
@@ -176,7 +179,7 @@ class ReadOptions:
         return {self.sheet: tables[self.sheet]}
 
     def to_plain(self) -> dict[str, Any]:
-        """Convert the options to plain data, without those that are not given."""
+        """Convert the options to plain data, without defaults."""
         calibrations = self.calibrations()
         of_height = calibrations.get("height", {})
         short = list(calibrations) == ["height"] and set(of_height) <= {"scale", "zero"}
@@ -192,7 +195,7 @@ class ReadOptions:
 
 
 def note_on_other_tables(kind: str, names: Sequence[str]) -> str:
-    """Note that the first of several tables of a file is read, and how another one is."""
+    """Note that the first of several tables is read, and the option for another one."""
     return (
         f"the {kind} {quote(names[0])}, the first of {len(names)}, is read (another: --sheet "
         f"{shlex.quote(sanitize(names[1]))})"
@@ -200,7 +203,7 @@ def note_on_other_tables(kind: str, names: Sequence[str]) -> str:
 
 
 def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
-    """Make options of the plain data of `ReadOptions.to_plain`."""
+    """Make options from plain data as of `ReadOptions.to_plain`."""
     known = tuple(field.name for field in dataclasses.fields(ReadOptions))
     for key in plain:
         if key not in known:
@@ -209,7 +212,7 @@ def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
 
 
 def _check_role(role: str) -> None:
-    """Refuse a name that is no role, and is no plain word for an input or nearly a role."""
+    """Refuse a name that is neither a role nor a valid name of an input, or is nearly a role."""
     known = (*ROLES, ANGLE, STROKE)
     misspelt = difflib.get_close_matches(role, known, 1, _MISSPELT)
     if role not in known and (misspelt or not role.isidentifier()):
@@ -217,7 +220,7 @@ def _check_role(role: str) -> None:
 
 
 def _calibration_key(name: object) -> str:
-    """Name of a column, or its role, as the keys of a calibration have it."""
+    """Key of a column's calibration: its name or role, in lower case."""
     key = str(name).strip().lower()
     return "height" if key in (ANGLE, STROKE) else key
 
@@ -246,14 +249,14 @@ def _parse_time_range(times: Any) -> tuple[float, float]:
 
 
 def is_record_description(path: Path) -> bool:
-    """Tell a TOML file that describes a record; a scene has no key ``file``."""
+    """Return True for a TOML file that describes a record: it has a key ``file``, unlike a scene."""
     if path.suffix != ".toml" or not path.is_file() or path.stat().st_size > _MAX_BYTES:
         return False
     return FILE in read_toml(path)
 
 
 def read_record_description(path: Path) -> tuple[Path, ReadOptions]:
-    """Read the description of a record: the file that it names, and the options to read it with."""
+    """Read the description of a record; return the path of its file and the options."""
     plain = dict(read_toml(path))
     name = plain.pop(FILE, None)
     if not isinstance(name, str):
@@ -266,27 +269,27 @@ def read_record_description(path: Path) -> tuple[Path, ReadOptions]:
 
 
 def _map_point_files(options: ReadOptions, change: Callable[[str], str]) -> ReadOptions:
-    """Change the names of the files of calibration points."""
-    every = options.calibrations()
-    named = {
+    """Apply a change to the paths of files of calibration points."""
+    calibrations = options.calibrations()
+    changed = {
         column: {**given, "points": change(given["points"])}
-        for column, given in every.items()
+        for column, given in calibrations.items()
         if isinstance(given.get("points"), str)
     }
-    return options.merge(ReadOptions(calibration=named)) if named else options
+    return options.merge(ReadOptions(calibration=changed)) if changed else options
 
 
 @contextlib.contextmanager
 def name_description_in_errors(path: Path, file: Path) -> Iterator[None]:
-    """Give the context in which the file that a description names is read."""
+    """Put the description's path in errors, and hide the content of files outside its folder."""
     try:
         yield
     except RecordError:
         if not _is_in_other_folder(path, file):
             raise
         raise RecordError(
-            f"{sanitize(path)}: {FILE} = {quote(str(file))} cannot be read as a record; as it does "
-            "not lie below the description, no more is said: read it itself"
+            f"{sanitize(path)}: {FILE} = {quote(str(file))} cannot be read as a record; it is not below "
+            "the description, so details are withheld: read the file directly to see them"
         ) from None
 
 
@@ -298,7 +301,7 @@ def _is_in_other_folder(path: Path, file: Path) -> bool:
 
 
 def described_file(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]:
-    """File that a path is of, or that its description names, and the options to read it with."""
+    """Return the data file of a path, which may be a description, and the merged options."""
     if not is_record_description(path):
         return path, options
     file, described = read_record_description(path)
@@ -307,9 +310,9 @@ def described_file(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]
 
 @dataclasses.dataclass(frozen=True)
 class RecordSource:
-    """File or scene behind a record, and notes on what was guessed, cut or repaired."""
+    """Source of a record, with notes on guesses, cuts and repairs."""
 
-    name: str  # empty if the record was made of arrays
+    name: str  # empty if the record was made from arrays
     scene: str = ""
     digest: str = ""
     calibration: str = ""
@@ -317,7 +320,7 @@ class RecordSource:
 
 
 def source_of_file(path: Path, options: ReadOptions, notes: tuple[str, ...]) -> RecordSource:
-    """Source of a record that was read from a file, or from that which a description names."""
+    """Source of a record that was read from a file, or from a file with a description."""
     file, merged = described_file(path, options)
     calibrations = []
     for column, given in merged.calibrations().items():
@@ -332,11 +335,11 @@ def write_record_description(path: Path, file: Path, options: ReadOptions) -> No
     """Write a description of a record, with the path from it to the file."""
     import tomli_w
 
-    where = path.resolve().parent
+    folder = path.resolve().parent
 
     def relative(name: str | Path) -> str:
         try:
-            return Path(os.path.relpath(Path(name).resolve(), where)).as_posix()
+            return Path(os.path.relpath(Path(name).resolve(), folder)).as_posix()
         except ValueError:  # on another drive
             return Path(name).resolve().as_posix()
 

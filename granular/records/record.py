@@ -1,4 +1,4 @@
-"""The piston record: its motion as plain arrays in SI, from a run or from a file."""
+"""The piston record: motion as plain arrays in SI, from a run or a file."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 DRAWN_UNITS = {"m": ("mm", 1e3), "rad": ("rad", 1.0)}
-"""Units in which a coordinate is drawn, and how many of them its own unit is."""
-_LEAST_SAMPLES = 2
+"""Unit of a plotted coordinate, and the factor from SI."""
+_MIN_SAMPLES = 2
 _INTEGRALS = {VELOCITY: 1, ACCELERATION: 2}
-"""Columns that tell of a motion without a position, and how often they are integrated."""
+"""Columns that give the motion without a position, and the number of integrations."""
 
 
 class PandasOrXarray(Protocol):
@@ -47,30 +47,30 @@ class PistonRecord:
     Attributes
     ----------
     time, height : float64 (n,)
-        [s], strictly increasing; [m]. At least two samples.
+        Time [s], strictly increasing, and height [m]; two samples or more.
     velocity, force : float64 (n,) or None
-        [m/s]; the force of the grains on the piston, upwards [N].
+        Velocity [m/s], and force of the grains on the piston, positive upwards [N].
     extra : mapping of str to float64 (n,)
-        Further columns, as they were given.
+        Further columns, unchanged.
     coordinate_unit : "m" or "rad"
-        Unit of ``height``, which is an angle where it is rad; its velocity is in rad/s then.
+        Unit of ``height``; with ``"rad"`` it is an angle, and the velocity is in rad/s.
     deviations : mapping of str to float64 (m, n)
-        Independent deviations of columns that a sensor's calibration leaves open, of one standard
-        uncertainty each; they widen the intervals of what is fitted. Not checked.
+        Independent deviations of columns from the uncertainty of a calibration, one standard
+        uncertainty each; they widen the confidence intervals of fits. Not checked.
     measured : str
-        Column that was measured and that fits compare: ``"height"``, or ``"velocity"`` or
-        ``"acceleration"`` of a record without a position. Its ``height`` is then their integral about zero,
-        without what is slow, for first guesses. ``"force"`` where the height is a prescribed stroke.
+        Measured column, to which laws are fitted: ``"height"``; ``"velocity"`` or ``"acceleration"`` for a
+        record without a position, whose ``height`` is then the high-passed integral with zero mean,
+        for first guesses; ``"force"`` if the height is a prescribed stroke.
     source : RecordSource or None
-        File (with its digest and calibration) or scene that it comes from, and notes on its samples.
+        File (with digest and calibration) or scene of the record, and notes on its samples.
     complete : bool
-        Whether fits keep clipped samples and spikes too; True of a file read with ``between``.
+        True if fits also use clipped samples and spikes, as for a file read with ``between``.
 
     Raises
     ------
     RecordError
-        For fewer than two samples, other lengths, values that are not finite, times that do not grow, or
-        another unit.
+        For fewer than two samples, unequal lengths, values that are not finite, times that do not increase,
+        or an unknown unit.
 
     Examples
     --------
@@ -104,20 +104,20 @@ class PistonRecord:
         if not later.all():
             sample = int(np.argmin(later)) + 1
             before, after = self.time[sample - 1], self.time[sample]
-            what = "is there twice" if before == after else f"comes after {before:g} s"
+            problem = "occurs twice" if before == after else f"comes after {before:g} s"
             raise RecordError(
-                f"time of sample {sample}, {after:g} s, {what}; times must increase: sort the samples, "
-                "and take the mean of those of one time (of a file: --sort)"
+                f"time of sample {sample}, {after:g} s, {problem}; times must increase: sort the samples, "
+                "and average those at equal times (for a file: --sort)"
             )
 
     def _validated_column(self, name: str, values: np.ndarray) -> np.ndarray:
         array, samples = numbers_in_si(name, values), len(np.atleast_1d(self.time))
         if array.shape != (samples,):
             raise RecordError(
-                f"{sanitize(name)}: has the shape {array.shape}; give {samples} values, as times"
+                f"{sanitize(name)}: has the shape {array.shape}; give {samples} values, one per time"
             )
-        if samples < _LEAST_SAMPLES:
-            raise RecordError(f"{sanitize(name)}: {samples} samples; at least {_LEAST_SAMPLES} make a record")
+        if samples < _MIN_SAMPLES:
+            raise RecordError(f"{sanitize(name)}: {samples} samples; a record needs {_MIN_SAMPLES} or more")
         if not np.isfinite(array).all():
             sample = int(np.argmin(np.isfinite(array)))
             raise RecordError(
@@ -140,12 +140,12 @@ class PistonRecord:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Table of `columns` for pandas, with `units` in ``attrs["units"]``.
+        """Table of `columns` as a pandas DataFrame, with `units` in ``attrs["units"]``.
 
         Returns
         -------
         pandas.DataFrame
-            One row a sample, in SI units.
+            One row per sample, in SI units.
 
         Examples
         --------
@@ -160,17 +160,17 @@ class PistonRecord:
         return table
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the height [mm], or the angle [rad], over time [s]; an integrated one where none was measured.
+        """Plot the height [mm] or angle [rad] over time [s]; the integrated one if none was measured.
 
         Parameters
         ----------
         ax : Axes, optional
-            Axes to draw on; new ones if not given.
+            Axes to draw on; new axes by default.
 
         Returns
         -------
         Axes
-            Axes that hold the drawing.
+            Axes with the plot.
         """
         from granular.shared.plotting import axes_or_new
 
@@ -184,36 +184,37 @@ class PistonRecord:
     def from_file(
         cls, path: str | Path, units: Mapping[str, str] | None = None, **options: Any
     ) -> PistonRecord:
-        """Read a record from a file, as an instrument or a program writes it.
+        """Read a record from a file of an instrument or a program.
 
-        CSV and its kin in any encoding, with preambles, rows of units, decimal commas, lost samples, dates
-        and times of day; LabVIEW measurements; and by their endings Parquet (``.parquet``, ``.pq``),
-        workbooks (``.xlsx``, ``.ods``), TDMS and MATLAB files. A ``record.toml`` says how another is read.
+        CSV and similar text in any encoding, with preambles, rows of units, decimal commas, missing samples,
+        dates and times of day; LabVIEW measurements; and by suffix Parquet (``.parquet``, ``.pq``),
+        workbooks (``.xlsx``, ``.ods``), TDMS and MATLAB files. A ``record.toml`` holds the options for
+        another file.
 
-        Which column is what follows from names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
-        ``displacement``, ``angle``, ...) and from units (``height [mm]``, ``height_mm``, ...); SI
-        where there is none. A `RecordWarning` says what is guessed, and what is done to the samples.
+        The roles of columns follow from their names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
+        ``displacement``, ``angle``, ...) and units (``height [mm]``, ``height_mm``, ...); without a unit,
+        SI is assumed. A `RecordWarning` reports guesses and changes to the samples.
 
         Parameters
         ----------
         path : str or Path
             File to read.
         units : mapping of str to str, optional
-            Units of columns by their names, instead of those in the file.
+            Units of columns by name; they replace the units in the file.
         **options
             The fields of `granular.records.options.ReadOptions`: ``columns``, ``decimal``, ``skip``,
             ``sheet``, ``flip``, ``between``, ``scale``, ``zero``, ``calibration``, ``rate``, ``sort``;
-            ``release`` does nothing here, as `reduced_models.read_record` alone heeds it.
+            ``release`` has no effect here; only `reduced_models.read_record` uses it.
 
         Returns
         -------
         PistonRecord
-            Record with time [s], height [m] or angle [rad], and what else the file holds.
+            Record with time [s], height [m] or angle [rad], and the other columns of the file.
 
         Raises
         ------
         RecordError
-            If an option does not fit, or the file or a library for it is missing, or it cannot be read.
+            If an option is not valid, the file or a library for it is missing, or it cannot be read.
         """
         return cls._read_file(Path(path), None, units, options)
 
@@ -221,26 +222,26 @@ class PistonRecord:
     def from_csv(
         cls, path: str | Path, units: Mapping[str, str] | None = None, **options: Any
     ) -> PistonRecord:
-        """Read a record from a file of text, whatever its name; see `from_file`.
+        """Read a record from a text file with any name; see `from_file`.
 
         Parameters
         ----------
         path : str or Path
             File to read.
         units : mapping of str to str, optional
-            Units of columns by their names, instead of those in the file.
+            Units of columns by name; they replace the units in the file.
         **options
             Options of `from_file`.
 
         Returns
         -------
         PistonRecord
-            Record with time [s], height [m] or angle [rad], and what else the file holds.
+            Record with time [s], height [m] or angle [rad], and the other columns of the file.
 
         Raises
         ------
         RecordError
-            If an option does not fit, or the file cannot be read as such; the message names line and column.
+            If an option is not valid, or the file is not such a text; the message gives line and column.
         """
         from granular.records.formats import TEXT
 
@@ -252,7 +253,7 @@ class PistonRecord:
     ) -> PistonRecord:
         """Read a record from a Parquet file (needs the extra ``parquet``); see `from_file`.
 
-        A unit stands behind a name, ``height [mm]``, or in the metadata of its field as ``units``
+        A unit follows the name, ``height [mm]``, or is given in the metadata of the field as ``units``
         (or ``unit``).
 
         Parameters
@@ -260,19 +261,19 @@ class PistonRecord:
         path : str or Path
             File to read.
         units : mapping of str to str, optional
-            Units of columns by their names, instead of those in the file.
+            Units of columns by name; they replace the units in the file.
         **options
             Options of `from_file`.
 
         Returns
         -------
         PistonRecord
-            Record with time [s], height [m] or angle [rad], and what else the file holds.
+            Record with time [s], height [m] or angle [rad], and the other columns of the file.
 
         Raises
         ------
         RecordError
-            If an option does not fit, the file cannot be read as such, or pyarrow is not there.
+            If an option is not valid, the file is not Parquet, or pyarrow is not installed.
         """
         from granular.records.formats import PARQUET
 
@@ -280,28 +281,28 @@ class PistonRecord:
 
     @classmethod
     def from_table(cls, table: Any, units: Mapping[str, str] | None = None, **options: Any) -> PistonRecord:
-        """Record in a DataFrame, an xarray object, or a mapping of names to arrays.
+        """Make a record from a DataFrame, an xarray object, or a mapping of names to arrays.
 
-        Names and units are read as those of a file; see `from_file`.
+        Names and units are interpreted as in a file; see `from_file`.
 
         Parameters
         ----------
         table : DataFrame, xarray object or mapping
             Table with columns of time and height, n values each.
         units : mapping of str to str, optional
-            Units of columns by their names, instead of those in the table.
+            Units of columns by name; they replace the units in the table.
         **options
             Options of `from_file`.
 
         Returns
         -------
         PistonRecord
-            Record with time [s], height [m] or angle [rad], and what else the table holds.
+            Record with time [s], height [m] or angle [rad], and the other columns of the table.
 
         Raises
         ------
         RecordError
-            If it is no table, holds no record, or an option does not fit.
+            If it is not a table, holds no record, or an option is not valid.
 
         Examples
         --------
@@ -312,36 +313,42 @@ class PistonRecord:
         from granular.records.interpret import interpret_sheet
         from granular.records.sheet import sheet_from_table
 
-        seen = interpret_sheet(sheet_from_table(table), options_from_plain({"units": units or {}, **options}))
-        if seen.notes:
-            warnings.warn("; ".join(seen.notes), RecordWarning, stacklevel=2)
-        return cls.from_interpreted_columns(seen)
+        interpretation = interpret_sheet(
+            sheet_from_table(table), options_from_plain({"units": units or {}, **options})
+        )
+        if interpretation.notes:
+            warnings.warn("; ".join(interpretation.notes), RecordWarning, stacklevel=2)
+        return cls.from_interpreted_columns(interpretation)
 
     @classmethod
     def _read_file(
-        cls, path: Path, form: FileFormat | None, units: Mapping[str, str] | None, options: dict[str, Any]
+        cls,
+        path: Path,
+        file_format: FileFormat | None,
+        units: Mapping[str, str] | None,
+        options: dict[str, Any],
     ) -> PistonRecord:
         from granular.records.formats import interpret_record_file
 
-        said = options_from_plain({"units": units or {}, **options})
-        meaning = interpret_record_file(path, said, form)
+        read_options = options_from_plain({"units": units or {}, **options})
+        interpretation = interpret_record_file(path, read_options, file_format)
         try:
-            record = cls.from_interpreted_columns(meaning)
+            record = cls.from_interpreted_columns(interpretation)
         except RecordError as error:
             raise RecordError(f"{sanitize(path)}: {error}") from None
-        record = dataclasses.replace(record, source=source_of_file(path, said, meaning.notes))
-        if meaning.notes:
-            warnings.warn(f"{sanitize(path)}: {'; '.join(meaning.notes)}", RecordWarning, stacklevel=3)
+        record = dataclasses.replace(record, source=source_of_file(path, read_options, interpretation.notes))
+        if interpretation.notes:
+            warnings.warn(f"{sanitize(path)}: {'; '.join(interpretation.notes)}", RecordWarning, stacklevel=3)
         return record
 
     @classmethod
-    def from_interpreted_columns(cls, meaning: SheetInterpretation) -> PistonRecord:
-        """Make a record of columns whose roles and units were found; see `granular.records`.
+    def from_interpreted_columns(cls, interpretation: SheetInterpretation) -> PistonRecord:
+        """Make a record from interpreted columns; see `granular.records`.
 
         Parameters
         ----------
-        meaning : SheetInterpretation
-            Columns of a file with their roles and units.
+        interpretation : SheetInterpretation
+            Columns of a file with roles and units.
 
         Returns
         -------
@@ -351,31 +358,34 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If they make none, or a stroke has no force with it.
+            If the columns form no record, or a stroke comes without a force.
         """
-        record = cls.from_columns(meaning.columns)
-        if meaning.prescribed and record.force is None:
-            raise RecordError("a stroke is of a record with a measured force; name its column, force=...")
-        measured = "force" if meaning.prescribed else record.measured
+        record = cls.from_columns(interpretation.columns)
+        if interpretation.prescribed and record.force is None:
+            raise RecordError("a stroke needs a measured force; give its column, force=...")
+        measured = "force" if interpretation.prescribed else record.measured
         return dataclasses.replace(
-            record, coordinate_unit=meaning.coordinate_unit, deviations=meaning.deviations, measured=measured
+            record,
+            coordinate_unit=interpretation.coordinate_unit,
+            deviations=interpretation.deviations,
+            measured=measured,
         )
 
     def to_csv(self, path: str | Path) -> None:
-        """Write `columns` to a CSV file, whose numbers `from_csv` reads back to the same bits.
+        """Write `columns` to a CSV file; `from_csv` reads the same bits.
 
-        A record without a position is read with ``columns`` that name its velocity or acceleration;
-        ``deviations`` and a ``measured`` force are not written.
+        To read a record without a position, give its velocity or acceleration in ``columns``.
+        ``deviations`` and the role of a ``measured`` force are not written.
 
         Parameters
         ----------
         path : str or Path
-            File to write; one that is there is replaced.
+            File to write; an existing file is replaced.
 
         Raises
         ------
         InputError
-            If it cannot be written; what was there before still stands.
+            If it cannot be written; an existing file is kept.
         """
         columns = {
             f"{name} [{self.units[name]}]" if name in UNITS else name: values
@@ -390,19 +400,19 @@ class PistonRecord:
             writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
 
     def to_parquet(self, path: str | Path) -> None:
-        """Write `columns` to a Parquet file, whose numbers `from_parquet` reads back; limits as of `to_csv`.
+        """Write `columns` to a Parquet file for `from_parquet`, with the limitations of `to_csv`.
 
         Parameters
         ----------
         path : str or Path
-            File to write; one that is there is replaced.
+            File to write; an existing file is replaced.
 
         Raises
         ------
         RecordError
-            If pyarrow is not there.
+            If pyarrow is not installed.
         InputError
-            If it cannot be written; what was there before still stands.
+            If it cannot be written; an existing file is kept.
         """
         from granular.records.binary import write_parquet
 
@@ -410,7 +420,7 @@ class PistonRecord:
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units of time, height, velocity and force, a dict by names, also of those that are not there."""
+        """SI units of time, height, velocity and force by name, a dict, also for missing columns."""
         return {**UNITS, "height": self.coordinate_unit, "velocity": f"{self.coordinate_unit}/s"}
 
     @property
@@ -425,37 +435,37 @@ class PistonRecord:
 
     @property
     def signal_unit(self) -> str:
-        """SI unit of `signal`, such as "m" or, of an acceleration, "m/s^2"."""
+        """SI unit of `signal`, such as "m", or "m/s^2" for an acceleration."""
         if self.measured == "force":
             return UNITS["force"]
         return self.units["height"] + ("", "/s", "/s^2")[_INTEGRALS.get(self.measured, 0)]
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """All columns, a dict of float64 (n,) in SI by names; a height that was integrated is none."""
-        own = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
+        """All columns, a dict of float64 (n,) in SI by name; without an integrated height."""
+        standard = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
         if self.measured in _INTEGRALS:
-            del own["height"]
-        return own | dict(self.extra)
+            del standard["height"]
+        return standard | dict(self.extra)
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, Sequence[float] | np.ndarray]) -> PistonRecord:
-        """Make a record of columns in SI units; those that are none of its own are further ones.
+        """Make a record from columns in SI units; unknown names become ``extra``.
 
         Parameters
         ----------
         columns : mapping of str to array (n,)
-            Columns in SI; ``time`` and ``height``, or ``velocity`` or ``acceleration`` for it, are needed.
+            Columns in SI; ``time`` and one of ``height``, ``velocity`` and ``acceleration`` are needed.
 
         Returns
         -------
         PistonRecord
-            Record whose ``measured`` names the column of the motion that was given.
+            Record whose ``measured`` is the name of the given motion.
 
         Raises
         ------
         RecordError
-            If ``time`` or the motion is missing, or the values make no `PistonRecord`.
+            If ``time`` or the motion is missing, or the values form no `PistonRecord`.
         """
         measured = next((name for name in ("height", *_INTEGRALS) if name in columns), "height")
         for name in ("time", measured):
@@ -463,10 +473,10 @@ class PistonRecord:
                 raise RecordError(
                     f"there is no column {quote(name)}; give time, and height, velocity or acceleration"
                 )
-        own = {name: columns[name] for name in UNITS if name in columns}
+        standard = {name: columns[name] for name in UNITS if name in columns}
         extra = {name: values for name, values in columns.items() if name not in UNITS}
-        own.setdefault("height", np.zeros(np.shape(columns["time"])))
-        record = cls(**own, extra=extra, measured=measured)  # type: ignore[arg-type]  # by names
+        standard.setdefault("height", np.zeros(np.shape(columns["time"])))
+        record = cls(**standard, extra=extra, measured=measured)  # type: ignore[arg-type]  # by names
         if measured == "height":
             return record
         height = integrate_without_drift(record.time, record.signal, _INTEGRALS[measured])
@@ -478,7 +488,7 @@ class PistonRecord:
         Parameters
         ----------
         start, stop : float
-            Least and greatest time [s].
+            First and last time [s].
 
         Returns
         -------
@@ -488,7 +498,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If fewer than two samples lie between, as where a limit is NaN.
+            If fewer than two samples lie between, also if a limit is NaN.
 
         Examples
         --------
@@ -504,7 +514,7 @@ class PistonRecord:
         Parameters
         ----------
         samples : bool (n,), int (m,) or slice
-            True for the samples that are kept, or their indices, increasing.
+            True for the samples to keep, or their increasing indices.
 
         Returns
         -------
@@ -518,10 +528,10 @@ class PistonRecord:
         IndexError
             If the record has no such samples.
         """
-        own = {name: getattr(self, name)[samples] for name in UNITS if getattr(self, name) is not None}
+        standard = {name: getattr(self, name)[samples] for name in UNITS if getattr(self, name) is not None}
         extra = {key: values[samples] for key, values in self.extra.items()}
         deviations = {key: values[:, samples] for key, values in self.deviations.items()}
-        return dataclasses.replace(self, **own, extra=extra, deviations=deviations)
+        return dataclasses.replace(self, **standard, extra=extra, deviations=deviations)
 
     def first(self, count: int) -> PistonRecord:
         """First ``count`` samples.
@@ -529,7 +539,7 @@ class PistonRecord:
         Parameters
         ----------
         count : int
-            Number of samples, at least 2; all where the record has fewer.
+            Number of samples, 2 or more; the whole record if it has fewer.
 
         Returns
         -------
@@ -565,17 +575,17 @@ class PistonRecord:
         Parameters
         ----------
         shift, scale : float
-            Height at z = 0, and height per unit of z, which is not 0 [m]; of an angle [rad].
+            Height at z = 0, and height per unit of z, which is not 0 [m]; for an angle [rad].
 
         Returns
         -------
         PistonRecord
-            Record with z and dz/dt [1/s] for height and velocity, whatever `units` says; all else is kept.
+            Record with z and dz/dt [1/s] as height and velocity; `units` and all else are unchanged.
 
         Raises
         ------
         RecordError
-            If z is not finite, as where the scale is 0.
+            If z is not finite, for example if the scale is 0.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Roles of the columns of a sheet: the time, the coordinate, and what goes with it."""
+"""Roles of the columns of a sheet: time, coordinate and further quantities."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from granular.records.headings import (
     FORCE,
     HEIGHT,
     LOADS,
-    NO_TIMES,
+    NOT_TIME_WORDS,
     PREFERRED,
     SYNONYMS,
     TIME,
@@ -26,7 +26,7 @@ from granular.records.headings import (
     dimension_of,
     guess_column_role,
     has_dimension_of,
-    is_level,
+    is_logarithmic_unit,
     is_unit,
     normalize_column_name,
     normalize_unit,
@@ -37,22 +37,22 @@ from granular.records.options import ANGLE, ROLES, STROKE, ReadOptions
 from granular.records.sheet import Column, Sheet
 from granular.shared.errors import RecordError, quote, sanitize, unknown_word_message
 
-NAMED = (TIME, HEIGHT, VELOCITY, FORCE)
-"""Roles that a column's name gives it; the others are said."""
-_MOST_SHOWN = 20
-_LONGEST_NAME = 40
-_ALIKE = 0.1
-"""Fraction of the largest swing from which on another column of its unit moves alike."""
-_LEAST_STEPS = 10
-"""Samples from which on even steps tell that two columns may be the time."""
+ROLES_FROM_NAMES = (TIME, HEIGHT, VELOCITY, FORCE)
+"""Roles that may be guessed from names; the others must be given."""
+_MAX_SHOWN = 20
+_MAX_NAME_CHARACTERS = 40
+_COMPARABLE_MOTION = 0.1
+"""Fraction of the largest standard deviation above which another column may be the coordinate too."""
+_MIN_STEPS = 10
+"""Samples needed to conclude from even steps that two columns may be the time."""
 _INDEX = re.compile(r"(unnamed|index level|level) \d+|index")
-"""Names, besides none, of a column that numbers the rows: as pandas writes and reads it."""
-_NUMBERED = re.compile(r"(.+) \(([1-9]\d{0,4})\)")
-"""Name and number of a further column whose name stands twice in a file."""
-_SIZE = re.compile(r"abs|total|magnitude|betrag")
-"""Words for the size of a vector, whose frequency is twice that of its components."""
-_UNEVEN = 0.01
-"""Relative deviation of steps from their median from which on they are not those of a clock."""
+"""Names of a column with row numbers, as pandas writes and reads it; it may also be nameless."""
+_NAME_WITH_NUMBER = re.compile(r"(.+) \(([1-9]\d{0,4})\)")
+"""Name and number of a further column whose name occurs twice in a file."""
+_MAGNITUDE = re.compile(r"abs|total|magnitude|betrag")
+"""Words for the magnitude of a vector, which oscillates at twice the frequency of its components."""
+_STEP_TOLERANCE = 0.01
+"""Maximum relative deviation of even steps from their median."""
 _RATES_OF_CHANGE = {VELOCITY: ("m/s", "rad/s"), ACCELERATION: ("m/s^2", "rad/s^2")}
 
 Roles = dict[str, Column]
@@ -61,7 +61,7 @@ Roles = dict[str, Column]
 def assign_roles(
     sheet: Sheet, options: ReadOptions, notes: list[str]
 ) -> tuple[Roles, dict[str, Calibration]]:
-    """Assign each role to a column: as the user says, by its name, or to the only one that fits."""
+    """Assign a column to each role: by the user's option, by name, or the only column that fits."""
     chosen = {role: _find_named_column(sheet, column) for role, column in options.columns.items()}
     for alias in [name for name in (ANGLE, STROKE) if name in chosen]:
         if HEIGHT in chosen:
@@ -72,7 +72,11 @@ def assign_roles(
         chosen[TIME] = Column("", "s", np.arange(max(lengths, default=0)) / float(options.rate))
     calibrations = _calibrations_by_role(sheet, chosen, options.calibrations())
     raw_unit = calibrations[HEIGHT].raw_unit if HEIGHT in calibrations else None
-    fitting = [item for item in _free(sheet, chosen) if item.unit and normalize_unit(item.unit) == raw_unit]
+    fitting = [
+        item
+        for item in _columns_without_role(sheet, chosen)
+        if item.unit and normalize_unit(item.unit) == raw_unit
+    ]
     if HEIGHT not in chosen and len(fitting) == 1:
         chosen[HEIGHT] = fitting[0]
     _choose_columns_by_name(sheet, chosen, notes)
@@ -84,12 +88,12 @@ def assign_roles(
 
 
 def motion_role(chosen: Mapping[str, object]) -> str:
-    """Role of the column that tells the motion: the coordinate, or else its derivative."""
+    """Role of the column of the motion: the coordinate, or else its derivative."""
     return next(role for role in (HEIGHT, VELOCITY, ACCELERATION) if role in chosen)
 
 
 def find_time_column(sheet: Sheet) -> Column:
-    """Find the column of times of a sheet, by its name or its values."""
+    """Find the column of times by name or by values."""
     chosen: Roles = {}
     _choose_columns_by_name(sheet, chosen, [])
     if TIME not in chosen:
@@ -98,8 +102,8 @@ def find_time_column(sheet: Sheet) -> Column:
 
 
 def is_index(sheet: Sheet, column: Column) -> bool:
-    """Tell a column that numbers the rows, as pandas and R write it: the first if nameless, or so called."""
-    if not sheet.header or column.values is None or column.clock:
+    """Return True for a column of row numbers as of pandas and R: named so, or nameless and first."""
+    if not sheet.header or column.values is None or column.timestamp_kind:
         return False
     named = _INDEX.fullmatch(normalize_column_name(column.name)) is not None
     if not named and (column.name or column is not sheet.columns[0]):
@@ -110,39 +114,39 @@ def is_index(sheet: Sheet, column: Column) -> bool:
 
 
 def columns_option(sheet: Sheet, role: str, column: Column) -> str:
-    """Option of the command line that gives a column a role: by its name, or by its number."""
+    """Command-line option that assigns a role to a column, by its name or number."""
     name = column.name
-    alone = sum(item.is_called(name) for item in sheet.columns) == 1
-    plain = alone and not name.isdigit() and len(name) <= _LONGEST_NAME and sanitize(name) == name
+    unique = sum(item.has_name(name) for item in sheet.columns) == 1
+    plain = unique and not name.isdigit() and len(name) <= _MAX_NAME_CHARACTERS and sanitize(name) == name
     word = name if plain else sheet.columns.index(column) + 1
     return f"--columns {shlex.quote(f'{role}={word}')}"
 
 
-def is_alone(sheet: Sheet, said: str) -> bool:
+def is_unambiguous(sheet: Sheet, column: str) -> bool:
     """Return True for a column's number, or a name that only one column has."""
-    numbered = said.isdigit() or _NUMBERED.fullmatch(said) is not None
-    return numbered or sum(item.is_called(said) for item in sheet.columns) == 1
+    numbered = column.isdigit() or _NAME_WITH_NUMBER.fullmatch(column) is not None
+    return numbered or sum(item.has_name(column) for item in sheet.columns) == 1
 
 
-def _free(sheet: Sheet, chosen: Roles) -> list[Column]:
-    """Columns that have no role yet."""
+def _columns_without_role(sheet: Sheet, chosen: Roles) -> list[Column]:
+    """Columns without a role."""
     return [column for column in sheet.columns if column not in chosen.values()]
 
 
-def _find_named_column(sheet: Sheet, wanted: str | int) -> Column:
+def _find_named_column(sheet: Sheet, requested: str | int) -> Column:
     columns = sheet.columns
-    if isinstance(wanted, int) or wanted.isdigit():
-        if not 1 <= int(wanted) <= len(columns):
-            raise RecordError(f"there is no column {int(wanted)}; give a number from 1 to {len(columns)}")
-        return columns[int(wanted) - 1]
-    numbered = _NUMBERED.fullmatch(wanted)  # as further columns of one name are called
+    if isinstance(requested, int) or requested.isdigit():
+        if not 1 <= int(requested) <= len(columns):
+            raise RecordError(f"there is no column {int(requested)}; give a number from 1 to {len(columns)}")
+        return columns[int(requested) - 1]
+    numbered = _NAME_WITH_NUMBER.fullmatch(requested)  # the form for further columns of equal name
     further = [] if numbered is None else columns[int(numbered[2]) - 1 : int(numbered[2])]
-    called = [column for column in columns if column.is_called(wanted)]
-    called += [column for column in further if numbered and column.is_called(numbered[1])]
-    if not called:
+    matches = [column for column in columns if column.has_name(requested)]
+    matches += [column for column in further if numbered and column.has_name(numbered[1])]
+    if not matches:
         names = [column.name for column in columns if column.name] or _column_numbers(sheet)
-        raise RecordError(unknown_word_message(wanted, names, "column"))
-    return called[0]
+        raise RecordError(unknown_word_message(requested, names, "column"))
+    return matches[0]
 
 
 def _column_numbers(sheet: Sheet) -> list[str]:
@@ -152,27 +156,27 @@ def _column_numbers(sheet: Sheet) -> list[str]:
 def _calibrations_by_role(
     sheet: Sheet, chosen: Roles, given: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Calibration]:
-    """Return the calibration of each role; a column that is named gets one where it has none."""
+    """Calibration of each role; a column that is given by name gets a role if it has none."""
     by_role: dict[str, dict[str, Any]] = {}
-    for key, said in given.items():
+    for key, calibration in given.items():
         role: str | None = key
         if key not in ROLES and key not in chosen:
             column = _find_named_column(sheet, key)
             role = next((role for role, taken in chosen.items() if taken is column), None)
             guess = guess_column_role(column.name)
-            if role is None and guess in NAMED and guess not in chosen:
+            if role is None and guess in ROLES_FROM_NAMES and guess not in chosen:
                 role = guess
-            if role is None and HEIGHT not in chosen and _is_height_calibration(said):
+            if role is None and HEIGHT not in chosen and _is_height_calibration(calibration):
                 role = HEIGHT
             role = role or column.name.lower()
             chosen[role] = column
-        by_role.setdefault(str(role), {}).update(said)
-    return {role: parse_calibration(role, said) for role, said in by_role.items()}
+        by_role.setdefault(str(role), {}).update(calibration)
+    return {role: parse_calibration(role, calibration) for role, calibration in by_role.items()}
 
 
-def _is_height_calibration(said: Mapping[str, Any]) -> bool:
+def _is_height_calibration(calibration: Mapping[str, Any]) -> bool:
     try:
-        parse_calibration(HEIGHT, said)
+        parse_calibration(HEIGHT, calibration)
     except RecordError:
         return False
     return True
@@ -182,61 +186,63 @@ def _is_height_calibration(said: Mapping[str, Any]) -> bool:
 
 
 def _choose_columns_by_name(sheet: Sheet, chosen: Roles, notes: list[str]) -> None:
-    called: dict[str, list[Column]] = {}
+    by_name: dict[str, list[Column]] = {}
     for column in sheet.columns:
-        if not column.channel:
-            called.setdefault(normalize_column_name(column.name), []).append(column)
-    for role in (role for role in NAMED if role not in chosen):
-        named = (item for word in SYNONYMS[role] for item in called.get(word, []))
+        if not column.is_channel:
+            by_name.setdefault(normalize_column_name(column.name), []).append(column)
+    for role in (role for role in ROLES_FROM_NAMES if role not in chosen):
+        named = (item for word in SYNONYMS[role] for item in by_name.get(word, []))
         result = [item for item in named if item not in chosen.values()]
         if role in (HEIGHT, VELOCITY):
             result = [item for item in result if item.name.lower() == role or _unit_fits_role(item, role)]
         if role == FORCE and not result:
-            loads = [item for word in LOADS for item in called.get(word, [])]
+            loads = [item for word in LOADS for item in by_name.get(word, [])]
             result = [item for item in loads if has_dimension_of(item.unit, "N")]
         if role == HEIGHT:
-            result = _put_moving_column_first(sheet, result)
+            result = _move_varying_column_first(sheet, result)
         if not result:
             continue
         chosen[role] = result[0]
         if len(result) > 1 and result[0].name.lower() != role:
-            others = ", ".join(quote(item.name) for item in result[1:_MOST_SHOWN])
+            others = ", ".join(quote(item.name) for item in result[1:_MAX_SHOWN])
             another = columns_option(sheet, role, result[1])
             notes.append(f"{role} is the column {quote(result[0].name)}, not {others} (another: {another})")
 
 
-def _put_moving_column_first(sheet: Sheet, candidates: list[Column]) -> list[Column]:
-    """Columns that may be the coordinate, the one that moves first; refused if several do."""
+def _move_varying_column_first(sheet: Sheet, candidates: list[Column]) -> list[Column]:
+    """Put the candidate for the coordinate that varies first; refuse to choose if several vary."""
     if not candidates or normalize_column_name(candidates[0].name) in PREFERRED:
         return candidates
     spreads = {item: _standard_deviation(item) for item in candidates}
     moving = [item for item in candidates if spreads[item] > 0.0]
-    if not moving:  # another column may be it
+    if not moving:  # another column may be the coordinate
         return []
     if len({(item.unit, normalize_column_name(item.name) in ANGLES) for item in moving}) == 1:
-        moving = [item for item in moving if spreads[item] > _ALIKE * max(spreads.values())]
+        moving = [item for item in moving if spreads[item] > _COMPARABLE_MOTION * max(spreads.values())]
     names = {item.name.lower() for item in candidates}
-    if len(moving) > 1 and len(names) == len(candidates):  # two of a name are said as such
+    if len(moving) > 1 and len(names) == len(candidates):  # equal names have a separate error
         raise RecordError(_ambiguous_columns_text(sheet, HEIGHT, moving))
-    if len(moving) != 1 or _is_increasing(moving[0]):  # it may be the time
+    if len(moving) != 1 or _is_increasing(moving[0]):  # an increasing column may be the time
         return candidates
     return [*moving, *(item for item in candidates if item is not moving[0])]
 
 
 def _unit_fits_role(column: Column, role: str) -> bool:
-    """Return True where a column's unit, if it has one, is one of the role's."""
+    """Return True if a column has no unit, or one that suits the role."""
     dimension = dimension_of(column.unit)
-    if dimension is None or dimension[3] != 0:  # unknown, or of a sensor: said when it is used
+    if (
+        dimension is None or dimension[3] != 0
+    ):  # unknown, or of a sensor: refused later, when the column is used
         return True
     return has_dimension_of(column.unit, si_unit_of_role(role), "rad" if role == HEIGHT else "1/s")
 
 
 def _ambiguous_columns_text(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
-    """Return the words of an error that leaves the choice between columns, with each option."""
-    shown = columns[:_MOST_SHOWN]
+    """Text of the error for an ambiguous role, with the option for each column."""
+    shown = columns[:_MAX_SHOWN]
     names = " or ".join(_name_or_number(sheet, item) for item in shown)
     options = " or ".join(columns_option(sheet, role, item) for item in shown)
-    return f"{role} may be {names}; say which: {options}"
+    return f"{role} may be {names}; choose one: {options}"
 
 
 def _name_or_number(sheet: Sheet, column: Column) -> str:
@@ -244,36 +250,36 @@ def _name_or_number(sheet: Sheet, column: Column) -> str:
 
 
 def _standard_deviation(column: Column) -> float:
-    return float(column.known.std()) if len(column.known) else 0.0
+    return float(column.finite_values.std()) if len(column.finite_values) else 0.0
 
 
 def _is_increasing(column: Column) -> bool:
-    known = column.known
+    known = column.finite_values
     return len(known) > 1 and bool((np.diff(known) >= 0.0).all()) and bool(known[-1] > known[0])
 
 
 def _has_even_steps(column: Column) -> bool:
-    """Return True where a column rises in steps of one size, as sampled times do."""
+    """Return True for a column that increases in equal steps, like sampled times."""
     if not _is_increasing(column):
         return False
-    steps = np.diff(column.known)
-    return bool(np.abs(steps - np.median(steps)).max() <= _UNEVEN * np.median(steps))
+    steps = np.diff(column.finite_values)
+    return bool(np.abs(steps - np.median(steps)).max() <= _STEP_TOLERANCE * np.median(steps))
 
 
 # By values ---------------------------------------------------------------------------------------
 
 
 def _choose_time_column(sheet: Sheet, chosen: Roles, notes: list[str]) -> None:
-    """Dates and times of day, else the first column that increases, where no name says more."""
-    numeric = [column for column in _free(sheet, chosen) if column.values is not None]
+    """Choose dates or times of day, else the first increasing column without a name."""
+    numeric = [column for column in _columns_without_role(sheet, chosen) if column.values is not None]
     index = [column for column in numeric if is_index(sheet, column)]
     free = [column for column in numeric if column not in index]
-    timed = [item for item in free if item.clock] or [
+    timed = [item for item in free if item.timestamp_kind] or [
         item for item in free if has_dimension_of(item.unit, "s") and _is_increasing(item)
     ]
     nameless = [item for item in free if not item.name and _is_increasing(item)]
     even = [item for item in nameless if _has_even_steps(item)]
-    if not timed and len(even) > 1 and len(even[0].known) >= _LEAST_STEPS:
+    if not timed and len(even) > 1 and len(even[0].finite_values) >= _MIN_STEPS:
         raise RecordError(_ambiguous_columns_text(sheet, TIME, even))
     result = timed or even or nameless
     if not result:
@@ -284,49 +290,54 @@ def _choose_time_column(sheet: Sheet, chosen: Roles, notes: list[str]) -> None:
     chosen[TIME] = result[0]
     if not timed:
         number = _name_or_number(sheet, result[0])
-        notes.append(f"there are no names: time is {number}, in s (--units time=ms)")
+        notes.append(f"columns have no names: {number} is taken as the time, in s (--units time=ms)")
 
 
 def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
-    """Return what to say of the time, by the columns that are there; some count samples."""
+    """Advice on how to give the time, by the columns present; ``counted`` are sample counters."""
     even = [item for item in sheet.columns if item.name and item not in counted and _has_even_steps(item)]
     maybe = next(filter(_may_be_time, even), None)
     if maybe is not None:
         return (
-            f"{quote(maybe.name)} rises in even steps: if it is the time, say so and its unit, such as "
+            f"{quote(maybe.name)} increases in even steps: if it is the time, give it and its unit, such as "
             f"{columns_option(sheet, TIME, maybe)} --units time=s"
         )
     if counted:
         name = _name_or_number(sheet, counted[0])
-        return f"{name} counts samples: give how many there are in a second (--rate '100 Hz')"
+        return f"{name} counts samples: give the sampling rate (--rate '100 Hz')"
     if even:
         unit = f" [{sanitize(even[0].unit)}]" if even[0].unit else ""
         return (
-            f"{quote(even[0].name)}{unit} rises in even steps and is no time, as of a spectrum or a curve: "
-            "bring the motion over time"
+            f"{quote(even[0].name)}{unit} increases in even steps but is not a time, as in a spectrum or a "
+            "curve: "
+            "give the motion over time"
         )
     example = "time=NAME" if any(item.name for item in sheet.columns) else "time=1,height=2"
     return (
-        "name the columns in the first line, such as 'time [s], height [mm]', or say which is "
-        f"which (--columns {example}), or how many samples there are in a second (--rate '100 Hz')"
+        "name the columns in the first line, such as 'time [s], height [mm]', or give them "
+        f"by option (--columns {example}), or give the sampling rate (--rate '100 Hz')"
     )
 
 
 def _may_be_time(column: Column) -> bool:
-    """Return False for a column of another quantity, by its unit or its name; a letter alone may be any."""
+    """Return False if unit or name give another quantity; a single letter may be the time."""
     if column.unit is not None and is_unit(column.unit):
         return has_dimension_of(column.unit, "s")
     name = normalize_column_name(column.name)
-    return len(name) == 1 or not (guess_column_role(name) or NO_TIMES.intersection(name.split()))
+    return len(name) == 1 or not (guess_column_role(name) or NOT_TIME_WORDS.intersection(name.split()))
 
 
 def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, notes: list[str]) -> None:
-    """Only other column of numbers, or of those without names the next."""
-    free = [item for item in _free(sheet, chosen) if len(item.known) and not is_index(sheet, item)]
-    _refuse_to_guess_channel(sheet, free)
+    """Choose the only other numeric column, or the next one if columns have no names."""
+    numeric = [
+        item
+        for item in _columns_without_role(sheet, chosen)
+        if len(item.finite_values) and not is_index(sheet, item)
+    ]
+    _refuse_to_guess_channel(sheet, numeric)
     lengths = [
         item
-        for item in free
+        for item in numeric
         if _unit_fits_role(item, HEIGHT)
         and guess_column_role(item.name) in (None, HEIGHT)
         and normalize_column_name(item.name) not in COUNTERS
@@ -337,17 +348,17 @@ def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, not
         raise RecordError(_ambiguous_columns_text(sheet, HEIGHT, lengths))
     if not result and not {VELOCITY, ACCELERATION}.isdisjoint(options.columns):
         notes.append(
-            f"there is no position: a law is fitted to the {motion_role(chosen)}, which tells "
-            "no level of rest (--columns height=NAME for a position)"
+            f"there is no position: a law is fitted to the {motion_role(chosen)}, which does not "
+            "determine the equilibrium height (--columns height=NAME for a position)"
         )
         return
     if not result:
-        raise RecordError(_no_coordinate_text(sheet, free))
+        raise RecordError(_no_coordinate_text(sheet, numeric))
     height = chosen[HEIGHT] = result[0]
     if height.name:
         notes.append(
-            f"height is the column {quote(height.name)}, the only other one of numbers "
-            f"({'' if height.unit else '--units height=mm; '}--flip if it grows downwards)"
+            f"height is the column {quote(height.name)}, the only other numeric column "
+            f"({'' if height.unit else '--units height=mm; '}--flip if it increases downwards)"
         )
     else:
         unit = normalize_unit(height.unit or "m")
@@ -355,12 +366,12 @@ def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, not
 
 
 def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
-    """Return the words of an error where no column can be the coordinate."""
+    """Text of the error if no column can be the coordinate."""
     accelerations = _columns_of_rate(free, ACCELERATION)
     if accelerations:
         return (
-            f"no column 'height', only the acceleration {quote(accelerations[0].name)}: twice integrated, "
-            "its offset grows with the square of the time; record a position, or fit a law to the "
+            f"no column 'height', only the acceleration {quote(accelerations[0].name)}: integrated twice, "
+            "its offset grows with the square of time; record a position, or fit a law to the "
             f"acceleration itself ({_options_in_turn(sheet, ACCELERATION, accelerations)})"
         )
     sensors = [item for item in free if item.unit and _is_sensor_unit(normalize_unit(item.unit))]
@@ -371,58 +382,60 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
             f"law to the velocity itself ({_options_in_turn(sheet, VELOCITY, velocities)})"
         )
     advice = (
-        f"; of a sensor in {quote(sensors[0].unit)}, say which it is and its scale, such as "
+        f"; for a sensor in {quote(sensors[0].unit)}, give its column and scale, such as "
         f"{columns_option(sheet, HEIGHT, sensors[0])} --scale '2.5 mm/{sanitize(sensors[0].unit)}'"
         if sensors
         else ""
     )
     return (
         f"no column 'height'; found: {_column_names_text(sheet)}; name the columns in the first line, "
-        "such as 'time [s], height [mm]', or say which is which (--columns height=NAME)" + advice
+        "such as 'time [s], height [mm]', or give them by option (--columns height=NAME)" + advice
     )
 
 
 def _columns_of_rate(columns: Sequence[Column], role: str) -> list[Column]:
-    """Columns of a velocity or acceleration, the one that scatters most first; a vector's size is last."""
+    """Columns of a velocity or acceleration, by falling standard deviation; magnitudes last."""
     fitting = [
         item
         for item in columns
-        if not item.channel
+        if not item.is_channel
         and (role_of_component(item.name) == role or has_dimension_of(item.unit, *_RATES_OF_CHANGE[role]))
     ]
     return sorted(
-        fitting, key=lambda item: (bool(_SIZE.search(item.name.lower())), -_standard_deviation(item))
+        fitting, key=lambda item: (bool(_MAGNITUDE.search(item.name.lower())), -_standard_deviation(item))
     )
 
 
 def _options_in_turn(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
-    """Options for each of some columns, the one that scatters most first."""
-    first, *others = [columns_option(sheet, role, item) for item in columns[:_MOST_SHOWN]]
-    return f"{first}, which scatters most, or {' or '.join(others)}" if others else first
+    """Options for each column, the one with the largest standard deviation first."""
+    first, *others = [columns_option(sheet, role, item) for item in columns[:_MAX_SHOWN]]
+    return f"{first}, which varies most, or {' or '.join(others)}" if others else first
 
 
 def _is_sensor_unit(unit: str) -> bool:
-    """Return True for a unit of what sensors give: electrical, a pressure, or unknown."""
+    """Return True for a unit of a sensor's output: electrical, pressure, or unknown."""
     dimension = dimension_of(unit)
-    return not is_level(unit) and (dimension is None or dimension[3] != 0 or has_dimension_of(unit, "Pa"))
+    return not is_logarithmic_unit(unit) and (
+        dimension is None or dimension[3] != 0 or has_dimension_of(unit, "Pa")
+    )
 
 
 def _refuse_to_guess_channel(sheet: Sheet, columns: Sequence[Column]) -> None:
-    """Refuse to guess which input of an instrument the height was connected to."""
+    """Refuse to guess the input of an instrument that recorded the height."""
     channels = [
         column
         for column in columns
-        if column.channel or (not column.unit and CHANNEL.fullmatch(normalize_column_name(column.name)))
+        if column.is_channel or (not column.unit and CHANNEL.fullmatch(normalize_column_name(column.name)))
     ]
     if channels and len(channels) == len(columns):
-        names = ", ".join(quote(column.name) for column in channels[:_MOST_SHOWN])
+        names = ", ".join(quote(column.name) for column in channels[:_MAX_SHOWN])
         raise RecordError(
-            f"no column 'height', only channels: {names}; say which it is and its unit, such as "
+            f"no column 'height', only channels: {names}; give its channel and unit, such as "
             f"{columns_option(sheet, HEIGHT, channels[0])} --units height=mm"
         )
 
 
 def _column_names_text(sheet: Sheet) -> str:
     names = [column.name.lower() for column in sheet.columns if column.name]
-    numbers = _column_numbers(sheet)[:_MOST_SHOWN]
-    return ", ".join(map(quote, names[:_MOST_SHOWN])) or f"columns {', '.join(numbers)}, none with a name"
+    numbers = _column_numbers(sheet)[:_MAX_SHOWN]
+    return ", ".join(map(quote, names[:_MAX_SHOWN])) or f"columns {', '.join(numbers)}, none with a name"

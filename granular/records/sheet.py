@@ -1,4 +1,4 @@
-"""Sheets: columns of numbers with their names and units, of a file or of a table in memory."""
+"""Sheets: columns of numbers with names and units, from a file or a table in memory."""
 
 from __future__ import annotations
 
@@ -19,67 +19,67 @@ from granular.shared.errors import RecordError, quote, sanitize
 __all__ = ["sheet_from_table"]
 
 IN_MEMORY = ("xarray", "DataFrame", "columns")
-"""Forms of a sheet that is no file's."""
+"""Values of `Sheet.form` for tables in memory."""
 
 
 @dataclasses.dataclass(eq=False)
 class Column:
     """A column of a sheet."""
 
-    name: str  # as in the file; empty: none
+    name: str  # as in the file; empty: no name
     unit: str | None  # as in the file
     values: Float[np.ndarray, "n"] | None  # NaN for lost samples; None: not all numbers
-    wrong: tuple[int, str] | None = None  # first row, from 0, that is no number, and its text
-    clock: str = ""  # read as seconds: date or clock; empty: numbers
-    channel: bool = False  # the name is that of an instrument's input
-    heading: str = ""  # as in the file, the unit included; empty: the name
+    first_invalid: tuple[int, str] | None = None  # first row, from 0, that is not a number, and its text
+    timestamp_kind: str = ""  # "date" or "clock", converted to seconds; empty: plain numbers
+    is_channel: bool = False  # the name is the label of an instrument's input
+    heading: str = ""  # as in the file, with the unit; empty: the name
 
-    def is_called(self, words: str) -> bool:
-        """Return True for the column's name, or its heading as it stands in the file."""
-        wanted = words.lower().split()
-        return wanted in [name.lower().split() for name in (self.name, self.heading) if name]
+    def has_name(self, words: str) -> bool:
+        """Return True for the column's name, or its heading in the file."""
+        requested = words.lower().split()
+        return requested in [name.lower().split() for name in (self.name, self.heading) if name]
 
     @property
-    def known(self) -> Float[np.ndarray, "m"]:
-        """Numbers that are finite; none of a column that holds anything else."""
+    def finite_values(self) -> Float[np.ndarray, "m"]:
+        """Finite numbers of the column; empty if the column is not numeric."""
         return np.empty(0) if self.values is None else self.values[np.isfinite(self.values)]
 
 
 @dataclasses.dataclass(eq=False)
 class Sheet:
-    """A table of a file."""
+    """A table, from a file or from memory."""
 
     columns: list[Column]
-    lines: Int[np.ndarray, "n"] | None  # line of the file of each row; None: no lines
-    header: bool  # the file names its columns
-    form: str  # what the file is, in words
-    notes: list[str] = dataclasses.field(default_factory=list)  # what was done to it
+    lines: Int[np.ndarray, "n"] | None  # line number of each row in the file; None: not a text file
+    header: bool  # True if the columns have names
+    form: str  # description of the format
+    notes: list[str] = dataclasses.field(default_factory=list)  # guesses and changes made on reading
 
     def describe_row(self, row: int) -> str:
-        """Name a row in words, with its line in the file."""
+        """Describe a row by its number, and by its line in the file."""
         return f"sample {row}" + ("" if self.lines is None else f" (line {int(self.lines[row])})")
 
 
 @contextlib.contextmanager
 def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
-    """Turn errors of any kind, from a library that reads a file, into one line."""
+    """Turn any error of a library that reads a file into a one-line `RecordError`."""
     try:
         yield
-    except (RecordError, MemoryError):  # the latter ends the process that reads
+    except (RecordError, MemoryError):  # a MemoryError ends the reading process
         raise
     except ImportError:
         raise RecordError(
             f"{kind} needs {package}, which is not installed; pip install "
             f"'granular-damper[{extra}]', or save it as CSV"
         ) from None
-    except Exception as error:  # each library has its own kinds, and its versions others
+    except Exception as error:  # types of errors differ between libraries and their versions
         words = sanitize(" ".join(str(error).split()))
-        raise RecordError(f"cannot be read as {kind}: {words}; save it anew, or as CSV") from None
+        raise RecordError(f"cannot be read as {kind}: {words}; save it again, or as CSV") from None
 
 
 # Cells -------------------------------------------------------------------------------------------
 
-LOST = (
+MISSING = (
     "", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "None", "-", "--", "---", "?",
 )  # fmt: skip
 """Spellings of a missing sample in programs' files."""
@@ -87,22 +87,22 @@ LOST = (
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?", re.ASCII)
 _CLOCK = re.compile(
-    r"(?:\d{1,4}[./-]\d{1,2}[./-]\d{1,4},?[ ])?"  # a day in any order, which tells no more than midnights
+    r"(?:\d{1,4}[./-]\d{1,2}[./-]\d{1,4},?[ ])?"  # a date in any order, used only to detect midnights
     r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)(?: ?([AP])M)?",
     re.ASCII | re.I,
 )
 _GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+", re.ASCII)
-"""A number with decimal comma and points between its thousands."""
+"""A number with a decimal comma and points between groups of thousands."""
 _DAY = 86400.0
 
 
 def is_timestamp(cell: str) -> bool:
-    """Tell a date with a time (ISO 8601), or a time of day."""
+    """Return True for a date with a time (ISO 8601), or a time of day."""
     return ":" in cell and (_DATE.fullmatch(cell) or _CLOCK.fullmatch(cell)) is not None
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Tell a number, a date or a time of day."""
+    """Return True for a number, a date with a time, or a time of day."""
     if decimal == ",":
         if "." in cell:
             return _GROUPED.fullmatch(cell) is not None or is_timestamp(cell)
@@ -111,17 +111,17 @@ def is_number(cell: str, decimal: str) -> bool:
 
 
 def parse_number(cell: str, decimal: str) -> float:
-    """Convert a cell that holds a number to its value."""
+    """Convert a cell with a number to its value."""
     return float(cell.replace(".", "").replace(",", ".") if decimal == "," else cell)
 
 
 def parse_timestamps(cells: Sequence[str]) -> tuple[np.ndarray, str] | None:
-    """Convert dates or times of day to seconds since the first one [s], with their kind."""
-    known = [cell for cell in cells if cell not in LOST]
+    """Convert dates or times of day to seconds since the first one [s]; return them and their kind."""
+    present = [cell for cell in cells if cell not in MISSING]
     for kind, form, parse in (("date", _DATE, _parse_dates), ("clock", _CLOCK, _parse_clock_times)):
-        if known and all(map(form.fullmatch, known)):
+        if present and all(map(form.fullmatch, present)):
             seconds = np.full(len(cells), np.nan)
-            seconds[[cell not in LOST for cell in cells]] = parse(known)
+            seconds[[cell not in MISSING for cell in cells]] = parse(present)
             return seconds, kind
     return None
 
@@ -131,7 +131,7 @@ def _parse_dates(cells: Sequence[str]) -> np.ndarray | float:
 
     try:
         stamps = pandas.to_datetime([cell.replace(",", ".") for cell in cells], utc=True, format="ISO8601")
-    except ValueError:  # a month 13
+    except ValueError:  # for example month 13
         return float("nan")
     nanoseconds = stamps.tz_convert(None).to_numpy().astype("datetime64[ns]").astype(np.int64)
     return np.asarray((nanoseconds - nanoseconds[0]) * 1e-9)
@@ -147,7 +147,7 @@ def _parse_clock_times(cells: Sequence[str]) -> np.ndarray:
             hour = hour % 12.0 + (12.0 if half in "Pp" else 0.0)
         values.append(3600.0 * hour + 60.0 * float(minutes) + float(seconds.replace(",", ".")))
     times = np.array(values)
-    # A time of day that falls back by more than half a day has passed midnight.
+    # A time of day that decreases by more than half a day has passed midnight.
     midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * _DAY)
     return np.asarray(times + _DAY * midnights - times[0])
 
@@ -156,12 +156,12 @@ def _parse_clock_times(cells: Sequence[str]) -> np.ndarray:
 
 
 def sheet_from_table(table: Any) -> Sheet:
-    """Make a sheet of a table.
+    """Convert a table in memory to a sheet.
 
     Parameters
     ----------
     table : DataFrame, Series, xarray object or mapping
-        Columns (n,) by names, with units as in ``height [mm]``.
+        Columns (n,) by name, with units as in ``height [mm]``.
 
     Returns
     -------
@@ -171,7 +171,7 @@ def sheet_from_table(table: Any) -> Sheet:
     Raises
     ------
     RecordError
-        If it is no table, or its columns have different lengths.
+        If it is not a table, or its columns have different lengths.
     """
     if hasattr(table, "to_frame") and not hasattr(table, "columns") and hasattr(table, "iloc"):
         table = table.to_frame(table.name or "height")  # a Series
@@ -189,35 +189,35 @@ def sheet_from_table(table: Any) -> Sheet:
         form = "DataFrame"
         if table.index.name is not None:
             table = table.reset_index()
-        elif table.index.dtype.kind in "mMf":  # times, without a name
+        elif table.index.dtype.kind in "mMf":  # an unnamed index of times
             table = table.rename_axis("time").reset_index()
         given = {name: split_quantity(table[name].to_numpy()) for name in table.columns}
     else:
         given = {name: split_quantity(table[name]) for name in _column_names(table)}
     lengths = {len(values) for values, _ in given.values()}
     if len(lengths) > 1:
-        raise RecordError(f"columns have the lengths {sorted(lengths)}; give columns of one length")
+        raise RecordError(f"columns have the lengths {sorted(lengths)}; give columns of equal length")
     notes: list[str] = []
     columns = [_make_column(str(heading), *column, notes) for heading, column in given.items()]
     return Sheet(columns, None, True, form, notes)
 
 
 def _column_names(table: Any) -> list[str]:
-    """Names of the columns of a mapping, of a table of polars or pyarrow, or of a structured array."""
+    """Names of columns of a mapping, a polars or pyarrow table, or a structured array."""
     if isinstance(table, Mapping):
         return list(table)
     names = getattr(table, "column_names", getattr(table, "columns", None))
     names = getattr(getattr(table, "dtype", None), "names", None) if names is None else names
     if names is None:
         raise RecordError(
-            f"{quote(type(table).__name__)} is no table; give a DataFrame, an xarray object or a "
+            f"{quote(type(table).__name__)} is not a table; give a DataFrame, an xarray object or a "
             "mapping of names to arrays"
         )
     return list(names)
 
 
 def split_quantity(values: Any) -> tuple[np.ndarray, str | None]:
-    """Numbers of an array, and the unit that a quantity of pint or astropy carries with them."""
+    """Numbers of an array, and the unit of a pint or astropy quantity."""
     if hasattr(values, "magnitude") and hasattr(values, "units"):
         return np.asarray(values.magnitude), f"{values.units:~}"
     if hasattr(values, "value") and hasattr(values, "unit"):
@@ -230,7 +230,7 @@ def split_quantity(values: Any) -> tuple[np.ndarray, str | None]:
 
 
 def numbers_in_si(name: str, values: Any) -> np.ndarray:
-    """Copy of a column in double precision and SI: neither truth values, texts nor complex numbers."""
+    """Copy of a column in double precision and SI; refuses booleans, strings and complex numbers."""
     try:
         given, unit = split_quantity(values)
         if given.dtype.kind not in "iufO" or np.ma.is_masked(values):
@@ -251,7 +251,9 @@ def _make_column(heading: str, values: np.ndarray, label: str | None, notes: lis
         return Column(name, unit, values.astype(np.float64), heading=heading)
     if values.dtype.kind in "mM":
         seconds = (values - values[0]) / np.timedelta64(1, "ns") * 1e-9
-        return Column(name, "s", np.asarray(seconds, dtype=np.float64), clock="date", heading=heading)
+        return Column(
+            name, "s", np.asarray(seconds, dtype=np.float64), timestamp_kind="date", heading=heading
+        )
     with contextlib.suppress(TypeError, ValueError):
         if values.dtype.kind == "O" and not any(isinstance(value, str | bool) for value in values):
             return Column(name, unit, np.array(values, dtype=np.float64), heading=heading)
@@ -259,10 +261,14 @@ def _make_column(heading: str, values: np.ndarray, label: str | None, notes: lis
 
 
 def column_of_texts(
-    name: str, unit: str | None, texts: Sequence[str], heading: str, wrong: tuple[int, str] | None = None
+    name: str,
+    unit: str | None,
+    texts: Sequence[str],
+    heading: str,
+    first_invalid: tuple[int, str] | None = None,
 ) -> Column:
-    """Column of dates or times of day, or one of no numbers whose first wrong row is given."""
+    """Column of dates or times of day, or a non-numeric column with its first invalid row."""
     stamps = parse_timestamps(texts)
     if stamps is not None:
-        return Column(name, "s", stamps[0], clock=stamps[1], heading=heading)
-    return Column(name, unit, None, wrong or (0, texts[0] if texts else ""), heading=heading)
+        return Column(name, "s", stamps[0], timestamp_kind=stamps[1], heading=heading)
+    return Column(name, unit, None, first_invalid or (0, texts[0] if texts else ""), heading=heading)

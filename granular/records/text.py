@@ -1,4 +1,4 @@
-"""Tables in text: CSV and its kin, with preambles, unit rows, decimal commas and lost samples."""
+"""Tables in text: CSV and similar, with preambles, unit rows, decimal commas and missing samples."""
 
 from __future__ import annotations
 
@@ -15,14 +15,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.records.headings import TIME, guess_column_role, is_unit, name_and_unit, parse_header
-from granular.records.sheet import LOST, Column, Sheet, column_of_texts, is_number, is_timestamp, parse_number
+from granular.records.sheet import (
+    MISSING,
+    Column,
+    Sheet,
+    column_of_texts,
+    is_number,
+    is_timestamp,
+    parse_number,
+)
 from granular.shared.errors import RecordError, quote, sanitize
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
-_LOOKED_AT = 200
-"""Lines at the beginning, in the middle and at the end that are inspected."""
-_ENOUGH, _FEWEST = 2**20, 12
-"""Characters after which no further lines are inspected, and the least number of lines."""
+_INSPECTED_LINES = 200
+"""Number of lines inspected at the beginning, in the middle and at the end."""
+_MAX_INSPECTED_CHARACTERS, _MIN_INSPECTED_LINES = 2**20, 12
 
 
 class NumberedLine(NamedTuple):
@@ -33,7 +40,7 @@ class NumberedLine(NamedTuple):
 
 
 class Dialect(NamedTuple):
-    """Dialect in which the lines of a table are written."""
+    """Separator, decimal mark, number of fields and indices of numeric fields of a table."""
 
     separator: str
     decimal: str
@@ -42,12 +49,12 @@ class Dialect(NamedTuple):
 
 
 def detect_dialect(
-    lines: Sequence[NumberedLine], decimal: str | None, least_numbers: int = 2
+    lines: Sequence[NumberedLine], decimal: str | None, min_numbers: int = 2
 ) -> Dialect | None:
     """Detect the dialect in which most lines are rows of numbers."""
     sample = [line.text for line in lines_to_inspect(lines)]
     tried = [
-        _try_dialect(sample, separator, mark, least_numbers)
+        _try_dialect(sample, separator, mark, min_numbers)
         for separator in SEPARATORS
         for mark in ((".", ",") if decimal is None else (decimal,))
     ]
@@ -56,24 +63,24 @@ def detect_dialect(
 
 
 def lines_to_inspect(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
-    """Return lines of the beginning, the middle and the end; fewer if lines are very long."""
+    """Lines from the beginning, the middle and the end; fewer if lines are very long."""
     middle = len(lines) // 2
-    numbers = (number for k in range(_LOOKED_AT) for number in (k, middle + k, len(lines) - 1 - k))
+    numbers = (number for k in range(_INSPECTED_LINES) for number in (k, middle + k, len(lines) - 1 - k))
     sampled: set[int] = set()
     characters = 0
     for number in numbers:
         if 0 <= number < len(lines) and number not in sampled:
             characters += len(lines[number].text)
-            if characters > _ENOUGH and len(sampled) >= _FEWEST:
+            if characters > _MAX_INSPECTED_CHARACTERS and len(sampled) >= _MIN_INSPECTED_LINES:
                 break
             sampled.add(number)
     return [lines[k] for k in sorted(sampled)]
 
 
 def _try_dialect(
-    sample: Sequence[str], separator: str, decimal: str, least_numbers: int
+    sample: Sequence[str], separator: str, decimal: str, min_numbers: int
 ) -> tuple[tuple[int, float, int], Dialect] | None:
-    """Count the lines that a dialect explains, the fraction of numbers in them, and columns."""
+    """Score a dialect: number of rows that fit, fraction of numbers in them, number of columns."""
     rows = [split_fields(line, separator) for line in sample]
     if decimal == "," and any(
         "." in cell and is_number(cell, ".") and not is_timestamp(cell) for row in rows for cell in row
@@ -81,42 +88,44 @@ def _try_dialect(
         return None
     numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
     widths = collections.Counter(
-        len(row) for row, good in zip(rows, numeric, strict=True) if len(good) >= least_numbers
+        len(row) for row, good in zip(rows, numeric, strict=True) if len(good) >= min_numbers
     )
     if not widths:
         return None
     raw = max(widths, key=lambda width: (widths[width], width))
     same = [k for k, row in enumerate(rows) if len(row) == raw and numeric[k]]
-    width = raw  # without what stands behind a separator at the end of all lines: nothing
+    width = raw  # less the empty fields after a separator at the end of all lines
     while not any(rows[k][width - 1] for k in same):
         width -= 1
     numbers = collections.Counter(field for k in same for field in numeric[k])
-    lost = collections.Counter(field for k in same for field, cell in enumerate(rows[k]) if cell in LOST)
+    lost = collections.Counter(field for k in same for field, cell in enumerate(rows[k]) if cell in MISSING)
     core = tuple(field for field in sorted(numbers) if numbers[field] + lost[field] >= 0.5 * len(same))
-    if len(core) < least_numbers:
+    if len(core) < min_numbers:
         return None
     fraction = (sum(numbers.values()) + sum(lost.values())) / (len(same) * raw)
     return (widths[raw], fraction, len(core)), Dialect(separator, decimal, width, core)
 
 
-_WITH_COMMA = re.compile(r"\s*[+-]?(\d+),\d+", re.ASCII)
+_DECIMAL_COMMA_PAIR = re.compile(r"\s*[+-]?(\d+),\d+", re.ASCII)
 _COMMA = re.compile(r"(\d),(\d+)", re.ASCII)
 
 
 def has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool | None:
-    """Tell rows in which every second comma is a decimal one."""
+    """Return True if every second comma is a decimal comma, None if ambiguous."""
     rows = [line.text.strip().split(",") for line in lines_to_inspect(lines)]
-    pairs = [_WITH_COMMA.fullmatch(",".join(row[k : k + 2])) for row in rows for k in range(0, len(row), 2)]
+    pairs = [
+        _DECIMAL_COMMA_PAIR.fullmatch(",".join(row[k : k + 2])) for row in rows for k in range(0, len(row), 2)
+    ]
     if decimal == "." or dialect.width < 4 or not all(pairs):
         return False
     if decimal == ",":
         return True
-    # Decimals may begin with a zero, integers do not; and decimals are as many in each line, or end with no
-    # zero.
-    behind = [[row[k] for row in rows] for k in range(1, dialect.width, 2)]
-    digits = [cell for column in behind for cell in column]
-    as_many = all(len(set(map(len, column))) == 1 for column in behind)
-    if not (as_many or not any(cell.endswith("0") for cell in digits)):
+    # Decimals may begin with a zero, integers do not. The number of decimals is the same in each line, or
+    # decimals do not end with a zero.
+    decimals = [[row[k] for row in rows] for k in range(1, dialect.width, 2)]
+    digits = [cell for column in decimals for cell in column]
+    equal_counts = all(len(set(map(len, column))) == 1 for column in decimals)
+    if not (equal_counts or not any(cell.endswith("0") for cell in digits)):
         return False
     integers = [match[1] for match in pairs if match is not None]
     return (any(map(_is_zero_padded, digits)) and not any(map(_is_zero_padded, integers))) or None
@@ -127,17 +136,17 @@ def _is_zero_padded(digits: str) -> bool:
 
 
 def replace_decimal_commas(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
-    """Replace the first comma of each line, and every second one after it, by a point."""
+    """Replace every second comma of each line, from the first on, by a point."""
     return [NumberedLine(line.number, _COMMA.sub(r"\1.\2", line.text)) for line in lines]
 
 
 def split_fields(line: str, separator: str) -> list[str]:
-    """Split a line into its fields, without the spaces around them."""
+    """Split a line into fields without surrounding spaces."""
     if separator == " ":
         return line.split()
     cells = line.split(separator)
     if '"' in line:
-        # not a cell of more than 131072 characters, which is no number either
+        # fails for a cell of more than 131072 characters, which is not a number anyway
         with contextlib.suppress(csv.Error):
             cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True)) or cells
     return [cell.strip() for cell in cells]
@@ -147,12 +156,12 @@ _WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
 
 
 def split_header(line: str, separator: str) -> list[str]:
-    """Split a header into its fields; between spaces, a unit in brackets belongs to its name."""
+    """Split a header into fields; with spaces as separators, a unit in brackets stays with its name."""
     return _WORD.findall(line) if separator == " " else split_fields(line, separator)
 
 
 def is_table_row(fields: Sequence[str], dialect: Dialect) -> bool:
-    """Tell a line of the table: as many fields, of which some are numbers."""
+    """Return True for a row of the table: the right number of fields, with a number among them."""
     return len(trim_fields(fields, dialect.width)) == dialect.width and any(
         is_number(fields[k], dialect.decimal) for k in dialect.numeric
     )
@@ -169,30 +178,30 @@ def trim_fields(fields: Sequence[str], width: int) -> Sequence[str]:
 _COMMENTS = "#%!"
 """Characters that begin a comment."""
 _JSON = re.compile(r'\s*(?:\{\s*"|\[\s*[\[{"\d-])')
-"""Beginning of a file of JSON."""
-_MOST_COLUMNS = 50_000
+"""Beginning of a JSON file."""
+_MAX_COLUMNS = 50_000
 _BEGINS_WITH_QUANTITY = re.compile(r'\s*"?[+-]?[.,]?\d')
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+-]?\d")
-_WITH_UNIT = re.compile(
+_NUMBER_WITH_UNIT = re.compile(
     r"(?<![\w.])([+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s?([^\W\d_][^\s,;|\"]*|[°%][^\s,;|\"]*)"
     r"(?=\s*[,;|\"]|\s*$|\s+[+-]?[.,]?\d)"
 )
-"""A number with a unit behind it, at the end of a cell."""
-_is_known_unit = functools.lru_cache(maxsize=1024)(is_unit)  # of each cell of a file
-_LONGEST_ROW = 10_000
-"""Characters of a row beyond which no units are looked for in its cells."""
-_MOST_NUMBERS = 50
-"""Lines above the rows that begin with a number: as many as a preamble may have."""
+"""A number followed by a unit, at the end of a cell."""
+_is_known_unit = functools.lru_cache(maxsize=1024)(is_unit)  # called for each cell of a file
+_MAX_ROW_CHARACTERS = 10_000
+"""Maximum length of a row whose cells are searched for units."""
+_MAX_NUMERIC_PREAMBLE = 50
+"""Maximum number of lines in a preamble that begin with a number."""
 _HEADER_SEPARATORS = (r"\t+", r"\s{2,}", ";", ",", r"\|")
-"""Separators of a header that is written otherwise than the rows, as one aligned by blanks."""
+"""Separators of a header that differ from the separator of the rows."""
 _NAME_AND_UNIT = re.compile(r"[^\[\](){}]+[\[({][^\[\](){}]*[\])}]")
-"""Names of several words with a unit behind each, as in ``Elapsed Time (s) Stage Position (mm)``."""
-_HEADER = 4
-"""Lines above the rows among which names and units are looked for."""
+"""Name of several words followed by a unit, as in ``Elapsed Time (s) Stage Position (mm)``."""
+_HEADER_LINES = 4
+"""Number of lines above the rows in which names and units are looked for."""
 
 
-def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least_columns: int = 2) -> Sheet:
-    """Read the table in a text: CSV and its kin, with preambles, unit rows and decimal commas."""
+def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_columns: int = 2) -> Sheet:
+    """Read the table in a text: CSV or similar, with preambles, unit rows and decimal commas."""
     lines = [
         NumberedLine(number, line)
         for number, line in enumerate(re.split(r"\r\n|\r|\n", text)[skip:], start=skip + 1)
@@ -200,15 +209,15 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least_c
     ]
     if lines and lines[0].text.lstrip()[0] in "{[" and _JSON.match(text):
         raise RecordError(
-            "is JSON, which is not read; write it as CSV, with pandas: "
+            "is JSON, which is not supported; write it as CSV, with pandas: "
             "pandas.read_json(FILE).to_csv('record.csv')"
         )
     _refuse_too_many_columns(lines)
     plain = [line for line in lines if line.text.lstrip()[0] not in _COMMENTS]
     if not plain:
-        raise RecordError("is empty; a header and samples are wanted")
+        raise RecordError("is empty; a header and samples are needed")
     plain, row_with_units = _strip_units_of_cells(plain)
-    dialect = detect_dialect(plain, decimal, least_columns)
+    dialect = detect_dialect(plain, decimal, min_columns)
     if dialect is None:
         single = detect_dialect(plain, decimal, 1)
         raise RecordError(_no_table_text(plain, one_column=single is not None and single.width == 1))
@@ -219,7 +228,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least_c
     commas = dialect.decimal == ","
     if dialect.separator == "," and not names and _has_decimal_commas(below, dialect, decimal):
         below, commas = replace_decimal_commas(below), True
-        dialect = detect_dialect(below, ".", least_columns) or dialect
+        dialect = detect_dialect(below, ".", min_columns) or dialect
     rows, notes = _drop_trailing_text(below, dialect)
     if row_with_units:
         in_cells = _units_of_fields(row_with_units, dialect.separator)
@@ -230,47 +239,51 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least_c
 
 
 def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine], str]:
-    """Rows without the units behind their numbers, as in ``31.0 cm``, and one row with them.
+    """Remove units after numbers, as in ``31.0 cm``, from the rows; also return one row with them.
 
-    Nothing is changed, and that row is empty, where fewer than half of the rows hold such cells.
+    If fewer than half of the rows have such cells, nothing is changed and that row is empty.
     """
     sample = [line.text for line in lines_to_inspect(lines) if _BEGINS_WITH_QUANTITY.match(line.text)]
-    if max(map(len, sample), default=0) > _LONGEST_ROW:
+    if max(map(len, sample), default=0) > _MAX_ROW_CHARACTERS:
         return lines, ""
-    examples = {tuple(match[2] for match in _units_in(text)): text for text in reversed(sample)}
-    counted = collections.Counter(tuple(match[2] for match in _units_in(text)) for text in sample)
-    del counted[()]
-    if 2 * counted.total() <= len(sample):
+    examples = {tuple(match[2] for match in _numbers_with_unit(text)): text for text in reversed(sample)}
+    occurrences = collections.Counter(
+        tuple(match[2] for match in _numbers_with_unit(text)) for text in sample
+    )
+    del occurrences[()]
+    if 2 * occurrences.total() <= len(sample):
         return lines, ""
-    units = max(counted, key=counted.__getitem__)
+    units = max(occurrences, key=occurrences.__getitem__)
     stripped = []
     for line in lines:
-        matches = _units_in(line.text) if _BEGINS_WITH_QUANTITY.match(line.text) else []
-        odd = {match[2] for match in matches} - set(units)
-        if odd and len(matches) == len(units):
+        matches = _numbers_with_unit(line.text) if _BEGINS_WITH_QUANTITY.match(line.text) else []
+        other_units = {match[2] for match in matches} - set(units)
+        if other_units and len(matches) == len(units):
             raise RecordError(
-                f"line {line.number} holds a number in {quote(odd.pop())}, and others are in "
+                f"line {line.number} holds a number in {quote(other_units.pop())}, but others are in "
                 f"{' and '.join(map(quote, units))}; write each column in one unit"
             )
-        stripped.append(NumberedLine(line.number, _without(line.text, matches, 2)))
+        stripped.append(NumberedLine(line.number, _remove_group(line.text, matches, 2)))
     return stripped, examples[units]
 
 
 def _units_of_fields(row: str, separator: str) -> list[str]:
-    """Units behind the numbers in each field of a row; empty texts in fields without one."""
+    """Return the unit after the number in each field of a row; empty for fields without a unit."""
     if separator == " ":
-        fields = split_fields(_without(row, _units_in(row), 1), separator)
+        fields = split_fields(_remove_group(row, _numbers_with_unit(row), 1), separator)
         return [field if is_unit(field) else "" for field in fields]
-    return [next((match[2] for match in _units_in(field)), "") for field in split_fields(row, separator)]
+    return [
+        next((match[2] for match in _numbers_with_unit(field)), "") for field in split_fields(row, separator)
+    ]
 
 
-def _units_in(text: str) -> list[re.Match[str]]:
-    """Numbers of a row with a unit behind them."""
-    return [match for match in _WITH_UNIT.finditer(text) if _is_known_unit(match[2])]
+def _numbers_with_unit(text: str) -> list[re.Match[str]]:
+    """Find the numbers of a row that are followed by a unit."""
+    return [match for match in _NUMBER_WITH_UNIT.finditer(text) if _is_known_unit(match[2])]
 
 
-def _without(text: str, matches: Sequence[re.Match[str]], group: int) -> str:
-    """Text without one group of each match."""
+def _remove_group(text: str, matches: Sequence[re.Match[str]], group: int) -> str:
+    """Remove one group of each match from a text."""
     for match in reversed(matches):
         text = text[: match.start(group)] + text[match.end(group) :]
     return text
@@ -278,21 +291,21 @@ def _without(text: str, matches: Sequence[re.Match[str]], group: int) -> str:
 
 def _refuse_too_many_columns(lines: Sequence[NumberedLine]) -> None:
     for line in lines:
-        long = len(line.text) > 2 * _MOST_COLUMNS
+        long = len(line.text) > 2 * _MAX_COLUMNS
         width = 1 + max(map(line.text.count, SEPARATORS)) if long else 1
-        if width > _MOST_COLUMNS:
+        if width > _MAX_COLUMNS:
             raise RecordError(
-                f"line {line.number} has {width} values; at most "
-                f"{_MOST_COLUMNS} columns are read: write a sample to a line, and fewer columns"
+                f"line {line.number} has {width} values; the limit is "
+                f"{_MAX_COLUMNS} columns: write one sample per line, and fewer columns"
             )
 
 
 def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
-    """Return the words of an error where no lines are rows of numbers."""
+    """Text of the error if no lines are rows of numbers."""
     if one_column:
         return (
             "is not separated by commas, semicolons, tabs or spaces: it holds one column of numbers; "
-            "give how many samples there are in a second (--rate '100 Hz'), or a time and a coordinate"
+            "give the sampling rate (--rate '100 Hz'), or a time and a coordinate"
         )
     head = lines[0].text
     separator = max(SEPARATORS, key=lambda mark: len(split_fields(head, mark)))
@@ -300,19 +313,19 @@ def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
     for line in lines[1:2]:
         cells = split_fields(line.text, separator)
         for name, cell in zip(names, cells, strict=False):
-            if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in LOST:
+            if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in MISSING:
                 return (
                     f"{sanitize(parse_header(name)[0])} of sample 0 (line "
                     f"{line.number}) is {quote(cell)}, not a number; correct or drop it"
                 )
     if len(names) > 1:
         return (
-            "0 samples in columns of numbers; at least two columns, a time and a "
-            "coordinate, are wanted below a header such as 'time [s], height [mm]'"
+            "0 samples in numeric columns; two columns or more, with a time and a "
+            "coordinate, are needed below a header such as 'time [s], height [mm]'"
         )
     return (
         f"no column 'time' and no other: line {lines[0].number}, {quote(head)}, "
-        "is not separated by commas, semicolons, tabs or spaces; a time and a coordinate are wanted"
+        "is not separated by commas, semicolons, tabs or spaces; a time and a coordinate are needed"
     )
 
 
@@ -320,7 +333,7 @@ def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
 
 
 def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> int:
-    """Return the index of the first row."""
+    """Index of the first row of the table."""
 
     def fields(k: int) -> list[str]:
         return split_fields(lines[k].text, dialect.separator)
@@ -329,21 +342,21 @@ def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> int:
         k
         for k in range(len(lines))
         if is_table_row(cells := fields(k), dialect)
-        and all(is_number(cells[j], dialect.decimal) or cells[j] in LOST for j in dialect.numeric)
+        and all(is_number(cells[j], dialect.decimal) or cells[j] in MISSING for j in dialect.numeric)
     )
     full = next(full_rows, None)
     if full is None:
-        numbers = ", ".join(str(j + 1) for j in dialect.numeric[:_HEADER])
+        numbers = ", ".join(str(j + 1) for j in dialect.numeric[:_HEADER_LINES])
         raise RecordError(f"no line holds numbers in each of the columns {numbers}: correct the lines")
     start = full
-    # A row with a wrong number stands above the first that is right, and below the header.
+    # Rows with an invalid number may precede the first valid row, below the header.
     while start and is_table_row(fields(start - 1), dialect):
         start -= 1
     return start if any(_is_header(fields(k), dialect) for k in range(start)) else full
 
 
 def _is_header(fields: Sequence[str], dialect: Dialect) -> bool:
-    """Return True where a line may name the columns: as many words, none of which is a number."""
+    """Return True for a line that may name the columns: enough words, and no number."""
     words = [cell for cell in fields if cell]
     return (
         len(fields) >= dialect.width
@@ -353,77 +366,79 @@ def _is_header(fields: Sequence[str], dialect: Dialect) -> bool:
 
 
 def _check_lines_above_table(head: Sequence[NumberedLine], dialect: Dialect) -> None:
-    """Refuse rows whose number of fields differs from that of the header, or of rows, above them."""
+    """Refuse rows whose number of fields differs from the header or from rows above them."""
     numbers = [line.number for line in head if _BEGINS_WITH_NUMBER.match(line.text)]
-    if len(numbers) > _MOST_NUMBERS:
+    if len(numbers) > _MAX_NUMERIC_PREAMBLE:
         raise RecordError(
-            f"{len(numbers)} lines from line {numbers[0]} on hold numbers too, but not {dialect.width} "
-            f"between {SEPARATORS[dialect.separator]}, as those below do; write all lines alike, or say "
-            "how many at the head are no rows (--skip 12)"
+            f"{len(numbers)} lines from line {numbers[0]} on also hold numbers, but not {dialect.width} "
+            f"separated by {SEPARATORS[dialect.separator]} like those below; write all lines in one "
+            "format, or "
+            "give the number of lines to skip (--skip 12)"
         )
     below: list[str] = []
     for line in reversed(head):
         fields = split_fields(line.text, dialect.separator)
         names = len(fields) > 1 and any(guess_column_role(parse_header(field)[0]) for field in fields)
         if names and not any(is_number(field, dialect.decimal) for field in fields):
-            odd = any(is_number(field, dialect.decimal) for field in below)
-            if odd or (not below and len(fields) < dialect.width):
+            numeric_below = any(is_number(field, dialect.decimal) for field in below)
+            if numeric_below or (not below and len(fields) < dialect.width):
                 raise RecordError(
                     f"sample 0 has {len(below) or dialect.width} values for "
-                    f"{len(fields)} columns (below line {line.number}); separate all lines "
-                    "alike, and by another character than the decimals"
+                    f"{len(fields)} columns (below line {line.number}); use one separator in all lines, "
+                    "different from the decimal mark"
                 )
             return
         below = fields
 
 
 def _has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool:
-    """Return True where commas separate and are decimal ones too; refuse to guess if unclear."""
+    """Return True if commas are both separators and decimal marks; refuse to guess if ambiguous."""
     decimal_commas = has_decimal_commas(lines, dialect, decimal)
     if decimal_commas is None:
         raise RecordError(
             f"{quote(lines[0].text)} is {dialect.width} integers, or "
-            f"{dialect.width // 2} with decimal commas; say which (--decimal . or --decimal ,), or separate "
+            f"{dialect.width // 2} numbers with decimal commas; choose (--decimal . or --decimal ,), or "
+            "separate "
             "by semicolons"
         )
     return decimal_commas
 
 
 def _read_header(
-    head: Sequence[NumberedLine], dialect: Dialect, every: Sequence[NumberedLine], start: int
+    head: Sequence[NumberedLine], dialect: Dialect, all_lines: Sequence[NumberedLine], start: int
 ) -> tuple[list[str], list[str]]:
-    """Return names and units above the rows; empty lists if there are none."""
-    rows = [_split_header_line(line.text, dialect) for line in head[-_HEADER:]]
+    """Names and units above the rows; empty lists if there are none."""
+    rows = [_split_header_line(line.text, dialect) for line in head[-_HEADER_LINES:]]
     headers = [row for row in rows if _is_header(row, dialect)]
     if not headers:
         comments = [
             line.text.lstrip().lstrip(_COMMENTS + "/ ")
-            for line in every
+            for line in all_lines
             if line.number < start and line.text.lstrip()[0] in _COMMENTS
         ]
         rows = [_split_header_line(text, dialect) for text in comments[-3:]]
         headers = [row for row in rows if _is_header(row, dialect) and len(row) == dialect.width]
     if not headers:
         return [], []
-    if not all(is_unit(cell) or cell in LOST for cell in headers[-1]):
+    if not all(is_unit(cell) or cell in MISSING for cell in headers[-1]):
         return _best_header_row(headers)
     units = headers.pop()
     if headers:
         return headers[-1], units
-    # A row of units alone, or below one whose names hold numbers, such as that of a channel.
+    # Only a row of units, or one below names with numbers, such as channel numbers.
     return rows[-2] if len(rows) > 1 and len(rows[-2]) >= dialect.width else [], units
 
 
 def _split_header_line(line: str, dialect: Dialect) -> list[str]:
-    """Split a header as the rows are, or by what else makes as many names of it, a time among them."""
+    """Split a header like the rows, or else by a separator that gives as many names, with a time."""
     fields = split_header(line, dialect.separator)
     if len(fields) == dialect.width or (len(fields) > dialect.width and dialect.separator != " "):
         return fields
     splits = [re.split(mark, line.strip()) for mark in _HEADER_SEPARATORS]
-    in_brackets = _NAME_AND_UNIT.findall(line) if len(line) <= _LONGEST_ROW else []
+    in_brackets = _NAME_AND_UNIT.findall(line) if len(line) <= _MAX_ROW_CHARACTERS else []
     for cells in (*splits, in_brackets, split_header(line, " ")):
         names = [cell.strip(' "') for cell in cells]
-        # a title above rows without a header may hold a quantity too
+        # a title above rows without a header may also contain a quantity
         if (
             len(names) == dialect.width
             and all(names)
@@ -436,10 +451,10 @@ def _split_header_line(line: str, dialect: Dialect) -> list[str]:
 
 
 def _best_header_row(rows: Sequence[list[str]]) -> tuple[list[str], list[str]]:
-    """Return names and units: the lowest row that names a time, else the lowest row."""
+    """Names and units from the lowest row that contains a time, else the lowest row."""
     if any(map(_is_column_header, rows[-1])):
         return rows[-1], []
-    # Loggers write what was done to a column, such as averaging, below its name and unit.
+    # Loggers write processing such as averaging below the name and unit of a column.
     for row, below in zip(reversed(rows), ([], *reversed(rows)), strict=False):
         if any(map(_names_time, row)):
             return row, [cell if is_unit(cell) else "" for cell in below]
@@ -459,7 +474,7 @@ def _is_column_header(cell: str) -> bool:
 def _drop_trailing_text(
     lines: Sequence[NumberedLine], dialect: Dialect
 ) -> tuple[list[NumberedLine], list[str]]:
-    """Return the rows without trailing text and without a truncated last row."""
+    """Drop trailing text and a truncated last row."""
     rows, notes = list(lines), []
     odd = [k for k, line in enumerate(rows) if _row_width(line.text, dialect) != dialect.width]
     while odd and odd[-1] == len(rows) - 1:
@@ -468,8 +483,8 @@ def _drop_trailing_text(
             break
         if len(rows) == 1 or (len(fields) < dialect.width and len(rows) - len(odd) < 2):
             break
-        words = "is cut off" if is_number(fields[0], dialect.decimal) else "is no row of the table"
-        notes.append(f"line {rows.pop().number}, the last, {words} and is left out")
+        reason = "is cut off" if is_number(fields[0], dialect.decimal) else "is not a row of the table"
+        notes.append(f"line {rows.pop().number}, the last, {reason} and is dropped")
         odd.pop()
     if odd:
         line = rows[odd[0]]
@@ -511,7 +526,7 @@ def _rows_to_data_frame(rows: Sequence[NumberedLine], dialect: Dialect) -> Any:
     import pandas
 
     blanks = dialect.separator == " "
-    # Exact to the last bit by default from pandas 3 on.
+    # Parsing is exact by default from pandas 3 on.
     exact = {} if int(pandas.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
     try:
         return pandas.read_csv(
@@ -524,22 +539,22 @@ def _rows_to_data_frame(rows: Sequence[NumberedLine], dialect: Dialect) -> Any:
             usecols=range(dialect.width),
             skipinitialspace=True,
             keep_default_na=False,
-            na_values=list(LOST),
+            na_values=list(MISSING),
             skip_blank_lines=False,
             **exact,
         )
     except (ValueError, OverflowError, pandas.errors.ParserError) as error:
         words = " ".join(str(error).split())
-        raise RecordError(f"cannot be read as CSV: {sanitize(words)}; write it anew") from None
+        raise RecordError(f"cannot be read as CSV: {sanitize(words)}; write it again") from None
 
 
 def _make_column(name: str, unit: str | None, cells: Any, decimal: str, heading: str) -> Column:
-    """Make a column of a pandas Series, which holds texts if some cell is no number."""
+    """Make a column from a pandas Series, which holds strings if a cell is not a number."""
     if cells.dtype.kind in "iuf":
         return Column(name, unit, cells.to_numpy(dtype=np.float64), heading=heading)
     texts = ["" if gap else str(cell).strip() for cell, gap in zip(cells, cells.isna(), strict=True)]
     for row, text in enumerate(texts):
-        if text not in LOST and (is_timestamp(text) or not is_number(text, decimal)):
+        if text not in MISSING and (is_timestamp(text) or not is_number(text, decimal)):
             return column_of_texts(name, unit, texts, heading, (row, text))
-    values = [np.nan if text in LOST else parse_number(text, decimal) for text in texts]
+    values = [np.nan if text in MISSING else parse_number(text, decimal) for text in texts]
     return Column(name, unit, np.array(values), heading=heading)

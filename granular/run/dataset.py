@@ -33,7 +33,7 @@ class DatasetVariable:
     dims: tuple[str, ...] = ("time",)
 
     def attributes(self) -> dict[str, Any]:
-        """Attributes that the variable has in xarray and Zarr: its SI unit and its meaning, by name."""
+        """Attributes of the variable in xarray and Zarr, a dict: SI unit and meaning."""
         return {"units": self.unit, "long_name": self.meaning}
 
 
@@ -54,16 +54,16 @@ _PISTON_LOSS = DatasetVariable(
 _COUNT = DatasetVariable("grain_count", "1", "number of grains in the cell", "grains")
 _WORK = DatasetVariable("work", "J", "work done from outside through the piston", "work", "energy")
 _STATE = (
-    DatasetVariable("closest_distance", "m", "least distance of two grains", "closest", "length"),
-    DatasetVariable("greatest_speed", "m/s", "greatest speed of a grain", "fastest", "velocity"),
-    DatasetVariable("stiffest_mode", "rad/s", "bound of the highest frequency", "stiffest", "rate"),
+    DatasetVariable("closest_distance", "m", "minimum distance of two grains", "closest", "length"),
+    DatasetVariable("greatest_speed", "m/s", "maximum speed of a grain", "fastest", "velocity"),
+    DatasetVariable("stiffest_mode", "rad/s", "upper bound of the highest frequency", "stiffest", "rate"),
 )
 
 COORDINATES = (
     *("frame", "grain", "axis", "species", "diameter"),
     *("departure_grain", "departure_time", "departure_position"),
 )
-"""Names that a run's dataset has besides those of its variables."""
+"""Coordinates and outflow variables of a run's dataset, whose names other variables must not use."""
 STAGE = DatasetVariable("stage", "1", "index of the stage in the protocol")
 FRAME_TIME = DatasetVariable("frame_time", "s", "time of the frame", scale="time", dims=("frame",))
 GRAIN_FIELDS = (
@@ -77,7 +77,7 @@ FRAME_HEIGHT = DatasetVariable(
 
 
 def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Scalar variables of a scene's records: those of the effects and parts that it has."""
+    """Scalar variables in the records of a scene, according to its effects and parts."""
     effects, piston, walls = scene.effects, scene.piston, scene.effects.walls
     laws = list(enumerate(effects.in_loop_order))
     own = [record for _, law in laws for record in law.extra_records]
@@ -100,7 +100,7 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
 
 
 def _side_variables(scene: Scene) -> Iterator[DatasetVariable]:
-    """Force on each wall of the cell, and that on the piston."""
+    """Force on each wall of the cell, and on the piston."""
     walled = {name for name, _ in scene.effects.walls.present_walls} if scene.effects.walls else set()
     for index, line in enumerate(scene.cell.lines):
         if line.body == CELL and line.name in walled:
@@ -113,7 +113,7 @@ def _side_variables(scene: Scene) -> Iterator[DatasetVariable]:
 def _variables_of_summed_records(
     records: Iterable[tuple[str, RecordedVariable | None]],
 ) -> list[DatasetVariable]:
-    """Variable for each record, of the columns of all effects that share it."""
+    """Variable for each record, the sum of the columns of all effects that share it."""
     columns: dict[RecordedVariable, list[str]] = {}
     for column, record in records:
         if record is not None:
@@ -128,26 +128,31 @@ def _record_variable(
 
 
 def grain_field_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Variables of each grain in the frames of a scene's runs."""
-    brought = (record for effect in scene.effects.in_loop_order for record in effect.grain_records)
-    return (*GRAIN_FIELDS, *(_record_variable(column, "", ("frame", "grain")) for column in brought))
+    """Variables per grain in the frames of a scene's runs."""
+    grain_records = (record for effect in scene.effects.in_loop_order for record in effect.grain_records)
+    return (*GRAIN_FIELDS, *(_record_variable(column, "", ("frame", "grain")) for column in grain_records))
 
 
 def all_run_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Variables of a scene's runs, in the order in which they are recorded."""
+    """Variables of a scene's runs, in the order of recording."""
     scalars = (TIME, *scalar_variables(scene), STAGE)
     return (*scalars, FRAME_TIME, FRAME_HEIGHT, *grain_field_variables(scene))
 
 
 def check_variable_names(scene: Scene) -> None:
-    """Check that no two variables of a scene's runs have one name, before anything is recorded."""
+    """Refuse equal names of two variables of a scene's runs, before the run starts."""
     names = Counter([*COORDINATES, *(variable.name for variable in all_run_variables(scene))])
     for effect in sorted(scene.effects.in_loop_order, key=lambda effect: not effect.user_code_digests):
-        brought = (effect.energy_record, effect.loss_record, *effect.extra_records, *effect.grain_records)
-        for record in brought:
+        effect_records = (
+            effect.energy_record,
+            effect.loss_record,
+            *effect.extra_records,
+            *effect.grain_records,
+        )
+        for record in effect_records:
             if record is not None and names[record.name] > 1:
                 raise FieldError(
-                    f"its record {quote(record.name)} has the name of another one of the run; "
+                    f"its record {quote(record.name)} has the same name as another record of the run; "
                     "give the effect another name",
                     "effects",
                     effect.key,
@@ -170,7 +175,7 @@ class RecordBuffer:
         self.stages.append(np.full(len(rows), stage, dtype=np.int64))
 
     def add_frame(self, time: float, state: State, constants: Constants) -> None:
-        """Append a frame: positions, velocities, forces and the effects' values of all grains; time [tau]."""
+        """Append a frame: positions, velocities, forces and values of effects for all grains; time [tau]."""
         frame = {
             "frame_time": np.array(time),
             "frame_height": state.piston[HEIGHT].copy(),
@@ -184,22 +189,22 @@ class RecordBuffer:
         self.frames.append(frame)
 
     def _grain_field(self, state: State, present: int, *components: np.ndarray) -> np.ndarray:
-        # NaN: a grain that has left the cell has no position.
+        # NaN for a grain that has left the cell.
         field = np.full((self.count, len(components)), np.nan)
         field[state.label[:present]] = np.stack([component[:present] for component in components], axis=1)
         return field
 
     def record_and_frame_counts(self) -> tuple[int, int]:
-        """Count the records and the frames that are held: a tuple of two integers."""
+        """Count the buffered records and frames: a tuple of two integers."""
         return sum(map(len, self.rows)), len(self.frames)
 
     def clear(self) -> None:
-        """Forget all records and frames."""
+        """Remove all records and frames."""
         for buffer in (self.rows, self.stages, self.frames):
             buffer.clear()
 
     def variables_in_si(self, scene: Scene) -> Iterator[tuple[DatasetVariable, np.ndarray]]:
-        """Iterate over the scene's variables, with all values that are held converted to SI."""
+        """Iterate over the scene's variables, with all buffered values converted to SI."""
         own = sum(len(effect.extra_records) for effect in self.effects)
         columns = column_names(len(self.effects), own, len(scene.cell.lines))
         scales = Scales.from_grains(scene.grains)

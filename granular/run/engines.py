@@ -1,8 +1,9 @@
-"""Engines: what advances a bed by ticks. Numba's compiled loop is the first.
+"""Engines, which advance a bed by ticks; the built-in engine is the loop that Numba compiles.
 
-An engine is a function ``advance(system, state, ticks) -> Rows``. It moves the state on in place, positions,
-velocities, piston, clock and ledger, and returns a record of every so many ticks. An installed distribution
-offers its own by an entry point of the group of `ENGINES`, and `granular.simulate` takes it by its name.
+An engine is a function ``advance(system, state, ticks) -> Rows``. It advances the state in place (positions,
+velocities, piston, clock and ledger) and returns records at a given interval of ticks. An installed
+distribution adds an engine by an entry point of the group of `ENGINES`; `granular.simulate` selects it by
+name.
 """
 
 from __future__ import annotations
@@ -24,33 +25,35 @@ from granular.shared.array_types import Float
 from granular.shared.registry import Registry
 
 NUMBA = "numba"
-"""Name of the engine that is built in."""
+"""Name of the built-in engine."""
 
 NO_TICKS = TickRange(0.0, 0.0, math.inf, 0, 0)
-"""Request of an engine to look at the present moment: one record, and nothing moves."""
+"""Request for one record of the present moment, without motion."""
 
 UNDIVIDED = StepSchedule(1.0, 1.0, 1, 1, 1, 0)
 
-UNWATCHED = StopCriteria(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0, 0.0, -math.inf)
+NO_STOP_CRITERIA = StopCriteria(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0, 0.0, -math.inf)
 
 
 class Ticks(NamedTuple):
     """Ticks to advance by, in natural units."""
 
-    window: TickRange  # which ones; none for a look at the present moment
-    schedule: StepSchedule  # their steps, and how many there are from record to record
+    window: TickRange  # range of ticks; empty for a record of the present moment
+    schedule: StepSchedule  # steps per tick, and ticks between records
     tables: StepPlan  # the integration method
     motion: Motion  # of the piston
     measurement: Measurement  # workspace of the forces
-    watch: StopCriteria  # what ends a call before its last tick, and what was seen
+    watch: StopCriteria  # criteria that end a call before its last tick, and monitored extremes
 
 
 class Rows(NamedTuple):
     """Outcome of a call of an engine."""
 
-    status: int  # why it returned: one of those in `granular.engine.tick_loop`
-    done: int  # number of ticks
-    records: Float[np.ndarray, "r columns"]  # of `granular.engine.columns`; the last row: the last tick
+    status: int  # reason for the return, a code of `granular.engine.tick_loop`
+    done: int  # number of ticks done
+    records: Float[
+        np.ndarray, "r columns"
+    ]  # as in `granular.engine.columns`; the last row is of the last tick
 
 
 Engine = Callable[[SceneInNaturalUnits, State, Ticks], Rows]
@@ -68,7 +71,7 @@ def advance(system: SceneInNaturalUnits, state: State, ticks: Ticks) -> Rows:
 
 
 def record_length(system: SceneInNaturalUnits) -> int:
-    """Count the columns of a record: of the energy ledger, of the effects' own values, and of the sides."""
+    """Count the columns of a record: energy ledger, values of effects, and forces on the sides."""
     effects, own = system.effects, sum(len(effect.extra_records) for effect in system.effects)
     return ledger_column_count(len(effects)) + own + len(system.constants.acting.sides)
 
@@ -76,4 +79,4 @@ def record_length(system: SceneInNaturalUnits) -> int:
 ENGINES = Registry[Engine](
     "engine", "granular.engines", {NUMBA: advance}, lambda _, engine: callable(engine), "a function"
 )
-"""Engines by their names."""
+"""Engines by name."""

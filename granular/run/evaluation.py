@@ -1,4 +1,4 @@
-"""`evaluate`: forces and energies of one arrangement, without time."""
+"""`evaluate`: forces and energies of one arrangement, without time stepping."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class Evaluation:
     Attributes
     ----------
     force : float64 (n, 2)
-        Magnetic force, weight and contact of each grain [N], and own effects with an energy;
+        Force on each grain [N]: magnetic, weight, contact and custom effects with an energy;
         without friction and drag.
     piston_force : float
-        Force of the grains on the piston, upwards [N]; 0 if it is no wall.
+        Force of the grains on the piston, positive upwards [N]; 0 if the piston is not a wall.
     wall_forces : dict of str to float
-        Force of the grains on each side of the cell, outwards [N]; 0 without a wall there.
+        Force of the grains on each side of the cell, positive outwards [N]; 0 without a wall.
     potential_energy : float
-        Energy of pairs, walls, contacts, the grains' weight and own effects [J].
+        Energy of pairs, walls, contacts, weight and custom effects [J].
     kinetic_energy : float
         Kinetic energy of the grains [J].
     normal_load : float64 (n,)
@@ -56,10 +56,10 @@ def evaluate(
     scene : Scene
         Scene whose effects are evaluated.
     positions, velocities : float (n, 2)
-        [m], [m/s]; at rest where no velocities are given. n is the scene's number of grains.
+        [m], [m/s]; velocities default to zero. n is the number of grains of the scene.
     piston_height : float or float (1 + p,), optional
-        [m]; the scene's where not given. Without a top wall it does nothing. Behind it may be the
-        heights of p further pistons, which are 0 else.
+        [m]; default: the height in the scene. Without a top wall it has no effect. The heights of p
+        further pistons may follow; they default to 0.
 
     Returns
     -------
@@ -69,16 +69,16 @@ def evaluate(
     Raises
     ------
     InputError
-        If a shape does not fit, an entry or the height is no finite number, or a grain stands behind a
-        wall, above the piston or on another grain.
+        If a shape does not fit, a value is not finite, or a grain is behind a wall, above the piston or
+        on another grain.
 
     Examples
     --------
     >>> import numpy as np
     >>> from granular import evaluate, load_scene
     >>> scene = load_scene("bed").replace(**{"grains.count": 2})
-    >>> places = np.array([[0.170, 0.06], [0.182, 0.06]])  # [m]
-    >>> print(evaluate(scene, places, piston_height=0.12).force[:, 0].round(3))  # [N]
+    >>> positions = np.array([[0.170, 0.06], [0.182, 0.06]])  # [m]
+    >>> print(evaluate(scene, positions, piston_height=0.12).force[:, 0].round(3))  # [N]
     [-0.111  0.111]
     """
     system = scene_in_natural_units(scene)
@@ -94,8 +94,8 @@ def evaluate(
     except (TypeError, ValueError):
         heights = np.array([np.nan])
     if heights.shape not in ((1,), (1 + further,)) or not np.isfinite(heights).all():
-        others = f", or {1 + further}: of the piston and of each further one" if further else ""
-        raise InputError(f"piston_height = {quote(piston_height)}; give one height [m]{others}")
+        others = f", or {1 + further} heights: the piston and each further one" if further else ""
+        raise InputError(f"piston_height = {quote(piston_height)}; give a height [m]{others}")
     start = (coordinates / scales.length, speed / scales.velocity, float(heights[0]))
     state = new_state(*start, constants.acting, METHODS["stormer-verlet"])
     if len(heights) > 1:
@@ -120,7 +120,7 @@ def evaluate(
 
 
 def _misplaced_positions_error() -> InputError:
-    return InputError("a grain stands behind a wall, above the piston or on another; move it clear of them")
+    return InputError("a grain is behind a wall, above the piston or on another grain; move it")
 
 
 def _normal_loads(state: State, system: SceneInNaturalUnits) -> np.ndarray:
@@ -138,9 +138,9 @@ def _validate_grain_vectors(name: str, values: np.ndarray | None, count: int) ->
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{name} must be ({count}, 2) numbers") from None
+        raise InputError(f"{name} are not numbers; give an array of shape ({count}, 2)") from None
     if array.shape != (count, 2):
-        raise InputError(f"{name} has the shape {array.shape}; the scene's is ({count}, 2)")
+        raise InputError(f"{name} has the shape {array.shape}; the scene needs ({count}, 2)")
     if not np.isfinite(array).all():
         raise InputError(f"{name} holds a value that is not finite; give finite numbers")
     return array

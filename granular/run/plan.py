@@ -1,8 +1,7 @@
-"""Plan of a run: all that is decided of a scene before a grain moves.
+"""Plan of a run: all decisions before the first step.
 
-The number of threads follows from how long steps take, and the bits are the same for any number. Where
-other programs want the processors, threads that wait for each other can take hundreds of times as long as
-one.
+The number of threads is chosen by measured step times; results have the same bits for any number. If
+other programs use the processors, waiting threads can be hundreds of times slower than a single one.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ import numba
 from granular.engine.step_size import MOST_STEPS, StepRequest, auto_step_text
 from granular.methods.method import COMPENSATED, Method
 from granular.methods.tables import resolve_method
-from granular.pairs.direct_sum import PARTED_FROM, PARTS
+from granular.pairs.direct_sum import MIN_GRAINS_FOR_PARTS, PARTS
 from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import Hold, Lift, Stage
 from granular.protocol.stage import TimedStage
@@ -42,26 +41,26 @@ from granular.scene.scene_in_natural_units import SceneInNaturalUnits, scene_in_
 from granular.shared.errors import InputError, quote, unknown_word_message
 
 SHORTEST, LONGEST = 1.0, 60.0
-"""Seconds until the number that took longer is tried again: at first, and after many trials, each
-of which doubles them."""
+"""Seconds until the slower number of threads is tried again: initial value, and maximum; each trial doubles
+the delay."""
 
 
 class ThreadCountTuner:
-    """One thread, or as many as there can be: what was quicker when it was tried last."""
+    """Choice between one thread and the maximum number, whichever was faster at the last trial."""
 
-    def __init__(self, most: int) -> None:
-        self.most = self.count = most
-        self.trying = most > 1
+    def __init__(self, maximum: int) -> None:
+        self.maximum = self.count = maximum
+        self.trying = maximum > 1
         self._took: dict[int, float] = {}
         self._until, self._wait = 0.0, SHORTEST
 
     def record_step_time(self, steps: int, seconds: float) -> None:
-        """Record the time of steps with the present number of threads [s], and set the next number."""
-        if self.most == 1 or steps == 0:
+        """Record the time [s] of steps with the present number of threads, and set the next number."""
+        if self.maximum == 1 or steps == 0:
             return
         self._took[self.count] = seconds / steps
         now = time.perf_counter()
-        other = 1 if self.count == self.most else self.most
+        other = 1 if self.count == self.maximum else self.maximum
         if self.trying and other in self._took:
             self.trying, self._until = False, now + self._wait
             self._wait = min(2.0 * self._wait, LONGEST)
@@ -72,10 +71,10 @@ class ThreadCountTuner:
 
 
 def choose_thread_count(scene: Scene, requested: int | None) -> int:
-    """Choose the number of threads: the requested one, or the greatest that can pay off."""
+    """Choose the number of threads: the requested one, or the largest that can be faster than one."""
     available = int(numba.config.NUMBA_NUM_THREADS)
     if requested is None:
-        parted = scene.pair_method != "verlet-list" and scene.grains.count > PARTED_FROM
+        parted = scene.pair_method != "verlet-list" and scene.grains.count > MIN_GRAINS_FOR_PARTS
         return min(available, PARTS) if parted and _threads_start_quickly(scene) else 1
     if isinstance(requested, bool) or not isinstance(requested, int) or not 1 <= requested <= available:
         raise InputError(f"threads = {quote(requested)}; give an integer from 1 to {available}")
@@ -83,11 +82,11 @@ def choose_thread_count(scene: Scene, requested: int | None) -> int:
 
 
 def _threads_start_quickly(scene: Scene) -> bool:
-    """Return True where threads start within a small fraction of a step."""
+    """Return True if threads start within a small fraction of a step."""
     if scene.pair_method == "direct" and scene.pairs.far_every is None:
         return True
-    # Numba's own threads take some 50 us to start, several times a step of near pairs and mesh; those of
-    # OpenMP and TBB one or two.
+    # Numba's workqueue threads take about 50 us to start, several times a step of near pairs and mesh;
+    # OpenMP and TBB threads take one or two.
     if numba.config.THREADING_LAYER == "workqueue":
         return False
     for pool in ("omppool", "tbbpool"):
@@ -110,13 +109,13 @@ def set_thread_count(count: int) -> None:
 METHOD = "stormer-verlet"
 
 LATEST = 1e30
-"""Latest end of a run [s]: as far as quantities go, and far from overflow in any natural unit."""
+"""Maximum end of a run [s]: the limit of quantities, far from overflow in any natural unit."""
 
 SCATTER = "scatter"
-"""Accuracy of a run whose errors the scatter over random starts hides."""
+"""Accuracy of a run whose errors are below the spread between random packings."""
 
 MESH_ERROR = 5e-4
-"""Error of the mesh in a bed's forces at rest; the tests of the benchmark hold it to that."""
+"""Error of the mesh in the forces of a bed at rest, checked by the tests of the benchmark."""
 
 _ACCURACY = re.compile(
     r"\s*(?P<value>\+?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<percent>%?)\s+(?P<quantity>\D.*?)\s*"
@@ -126,30 +125,30 @@ _AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """Plan of a run, as `plan` makes it.
+    """Plan of a run, made by `plan`.
 
     Attributes
     ----------
     scene : Scene
-        Scene that runs; its sum over pairs is another one if an accuracy asked for that.
+        Scene to run; an accuracy may have changed its sum over pairs.
     dt : float or str
         Time step [s], or a multiple of the automatic one, such as "auto*2".
     method : Method
         Integration method.
     step : StepRequest
-        The time step as the run takes it.
+        The time step as used by the run.
     threads : int
         Number of threads, from 1.
     tries_threads : bool
-        Whether the run may also take one thread, if that is quicker.
+        True if the run may use a single thread when that is faster.
     t_end : float or None
         End of the run [s]; None: the end of its protocol.
     engine : str
         Name of the engine that advances the bed.
     refusals : mapping of str to str
-        Why the scene cannot be run like this: a line for each argument at fault, "method", "dt" or "t_end".
+        Reasons against the run: a line for each invalid argument, "method", "dt" or "t_end".
     words : str
-        What was chosen for an accuracy, and why; empty otherwise.
+        Choices for an accuracy, with reasons; empty without one.
     """
 
     scene: Scene
@@ -170,16 +169,16 @@ class Plan:
 
     @cached_property
     def system(self) -> SceneInNaturalUnits:
-        """Scene in natural units, made when it is first asked for."""
+        """Scene in natural units, made on first access."""
         return scene_in_natural_units(self.scene, threads=self.threads, method=self.method)
 
     @property
     def suits(self) -> bool:
-        """True where method and step suit the scene, whatever its end."""
+        """True if method and step suit the scene, regardless of the end."""
         return self.refusals.keys().isdisjoint(("method", "dt"))
 
     def take_system(self) -> SceneInNaturalUnits:
-        """Give the scene in natural units to a run, which changes it: another run makes its own.
+        """Hand the scene in natural units to a run, which modifies it; another run makes a new one.
 
         Returns
         -------
@@ -191,7 +190,7 @@ class Plan:
         return system
 
     def check_arguments(self) -> None:
-        """Raise `InputError` if the scene cannot be run like this."""
+        """Raise `InputError` if the plan has refusals."""
         for words in self.refusals.values():
             raise InputError(words)
 
@@ -201,7 +200,7 @@ class Plan:
         Returns
         -------
         dict
-            Method, dt, pairs, threads and engine by name, and the lines of refusals.
+            Method, dt, pairs, threads and engine by name, and the refusals.
         """
         refusals = list(self.refusals.values())
         try:
@@ -254,16 +253,16 @@ def plan(
     t_end : float, optional
         End of the run [s].
     accuracy : str, optional
-        An error and the quantity it is of, such as "1e-3 rest height": method, step and sum over pairs are
-        then chosen by the measured tables, first the one of the package, then the user's own, which
-        `validation.recommend_settings` fills. Or "scatter": the longest step and the fastest sum whose errors
-        the scatter over random starts hides, and the automatic step for scenes of which no table tells.
+        An error and a quantity, such as "1e-3 rest height": method, step and sum over pairs are then chosen
+        from measured tables, first the package's table, then the user's table filled by
+        `validation.recommend_settings`. Or "scatter": the coarsest step and the fastest pair sum whose errors
+        are below the spread between random packings, and the automatic step for scenes not in a table.
     threads : int, optional
-        Number of threads; without, as many as can pay off.
+        Number of threads; default: as many as can reduce the time.
     engine : str
-        Name of the engine, "numba" or one of an installed distribution (entry points "granular.engines").
+        Name of the engine: "numba", or an installed one (entry points "granular.engines").
     runs : int
-        Number of runs that share what is compiled: it decides which sum over pairs is the fastest.
+        Number of runs that share compiled code, which decides the fastest sum over pairs.
 
     Returns
     -------
@@ -273,8 +272,9 @@ def plan(
     Raises
     ------
     InputError
-        If an argument is none, as an unknown method, or an accuracy cannot be promised. What the scene
-        cannot be run with is no error yet: it stands in the plan's refusals, and `simulate` raises it.
+        If an argument is invalid, such as an unknown method, or an accuracy cannot be guaranteed. Arguments
+        that do not suit the scene raise no error here; they are in the plan's refusals, and `simulate`
+        raises.
 
     Examples
     --------
@@ -285,11 +285,11 @@ def plan(
     """
     if accuracy is not None:
         if dt != "auto" or (method != METHOD and accuracy != SCATTER):
-            raise InputError("accuracy chooses dt and method; give either it or them")
+            raise InputError("accuracy chooses dt and method; give either accuracy, or dt and method")
         given = partial(plan, t_end=t_end, threads=threads, engine=engine)
         if accuracy == SCATTER:
-            return _hide_in_scatter(scene, resolve_method(method), runs, given)
-        return _keep_accuracy(scene, accuracy, t_end, given)
+            return _plan_within_scatter(scene, resolve_method(method), runs, given)
+        return _plan_for_accuracy(scene, accuracy, t_end, given)
     number = isinstance(t_end, int | float) and not isinstance(t_end, bool)
     if t_end is not None and not (number and 0.0 < t_end <= LATEST):
         raise InputError(f"t_end = {quote(t_end)}; give a time above 0 s and up to {LATEST:g} s")
@@ -303,10 +303,10 @@ def plan(
 
 
 def can_run(scene: Scene, dt: float | str, method: str | Method) -> bool:
-    """Return whether a scene can be run with a time step [s] and a method, whatever its end."""
+    """Return True if a scene can be run with a time step [s] and a method, regardless of the end."""
     try:
         return plan(scene, dt, method).suits
-    except InputError:  # a multiple of the automatic step that no scene takes
+    except InputError:  # an invalid multiple of the automatic step
         return False
 
 
@@ -314,7 +314,7 @@ def can_run(scene: Scene, dt: float | str, method: str | Method) -> bool:
 
 
 def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
-    """Parse a time step [s], or a multiple of the automatic one of a scene."""
+    """Parse a time step [s], or a multiple of a scene's automatic step."""
     step = StepRequest()
     if scene is not None:
         friction, contact = scene.effects.friction, scene.effects.contact
@@ -327,7 +327,7 @@ def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
         factor = float(match[2] or 1.0)
         factor = 1.0 / factor if match[1] == "/" and factor else factor
         if not 0.0 < factor <= step.greatest_factor:
-            raise InputError(f"dt = {quote(dt)}; give a factor above 0, at most {step.greatest_factor:g}")
+            raise InputError(f"dt = {quote(dt)}; give a factor above 0 and up to {step.greatest_factor:g}")
         return dataclasses.replace(step, factor=factor)
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
         raise InputError(f"dt = {quote(dt)}; give a time step above 0 s, or 'auto'")
@@ -335,13 +335,13 @@ def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
 
 
 def multiply_time_step(dt: float | str, by: float) -> float | str:
-    """Multiply a time step [s], or a multiple of the automatic one, by a factor."""
+    """Multiply a time step [s], or a multiple of the automatic step, by a factor."""
     step = parse_time_step(dt)
     return auto_step_text(by * step.factor) if step.seconds is None else by * step.seconds
 
 
 def _multiple_of_automatic(scene: Scene, fraction: float) -> str:
-    """Time step with a given product of step and highest frequency, as a multiple of the automatic one."""
+    """Time step for a given product of step and highest frequency, as a multiple of the automatic step."""
     step = parse_time_step("auto", scene)
     factor = min(fraction / step.step_times_frequency, step.greatest_factor)
     # Rounded down to hundredths, so that the error stays below the bound.
@@ -359,91 +359,91 @@ def parse_accuracy(text: str) -> tuple[float, str]:
     value = float(match["value"]) if match else math.nan
     if match is None or not 0.0 < value < math.inf:
         raise InputError(
-            f"accuracy = {quote(text)}; give an error above 0 and a quantity, as '1 % rest height'"
+            f"accuracy = {quote(text)}; give an error above 0 and a quantity, such as '1 % rest height'"
         )
     return value * (0.01 if match["percent"] else 1.0), match["quantity"]
 
 
-def _keep_accuracy(scene: Scene, text: str, t_end: float | None, given: Callable[..., Plan]) -> Plan:
-    """Plan with the cheapest method and step for an accuracy, by the first table that promises it."""
+def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Callable[..., Plan]) -> Plan:
+    """Plan with the cheapest method and step for an accuracy, from the first table that guarantees it."""
     tolerance, quantity = parse_accuracy(text)
-    asked = f"accuracy = {quote(text)}: "
+    prefix = f"accuracy = {quote(text)}: "
     causes = []
     for costs in measured_scenes(scene, quantity, t_end):
         try:
             steps = steps_within(costs, quantity, tolerance, scene.grains.count)
         except InputError as error:
-            causes.append(f"{asked}{error}")
+            causes.append(f"{prefix}{error}")
             continue
-        summed, how = _accurate_pair_sum(scene, quantity, tolerance, asked)
+        scene_with_sum, sum_name = _accurate_pair_sum(scene, quantity, tolerance, prefix)
         for _, fraction, method, bound in steps:
             dt = _multiple_of_automatic(scene, fraction)
-            chosen = given(summed, dt, method)
+            chosen = given(scene_with_sum, dt, method)
             if chosen.suits:
                 floor = costs.scatter_for_grain_count(quantity, scene.grains.count)
-                scatter = f", starts scatter by {floor:.1g}" if floor else ""
+                spread = f", spread over packings {floor:.1g}" if floor else ""
                 words = (
-                    f"{quantity} to {tolerance:g}: {method}, dt {dt}, {how}; the step errs by at most "
-                    f"{bound:.1g}{scatter} ({costs.name}, {costs.starts} starts, {costs.date})"
+                    f"{quantity} to {tolerance:g}: {method}, dt {dt}, {sum_name}; error of the step at most "
+                    f"{bound:.1g}{spread} ({costs.name}, {costs.starts} starts, {costs.date})"
                 )
                 return dataclasses.replace(chosen, words=words)
-        least = min(entry.bounds[quantity] for entry in costs.entries)
+        minimum = min(entry.bounds[quantity] for entry in costs.entries)
         causes.append(
-            f"{asked}the least error that the table of prices holds is {costs.margin * least:.2g}, with "
-            "its margin; ask for that, or measure: python -m validation cheapest"
+            f"{prefix}the smallest error in the table of costs is {costs.margin * minimum:.2g}, with "
+            "its margin; request that, or measure: python -m validation cheapest"
         )
     names = sorted({name for entry in load_work_precision_scenes() for name in entry.floors})
     if not causes and quantity not in names:
         raise InputError(unknown_word_message(quantity, names, "quantity"))
-    none = (
-        f"{asked}the table of prices holds no scene like {scene.name!r} with this quantity; measure it: "
+    not_measured = (
+        f"{prefix}the table of costs has no scene like {scene.name!r} with this quantity; measure it: "
         "granular-damper validate cheapest"
     )
-    raise InputError(next(iter(causes), none))
+    raise InputError(next(iter(causes), not_measured))
 
 
-def _accurate_pair_sum(scene: Scene, quantity: str, tolerance: float, asked: str) -> tuple[Scene, str]:
-    """Scene with a sum over pairs that keeps the tolerance, and its name."""
+def _accurate_pair_sum(scene: Scene, quantity: str, tolerance: float, prefix: str) -> tuple[Scene, str]:
+    """Scene with a sum over pairs that meets the tolerance, and the name of the sum."""
     method = scene.pair_method
     if method in ("cut-off", "verlet-list"):
-        raise InputError(f"{asked}pairs.method = {method!r} leaves pairs out at any step; take 'auto'")
+        raise InputError(f"{prefix}pairs.method = {method!r} omits pairs at any step; use 'auto'")
     if method == "mesh" and quantity != "energy" and tolerance < 2.0 * MESH_ERROR:
         return scene.replace(**{"pairs.method": "direct"}), "direct sum"
-    return scene, "sum by the mesh" if method == "mesh" else "direct sum"
+    return scene, "mesh sum" if method == "mesh" else "direct sum"
 
 
-def _hide_in_scatter(scene: Scene, method: Method, runs: int, given: Callable[..., Plan]) -> Plan:
-    """Plan with the longest step and the fastest sum over pairs whose errors random starts hide."""
+def _plan_within_scatter(scene: Scene, method: Method, runs: int, given: Callable[..., Plan]) -> Plan:
+    """Plan with the coarsest step and fastest pair sum whose errors are below the spread over packings."""
     costs = most_similar_measured_scene(scene, MOTION[0])
     if costs is None:
         return given(scene, "auto", method)
-    fraction = costs.longest_hidden_step(method.name)
+    fraction = costs.longest_step_within_scatter(method.name)
     longer = fraction > parse_time_step("auto", scene).step_times_frequency
     dt = _multiple_of_automatic(scene, fraction) if longer else "auto"
     if _mesh_is_fastest(scene, method, runs, costs):
         chosen = given(scene.replace(**{"pairs.method": "mesh"}), dt, method)
-        with contextlib.suppress(InputError):  # a cell so large that its mesh does not fit into memory
-            chosen.system  # noqa: B018 (made when it is asked for)
+        with contextlib.suppress(InputError):  # a cell whose mesh does not fit into memory
+            chosen.system  # noqa: B018 (made on access)
             return chosen
     return given(scene, dt, method)
 
 
 MESH_PAYS_FROM = 320
-"""Grains from which the mesh takes less time than the direct sum over two identifications, the first of which
-compiles. The mesh compiles for 18.0 s and the direct sum for 7.7 s; a step takes 22.5 and 37.8 us at 368
-grains, 33.1 and 67.1 us at 500; a damper's runs and checks are 1.24e6 steps on two processors. A first start
-alone breaks even at 377, and loses 0.8 s at 368, where each later one gains 9.5 s."""
+"""Number of grains from which the mesh is faster than the direct sum over two identifications, of which the
+first compiles. Compilation takes 18.0 s (mesh) and 7.7 s (direct sum); a step takes 22.5 and 37.8 us at 368
+grains, 33.1 and 67.1 us at 500; the runs and checks of a damper are 1.24e6 steps on two processors. The first
+identification alone breaks even at 377 grains; at 368 it loses 0.8 s, and each later one gains 9.5 s."""
 
 
 def _mesh_is_fastest(scene: Scene, method: Method, runs: int, costs: SceneWorkPrecision) -> bool:
-    """Return whether the mesh sums fastest over several runs, with errors that random starts hide."""
+    """Return True if the mesh is fastest over several runs, with errors below the spread over packings."""
     count = scene.grains.count
-    # By the inverse square root of the number of grains also beyond the table.
-    scatter = min(costs.floors[name] for name in MOTION) * math.sqrt(costs.grains / count)
+    # Inverse square root of the number of grains, also beyond the table.
+    spread = min(costs.floors[name] for name in MOTION) * math.sqrt(costs.grains / count)
     return (
         runs > 1
         and count >= MESH_PAYS_FROM
-        and FLOORS * scatter >= MESH_ERROR
+        and FLOORS * spread >= MESH_ERROR
         and scene.pairs == PairSumSettings()
         and scene.grains.magnets == "dipoles"
         and method.allows_far_field_impulses
@@ -457,11 +457,11 @@ def _mesh_is_fastest(scene: Scene, method: Method, runs: int, costs: SceneWorkPr
 def _refusals(
     scene: Scene, method: Method, step: StepRequest, t_end: float | None
 ) -> Iterator[tuple[str, str]]:
-    """Arguments that a scene cannot be run with, each with a line that says why."""
+    """Arguments that do not suit a scene, each with the reason."""
     for words in _method_refusals(scene, method):
         yield "method", f"method = {method.name!r} {words}"
     if method.variable and not step.automatic:
-        yield "dt", f"dt = {step.seconds!r}: {method.name!r} chooses its own steps; give 'auto' or 'auto/2'"
+        yield "dt", f"dt = {step.seconds!r}: {method.name!r} adapts its steps; give 'auto' or 'auto/2'"
     for words in _end_refusals(scene, t_end):
         yield "t_end", words
     if step.seconds is not None:
@@ -472,34 +472,34 @@ def _refusals(
 def _method_refusals(scene: Scene, method: Method) -> Iterator[str]:
     dry, effects, walls = dry_friction_parts(scene), scene.effects.in_loop_order, scene.effects.walls
     flows = dissipative_parts(scene) or ("host",) * (scene.effects.host is not None)
-    verlet, run = "take 'stormer-verlet'", "cannot run a scene with"
+    verlet, run = "use 'stormer-verlet'", "cannot run a scene with"
     if method.tableau is not None and flows:
-        yield f"takes forces alone, and {run} {flows[0]!r}; {verlet}, or leave that part out"
+        yield f"supports only forces, and {run} {flows[0]!r}; {verlet}, or remove that part"
     if dry and method.compensated:
         plain = method.name.removesuffix(COMPENSATED)
-        yield f"{run} {dry[0]}, whose velocities are no plain sums; take {plain!r}"
+        yield f"{run} {dry[0]}, whose velocities are not plain sums; use {plain!r}"
     if dry and not method.allows_dry_friction:
-        yield f"{run} {dry[0]}, which cannot go backward in time, nor be part of its steps; {verlet}"
+        yield f"{run} {dry[0]}, which can neither run backwards in time nor be part of its steps; {verlet}"
     drifting = [effect.key for effect in effects if effect.drifts]
     if drifting and (not method.allows_far_field_impulses or method.compensated):
         yield f"{run} {drifting[0]!r}, which acts within the drift; {verlet}"
     if method.variable and scene.cell.periods is not None:
-        yield f"cannot run a periodic cell: its steps follow grains, not their images; {verlet}"
+        yield f"cannot run a periodic cell: its steps follow the grains, not their images; {verlet}"
     if method.variable and walls and any(wall.law == "slab" for _, wall in walls.present_walls):
-        yield f"{run} a slab, past whose ends grains may come behind it; {verlet}"
+        yield f"{run} a slab, which grains may pass at its ends; {verlet}"
 
 
 def _step_refusals(scene: Scene, dt: float, t_end: float | None) -> Iterator[str]:
-    """Things that a given time step [s] is longer than, or far too short for."""
+    """Reasons why a given time step [s] is too long or far too short."""
     record = scene.output.scalars
     if record > MOST_STEPS * dt:
         yield (
-            f"makes {record / dt:.3g} steps from record to record, {MOST_STEPS:g} is the limit; lengthen dt "
+            f"makes {record / dt:.3g} steps between records, the limit is {MOST_STEPS:g}; lengthen dt "
             "or shorten output.scalars"
         )
     if dt > record * (1.0 + 1e-9):
         yield (
-            f"is longer than from record to record, output.scalars = {record:g} s; shorten dt or lengthen "
+            f"is longer than the time between records, output.scalars = {record:g} s; shorten dt or lengthen "
             "output.scalars"
         )
     if t_end is not None and dt > t_end:
@@ -510,7 +510,7 @@ def _step_refusals(scene: Scene, dt: float, t_end: float | None) -> Iterator[str
 
 
 def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
-    """Stages whose duration is known before the run [s]; one that ends the run has its end."""
+    """Stages whose duration [s] is known before the run, except a last stage that ends at ``t_end``."""
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:
         height += stage.initial_jump(height)
@@ -522,13 +522,13 @@ def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[
         if final is not None and not stage.ends_at_force:
             height = final
         elif not isinstance(stage, Hold | Lift):
-            height = math.nan  # known when the stage has ended
+            height = math.nan  # unknown until the stage has ended
 
 
 def _end_refusals(scene: Scene, t_end: float | None) -> Iterator[str]:
-    """Reasons why a run has no end [s]."""
+    """Reasons why a run has no end."""
     if not scene.protocol:
-        yield "the scene has no protocol; give it at least one stage, such as a hold"
+        yield "the scene has no protocol; give it one or more stages, such as a hold"
     height = 1.0 if scene.piston is None else scene.piston.height
     for index, stage in enumerate(scene.protocol):
         if stage.total_duration(height) is None and (t_end is None or index < len(scene.protocol) - 1):

@@ -1,4 +1,4 @@
-"""One run: the stages of a protocol, one after another, from the last checkpoint or the start."""
+"""Execution of a run: the stages of a protocol in turn, from the start or the last checkpoint."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ from granular.schema.cell import CELL, PISTON
 from granular.shared.errors import EnergyError, NotFiniteError, RunError
 
 CALL_SECONDS = 0.1
-"""Length of one call of the compiled loop: how long an interruption may have to wait."""
+"""Duration of one call of the compiled loop, and so the maximum delay of an interruption."""
 
 
 class ProtocolRunner(RunState):
-    """The engine's working object: state, progress and recorder, advanced call by call."""
+    """State, progress and recorder of a run, advanced call by call."""
 
     _call_ticks = 1
 
@@ -52,7 +52,7 @@ class ProtocolRunner(RunState):
         self.threads = ThreadCountTuner(plan.threads if plan.tries_threads else 1)
 
     def summary_figures(self) -> dict[str, Any]:
-        """Sum up the steps, the energy residual, and the extremes of step and distance so far, in SI."""
+        """Return the number of steps, energy residual, and extremes of step and distance so far, in SI."""
         scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
             "steps": self.steps_made,
@@ -71,7 +71,7 @@ class ProtocolRunner(RunState):
         """Set up the present stage: its motion, its step schedule, and its first record."""
         stage, progress, scales = self.stage, self.progress, self.system.scales
         if self.ledger is None:
-            first = self.present_record(ARRANGE)[: self._entered]
+            first = self.present_record(ARRANGE)[: self._ledger_columns]
             self.ledger = EnergyLedger.from_first_record(first, coarse=has_coarse_friction(self.scene))
         by = stage.initial_jump(float(self.state.piston[HEIGHT]) * scales.length)
         if by:
@@ -87,7 +87,7 @@ class ProtocolRunner(RunState):
         self.band[:] = (0.0, row[columns.HEIGHT], row[columns.HEIGHT])
         self.seen[STIFFEST] = self.seen[LATEST] = 0.0
         progress.started = True
-        # Where nothing jumped, the last record of the stage before is the first one of this.
+        # Without a jump, the last record of the previous stage is the first one of this stage.
         if by or not progress.results:
             self._record_rows(row[None])
             self._record_frame()
@@ -95,24 +95,24 @@ class ProtocolRunner(RunState):
     def _jump_piston(self, by: float) -> None:
         before = self.total_energy(ARRANGE)
         self.state.piston[HEIGHT] += by
-        self._let_cell_recoil(by, 0.0)
-        moved = f"stage {self.stage.name!r} sets the piston into the bed; let it end higher"
+        self._recoil_cell(by, 0.0)
+        moved = f"stage {self.stage.name!r} moves the piston into the bed; let it end higher"
         self.state.ledger[WORK] += self.total_energy(moved) - before
 
     def _set_prescribed_speed(self, speed: float) -> None:
-        """Give the piston the speed of its path; the hand that drives it does the work."""
+        """Set the prescribed speed of the piston, and count the work of the drive."""
         mass, piston = self.constants.piston_mass, self.state.piston
-        if self.scene.effects.host is not None:  # which has a fraction in the piston's momentum
+        if self.scene.effects.host is not None:  # the host takes part of the piston's momentum
             before = self.total_energy(ARRANGE)
-            self._let_cell_recoil(0.0, speed - float(piston[SPEED]))
+            self._recoil_cell(0.0, speed - float(piston[SPEED]))
             piston[SPEED] = speed
             self.state.ledger[WORK] += self.total_energy(ARRANGE) - before
         elif math.isfinite(mass):
             self.state.ledger[WORK] += 0.5 * mass * (speed**2 - piston[SPEED] ** 2)
         piston[SPEED] = speed
 
-    def _let_cell_recoil(self, height: float, speed: float) -> None:
-        """Move a cell on a host against a jump of the driven piston; grains stay where they are."""
+    def _recoil_cell(self, height: float, speed: float) -> None:
+        """Move a cell on a host against a jump of the driven piston; grains keep their absolute positions."""
         law = self.constants.acting.host
         if law is None:
             return
@@ -126,7 +126,7 @@ class ProtocolRunner(RunState):
     # Advancing ---------------------------------------------------------------------------------
 
     def advance(self) -> None:
-        """One call of the compiled loop, and the bookkeeping after it."""
+        """Make one call of the compiled loop, with its bookkeeping."""
         progress = self.progress
         if not progress.started:
             self.begin_stage()
@@ -142,7 +142,7 @@ class ProtocolRunner(RunState):
             self._finish_stage("duration", new_frame=between or left > 0.0)
 
     def _run_ticks(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
-        """Status, ticks made and records of one call; the row behind them holds the last tick."""
+        """Run ticks; return status, number of ticks and records, with an extra row for the last tick."""
         rows = self.call_engine(window, schedule, watch)
         self.progress.ticks += rows.done
         if rows.status == OUTSIDE:
@@ -171,7 +171,7 @@ class ProtocolRunner(RunState):
             reason = "rest" if status == RESTING else "force"
             self._finish_stage(reason, new_frame=progress.ticks % schedule.frames_every != 0)
         elif status == REMOVED:
-            self._remove_departed_grains()
+            self._remove_outflow()
         elif status == STIFF:
             self.set_steps_per_tick(self.seen[LATEST])
         elif progress.ticks % REVIEW == 0:
@@ -185,8 +185,8 @@ class ProtocolRunner(RunState):
     def _has_damping_effects(self) -> bool:
         return any(effect.damps for effect in self.system.effects)
 
-    def _remove_departed_grains(self) -> None:
-        """Take out the grains that have left through the gap, with the energy they carry."""
+    def _remove_outflow(self) -> None:
+        """Remove grains that have left through the gap, with their energy."""
         before, state, scales = self.total_energy(self.remedy_for_long_steps), self.state, self.system.scales
         for i in np.flatnonzero(state.y[: self.constants.grains] < self.constants.exit):
             position = [float(values[i]) * scales.length for values in (state.x, state.y)]
@@ -195,8 +195,8 @@ class ProtocolRunner(RunState):
         self.state.ledger[WORK] += self.total_energy(self.remedy_for_long_steps) - before
 
     def _advance_rest_of_stage(self, left: float) -> None:
-        """Rest of a stage that is no whole tick, in steps that are a little shorter."""
-        if not left > 0.0:  # the end falls on a tick, which may lie between two records
+        """Advance the fraction of a tick at the end of a stage, in slightly shorter steps."""
+        if not left > 0.0:  # the end coincides with a tick, perhaps between two records
             if self.progress.ticks % self.schedule.every:
                 self._record_rows(self.present_record(self.remedy_for_long_steps)[None])
             return
@@ -218,7 +218,7 @@ class ProtocolRunner(RunState):
         self._record_rows(rows)
 
     def finish_last_partial_tick(self) -> float:
-        """Run the part of a tick before ``t_end``, after the last snapshot, and take a last frame [tau]."""
+        """Run the partial tick before ``t_end``, after the last snapshot; return the end [tau]."""
         if self.is_protocol_finished or not self.progress.started:
             return self.progress.start
         left = self.t_end - self.present_time
@@ -274,7 +274,7 @@ class ProtocolRunner(RunState):
         }
 
     def stage_results(self, until: float) -> list[dict[str, Any]]:
-        """Results of the finished stages, and of the present one, cut at a time; until [tau]."""
+        """Results of the finished stages, and of the present one up to ``until`` [tau]."""
         if not self.progress.started:
             return list(self.progress.results)
         cut = self._stage_result("cut", until, float(self.state.piston[HEIGHT]), 0.0)
@@ -286,29 +286,29 @@ class ProtocolRunner(RunState):
         if not len(rows):
             return
         assert self.ledger is not None
-        wrong = self.ledger.find_unbalanced_record(rows[:, : self._entered])
+        unbalanced = self.ledger.find_unbalanced_record(rows[:, : self._ledger_columns])
         self.progress.closest = min(self.progress.closest, float(rows[:, columns.CLOSEST].min()))
         self.progress.last = float(rows[-1, columns.TIME])
-        good = len(rows) if wrong is None else wrong[0] + 1
-        self.recorder.add_records(rows[:good], self.progress.stage)
-        if wrong is not None:
+        recorded = len(rows) if unbalanced is None else unbalanced[0] + 1
+        self.recorder.add_records(rows[:recorded], self.progress.stage)
+        if unbalanced is not None:
             seconds = self.system.scales.time
-            moment = float(rows[wrong[0], columns.TIME]) * seconds
-            row = rows[wrong[0], None]
-            turned = columns.total_energies(row) + columns.total_losses(row) + row[:, columns.WORK]
+            moment = float(rows[unbalanced[0], columns.TIME]) * seconds
+            row = rows[unbalanced[0], None]
+            turnover = columns.total_energies(row) + columns.total_losses(row) + row[:, columns.WORK]
             error: RunError = EnergyError(
-                f"the energy ledger is off by {wrong[1]:.2g} of the energy turned over, "
-                f"{self.ledger.wrong:g} is the limit",
+                f"the energy ledger is off by {unbalanced[1]:.2g} of the energy turnover, "
+                f"the limit is {self.ledger.wrong:g}",
                 step=self.steps_made,
                 time=moment,
-                value=wrong[1],
+                value=unbalanced[1],
                 remedy=self.remedy_for_long_steps,
             )
-            if not np.isfinite(turned).all():
-                cause, remedy = "an energy is not finite any more", self.remedy_for_non_finite
+            if not np.isfinite(turnover).all():
+                cause, remedy = "an energy is no longer finite", self.remedy_for_non_finite
                 error = NotFiniteError(cause, step=self.steps_made, time=moment, remedy=remedy)
             raise error.with_context(self.too_long_step_text)
 
-    def _record_frame(self, at: float | None = None) -> None:
-        moment = self.present_time if at is None else at
+    def _record_frame(self, time: float | None = None) -> None:
+        moment = self.present_time if time is None else time
         self.recorder.add_frame(moment, self.state, self.constants)

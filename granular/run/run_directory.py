@@ -1,8 +1,8 @@
-"""Run directory: made beside its path, moved there atomically, written to by one process; its checkpoint.
+"""Run directory and its checkpoint.
 
-The checkpoint holds arrays in NumPy's format, with the manifest of the run directory. Its archive holds a
-checksum of each array, and is read only where all agree. No other file needs to be replaced together with
-this one.
+The directory is made next to its path, moved there atomically, and written to by one process. The
+checkpoint holds arrays in NumPy's format and the manifest of the directory. Its archive holds a checksum
+of each array and is read only if all agree. No other file must be replaced together with it.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ SETTINGS = "run.json"
 TRAJECTORY = "trajectory.zarr"
 CHECKPOINT = "checkpoint.npz"
 PART = ".part"
-KNOWN = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT + PART}
-"""The files of a run directory."""
+RUN_FILES = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT + PART}
+"""Names of all files of a run directory."""
 
 
 def lock_directory(path: Path) -> int | None:
-    """Lock a directory, so that no other process writes to it."""
+    """Lock a directory against writing by other processes."""
     if not HAS_LOCKS:
         return None
-    # The lock is the directory's, whatever its name becomes, and ends with the process.
+    # The lock stays with the directory if it is renamed, and ends with the process.
     lock_descriptor = os.open(path, os.O_RDONLY)
     try:
         lock_open_file(lock_descriptor, wait=False)
@@ -56,30 +56,30 @@ def lock_directory(path: Path) -> int | None:
 
 
 def unlock_directory(lock_descriptor: int | None) -> None:
-    """Unlock a directory, so that others may write to it."""
+    """Unlock a directory for other processes."""
     if lock_descriptor is not None:
         os.close(lock_descriptor)
 
 
 def create_partial_directory(path: Path) -> tuple[Path, int | None]:
-    """Make an empty, locked directory next to a run's path, to be moved there by `move_to_final_path`."""
+    """Make an empty, locked directory next to a run's path, for `move_to_final_path`."""
     try:
         target = _resolve_links(path)
         if target.is_symlink() or (target.exists() and not target.is_dir()):
-            what = "a link that leads to itself" if target.is_symlink() else "a file"
-            raise StoreError(f"{path} is {what}; give a new directory")
+            obstacle = "a link to itself" if target.is_symlink() else "a file"
+            raise StoreError(f"{path} is {obstacle}; give a new directory")
         if target.exists() and any(target.iterdir()):
             raise StoreError(f"{path} is not empty; resume the run in it, or give a new directory")
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove_abandoned_parts(target)
         while True:
-            # Two processes that begin a run of one name must not write into each other's part.
+            # Processes that begin runs of the same name must not share a partial directory.
             part = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.part")
             part.mkdir()
             try:
                 lock_descriptor = lock_directory(part)
             except (FileNotFoundError, StoreError):
-                continue  # taken for remains by another process, before it was locked
+                continue  # removed as abandoned by another process before it was locked
             if part.is_dir():
                 return part, lock_descriptor
             unlock_directory(lock_descriptor)
@@ -99,21 +99,21 @@ def move_to_final_path(part: Path, path: Path) -> None:
 
 
 def _resolve_links(path: Path) -> Path:
-    """Path of a run directory behind all links."""
+    """Path of a run directory with all links resolved."""
     target = Path(os.path.realpath(path))
     if not target.name:
-        raise StoreError(f"{path} is no place for a run; give a directory that is yours")
+        raise StoreError(f"{path} cannot hold a run; give another directory")
     return target
 
 
 def _remove_abandoned_parts(target: Path) -> None:
-    """Remove what runs of this name left that were killed while they began."""
+    """Remove partial directories of runs of this name that were killed at the start."""
     name = re.compile(rf"\.{re.escape(target.name)}(\.[0-9a-f]{{8}})?\.part")
     for part in target.parent.iterdir():
         if not name.fullmatch(part.name):
             continue
-        with contextlib.suppress(StoreError, OSError):  # one begins there, or removes it, just now
-            ours = {path.name for path in part.iterdir()} <= KNOWN
+        with contextlib.suppress(StoreError, OSError):  # another process is starting there, or removing it
+            ours = {path.name for path in part.iterdir()} <= RUN_FILES
             if ours and (lock_descriptor := lock_directory(part)) is not None:
                 shutil.rmtree(part, ignore_errors=True)
                 unlock_directory(lock_descriptor)
@@ -127,27 +127,27 @@ def replace_run_file(file: Path, content: bytes) -> None:
 
 
 def is_run_directory(path: Path) -> bool:
-    """Test whether a directory holds a run, whole or damaged."""
-    # A path that cannot be looked at holds none.
+    """Return True if a directory holds a run, intact or damaged."""
+    # An inaccessible path counts as no run.
     return os.path.isfile(path / CHECKPOINT) or os.path.isdir(path / TRAJECTORY)
 
 
 MANIFEST = "manifest"
-"""The checkpoint's entry that holds it."""
+"""Entry of the checkpoint with the manifest."""
 
 METADATA = "zarr.json"
-REMEDY = "restore it, or run the scene anew"
+REMEDY = "restore it, or run the scene again"
 
 _LENGTH = re.compile(rb'(?<="shape": \[)\s*(?:0|[1-9]\d*)')
-"""Length of an array in its metadata, which grows with the run; any number that JSON allows."""
+"""Length of an array in its metadata, which grows with the run: any JSON number."""
 
 _UNREADABLE = (ValueError, EOFError, RuntimeError, struct.error, zipfile.BadZipFile, zlib.error)
-"""Errors of an archive whose bytes are not those that were written."""
+"""Errors from an archive with damaged bytes."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Manifest:
-    """Digests of a run directory: which file, and which chunk of which array, stands where."""
+    """Digests of the files and of the chunks of all arrays of a run directory, with array lengths."""
 
     files: dict[str, str]
     lengths: dict[str, int]
@@ -163,16 +163,16 @@ def write_checkpoint(path: Path, mapping: Mapping[str, Any], manifest: Manifest)
 
 
 def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
-    """Read the checkpoint of a run directory, and the manifest in it."""
+    """Read the checkpoint of a run directory and its manifest."""
     file = path / CHECKPOINT
     if not is_run_directory(path):
-        raise StoreError(f"{path} holds no run; give the directory that a run wrote")
+        raise StoreError(f"{path} holds no run; give the directory of a run")
     with _open_run_file(file) as content:
         try:
             with zipfile.ZipFile(content) as archive:
                 names = archive.namelist()
                 if archive.testzip() is not None or len(names) != len({*names}):
-                    raise ValueError("a checksum differs, or a name")
+                    raise ValueError("a checksum or a name differs")
             content.seek(0)
             with np.load(content, allow_pickle=False) as arrays:
                 saved = {name: arrays[name] for name in arrays.files}
@@ -180,40 +180,42 @@ def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
         except _UNREADABLE as error:
             raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
         except (KeyError, TypeError):
-            raise StoreError(f"{file} was written by another version; run the scene anew") from None
+            raise StoreError(f"{file} was written by another version; run the scene again") from None
 
 
 def digest_files(path: Path) -> dict[str, str]:
-    """Compute the digests of all files of a run directory that holds no records yet."""
+    """Compute the digests of all files of a run directory without records."""
     files = {file.relative_to(path).as_posix(): file for file in path.rglob("*") if file.is_file()}
     return {name: _digest_without_length(name, file.read_bytes()) for name, file in files.items()}
 
 
 def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
-    """Read the files that stay as they were first written, and compare their digests."""
+    """Read the files that do not change during the run, and verify their digests."""
     contents = {name: read_run_file(path / name) for name in manifest.files}
     for name, content in contents.items():
         if _digest_without_length(name, content) != manifest.files[name]:
-            raise StoreError(f"{path / name} is not what the run wrote (its digest differs); {REMEDY}")
+            raise StoreError(
+                f"{path / name} differs from the file that the run wrote (by its digest); {REMEDY}"
+            )
     return contents
 
 
-def read_run_file(file: Path, most_bytes: int = MOST_TOML_BYTES) -> bytes:
-    """Read a file of a run directory, of at most so many bytes."""
+def read_run_file(file: Path, max_bytes: int = MOST_TOML_BYTES) -> bytes:
+    """Read a file of a run directory with at most ``max_bytes`` bytes."""
     with _open_run_file(file) as opened:
-        content = opened.read(most_bytes + 1)
-    if len(content) > most_bytes:
+        content = opened.read(max_bytes + 1)
+    if len(content) > max_bytes:
         size = file.stat().st_size
-        raise StoreError(f"{file} has {size} bytes, more than the {most_bytes} that runs write; {REMEDY}")
+        raise StoreError(f"{file} has {size} bytes; files of runs have at most {max_bytes}; {REMEDY}")
     return content
 
 
 @contextlib.contextmanager
 def _open_run_file(file: Path) -> Iterator[BinaryIO]:
-    """Open a file of a run directory for reading, and say in one line what is wrong with it."""
+    """Open a file of a run directory for reading; report any problem in one line."""
     try:
         if not stat.S_ISREG(file.stat().st_mode):  # a pipe may never end
-            raise StoreError(f"{file} is no file; {REMEDY}")
+            raise StoreError(f"{file} is not a regular file; {REMEDY}")
         with file.open("rb") as opened:
             yield opened
     except (FileNotFoundError, NotADirectoryError):

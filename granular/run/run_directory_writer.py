@@ -2,9 +2,9 @@
 
 ``scene.toml``, ``run.json`` (settings and versions), ``trajectory.zarr`` (opens with
 ``xarray.open_zarr``) and ``checkpoint.npz``. Each write ends with the atomic replacement of the
-checkpoint, which says how many records and frames are complete: a crash at any moment leaves
-everything up to there readable. Its manifest holds the digests of files and chunks, and it has its
-own.
+checkpoint, which gives the numbers of complete records and frames: after a crash at any moment all
+data up to there is readable. Its manifest holds the digests of files and chunks; the checkpoint
+itself has checksums.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from granular.shared.errors import StoreError
 
 
 class RunDirectoryWriter:
-    """A run directory that is being written."""
+    """Writer of a run directory."""
 
     def __init__(self, path: Path, scene: Scene) -> None:
         self.path, self.scene = path, scene
@@ -59,7 +59,7 @@ class RunDirectoryWriter:
     def create(
         cls, path: Path, scene: Scene, settings: dict[str, Any], checkpoint: Mapping[str, Any]
     ) -> RunDirectoryWriter:
-        """Make a run directory with its first checkpoint, in one step, and lock it."""
+        """Make a run directory with its first checkpoint atomically, and lock it."""
         part, held = create_partial_directory(path)
         store = cls(part, scene)
         try:
@@ -86,26 +86,26 @@ class RunDirectoryWriter:
             self._arrays[name] = AppendableZarrArray(array, self.lengths[array.dims[0]], manifest)
 
     def lock(self) -> None:
-        """Lock the directory until `unlock`, or the end of this process."""
+        """Lock the directory until `unlock` or the end of this process."""
         self._held = lock_directory(self.path)
 
     def unlock(self) -> None:
-        """Let other processes write to the directory."""
+        """Unlock the directory for other processes."""
         unlock_directory(self._held)
         self._held = None
 
     def read_checkpoint_and_arrays(self) -> dict[str, np.ndarray]:
-        """Read the last checkpoint, and open the arrays to go on from it."""
+        """Read the last checkpoint, and open the arrays to append to."""
         checkpoint, manifest = read_checkpoint(self.path)
         self.lengths = {"time": int(checkpoint["rows"]), "frame": int(checkpoint["frames"])}
         self._files = manifest.files
         self._metadata = ZarrMetadata(read_verified_files(self.path, manifest)[GROUP])
-        # What was written behind the checkpoint will be written again.
+        # Data after the checkpoint will be written again.
         self._open_zarr_arrays(manifest)
         return checkpoint
 
     def append_records(self, recorder: RecordBuffer) -> None:
-        """Append what a buffer holds to the arrays, and clear the buffer."""
+        """Append the buffered values to the arrays, and clear the buffer."""
         for variable, values in recorder.variables_in_si(self.scene):
             self._arrays[variable.name].append(values)
         rows, frames = recorder.record_and_frame_counts()
@@ -115,13 +115,13 @@ class RunDirectoryWriter:
         recorder.clear()
 
     def replace_checkpoint(self, mapping: Mapping[str, Any]) -> None:
-        """Replace the checkpoint: all that was written counts as complete."""
+        """Replace the checkpoint, which marks all written data as complete."""
         chunks = {name: array.digests() for name, array in self._arrays.items()}
         write_checkpoint(self.path, mapping, Manifest(self._files, self.lengths, chunks))
 
 
 def take_snapshot(run: RunState) -> dict[str, Any]:
-    """Copy all that a run needs to go on from here."""
+    """Copy all data that a run needs to continue from the present state."""
     arrays = _persistent_arrays_by_name(run.state) | {"band": run.band, "seen": run.seen}
     saved: dict[str, Any] = {name: array.copy() for name, array in arrays.items()}
     memory = {
@@ -133,11 +133,11 @@ def take_snapshot(run: RunState) -> dict[str, Any]:
 
 
 def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
-    """Set a run back to a snapshot."""
+    """Restore a run from a snapshot."""
     state = run.state
     missing = set(_persistent_arrays_by_name(state)) - set(saved)
     if missing:
-        raise StoreError(f"the checkpoint lacks {min(missing)!r}: another version made it; run it anew")
+        raise StoreError(f"the checkpoint lacks {min(missing)!r}: another version made it; run it again")
     restore_persistent_arrays(state, saved)
     run.band[:], run.seen[:] = saved["band"], saved["seen"]
     memory = json.loads(str(saved["memory"]))
@@ -149,30 +149,30 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     if run.progress.started:
         height, scales = run.progress.height, run.system.scales
         run.motion = run.stage.motion(height, scales)
-    # What is not kept follows from the positions; what is kept has the bits of the pass that
-    # made it, which may have been a measuring one.
+    # Other arrays follow from the positions. Stored arrays are restored again, to keep the bits of the pass
+    # that computed them, which may have been a measuring pass.
     run.present_record(ARRANGE)
     restore_persistent_arrays(state, saved)
     _refuse_unreachable_end(run)
 
 
 def _refuse_unreachable_end(run: RunState) -> None:
-    """Refuse an end that the run cannot reach any more."""
+    """Refuse an end that the run can no longer reach."""
     now, end = run.present_time * run.system.scales.time, run.t_end * run.system.scales.time
     if run.present_time > run.t_end * (1.0 + 1e-9):
-        raise StoreError(f"the run has reached {now:g} s already, after t_end = {end:g} s; give a later one")
+        raise StoreError(f"the run has already reached {now:g} s, after t_end = {end:g} s; give a later one")
     last = run.scene.protocol[-1]
     longer = isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end)
     if run.is_protocol_finished and longer and run.present_time < run.t_end * (1.0 - 1e-9):
-        raise StoreError(f"the protocol has ended, at {now:g} s; t_end = {end:g} s needs a new run")
+        raise StoreError(f"the protocol ended at {now:g} s; t_end = {end:g} s needs a new run")
     if not run.is_protocol_finished and run.progress.started and run.remaining_stage_time(0) < 0.0:
         raise StoreError(
-            f"the run has reached {now:g} s, behind the end of stage {run.stage.name!r}; give a later t_end"
+            f"the run has reached {now:g} s, after the end of stage {run.stage.name!r}; give a later t_end"
         )
 
 
 def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
-    """Arrays that a state cannot be made again from, by their names in a checkpoint."""
+    """Arrays of a state that cannot be recomputed, by their names in a checkpoint."""
     names = [*PERSISTENT, "rounding"] if state.rounding is not None else PERSISTENT
     saved = {name: getattr(state, name) for name in names}
     if state.host is not None:
@@ -192,7 +192,7 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
 
 
 def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
-    """Put kept arrays back into a state, whose neighbour lists are made again at their former positions."""
+    """Restore stored arrays of a state; its neighbour lists are rebuilt at their former positions."""
     for name, array in _persistent_arrays_by_name(state).items():
         array[:] = saved[name]
     lists = state.stripes or state.verlet_list

@@ -1,4 +1,4 @@
-"""Progress of a run: a bar on standard error, and before it a word where it takes long."""
+"""Progress bar of a run on standard error, with an announcement for long runs."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from granular.shared.progress_bars import print_above_bar, progress_bar
 if TYPE_CHECKING:
     from granular.run.protocol_runner import ProtocolRunner
 
-JUDGED = 0.5
-"""Time [s] over which steps are counted first: the first call, which compiles, does not count."""
+MEASURED_SECONDS = 0.5
+"""Time [s] over which steps are counted to estimate the duration, without the first call, which compiles."""
 
-LONG = 60.0
-"""Length of a run [s], by the wall clock, from which on it is stated at the start."""
+ANNOUNCED_SECONDS = 60.0
+"""Wall-clock duration of a run [s] above which it is announced at the start."""
 
 
 class RunProgressBar:
-    """One line that shows the stage, its time and the piston while a run goes on."""
+    """One line with stage, time and piston height during a run."""
 
-    def __init__(self, wanted: bool) -> None:
-        self.wanted = wanted
+    def __init__(self, visible: bool) -> None:
+        self.visible = visible
         self._bar: Any = None
         self._compiling: Any = None
         self._reports = contextlib.ExitStack()
         self._settling: RestApproach | None = None
         self._stage = -1
         self._first: tuple[float, int] | None = None
-        self._told = False
+        self._announced = False
 
     def __enter__(self) -> Self:
-        if self.wanted:
+        if self.visible:
             self._reports.enter_context(report_compiled_kernels(self._show_compiled_kernels))
         return self
 
@@ -50,16 +50,16 @@ class RunProgressBar:
                 bar.close()
 
     def _show_compiled_kernels(self, kernels: int) -> None:
-        """Show that a kernel is compiled, before the first steps."""
+        """Show the compilation of kernels before the first steps."""
         if self._compiling is None:
-            words = "compiling for scenes of this kind, kept for later runs"
+            words = "compiling for this type of scene, cached for later runs"
             form = "{desc}{postfix} [{elapsed}]"
             self._compiling = progress_bar(desc=words, bar_format=form)
         self._compiling.set_postfix_str(f"kernel {kernels}")
 
     def show(self, run: ProtocolRunner) -> None:
-        """Show the stage, its time and the piston, as they are now."""
-        if not self.wanted:
+        """Show the present stage, time and piston height."""
+        if not self.visible:
             return
         if self._compiling is not None:
             self._compiling.close()
@@ -87,7 +87,7 @@ class RunProgressBar:
         self._bar.update(reached - self._bar.n)
 
     def _new_stage_bar(self, run: ProtocolRunner) -> tuple[Any, RestApproach | None]:
-        """Bar of the stage's time; of a stage that ends at rest, of the approach to rest."""
+        """Bar of the stage's time, or of the approach to rest if the stage ends at rest."""
         name = f"{run.scene.name}: {run.stage.name}"
         if run.rest_motion_limit >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
@@ -98,19 +98,19 @@ class RunProgressBar:
         return progress_bar(desc=name, total=total, bar_format=form), None
 
     def _announce_remaining_steps(self, run: ProtocolRunner) -> None:
-        """Say once how many steps are ahead, and how long they take, if that is long."""
+        """Announce once the number of remaining steps and their duration, if it is long."""
         now = time.perf_counter()
         started, made = self._first = self._first or (now, run.steps_made)
-        if self._told or now - started < JUDGED or run.steps_made == made:
+        if self._announced or now - started < MEASURED_SECONDS or run.steps_made == made:
             return
-        self._told = True
+        self._announced = True
         words = remaining_time_text(remaining_steps(run), (run.steps_made - made) / (now - started))
         if words is not None:
             print_above_bar(f"{run.scene.name}: {words}")
 
 
 class RestApproach:
-    """Motion over the last window of rest, compared with what counts as rest."""
+    """Motion over the last window, compared with the limit of rest."""
 
     def __init__(self, run: ProtocolRunner) -> None:
         stage = run.stage
@@ -119,47 +119,48 @@ class RestApproach:
         self.amplitude, self.fraction = math.inf, 0.0
         self._window = stage.window / run.system.scales.time
         self._seen: deque[tuple[float, float, float]] = deque()
-        self._greatest = 0.0
+        self._largest_amplitude = 0.0
 
     def update(self, run: ProtocolRunner) -> None:
-        """Take in the present heights and speeds."""
+        """Add the present height and speeds."""
         state = run.state
         fastest = float(np.hypot(state.vx, state.vy).max(initial=abs(float(state.piston[SPEED]))))
         self._seen.append((run.present_time, float(state.piston[HEIGHT]), fastest))
         while self._seen[0][0] < run.present_time - self._window:
             self._seen.popleft()
         heights = [height for _, height, _ in self._seen]
-        swing = max(heights) - min(heights)
-        self.amplitude = max(swing, *(speed for _, _, speed in self._seen), 0.0)
-        self._greatest = max(self._greatest, self.amplitude)
+        height_range = max(heights) - min(heights)
+        self.amplitude = max(height_range, *(speed for _, _, speed in self._seen), 0.0)
+        self._largest_amplitude = max(self._largest_amplitude, self.amplitude)
         if self.amplitude <= self.limit:
             self.fraction = 1.0
-        elif self._greatest > self.limit:
-            decades = math.log(self._greatest / self.limit)
-            self.fraction = math.log(self._greatest / self.amplitude) / decades
+        elif self._largest_amplitude > self.limit:
+            decades = math.log(self._largest_amplitude / self.limit)
+            self.fraction = math.log(self._largest_amplitude / self.amplitude) / decades
 
     def __str__(self) -> str:
         return f"moves {self.amplitude:.1e} D, at rest below {self.limit:.0e} D"
 
 
 def remaining_steps(run: ProtocolRunner) -> float:
-    """Count the steps from here to the end of a run, at the present step."""
+    """Count the steps to the end of a run, at the present time step."""
     progress, last = run.progress, run.scene.protocol[-1]
     if run.is_protocol_finished or not progress.started:
         return 0.0
     later = run.scene.protocol[progress.stage + 1 :]
-    # Stages that end at rest or at a force count whole, later ones from the present height.
+    # Stages that end at rest or at a force count with their full duration, later ones from the present
+    # height.
     durations = [stage.total_duration(progress.height) or 0.0 for stage in later]
     end = min(progress.start + run.stage_length + math.fsum(durations) / run.system.scales.time, run.t_end)
     if isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end):
-        end = run.t_end  # such a stage is lengthened up to it
+        end = run.t_end  # a timed last stage extends to t_end
     return max(0.0, end - run.present_time) / run.schedule.h
 
 
 def remaining_time_text(steps: float, rate: float) -> str | None:
-    """Say the duration of some steps in words; rate [1/s]."""
+    """Duration of the steps in words, or None if short; rate [1/s]."""
     seconds = steps / rate
-    if seconds < LONG:
+    if seconds < ANNOUNCED_SECONDS:
         return None
     sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
     unit, size = next(size for size in sizes if seconds >= size[1])

@@ -1,4 +1,4 @@
-"""The state of a run in its protocol and in time: how a stage is stepped, and when it ends at rest."""
+"""State of a run: position in the protocol, step schedule of a stage, and criterion of rest."""
 
 from __future__ import annotations
 
@@ -40,46 +40,46 @@ from granular.protocol import Stage
 from granular.protocol.piston_motion import Motion, drive_angular_frequency, greatest_piston_speed
 from granular.protocol.stage import TimedStage
 from granular.run.dataset import RecordBuffer
-from granular.run.engines import ENGINES, NO_TICKS, UNDIVIDED, UNWATCHED, Rows, Ticks, record_length
+from granular.run.engines import ENGINES, NO_STOP_CRITERIA, NO_TICKS, UNDIVIDED, Rows, Ticks, record_length
 from granular.run.plan import Plan
 from granular.shared.array_types import Float
 from granular.shared.errors import NotFiniteError, RunError, StepCountError
 
 ARRANGE = "place the grains apart from each other, inside the walls and below the piston"
-"""The remedy for grains that stand where none can be."""
+"""Remedy for misplaced grains."""
 
 REST_TOLERANCE = 1e-4
-"""Rest where the stage gives no tolerance [D], [D/tau]."""
+"""Default tolerance of rest [D], [D/tau]."""
 
 DECAY_LIMIT = 10.0
-"""A decay by drag is resolved as far as it is at most this much faster than the stiffest mode (or
-than one that a step from record to record would resolve): a faster one leaves grains that creep,
-which the exact flow of drag carries at any step."""
+"""Maximum ratio of a resolved decay rate of drag to the frequency of the stiffest mode (or to the frequency
+that one step per record resolves). With faster decay grains creep, and the exact flow of drag is accurate for
+any step."""
 
-_RESOLVED = 0.5
-"""Step times highest angular frequency, below which no swing blows up."""
+_MAX_RESOLVED_PRODUCT = 0.5
+"""Step times highest angular frequency below which no oscillation is unstable."""
 
 
 @dataclasses.dataclass
 class RunProgress:
-    """Progress of a run: what a checkpoint needs besides the arrays of the state."""
+    """Progress of a run: data of a checkpoint besides the arrays of the state."""
 
     stage: int = 0  # index of the present stage
-    ticks: int = 0  # made in it
-    started: bool = False  # it has been set up
-    start: float = 0.0  # of the stage [tau]
+    ticks: int = 0  # ticks made in the stage
+    started: bool = False  # True after the stage was set up
+    start: float = 0.0  # start of the stage [tau]
     last: float = 0.0  # time of the last record [tau]
-    height: float = 0.0  # of the piston at the stage's start [m]
-    schedule: list[Any] | None = None  # fields of its `StepSchedule`
+    height: float = 0.0  # height of the piston at the start of the stage [m]
+    schedule: list[Any] | None = None  # fields of the stage's `StepSchedule`
     stiffest: float = 0.0  # largest step times highest angular frequency so far
-    closest: float = math.inf  # least distance of two grains so far [D]
-    results: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # of `StageResult`
-    # Grains that have left: index in the scene, time [s], place when taken out [m].
+    closest: float = math.inf  # minimum distance of two grains so far [D]
+    results: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # fields of `StageResult`
+    # Grains that have left: index in the scene, time [s], position on removal [m].
     departures: list[list[float]] = dataclasses.field(default_factory=list)
 
 
 class RunState:
-    """State, progress and recorder of a run, and all that follows from them."""
+    """State, progress and recorder of a run, with derived quantities."""
 
     def __init__(self, plan: Plan) -> None:
         scene, system, step = plan.scene, plan.take_system(), plan.step
@@ -98,13 +98,13 @@ class RunState:
         self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: EnergyLedger | None = None
         self.motion = Motion()
-        self._entered = columns.ledger_column_count(len(system.effects))
-        """Columns that the energy ledger reads."""
+        self._ledger_columns = columns.ledger_column_count(len(system.effects))
+        """Number of columns that the energy ledger reads."""
         self._row = np.zeros(record_length(system))
 
     @property
     def constants(self) -> Constants:
-        """Constants of the grains that are there."""
+        """Constants of the grains present in the cell."""
         return self.system.constants
 
     @constants.setter
@@ -118,7 +118,7 @@ class RunState:
 
     @property
     def stage_length(self) -> float:
-        """Length of the present stage [tau]; infinite where only ``t_end`` ends it."""
+        """Duration of the present stage [tau]; infinite if only ``t_end`` ends it."""
         stage = self.stage
         duration = stage.total_duration(self.progress.height)
         last = self.progress.stage == len(self.scene.protocol) - 1
@@ -139,7 +139,7 @@ class RunState:
 
     @property
     def is_protocol_finished(self) -> bool:
-        """True where all stages of the protocol have ended."""
+        """True if all stages of the protocol have ended."""
         return self.progress.stage == len(self.scene.protocol)
 
     @property
@@ -150,7 +150,7 @@ class RunState:
 
     @property
     def is_at_end(self) -> bool:
-        """True where nothing but the unfinished tick before ``t_end`` is left."""
+        """True if only the partial tick before ``t_end`` remains."""
         progress = self.progress
         if self.is_protocol_finished:
             return True
@@ -160,32 +160,33 @@ class RunState:
         return before_end and self.whole_ticks_until_end() <= 0
 
     def whole_ticks_until(self, time: float) -> float:
-        """Count the whole ticks from here to a time in the stage; time [tau]."""
+        """Count the whole ticks until a time in the stage; time [tau]."""
         return completed_ticks(self.schedule, time) - self.progress.ticks
 
     def whole_ticks_until_end(self) -> float:
-        """Whole ticks that are left to ``t_end``."""
-        # A variable step may end behind its tick, and one that is cut at ``t_end`` is no state to go on from:
-        # the tail has the last two ticks.
-        spared = 0.0 if self.tables.fraction is None else 2.0
-        return self.whole_ticks_until(self.t_end - self.progress.start) - spared
+        """Count the whole ticks until ``t_end``."""
+        # A variable step may end after its tick, and a run cannot continue from a step that is cut at
+        # ``t_end``:
+        # the last two ticks are therefore made separately.
+        reserved = 0.0 if self.tables.fraction is None else 2.0
+        return self.whole_ticks_until(self.t_end - self.progress.start) - reserved
 
-    def remaining_stage_time(self, least: float = 1e-6) -> float:
-        """Time left of the stage behind its last whole tick [tau]."""
+    def remaining_stage_time(self, fraction: float = 1e-6) -> float:
+        """Remaining time of the stage after the present tick [tau]; 0 below rounding."""
         total = self.stage_length
         if math.isinf(total):
             return 0.0
-        left = total - float(self.state.clock[TIME])
-        if left > self.rounding_time(least) or left < -1e-6 * self.schedule.length:
-            return left
+        remaining = total - float(self.state.clock[TIME])
+        if remaining > self.rounding_time(fraction) or remaining < -1e-6 * self.schedule.length:
+            return remaining
         return 0.0
 
     def rounding_time(self, fraction: float = 1e-6) -> float:
-        """Time below which rounding leaves something to an end that was reached [tau]."""
+        """Difference of times due to rounding [tau]."""
         return fraction * self.schedule.h if self.progress.ticks else 0.0
 
     def ticks_of_next_call(self) -> int:
-        """Count the ticks that may be made at once: up to the end, the next frame or the next review."""
+        """Count the ticks to the next frame, the next review or the end, whichever comes first."""
         ticks, schedule = self.progress.ticks, self.schedule
         to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
@@ -194,41 +195,46 @@ class RunState:
 
     @property
     def remedy_for_long_steps(self) -> str:
-        """Advice in words against steps that are too long."""
+        """Advice for steps that are too long."""
         if self.step.automatic:
             return f"shorten dt (for instance {auto_step_text(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
     @property
     def remedy_for_non_finite(self) -> str:
-        """Advice in words against numbers that are not finite any more."""
+        """Advice for values that are no longer finite."""
         acting = self.scene.effects.acting
-        own = [item.key for item in acting if any(part.user_code_digests for part in item.component_effects)]
-        if not own or self.progress.schedule is None:
+        custom = [
+            item.key for item in acting if any(part.user_code_digests for part in item.component_effects)
+        ]
+        if not custom or self.progress.schedule is None:
             return self.remedy_for_long_steps
-        # No step cures a formula that is NaN somewhere, and one that resolves all oscillations has not led
-        # the grains astray.
+        # A shorter step does not help if a formula is NaN, and a step that resolves all oscillations is not
+        # the
+        # cause.
         seen = np.array([self._row[columns.STIFFEST], self.seen[STIFFEST]])
-        resolved = np.max(seen, where=np.isfinite(seen), initial=0.0) * self.schedule.h < _RESOLVED
+        resolved = (
+            np.max(seen, where=np.isfinite(seen), initial=0.0) * self.schedule.h < _MAX_RESOLVED_PRODUCT
+        )
         if not resolved:
             return self.remedy_for_long_steps
-        return f"correct what you wrote for {' and '.join(map(repr, own))}: it is no number there"
+        return f"correct the formula of {' and '.join(map(repr, custom))}: its value is not a number"
 
     @property
     def too_long_step_text(self) -> str:
-        """Words that blame a given step for being too long for the stiffest mode; empty where it is not."""
+        """Statement that a given step is too long for the stiffest mode; empty if it is not."""
         if self.step.seconds is None or self.progress.schedule is None:  # no step was made yet
             return ""
-        swings = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.schedule.h / math.tau
-        if not swings * math.tau > 1.0:
+        periods = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.schedule.h / math.tau
+        if not periods * math.tau > 1.0:
             return ""
-        return f"dt = {self.step.seconds:g} s is {swings:.2g} periods of the stiffest swing: "
+        return f"dt = {self.step.seconds:g} s is {periods:.2g} periods of the stiffest mode: "
 
     def present_record(self, remedy: str) -> Float[np.ndarray, "columns"]:
-        """Compute the forces, and a record of the present moment."""
-        # A loop without ticks: no kernel more to compile.
+        """Compute the forces and a record of the present moment."""
+        # A loop without ticks avoids the compilation of another kernel.
         window = NO_TICKS._replace(start=self.progress.start)
-        status, _, records = self.call_engine(window, UNDIVIDED, UNWATCHED)
+        status, _, records = self.call_engine(window, UNDIVIDED, NO_STOP_CRITERIA)
         self._row = records[0]
         self._row[columns.TURNED] = self.seen[TURNED]
         if status == OUTSIDE:
@@ -236,16 +242,16 @@ class RunState:
         return self._row
 
     def call_engine(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
-        """Have the engine advance the state by ticks."""
+        """Advance the state by ticks with the engine."""
         ticks = Ticks(window, schedule, self.tables, self.motion, self.measurement, watch)
         return self._advance_by_engine(self.system, self.state, ticks)
 
     def total_energy(self, remedy: str) -> float:
-        """Total energy of the present moment, in the ledger's sense [F* D]."""
-        return columns.total_energy(self.present_record(remedy)[: self._entered])
+        """Present total energy, as defined in the ledger [F* D]."""
+        return columns.total_energy(self.present_record(remedy)[: self._ledger_columns])
 
     def misplaced_grain_error(self, remedy: str) -> RunError:
-        """Error for a grain that stands where none can be, with the present step and time."""
+        """Error for a misplaced grain, with the present step and time."""
         moment = self.steps_made, self.present_time * self.system.scales.time
         lines, scales = self.scene.cell.lines, self.system.scales
         error = misplaced_grain_error(self.state, self.constants, lines, scales, *moment, remedy)
@@ -256,9 +262,9 @@ class RunState:
     # The step schedule ---------------------------------------------------------------------------
 
     def set_step_schedule(self, row: Float[np.ndarray, "columns"]) -> None:
-        """Cut the stage into ticks and steps, by the speeds that the bed can reach from its first record."""
+        """Divide the stage into ticks and steps, from bounds of speed by its first record."""
         output, scales, gravity = self.scene.output, self.system.scales, self.system.downward_acceleration
-        # A grain may still gain what it loses in height.
+        # A grain may still gain speed from its height.
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
         speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)
         height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
@@ -283,14 +289,14 @@ class RunState:
             initialise_step_density(speed, half_tick, self.tables.fraction, self.state, self.constants)
 
     def set_steps_per_tick(self, frequency: float) -> None:
-        """Cut the ticks into steps for another frequency [1/tau]; a variable step does so itself."""
+        """Divide ticks into steps for another frequency [1/tau]; variable steps adapt by themselves."""
         if self.tables.fraction is None:
             length = self.schedule.length
             steps = self.step.steps_per_tick(length, self._frequency_to_resolve(frequency))
             self._apply_schedule(self.schedule._replace(steps=steps, h=length / steps))
 
     def _frequency_to_resolve(self, frequency: float) -> float:
-        """Frequency that an automatic step is to resolve, with the drive and the drag."""
+        """Frequency for an automatic step to resolve, including drive and drag."""
         scales, effects = self.system.scales, self.system.effects
         rates = [effect.decay_rate(scales) for effect in effects if isinstance(effect, DissipativeEffect)]
         record = self.scene.output.scalars / scales.time
@@ -300,13 +306,13 @@ class RunState:
         resolved = max(frequency, drive_angular_frequency(self.motion), *drives, decay)
         if self.step.automatic:
             steps = record * resolved / self.step.step_times_frequency
-            self._refuse_too_many_steps("the time from record to record", steps, MOST_STEPS)
+            self._refuse_too_many_steps("the time between records", steps, MOST_STEPS)
         return resolved
 
-    def _refuse_too_many_steps(self, what: str, steps: float, limit: float) -> None:
+    def _refuse_too_many_steps(self, duration_name: str, steps: float, limit: float) -> None:
         if not steps <= limit:
             raise StepCountError(
-                f"{what} takes {steps:.3g} steps, {limit:.3g} is the limit",
+                f"{duration_name} takes {steps:.3g} steps, the limit is {limit:.3g}",
                 step=self.steps_made,
                 time=self.present_time * self.system.scales.time,
                 value=steps,
@@ -324,7 +330,7 @@ class RunState:
 
     @property
     def rest_motion_limit(self) -> float:
-        """Range of heights [D] and speed [D/tau] that count as rest; negative for other ends."""
+        """Maximum range of heights [D] and speed [D/tau] of rest; negative for stages with another end."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":
             return -1.0

@@ -33,14 +33,14 @@ from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
 from granular.shared.version import versions
 
-CADENCE = 0.01
-"""Relative change of the records' distance, by a given step, that is reported to the user."""
+SPACING_TOLERANCE = 0.01
+"""Relative change of the record spacing by a given step above which a warning is issued."""
 
 COMMIT_SECONDS = 5.0
-"""Time between checkpoints, in seconds of the wall clock."""
+"""Wall-clock time between checkpoints [s]."""
 
-_INSTANT = 1e-6
-"""End of a run that only compiles [s]: the loop is compiled before its first step."""
+_COMPILE_ONLY_TIME = 1e-6
+"""End of a run that only compiles [s]."""
 
 
 def simulate(
@@ -60,36 +60,36 @@ def simulate(
     Parameters
     ----------
     scene : Scene or Plan
-        Scene to run, with at least one stage; or the plan of its run, which holds ``dt``, ``t_end``,
+        Scene to run, with one or more stages; or the plan of its run, which includes ``dt``, ``t_end``,
         ``method``, ``threads``, ``accuracy`` and ``engine``.
     dt : float or str
         Time step [s]. "auto" follows the stiffest mode that the bed can meet (see
-        `granular.engine.step_size`); "auto/2" or "auto*2" is half or twice as long, to see what
-        the step does to a result.
+        `granular.engine.step_size`); "auto/2" or "auto*2" is half or twice as long, to test the
+        influence of the step.
     t_end : float, optional
-        Stop at this time [s], also within a stage; a last stage that is timed is lengthened up to
-        it. Without: at the end of the protocol.
+        End of the run [s], also within a stage; a timed last stage is extended to it. Default: the
+        end of the protocol.
     method : str, Method or mapping
-        Integration method, the name of one of `granular.methods.METHODS`; "+compensated" behind it
-        turns positions and velocities into compensated sums. Or a `granular.Method` of one's own,
-        also as its plain data: its table goes into the run's settings.
+        Name of an integration method of `granular.methods.METHODS`; the suffix "+compensated"
+        computes positions and velocities as compensated sums. Or a custom `granular.Method`, also
+        as plain data, whose table is stored in the run's settings.
     out : str or Path, optional
-        Directory to write to while running; it must be empty or not exist yet.
+        Directory to write to during the run; it must be empty or new.
     resume : bool
-        Go on with the run in ``out`` (or start it, where there is none yet). The bits are those of
-        a run that was never interrupted.
+        Continue the run in ``out``, or start it if there is none. The result has the same bits as
+        an uninterrupted run.
     threads : int, optional
-        From 1 to the number of processors; the result has the same bits for any. Without: as many
-        as pay off.
+        Number of threads, from 1 to the number of processors; the bits of the result do not depend on
+        it. Default: as many as reduce the time.
     progress : bool
         Show a progress bar on standard error.
     accuracy : str, optional
-        Instead of ``dt`` and ``method``: an error and the quantity it is of, such as "1e-3 rest
-        height"; step, method and sum over pairs are then chosen from measured tables (see `granular.plan`),
-        and stored in the run's ``settings()["accuracy"]``.
+        Error and quantity, such as "1e-3 rest height", instead of ``dt`` and ``method``. Step, method and
+        sum over pairs are then chosen from measured tables (see `granular.plan`) and stored in the run's
+        ``settings()["accuracy"]``.
     engine : str
-        Name of the engine that advances the bed: "numba", or one that an installed distribution offers by
-        an entry point of the group "granular.engines".
+        Name of the engine that advances the bed: "numba", or an installed one (entry points
+        "granular.engines").
 
     Returns
     -------
@@ -99,20 +99,20 @@ def simulate(
     Raises
     ------
     InputError
-        If an argument or the scene cannot be run, ``out`` is in use, cannot be written or holds
-        another run, or an accuracy cannot be promised.
+        If an argument or the scene is invalid, ``out`` is in use, cannot be written or holds another
+        run, or an accuracy cannot be guaranteed.
     RunError
-        If the run cannot be trusted any more; its ``trajectory`` attribute holds what was
-        computed before.
+        If the run can no longer be trusted; its ``trajectory`` attribute holds the results up to
+        then.
     Interrupted
-        On Ctrl-C (on the command line also on SIGTERM); its ``trajectory`` attribute holds what
-        was computed.
+        On Ctrl-C (on the command line also on SIGTERM); its ``trajectory`` attribute holds the
+        results up to then.
 
     Warns
     -----
     UserWarning
-        If ``dt`` gives records at other times than ``output.scalars`` asks for, the energy ledger closes
-        badly, grains overlapped without a contact, or the run in ``out`` was made with other versions.
+        If ``dt`` changes the record spacing of ``output.scalars``, the energy ledger has a large residual,
+        grains overlapped without a contact law, or the run in ``out`` was made with other versions.
 
     Examples
     --------
@@ -126,7 +126,7 @@ def simulate(
     elif (dt, t_end, method, threads, accuracy, engine) == ("auto", None, METHOD, None, None, NUMBA):
         chosen = scene
     else:
-        raise InputError("a plan holds dt, t_end, method, threads and engine; give them to plan")
+        raise InputError("a plan includes dt, t_end, method, threads, accuracy and engine; give them to plan")
     scene = chosen.scene
     check_variable_names(scene)
     chosen.check_arguments()
@@ -135,13 +135,13 @@ def simulate(
     _warn_of_changed_record_spacing(chosen)
     settings = _run_settings(chosen)
     if resume and out is None:
-        raise InputError("resume = True needs out, the directory of the run to go on with")
+        raise InputError("resume = True needs out, the directory of the run to continue")
     set_thread_count(chosen.threads)
     run = ProtocolRunner(chosen)
     with defer_stop_signals() as stop:
         store = None if out is None else _create_or_resume_directory(Path(out), run, settings, resume)
         try:
-            # From where the job counts its seconds: to restore a run may compile before.
+            # The timing starts here, since restoring a run may compile before.
             with measure_compile_time() as compiling:
                 return _SimulationJob(run, store, settings, compiling).run_to_end(progress, stop)
         finally:
@@ -150,7 +150,7 @@ def simulate(
 
 
 class _SimulationJob:
-    """A run with its output: what `simulate` does after the arguments are checked."""
+    """A run with its output: the work of `simulate` after the arguments are checked."""
 
     def __init__(
         self,
@@ -161,7 +161,7 @@ class _SimulationJob:
     ) -> None:
         self.run, self.store, self.settings, self.compiling = run, store, settings, compiling
         self.started = self.last_commit = time.perf_counter()
-        self.kept = self._snapshot_with_counts()
+        self.snapshot = self._snapshot_with_counts()
 
     def run_to_end(self, progress: bool, stop: StopRequest) -> Trajectory:
         run = self.run
@@ -174,9 +174,9 @@ class _SimulationJob:
                         run.advance()
                     bar.show(run)
                     if time.perf_counter() - self.last_commit > COMMIT_SECONDS:
-                        self.kept = self._snapshot_with_counts()
+                        self.snapshot = self._snapshot_with_counts()
                         self._write_and_commit(complete=False)
-                self.kept = self._snapshot_with_counts()
+                self.snapshot = self._snapshot_with_counts()
                 complete = run.is_at_end
                 with report_arithmetic_errors_as(failure):
                     until = run.finish_last_partial_tick() if complete else run.present_time
@@ -192,7 +192,7 @@ class _SimulationJob:
         return trajectory
 
     def _snapshot_with_counts(self) -> dict[str, Any]:
-        """State to resume from, with how many records and frames lie before it."""
+        """Snapshot to resume from, with the numbers of records and frames before it."""
         rows, frames = self.run.recorder.record_and_frame_counts()
         written = {"time": 0, "frame": 0} if self.store is None else self.store.lengths
         counts = {"rows": written["time"] + rows, "frames": written["frame"] + frames}
@@ -201,21 +201,21 @@ class _SimulationJob:
     def _outcome_fields(self, complete: bool, until: float) -> dict[str, Any]:
         compiled, passed = self.compiling.seconds, time.perf_counter() - self.started
         figures = self.run.summary_figures() | {"seconds": passed - compiled, "compile_seconds": compiled}
-        stages, left = self.run.stage_results(until), self.run.progress.departures
-        return {"figures": figures, "complete": complete, "stages": stages, "departures": left}
+        stages, departures = self.run.stage_results(until), self.run.progress.departures
+        return {"figures": figures, "complete": complete, "stages": stages, "departures": departures}
 
     def _write_and_commit(self, complete: bool, until: float | None = None) -> None:
-        """Write what was recorded, with the last snapshot to resume from."""
+        """Write the recorded data, with the last snapshot to resume from."""
         if self.store is None:
             return
         outcome = self._outcome_fields(complete, self.run.present_time if until is None else until)
         try:
             self.store.append_records(self.run.recorder)
-            self.store.replace_checkpoint(self.kept | {"outcome": np.array(json.dumps(outcome))})
+            self.store.replace_checkpoint(self.snapshot | {"outcome": np.array(json.dumps(outcome))})
         except OSError as error:
             raise StoreError(
-                f"{self.store.path} cannot be written: {error.strerror or error}; what was "
-                "committed stands, resume it when there is room"
+                f"{self.store.path} cannot be written: {error.strerror or error}; data up "
+                "to the last checkpoint is kept, resume the run when there is space"
             ) from error
         self.last_commit = time.perf_counter()
 
@@ -233,13 +233,13 @@ class _SimulationJob:
 
 
 def _warn_of_changed_record_spacing(plan: Plan) -> None:
-    step, wanted = plan.step, plan.scene.output.scalars
+    step, requested = plan.step, plan.scene.output.scalars
     if step.seconds is None:
         return
-    made = round(wanted / step.seconds) * step.seconds
-    if abs(made - wanted) > CADENCE * wanted:
+    spacing = round(requested / step.seconds) * step.seconds
+    if abs(spacing - requested) > SPACING_TOLERANCE * requested:
         warnings.warn(
-            f"records come every {made:.4g} s, not {wanted:.4g} s, which is no multiple of dt = "
+            f"records come every {spacing:.4g} s, not {requested:.4g} s, which is not a multiple of dt = "
             f"{step.seconds:g} s",
             stacklevel=3,
         )
@@ -275,15 +275,15 @@ def _create_or_resume_directory(
     former = {"engine": NUMBA} | json.loads(read_verified_files(path, read_checkpoint(path)[1])[SETTINGS])
     for name in ("scene_digest", "dt", "method", "engine"):
         if former[name] != settings[name]:
-            what = "scene" if name == "scene_digest" else name
+            setting = "scene" if name == "scene_digest" else name
             raise StoreError(
-                f"the run in {path} has another {what}: {former[name]}, not {settings[name]}; "
-                "resume with the same, or give a new directory"
+                f"the run in {path} has another {setting}: {former[name]}, not {settings[name]}; "
+                "resume with the same one, or give a new directory"
             )
     if former.get("own", []) != settings.get("own", []):
         raise StoreError(
-            f"the run in {path} was made with other functions of an own effect, which have changed "
-            "since; resume with the same, or give a new directory"
+            f"functions of a custom effect have changed since the run in {path} was made; "
+            "resume with the same ones, or give a new directory"
         )
     if former.get("versions") != settings["versions"]:
         warnings.warn(
@@ -301,35 +301,35 @@ def _create_or_resume_directory(
 
 
 def _warn_of_inaccurate_run(trajectory: Trajectory) -> None:
-    """Warn where a run is less accurate than a user may take it to be."""
+    """Warn if a run is less accurate than a user may expect."""
     settings = trajectory.settings()
     residual = settings["ledger_residual"]
     if residual > degraded_residual_limit(trajectory.scene):
         remedy = "a shorter dt is more accurate"
         if trajectory.scene.pair_method == "verlet-list":
-            remedy += ", and so is pairs.method = 'direct', without a list that misses pairs"
+            remedy += ", and so is pairs.method = 'direct', which misses no pairs"
         warnings.warn(
-            f"the energy ledger is off by {residual:.2g} of the energy turned over; {remedy}", stacklevel=3
+            f"the energy ledger is off by {residual:.2g} of the energy turnover; {remedy}", stacklevel=3
         )
     closest = settings.get("closest_distance", math.inf)
-    least = min(specy.diameter for specy in trajectory.scene.grains.species)
-    if closest < least and trajectory.scene.effects.contact is None:
+    smallest = min(specy.diameter for specy in trajectory.scene.grains.species)
+    if closest < smallest and trajectory.scene.effects.contact is None:
         warnings.warn(
-            f"two grains came as close as {closest:.3g} m, less than a diameter ({least:.3g} m), "
-            "and the scene has no contact between grains",
+            f"two grains came as close as {closest:.3g} m, less than a diameter ({smallest:.3g} m), "
+            "but the scene has no contact law",
             stacklevel=3,
         )
 
 
 def compile_and_cache_kernels(scenes: Sequence[Scene]) -> dict[str, float]:
-    """Compile all that runs and evaluations of scenes need, and keep it on disk; return the duration [s]."""
+    """Compile and cache all kernels for runs and evaluations of scenes; return the durations [s]."""
     from granular.protocol.piston_motion import Motion, driven_height_and_velocity
     from granular.run.evaluation import evaluate
 
     seconds = {}
     for scene in scenes:
         started = time.perf_counter()
-        simulate(scene, t_end=_INSTANT, progress=False)
+        simulate(scene, t_end=_COMPILE_ONLY_TIME, progress=False)
         evaluate(scene, *scene.initial_positions_and_velocities())
         driven_height_and_velocity(Motion(), 0.0)
         seconds[scene.name] = time.perf_counter() - started

@@ -1,4 +1,4 @@
-"""Scenes and runs in a few lines: for the command line and for reports."""
+"""Short descriptions of scenes and runs, for the command line and reports."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 
-_SHOWN = 1.0
-"""Seconds of compiling from which on a run tells of them."""
+_REPORTED_COMPILE_SECONDS = 1.0
+"""Compile time [s] above which it is reported."""
 
 
 def packing_fraction(scene: Scene, height: float) -> float:
-    """Packing fraction, the grains' area over the cell's below the piston at ``height`` [m] [D, eq. 2.2]."""
+    """Packing fraction: area of the grains over area of the cell below ``height`` [m] [D, eq. 2.2]."""
     area = float((math.pi / 4.0 * scene.grains.diameters() ** 2).sum())
     return area / (scene.cell.width * height)
 
@@ -51,18 +51,18 @@ def derived_scene_values(scene: Scene) -> dict[str, Any]:
 
 
 def active_effect_names(scene: Scene) -> tuple[str, ...]:
-    """Names of the effects that act in a scene [effects]."""
+    """Names of the effects that act in a scene."""
     return tuple(key for key in scene.effects.key_names() if getattr(scene.effects, key))
 
 
 def custom_code_digests(scene: Scene) -> list[str]:
-    """Digests of a user's own functions in a scene, and of what is derived from formulas."""
+    """Digests of user-defined functions in a scene, including those derived from formulas."""
     parts: list[Any] = [*scene.effects.in_loop_order, *scene.protocol]
     return sorted(digest for part in parts for digest in part.user_code_digests)
 
 
 def scene_text(scene: Scene) -> str:
-    """Text of a scene: grains, natural units, cell, piston, effects and stages.
+    """Describe a scene: grains, natural units, cell, piston, effects and stages.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ def scene_text(scene: Scene) -> str:
         Lines: name; number and diameter [mm] of each species; natural units D [mm], m [g], F* [N] and tau
         [ms]; width of the cell and height of the piston or the periodic cell [mm] and [D], with the
         piston's mass [kg] and the packing fraction [D, eq. 2.2]; dimensionless groups of a damper; effects
-        with their values; the steps from parts that are named to moment [A m^2] and drags [kg/s]; stages
-        with their values.
+        with their values; the derivation of moment [A m^2] and drags [kg/s] from named parts; stages with
+        their values.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def scene_text(scene: Scene) -> str:
     counts, fractions = scene.grains.species_counts(), scene.grains.species_fractions()
     lines = [f"scene {scene.name}"]
     for specy, count, fraction in zip(scene.grains.species, counts, fractions, strict=True):
-        mixed = "" if len(counts) == 1 else f", a fraction of {fraction:.4g}"
+        mixed = "" if len(counts) == 1 else f", fraction {fraction:.4g}"
         lines.append(f"  {count} grains {specy.name!r} of {1e3 * specy.diameter:g} mm{mixed}")
     lines.append(
         f"  natural units: D = {1e3 * scales.length:g} mm, m = {1e3 * scales.mass:.5g} g, "
@@ -140,19 +140,19 @@ def run_statistics(run: Trajectory) -> dict[str, Any]:
 
 
 def run_text(run: Trajectory) -> str:
-    """Text of a run: its stages, steps, wall time and energy ledger.
+    """Describe a run: stages, steps, wall time and energy ledger.
 
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
 
     Returns
     -------
     str
-        Lines: times [s] of each stage, why it ended, and the piston's height there [mm] and [D]; steps,
-        method, time step, wall time [s] and the ledger's residual over the energy turned over; the run
-        directory where there is one.
+        Lines: times [s] of each stage, the reason for its end, and the piston's height then [mm] and [D];
+        steps, method, time step, wall time [s] and the ledger's residual over the energy turnover; the run
+        directory, if any.
     """
     figures, scales = run_statistics(run), Scales.from_grains(run.scene.grains)
     lines = []
@@ -162,7 +162,7 @@ def run_text(run: Trajectory) -> str:
             height = f", piston at {1e3 * stage.height:.4f} mm ({stage.height / scales.length:.4f} D)"
         lines.append(f"{stage.name}: {stage.start:.4g} to {stage.end:.4g} s ({stage.reason}){height}")
     compiled = run.settings().get("compile_seconds", 0.0)
-    more = f" and {compiled:.2g} s of compiling" if compiled >= _SHOWN else ""
+    more = f" and {compiled:.2g} s of compiling" if compiled >= _REPORTED_COMPILE_SECONDS else ""
     lines.append(
         f"{figures['steps']} steps ({run.method.name}, dt {figures['dt']}) in "
         f"{figures['seconds']:.3g} s{more}; ledger closed to {figures['ledger_residual']:.1e} of "
@@ -174,7 +174,7 @@ def run_text(run: Trajectory) -> str:
 
 
 def describe_fields(section: Section, *, without: tuple[str, ...] = ()) -> str:
-    """Values of a section's fields as text, with units; empty where none is given."""
+    """Describe the values of a section's fields, with units; empty if none is given."""
     said = []
     for field in dataclasses.fields(section):
         value = getattr(section, field.name)
@@ -200,7 +200,7 @@ def _value_text(value: Any) -> str:
 
 
 def part_lines(scene: Scene) -> list[str]:
-    """Lines of all steps; none where a scene names moment and drags by their numbers."""
+    """Lines on moment and drags from parts; none if a scene gives them as numbers."""
     return [*_moment_lines(scene), *_drag_lines(scene), *_piston_lines(scene)]
 
 

@@ -1,4 +1,4 @@
-"""The result of a run: labelled data, where each stage lies, and the piston's record."""
+"""The result of a run: labelled data, results of the stages, and the piston's record."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-LEAST = 1e-18
-"""Between two records of one time near zero [s], where numbers of double precision lie denser."""
+MIN_TIME_DIFFERENCE = 1e-18
+"""Minimum difference of record times [s], for times near zero."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,11 +47,11 @@ class StageResult:
     start, end : float
         [s]
     reason : str
-        Why it ended: ``"duration"``, ``"rest"``, ``"force"``, or ``"cut"`` where the run was.
+        Reason for the end: ``"duration"``, ``"rest"``, ``"force"``, or ``"cut"`` if the run was cut.
     height : float
-        Piston height at the end [m]; over the window of rest, its middle.
+        Piston height at the end [m]; for a stage that ends at rest, the middle over the window.
     spread : float
-        Range of the height in the window of rest [m]; 0 otherwise.
+        Range of the height over the window of rest [m]; 0 otherwise.
     """
 
     name: str
@@ -72,15 +72,15 @@ class Trajectory:
         Scene that was run.
     dataset : xarray.Dataset
         Scalars on ``time`` [s], grain fields on (``frame``, ``grain``, ``axis``), all in SI with
-        ``attrs["units"]``; scene, settings and versions in the attributes. Times grow: where the
-        piston jumps upwards, the record behind it stands at the next number after the one
-        before. ``stage`` is the index of each record's stage in the protocol.
+        ``attrs["units"]``; scene, settings and versions in the attributes. Times increase strictly:
+        the record after a jump of the piston has the next floating-point number as its time.
+        ``stage`` is the index of each record's stage in the protocol.
     stages : tuple of StageResult
-        Stages that were begun, the last one cut where the run was.
+        Stages that were begun; the last may be cut.
     complete : bool
-        Whether the protocol (or ``t_end``) was reached.
+        True if the end of the protocol (or ``t_end``) was reached.
     path : Path or None
-        The run directory; None where the run is in memory alone.
+        The run directory; None for a run in memory.
     """
 
     scene: Scene
@@ -112,23 +112,23 @@ class Trajectory:
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Texts that name the papers behind scene and method, a tuple of str; see `granular.cite`."""
+        """References to the papers behind scene and method, a tuple of str; see `granular.cite`."""
         return (*self.scene.literature, *self.method.literature)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the piston's height [mm] over time [s]; without a piston the grains' kinetic energy [J].
+        """Plot the piston's height [mm] over time [s]; without a piston the grains' kinetic energy [J].
 
-        Dotted lines show where the second stage and later ones begin.
+        Dotted lines mark the beginning of the second and later stages.
 
         Parameters
         ----------
         ax : Axes, optional
-            Axes to draw on; new ones if not given.
+            Axes to draw on; new axes by default.
 
         Returns
         -------
         Axes
-            Axes that hold the drawing.
+            Axes with the plot.
         """
         from granular.shared.plotting import axes_or_new
 
@@ -152,7 +152,7 @@ class Trajectory:
         Returns
         -------
         StageResult
-            How and when the stage ended.
+            Times, reason for the end, and piston height.
 
         Raises
         ------
@@ -165,24 +165,24 @@ class Trajectory:
         raise RecordError(unknown_word_message(name, tuple(stage.name for stage in self.stages), "stage"))
 
     def piston(self, stage: str | None = None) -> PistonRecord:
-        """Piston's motion, with what drives it as further columns.
+        """Motion of the piston, with its drive as further columns.
 
-        Where the cell is shaken, these are ``base_height`` [m], ``base_velocity`` [m/s] and
-        ``base_acceleration`` [m/s^2], with a host of ``mount = "base"`` the last alone, and where the
-        piston is pushed, ``outer_force`` [N]; see `shaken_base_motion` and `outer_force`. Heights are those
-        above the moving cell. A piston whose path is given has its drive in ``height`` and ``velocity``.
+        For a shaken cell these are ``base_height`` [m], ``base_velocity`` [m/s] and ``base_acceleration``
+        [m/s^2]; with a host of ``mount = "base"`` only the last; for a pushed piston ``outer_force`` [N].
+        See `shaken_base_motion` and `outer_force`. Heights are relative to the moving cell. For a piston
+        with a prescribed path the drive is in ``height`` and ``velocity``.
 
         Parameters
         ----------
         stage : str, optional
-            A stage's name. Without: the stage that the scene names as ``output.record``, and the
-            whole run where it names none.
+            Name of a stage. Default: the stage in the scene's ``output.record``, or else the whole
+            run.
 
         Returns
         -------
         PistonRecord
-            Times since the start of the run [s], heights [m], velocities [m/s] and forces of the grains,
-            upwards [N]. Where the piston jumps, the time counts once, with what is behind the jump.
+            Times since the start of the run [s], heights [m], velocities [m/s] and upward forces of the
+            grains [N]. At a jump of the piston only the values after the jump are kept.
 
         Raises
         ------
@@ -196,7 +196,7 @@ class Trajectory:
         name = stage or self.scene.output.record
         chosen = slice(None) if name is None else self._records_of_stage(name)
         time = merge_equal_times(data["time"].values)[chosen]
-        # Where the piston jumps, the same time stands twice: the later one counts.
+        # At a jump of the piston the same time occurs twice: keep the later record.
         last = np.append(np.diff(time) > 0.0, True)
         recorded = [name for name in ("height", "velocity", "force") if f"piston_{name}" in data]
         columns = {name: data[f"piston_{name}"].values[chosen][last] for name in recorded}
@@ -218,7 +218,7 @@ class Trajectory:
         return [stage.name for stage in self.scene.protocol].index(name)
 
     def _records_of_stage(self, name: str) -> slice:
-        """Return records of a stage, from the one at its start (which ends the stage before)."""
+        """Return the records of a stage, including the one at its start (which ends the previous stage)."""
         stage = self.stage(name)
         inside = np.flatnonzero(self.dataset["stage"].values == self._stage_index(name))
         times = merge_equal_times(self.dataset["time"].values)
@@ -229,7 +229,7 @@ class Trajectory:
 
     @property
     def scalars(self) -> xarray.Dataset:
-        """Variables on ``time`` [s] alone, an xarray Dataset in SI, for ``to_dataframe()`` and the like."""
+        """Variables on ``time`` [s] only, an xarray Dataset in SI, for example for ``to_dataframe()``."""
         return self.dataset.drop_dims(["frame", "grain", "axis"])
 
     def settings(self) -> dict[str, Any]:
@@ -238,8 +238,8 @@ class Trajectory:
         Returns
         -------
         dict
-            Plain data by name, as ``method``, ``dt`` (as it was asked for), ``steps``, ``versions``,
-            ``ledger_residual`` (over the energy turned over), and ``seconds`` and ``compile_seconds`` [s].
+            Plain data by name, such as ``method``, ``dt`` (as requested), ``steps``, ``versions``,
+            ``ledger_residual`` (over the energy turnover), and ``seconds`` and ``compile_seconds`` [s].
         """
         return dict(json.loads(self.dataset.attrs["settings"]))
 
@@ -250,7 +250,7 @@ class Trajectory:
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
-    """Load a run from its directory, also one that is unfinished or was cut off.
+    """Load a run from its directory, also an unfinished or interrupted one.
 
     Parameters
     ----------
@@ -260,15 +260,15 @@ def load_trajectory(path: str | Path) -> Trajectory:
     Returns
     -------
     Trajectory
-        The run, whose data are read when they are used.
+        The run, whose data are read on access.
 
     Raises
     ------
     StoreError
-        If the directory holds no run, or a file of it is missing or not what the run wrote. What
-        is recorded is checked as it is read: then the dataset's arrays raise it.
+        If the directory holds no run, or a file of it is missing or differs from the file that the run
+        wrote. Recorded data is verified on access, so the dataset's arrays may also raise it.
     SceneError
-        If the run's scene names an effect, stage or law of the user's own that was not imported.
+        If the scene uses a custom effect, stage or law that was not imported.
     """
     from granular.run.run_directory import SCENE, SETTINGS, read_checkpoint, read_verified_files
     from granular.run.zarr_arrays import GROUP, ZarrMetadata
@@ -284,7 +284,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
 def make_trajectory(
     scene: Scene, data: xarray.Dataset, settings: dict[str, Any], outcome: dict[str, Any], path: Path | None
 ) -> Trajectory:
-    """Make a trajectory of a run's data, with coordinates and attributes."""
+    """Make a trajectory from a run's data, with coordinates and attributes."""
     species = scene.grains.species_indices()
     data = data.assign_coords(
         time=("time", separate_equal_times(data["time"].values), data["time"].attrs),
@@ -319,7 +319,7 @@ def frame_heights(scene: Scene, data: xarray.Dataset) -> Float[np.ndarray, "f p"
 
 
 def departure_variables(departures: Sequence[Sequence[float]]) -> dict[str, Any]:
-    """Variables of grains that have left, from their index, time [s] and place [m], for a dataset."""
+    """Variables of grains that have left, from index, time [s] and position [m], for a dataset."""
     table = np.array(departures, dtype=float).reshape(-1, 4)
     variables: dict[str, tuple[Any, np.ndarray, str, str]] = {
         "departure_grain": ("departure", table[:, 0].astype(int), "1", "grain that left"),
@@ -333,30 +333,30 @@ def departure_variables(departures: Sequence[Sequence[float]]) -> dict[str, Any]
 
 
 def separate_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
-    """Shift the later one of two equal times, so that the times of the records increase [s]; times [s]."""
-    # Where the piston jumps, one time has two records. Labelled data need times that grow: the later one gets
-    # the next double, some 1e-15 s on.
+    """Shift the later of two equal times, so that times increase strictly [s]; times [s]."""
+    # At a jump of the piston two records have the same time. Labelled data need increasing times: the later
+    # record gets the next double, about 1e-15 s later.
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 0.0):
-        result[k + 1] = result[k] + _least_time_difference(result[k])
+        result[k + 1] = result[k] + _min_time_difference(result[k])
     return result
 
 
 def merge_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
-    """Undo `separate_equal_times`: give both records of a jump the same time again [s]; times [s]."""
+    """Undo `separate_equal_times`: give both records of a jump the same time [s]; times [s]."""
     result = np.array(times, dtype=np.float64)
-    for k in np.flatnonzero(np.diff(result) <= 2.0 * _least_time_difference(result[:-1])):
+    for k in np.flatnonzero(np.diff(result) <= 2.0 * _min_time_difference(result[:-1])):
         result[k + 1] = result[k]
     return result
 
 
-def _least_time_difference(times: np.ndarray) -> np.ndarray:
-    return np.maximum(np.spacing(times), LEAST)
+def _min_time_difference(times: np.ndarray) -> np.ndarray:
+    return np.maximum(np.spacing(times), MIN_TIME_DIFFERENCE)
 
 
 def shaken_base_motion(shaking: Shaking, time: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
     """Vertical motion of a shaken cell [m, m/s, m/s^2]; time [s]."""
-    # Heights of the piston are those above the moving cell: a law z'' + ... = g0 - base_acceleration.
+    # Heights of the piston are relative to the moving cell: the law is z'' + ... = g0 - base_acceleration.
     omega = 2.0 * math.pi * shaking.frequency
     reach = shaking.amplitude * math.sin(shaking.angle)
     height = reach * np.sin(omega * time)
@@ -383,18 +383,18 @@ def outer_force(
 
 
 def _source_of_scene(scene: Scene, stage: str | None) -> RecordSource:
-    """Source of a record that was simulated: the bed, its piston and what the record is of."""
-    what = "the whole run" if stage is None else f"stage {stage!r}"
+    """Source of a simulated record: the bed, its piston and the recorded stage."""
+    recorded = "the whole run" if stage is None else f"stage {stage!r}"
     for before, item in itertools.pairwise(scene.protocol):
         if item.name == stage and isinstance(before, Lift):
-            what = f"free decay after a {1e3 * before.by:.3g} mm lift"
+            recorded = f"free decay after a {1e3 * before.by:.3g} mm lift"
     mass = None if scene.piston is None else scene.piston.mass  # a driven piston may have none
     piston = "" if mass is None else f"piston {mass:.4g} kg, "
-    return RecordSource(scene.name, scene=f"{scene.grains.count} magnets, {piston}{what}")
+    return RecordSource(scene.name, scene=f"{scene.grains.count} magnets, {piston}{recorded}")
 
 
 def open_lazy_dataset(path: Path, metadata: ZarrMetadata, manifest: Manifest) -> xarray.Dataset:
-    """Open the complete part of a run's arrays, whose chunks are read on access."""
+    """Open the complete part of a run's arrays; chunks are read on access."""
     variables = {}
     for name, plain in sorted(metadata.arrays.items()):
         array = ZarrArray(path, name, plain)
@@ -417,7 +417,7 @@ class _LazyZarrArray(BackendArray):
         return values
 
     def _read_entries(self, key: tuple[Any, ...]) -> np.ndarray:
-        """Entries by an integer, a slice or integers for each dimension."""
+        """Read entries by an integer, a slice or integers for each dimension."""
         entries = np.arange(self.shape[0])[key[0]]
         rows = np.atleast_1d(entries)
         borders = np.flatnonzero(np.diff(rows // self._array.depth)) + 1
@@ -426,7 +426,7 @@ class _LazyZarrArray(BackendArray):
         return values if entries.ndim else values[0]
 
     def _entries_of_chunk(self, rows: np.ndarray, rest: tuple[Any, ...]) -> np.ndarray:
-        """Entries of one chunk, with indices of their own dimensions."""
+        """Read entries of one chunk, with indices for the other dimensions."""
         if rows.size and 0 not in self.shape:
             index = int(rows[0]) // self._array.depth
             values = self._array.read_chunk(index, self._manifest)[rows - index * self._array.depth]

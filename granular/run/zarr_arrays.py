@@ -1,9 +1,8 @@
-"""The arrays of a run directory: Zarr's, one a variable, written and read chunk by chunk.
+"""Zarr arrays of a run directory, one per variable, written and read chunk by chunk.
 
-Every chunk is compressed with a checksum, so that any program that reads Zarr notices a damaged one.
-That a chunk is the one that was written under its name is checked by its digest in the manifest
-(`granular.run.run_directory`), which is of the values and not of the file: the last chunk of a run that
-was killed may hold more of them than are complete.
+Every chunk is compressed with a checksum, so any program that reads Zarr notices damage. The identity of
+a chunk is verified by its digest in the manifest (`granular.run.run_directory`). The digest is of the
+complete values, not of the file, since the last chunk of a killed run may hold further values.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ _FORMAT = {"zarr_format": 3}
 _LEVEL = 0  # of compression
 _OVERHEAD = 2**10  # bytes, and a 256th, by which Zstandard may make a chunk longer (ZSTD_COMPRESSBOUND)
 _CHECKSUM = {"name": "crc32c"}
-"""A codec of runs that were written before Zstandard's own checksum took its place: 4 bytes more."""
+"""Codec of older runs, from before Zstandard's checksum was used: 4 more bytes."""
 
 
 class ZarrMetadata:
-    """Descriptions of the arrays of a run directory, as Zarr keeps them."""
+    """Zarr metadata of the arrays of a run directory."""
 
     def __init__(self, content: bytes) -> None:
         self._group = json.loads(content)
@@ -50,7 +49,7 @@ class ZarrMetadata:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> ZarrMetadata:
-        """Describe the arrays of a scene's runs, without records and frames."""
+        """Make the metadata of a scene's runs, with zero records and frames."""
         count = scene.grains.count
         depth = max(1, FRAME_CHUNK // max(1, 2 * count))
         arrays = {}
@@ -63,7 +62,7 @@ class ZarrMetadata:
         return cls(json.dumps(_FORMAT | group).encode())
 
     def write(self, path: Path, lengths: Mapping[str, int]) -> None:
-        """Write the descriptions, with the present lengths of all arrays, for other programs."""
+        """Write the metadata, with the present lengths of all arrays, for other programs."""
         for name, plain in self.arrays.items():
             plain["shape"][0] = lengths[plain["dimension_names"][0]]
             _write_json(path / TRAJECTORY / name / METADATA, plain)
@@ -73,7 +72,7 @@ class ZarrMetadata:
 def _array_metadata(
     variable: DatasetVariable, shape: tuple[int, ...], chunk: tuple[int, ...]
 ) -> dict[str, Any]:
-    """Array in Zarr's format 3 (https://zarr-specs.readthedocs.io/en/latest/v3/core)."""
+    """Metadata of an array in Zarr format 3 (https://zarr-specs.readthedocs.io/en/latest/v3/core)."""
     integer = variable is STAGE
     return _FORMAT | {
         "node_type": "array",
@@ -98,7 +97,7 @@ def _write_json(file: Path, plain: object) -> None:
 
 
 class ZarrArray:
-    """An array in its chunks, each of so many entries of the first dimension."""
+    """A chunked array, with chunks along the first dimension."""
 
     def __init__(self, path: Path, name: str, plain: Mapping[str, Any]) -> None:
         self.path, self.name = path, name
@@ -110,12 +109,12 @@ class ZarrArray:
         self._tail = 4 if _CHECKSUM in plain["codecs"] else 0
 
     def unwritten_chunk(self) -> np.ndarray:
-        """Chunk of fill values alone, (depth, ...): NaN, or 0 for integers."""
+        """Chunk of fill values (depth, ...): NaN, or 0 for integers."""
         fill = np.nan if self.dtype.kind == "f" else 0
         return np.full((self.depth, *self.rest), fill, dtype=self.dtype)
 
     def write(self, index: int, values: np.ndarray) -> None:
-        """Replace a chunk in one step."""
+        """Replace a chunk atomically."""
         from numcodecs.zstd import Zstd
 
         packed = Zstd(level=_LEVEL, checksum=True).encode(values)
@@ -128,7 +127,7 @@ class ZarrArray:
         replace_run_file(file, packed)
 
     def read_chunk(self, index: int, manifest: Manifest) -> np.ndarray:
-        """Read a chunk, right as far as the manifest calls it complete."""
+        """Read a chunk, verified up to the complete length in the manifest."""
         from numcodecs.zstd import Zstd
 
         values, file = self.unwritten_chunk(), self._chunk_file(index)
@@ -138,11 +137,11 @@ class ZarrArray:
         except (RuntimeError, ValueError) as error:
             raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
         if not self._matches_digest(index, values, manifest):
-            # A run that goes on may have written what lies behind its last whole tick anew.
+            # A continuing run may have rewritten the values after its last whole tick.
             latest = read_checkpoint(self.path)[1]
             if latest.files != manifest.files or not self._matches_digest(index, values, latest):
                 raise StoreError(
-                    f"{file} is damaged, or not what the run wrote there (its digest differs); {REMEDY}"
+                    f"{file} is damaged, or differs from the run's file (by its digest); {REMEDY}"
                 )
         return values
 
@@ -156,10 +155,10 @@ class ZarrArray:
 
 
 class AppendableZarrArray:
-    """An array that is appended to, with the values of its last chunk and the digests of all."""
+    """An array for appending, with the values of its last chunk and the digests of all chunks."""
 
     def __init__(self, array: ZarrArray, length: int = 0, manifest: Manifest | None = None) -> None:
-        """Open the first ``length`` entries of an array that a run has written."""
+        """Open the first ``length`` entries of an array of a run."""
         self.array = array
         total, self._filled = divmod(length, array.depth)
         self._chunk = array.unwritten_chunk()
@@ -182,7 +181,7 @@ class AppendableZarrArray:
             values = values[len(part) :]
 
     def digests(self) -> list[str]:
-        """Digests of all chunks, of the last one as far as it is filled."""
+        """Digests of all chunks; the last one only as far as it is filled."""
         last = [_digest_of_values(self._chunk[: self._filled])] if self._filled and self._chunk.size else []
         return [*self._finished, *last]
 

@@ -1,1 +1,1 @@
-"""The scene: a frozen, validated, plain description of a bed, its piston and what happens."""
+"""The scene: a frozen, validated, plain description of a bed, its piston and its protocol."""

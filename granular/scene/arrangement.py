@@ -15,11 +15,11 @@ from granular.shared.errors import SceneError
 
 Points = tuple[tuple[float, float], ...]
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
-"""Keys of the grid, without meaning if positions are given, with their usual values."""
-FEW = 1000
-"""Most grains whose pairs are chosen by their distance along x alone, without a tree."""
+"""Keys of the grid, unused if positions are given, with their defaults."""
+MAX_GRAINS_WITHOUT_TREE = 1000
+"""Maximum number of grains for a search of pairs by distance along x, without a tree."""
 _ROUNDING = 1e-9
-"""Share of the reach that rounding may add to a distance."""
+"""Tolerance of distances for rounding, as a fraction of the reach."""
 
 
 class Arrangement(Section):
@@ -28,18 +28,18 @@ class Arrangement(Section):
     Attributes
     ----------
     height : float or None
-        The grid fills the cell up to here [m]; the piston's height if not given. In a periodic
-        cell it fills all of it, and every other row is shifted by half a mesh: without jitter
-        grains stand in a triangular lattice where the cell fits one.
+        Height up to which the grid fills the cell [m]; default: the piston's height. In a periodic
+        cell the grid fills the whole cell, with every other row shifted by half a spacing: without
+        jitter the grains form a triangular lattice if it fits the cell.
     jitter : float
-        Each grain is displaced by up to this fraction of the grid's spacing, along each axis.
+        Maximum random displacement of each grain along each axis, over the spacing of the grid.
     speed : float
         Initial speed, in random directions [m/s].
     seed : int
         Seed of the random numbers.
     positions, velocities : pairs of float, or None
-        One pair a grain [m], [m/s], instead of the grid and all of the above; velocities are zero
-        if not given.
+        One pair per grain [m], [m/s], instead of the grid and all keys above; velocities default to
+        zero.
     """
 
     height: float | None = quantity("m", above=0.0, default=None, optional=True)
@@ -50,7 +50,7 @@ class Arrangement(Section):
     velocities: Points | None = section_field(PointListKind(True, unit="m/s"), default=None)
 
     def validate(self) -> None:
-        """Check that velocities go with positions, and positions without keys of the grid."""
+        """Check that velocities come with positions, and positions without keys of the grid."""
         if self.velocities is not None:
             if self.positions is None:
                 raise FieldError("can only be given together with positions", "velocities")
@@ -58,16 +58,16 @@ class Arrangement(Section):
                 raise FieldError(
                     f"holds {len(self.velocities)} pairs for {len(self.positions)} positions", "velocities"
                 )
-        for name, usual in GRID.items():
-            if self.positions is not None and getattr(self, name) != usual:
-                instead = "give velocities" if name == "speed" else "leave it out"
-                raise FieldError(f"is of the grid, and positions are given; {instead}", name)
+        for name, default in GRID.items():
+            if self.positions is not None and getattr(self, name) != default:
+                remedy = "give velocities" if name == "speed" else "remove it"
+                raise FieldError(f"belongs to the grid, but positions are given; {remedy}", name)
 
 
 def initial_positions_and_velocities(
     plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None, *, overlapping: bool
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-    """Positions and velocities of the grains at the start [m; m/s]."""
+    """Return the initial positions and velocities of the grains [m; m/s]."""
     count = grains.count
     if plan.positions is not None:
         positions = np.array(plan.positions, dtype=float).reshape(count, 2)
@@ -87,22 +87,22 @@ def _grid_positions(
     periodic = cell.periods is not None
     height = cell.height if periodic else plan.height
     if periodic and plan.height is not None:
-        raise SceneError("arrangement.height: a periodic cell is filled; leave it out")
+        raise SceneError("arrangement.height: a periodic cell is filled completely; remove the key")
     if height is None:
         if piston is None:
-            raise SceneError("arrangement.height: must be given where there is no piston")
+            raise SceneError("arrangement.height: must be given without a piston")
         height = piston.height
     if count == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
     if cell.is_polygon:
         sites, mesh = _polygon_grid(count, height, cell, piston)
     else:
-        # Rows of a triangular lattice are sqrt(3)/2 of a spacing apart; a closed cell has nearly square
-        # meshes.
+        # Rows of a triangular lattice are sqrt(3)/2 of a spacing apart; the grid in a closed cell is nearly
+        # square.
         flat = math.sqrt(0.75) if periodic else 1.0
         columns = max(1, round(math.sqrt(count * width / height * flat)))
         rows = -(-count // columns)
-        # The outermost grains are one mesh from the walls, which repel about as strongly as grains.
+        # The outermost grains are one spacing from the walls, which repel about as strongly as grains.
         edge = 0 if periodic else 1
         mesh = np.array([width / (columns + edge), height / (rows + edge)])
         sites = np.stack([np.arange(count) % columns, np.arange(count) // columns], axis=1) + edge
@@ -114,9 +114,9 @@ def _grid_positions(
         apart = min(mesh[0], math.hypot(0.5 * mesh[0], mesh[1]))
     if apart * (1.0 - 2.0 * plan.jitter) < widest:
         raise SceneError(
-            f"{count} grains leave {apart:.4g} m from one to the next, and with a jitter of "
+            f"the distance between neighbours of {count} grains is {apart:.4g} m, and with a jitter of "
             f"{plan.jitter:g} grains of {widest:.4g} m could overlap; use fewer grains, less "
-            "jitter, or more room"
+            "jitter, or a larger cell"
         )
     random = np.random.default_rng(plan.seed)
     offset = random.uniform(-plan.jitter, plan.jitter, (count, 2))
@@ -129,14 +129,14 @@ def _grid_positions(
 def _polygon_grid(
     count: int, height: float, cell: Cell, piston: Piston | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places in the widest square grid that fits a polygon up to a height, from below, and its mesh [m]."""
+    """Sites of the widest square grid that fits a polygon up to a height, from below, and its spacing [m]."""
     spacing, lines = math.sqrt(cell.width * height / count), _lines_to_keep_clear_of(cell, piston)
     top = 0.0 if piston is None else piston.height
     while True:
         columns = np.arange(-math.floor(0.5 * cell.width / spacing), cell.width / spacing)
         sites = np.array([(x, y) for y in np.arange(1, height / spacing - 0.5) for x in columns + 0.5])
         sites = sites.reshape(-1, 2) + np.array([0.5 * cell.width / spacing, 0.0])
-        # As in a rectangle, no grain is closer to a wall than one mesh.
+        # As in a rectangle, no grain is closer to a wall than one spacing.
         free = [line.distances(sites * spacing, top) >= (1.0 - _ROUNDING) * spacing for line in lines]
         sites = sites[np.all(free, axis=0)]
         if len(sites) >= count:
@@ -152,7 +152,7 @@ def check_positions(
     *,
     overlapping: bool,
 ) -> None:
-    """Check that all grains stand clear of the walls, the piston and each other; positions [m]."""
+    """Check that no grain overlaps a wall, the piston or another grain; positions [m]."""
     radius = grains.diameters() / 2.0
     if cell.periods is None:
         top = 0.0 if piston is None else piston.height
@@ -182,8 +182,8 @@ def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> No
 
 
 def _candidate_pairs(positions: np.ndarray, reach: float, cell: Cell) -> np.ndarray:
-    """Pairs (k, 2) of grains within reach; of a few grains those whose sites along x are."""
-    if len(positions) <= FEW:
+    """Pairs (k, 2) of grains within reach; for few grains, pairs within reach along x."""
+    if len(positions) <= MAX_GRAINS_WITHOUT_TREE:
         apart = positions[:, None, 0] - positions[:, 0]
         if cell.periods is not None:
             apart -= cell.periods[0] * np.round(apart / cell.periods[0])
@@ -201,5 +201,5 @@ def _check_wall_gap(gap: np.ndarray, line: SideLine) -> None:
         if line.body == PISTON:
             remedy = "raise piston.height or lower arrangement.height"
         raise SceneError(
-            f"grain {grain} reaches {-gap[grain]:.4g} m into {line.label}, 0 m is the limit; {remedy}"
+            f"grain {grain} extends {-gap[grain]:.4g} m into {line.label}, the limit is 0 m; {remedy}"
         )

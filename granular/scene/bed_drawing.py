@@ -1,4 +1,4 @@
-"""A bed to scale in axes of Matplotlib, and the pieces of its cell that every picture draws."""
+"""Drawing of a bed to scale with Matplotlib, and the straight pieces of its cell for all pictures."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
 
 
 class SidePiece(NamedTuple):
-    """A straight piece of a side."""
+    """A straight piece of a side of the cell."""
 
     line: SideLine
-    walled: bool  # not open
+    walled: bool  # True unless the side is open
     start: Point  # [m]
     end: Point  # [m]
 
 
 def body_of_side(scene: Scene, line: SideLine) -> int:
-    """Body that a side moves with: the cell, the piston, or from 2 on `effects.host.pistons` in order."""
+    """Index of the body of a side: the cell, the piston, or from 2 on `effects.host.pistons` in order."""
     pistons = () if scene.effects.host is None else scene.effects.host.pistons
     names = [other.side for other in pistons]
     return PISTON + 1 + names.index(line.name) if line.name in names else line.body
 
 
 def side_pieces(scene: Scene, body: int, top: float) -> Iterator[SidePiece]:
-    """Yield the sides of a body at its height 0, without the gaps in them; top of the picture [m]."""
+    """Yield the sides of a body at height 0, without their gaps; ``top`` is the top of the picture [m]."""
     walls = scene.effects.walls
     for line in scene.cell.lines:
         if body_of_side(scene, line) != body:
@@ -54,7 +54,7 @@ def side_pieces(scene: Scene, body: int, top: float) -> Iterator[SidePiece]:
 def draw_bed(
     axes: Axes, scene: Scene, positions: Float[np.ndarray, "n 2"], heights: Float[np.ndarray, "p"]
 ) -> None:
-    """Draw the grains to scale, the cell, the piston and further ones; positions, heights [m]."""
+    """Draw the grains, the cell, the piston and further pistons to scale; positions, heights [m]."""
     from matplotlib.collections import EllipseCollection
 
     diameters = 1e3 * scene.grains.diameters()
@@ -72,17 +72,17 @@ def draw_bed(
     width = 1e3 * scene.cell.width
     top = float(positions[:, 1].max()) if scene.piston is None else heights[0]
     for body, height in enumerate([0.0, *heights]):
-        look: Any = {"color": "#333333", "lw": 1.5} if body == CELL else {"color": COLOURS[1], "lw": 3.0}
+        style: Any = {"color": "#333333", "lw": 1.5} if body == CELL else {"color": COLOURS[1], "lw": 3.0}
         for piece in side_pieces(scene, body, top) if body != PISTON or scene.piston is not None else ():
             x, y = 1e3 * np.transpose([piece.start, piece.end])
-            axes.plot(x, y + 1e3 * height, **look)
+            axes.plot(x, y + 1e3 * height, **style)
     style_as_map(axes)
     axes.set_xlim(-0.01 * width, 1.01 * width)
     axes.set_ylim(-0.01 * width, 1e3 * top + 0.02 * width)
 
 
 def style_as_map(ax: Axes) -> Axes:
-    """Draw axes to scale, without a grid, in millimetres."""
+    """Set axes to equal scale, without a grid, in millimetres."""
     ax.set_aspect("equal")
     ax.autoscale_view()
     ax.grid(visible=False)

@@ -1,7 +1,7 @@
-"""JSON schema of scene and study files, for editors that complete and check.
+"""JSON schema of scene and study files, for completion and checks in editors.
 
-A schema holds types, names and limits of single keys. Rules that depend on two keys are checked
-when a scene is read.
+A schema contains types, names and limits of single keys. Rules for two or more keys are checked when a
+scene is read.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ Schema = dict[str, Any]
 
 _ATTRIBUTE = re.compile(r"^    (?P<names>\w+(?:, \w+)*) : .*\n(?P<words>(?:^        .*\n?)*)", re.M)
 _LIMITS = {"above": "exclusiveMinimum", "least": "minimum", "below": "exclusiveMaximum", "most": "maximum"}
-# The longest text that `TextKind` reads; longer, and editors would pass what the loader refuses.
+# With the maximum length of `TextKind`, so that editors refuse the same texts as the loader.
 _TEXT = {"type": "string", "minLength": 1, "maxLength": 200}
 
 
 def scene_schema() -> Schema:
-    """Return the schema of scene files, with the effects that are known here."""
+    """Return the schema of scene files, with all registered effects."""
     return {"$schema": DIALECT, "title": "scene of granular-damper", **_section_schema(Scene)}
 
 
 def study_schema() -> Schema:
     """Return the schema of study files."""
     step = {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, _TEXT]}
-    changes = {"type": "object", "description": "keys of the scene, and their values"}
-    own = {
+    changes = {"type": "object", "description": "keys of the scene with their values"}
+    run_settings = {
         "dt": step | {"description": "time step [s], or auto, auto/2, auto*2, ..."},
-        "t_end": step | {"description": "end of each run [s]; the whole protocol without"},
+        "t_end": step | {"description": "end of each run [s]; default: the end of the protocol"},
         "method": {"anyOf": [{"enum": list(METHODS)}, _TEXT, {"type": "object"}]},
     }
     return {
@@ -56,20 +56,17 @@ def study_schema() -> Schema:
                 "description": "a packaged scene, or a path from here",
             },
             "measure": _TEXT
-            | {
-                "description": "what is measured of each run: last-values, or the "
-                "name of a measure of one's own"
-            },
-            **own,
-            "changes": changes | {"description": "keys of the scene that all cases change"},
-            "grid": changes | {"description": "lists of values, of which all combinations are run"},
-            "cases": {"type": "array", "items": changes, "description": "changes, one by one"},
+            | {"description": "measure of each run: last-values, or the name of a custom measure"},
+            **run_settings,
+            "changes": changes | {"description": "keys of the scene that are changed in all cases"},
+            "grid": changes | {"description": "lists of values; all combinations are run"},
+            "cases": {"type": "array", "items": changes, "description": "list of changes, one item per case"},
         },
     }
 
 
 def _section_schema(section: type[Section]) -> Schema:
-    """Section as an object."""
+    """Return the schema of a section as an object."""
     if section is Effects:
         known = {name: _effect_schema(effect) for name, effect in sorted(EFFECTS.working().items())}
         return _object_schema(known, [], section)
@@ -78,14 +75,14 @@ def _section_schema(section: type[Section]) -> Schema:
         return sides | {"additionalProperties": {"anyOf": [_section_schema(Wall), {"const": "none"}]}}
     if issubclass(section, Wall):
         plain = _fields_schema(section)
-        plain["additionalProperties"] = True  # parameters of a law of one's own
+        plain["additionalProperties"] = True  # parameters of a custom law
         del plain["properties"]["own"]
         return {"anyOf": [_TEXT, plain]}
     return _fields_schema(section)
 
 
 def _effect_schema(effect: type[Section]) -> Schema:
-    """Effect: its section, true where no key must be given, or none."""
+    """Return the schema of an effect: its section, true if no key is required, or none."""
     if issubclass(effect, FormulaList):
         (fields,) = (field for field in dataclasses.fields(effect) if field.name == "fields")
         item = _section_schema(fields.metadata["kind"].section)
@@ -128,7 +125,7 @@ def _object_schema(properties: Schema, required: list[str], section: type[Sectio
 
 
 def _kind_schema(kind: FieldKind) -> Schema:
-    """Return the schema of a field; empty where its kind has none."""
+    """Return the schema of a field; empty if its kind has none."""
     match kind:
         case kinds.QuantityKind():
             bounds = {word: getattr(kind, name) for name, word in _LIMITS.items()}
@@ -163,7 +160,7 @@ def _kind_schema(kind: FieldKind) -> Schema:
 
 
 def _choice_schema(name: str, section: type[Section]) -> Schema:
-    """Section of a list of several kinds, with the name of its own."""
+    """Return the schema of an item of a list with several kinds, including the name of its kind."""
     schema = _section_schema(section)
     properties = {"kind": {"const": name}, **schema["properties"]}
     return schema | {"properties": properties, "required": ["kind", *schema["required"]]}

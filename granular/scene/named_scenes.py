@@ -1,4 +1,4 @@
-"""Scenes by their names, from files, and the beds of de Paula with its scaling.
+"""Scenes by name and from files, and the beds of de Paula with their scaling.
 
 >>> from granular import mono_bed, simulate
 >>> run = simulate(mono_bed(92, relaxation=0.5, speed=0.033))
@@ -25,7 +25,7 @@ def scene_names() -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Names that `load_scene` takes, sorted.
+        Names for `load_scene`, sorted.
 
     Examples
     --------
@@ -37,12 +37,12 @@ def scene_names() -> tuple[str, ...]:
 
 
 def load_scene(source: str | Path) -> Scene:
-    """Return the packaged scene by its name, or a scene from a TOML file.
+    """Return a packaged scene by name, or a scene from a TOML file.
 
     Parameters
     ----------
     source : str or Path
-        Name of a packaged scene (`scene_names`), or else path of a TOML file.
+        Name of a packaged scene (`scene_names`), or path of a TOML file.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def load_scene(source: str | Path) -> Scene:
     path = Path(source)
     if str(source) in scene_names():
         path = SCENES / f"{source}.toml"
-    elif not os.path.isfile(path):  # also of a name that no file can have
+    elif not os.path.isfile(path):  # also for invalid file names
         if path.suffix:
             raise SceneError(f"there is no scene file {quote(str(source))}; check the path")
         raise SceneError(unknown_word_message(str(source), scene_names(), "scene"))
@@ -80,19 +80,19 @@ WIDTH, START, END = 60.0, 75.0, 20.0
 """Cell width, piston height before and after the compression, for the reference count, in D
 [D, Table 2.1]; for N grains all of them times sqrt(N/368) [D, 3.4]."""
 LOWEST_START = 50.0
-"""A bed that has settled under its weight is about 40 D high, whatever its width: narrower beds
-start from here [D], as de Paula's 92 grains start higher (it does not say from where)."""
+"""Minimum starting height of the piston [D]. A bed settled under its weight is about 40 D high for any width,
+and de Paula's 92 grains also start higher than the scaling gives (the height is not stated)."""
 HEADROOM = 1.2
-"""Height of the piston before the relaxation, over that before the compression; de Paula prints
-none."""
+"""Height of the piston before the relaxation over its height before the compression; de Paula does not give
+it."""
 
 BIDISPERSE_COUNT = 400
 BIDISPERSE_WIDTH = 0.33
 BIDISPERSE_START = 0.445
 BIDISPERSE_END = 0.07
-"""Cell width, and piston height before the compression and after it without small grains [m]
-[D, Table A.1]: 66 D, 89 D and 14 D for big grains of 5 mm. Table 4.3 prints another cell, which
-Table A.1 does not follow. For grains of 8 mm the final height is 22.4 D = 0.1792 m."""
+"""Cell width, and piston height before the compression and, without small grains, after it [m]
+[D, Table A.1]: 66 D, 89 D and 14 D for big grains of 5 mm. Table 4.3 gives a different cell,
+inconsistent with Table A.1. For grains of 8 mm the final height is 22.4 D = 0.1792 m."""
 
 
 def piston_height_of_mixture(reference: float, species: Sequence[Species]) -> float:
@@ -101,22 +101,24 @@ def piston_height_of_mixture(reference: float, species: Sequence[Species]) -> fl
     return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)
 
 
-def _check_parameter(name: str, value: float, unit: str, most: float = math.inf) -> None:
+def _check_parameter(name: str, value: float, unit: str, maximum: float = math.inf) -> None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not 0.0 < value <= most or math.isinf(value):
-        limit = "" if math.isinf(most) else f" and at most {most:g}"
+    if not number or not 0.0 < value <= maximum or math.isinf(value):
+        limit = "" if math.isinf(maximum) else f" and up to {maximum:g}"
         raise InputError(f"{name} = {quote(value)}; give a number above 0{limit} {unit}".rstrip())
 
 
 def _compressed_bed(
     changes: dict[str, object], heights: tuple[float, float], speed: float, relaxation: float, seed: int
 ) -> Scene:
-    """Return the packaged bed, changed and compressed from one height to another [m] [D, 2.3]."""
+    """Return the packaged bed with changes, compressed from one height to another [m] [D, 2.3]."""
     start, end = heights
     _check_parameter("speed", speed, "m/s")
     _check_parameter("relaxation", relaxation, "T")
     if not start > end:
-        raise InputError(f"the bed would be compressed up, from {start:g} to {end:g} m; take smaller grains")
+        raise InputError(
+            f"the compression would move upwards, from {start:g} to {end:g} m; use smaller grains"
+        )
     period = (start - end) / speed
     scalars = period / 2000.0
     protocol = [
@@ -140,19 +142,20 @@ def _compressed_bed(
 def mono_bed(
     count: int = REFERENCE_COUNT, *, speed: float = 8.33e-3, relaxation: float = 5.0, seed: int = 1
 ) -> Scene:
-    """Bed of equal grains that is compressed and released, as in [D, chapter 3].
+    """Bed of equal grains, compressed and released as in [D, chapter 3].
 
     Parameters
     ----------
     count : int
-        Number of grains, at least 1; the cell's width and the piston's final height are scaled by
-        sqrt(count/368), and so is its height before, of 75 D and 50 D at least.
+        Number of grains, 1 or more. Width of the cell and final height of the piston are scaled by
+        sqrt(count/368), and so is its initial height of 75 D, which is 50 D or more.
     speed : float
         Speed of the piston [m/s], above 0.
     relaxation : float
-        Length of the relaxation before, in units of T, the duration of the compression; above 0.
+        Duration of the relaxation before the compression, in units of the compression's duration T;
+        above 0.
     seed : int
-        Seed of the arrangement, from 0 on.
+        Seed of the arrangement, 0 or more.
 
     Returns
     -------
@@ -162,7 +165,7 @@ def mono_bed(
     Raises
     ------
     InputError
-        If an argument is out of its limits, or so many grains make no scene.
+        If an argument is outside its limits, or the number of grains does not give a valid scene.
 
     Examples
     --------
@@ -189,15 +192,15 @@ def bidisperse(
     relaxation: float = 5.0,
     seed: int = 1,
 ) -> Scene:
-    """Mixture of 400 big and small grains that is compressed and released, as in [D, chapter 4].
+    """Mixture of 400 big and small grains, compressed and released as in [D, chapter 4].
 
     Parameters
     ----------
     aspect : float
-        Diameter of the small grains over that of the big ones, above 0 and at most 1.
+        Diameter of the small grains over the diameter of the big ones, above 0 and up to 1.
     ratio : float
-        R, the fraction of small grains, from 0 to 1. The piston's final height follows from this
-        nominal value [D, eq. 4.23]; the fraction that a mixing rule really makes is `Grains.shares`.
+        Fraction R of small grains, from 0 to 1. The piston's final height follows from this nominal
+        value [D, eq. 4.23]; the actual fraction after mixing is `Grains.shares`.
     big : float
         Diameter of the big grains [m], above 0.
     mixing : str
@@ -205,10 +208,10 @@ def bidisperse(
     speed : float
         Speed of the piston [m/s], above 0.
     relaxation : float
-        Time that the bed relaxes before the compression, in units of T, its duration; above 0. After
-        the expansion it rests for T.
+        Duration of the relaxation before the compression, in units of the compression's duration T;
+        above 0. After the expansion the bed rests for T.
     seed : int
-        Seed of the random start, from 0 on.
+        Seed of the random packing, 0 or more.
 
     Returns
     -------
@@ -218,7 +221,7 @@ def bidisperse(
     Raises
     ------
     InputError
-        If an argument is out of its limits, or grains so big leave nothing to compress.
+        If an argument is outside its limits, or the grains are too big for a compression.
 
     Examples
     --------
@@ -227,7 +230,7 @@ def bidisperse(
     >>> [(kind.name, kind.diameter) for kind in scene.grains.species]  # [m]
     [('big', 0.005), ('small', 0.003)]
     """
-    _check_parameter("aspect", aspect, "", most=1.0)
+    _check_parameter("aspect", aspect, "", maximum=1.0)
     _check_parameter("big", big, "m")
     if not isinstance(ratio, int | float) or not 0.0 <= ratio <= 1.0:
         raise InputError(f"ratio = {quote(ratio)}; give a fraction from 0 to 1")
@@ -262,18 +265,17 @@ def damper(
     Parameters
     ----------
     mass : float
-        Mass of the piston [kg], for 368 grains, above 0; it is scaled with the width of the cell.
+        Mass of the piston [kg] for 368 grains, above 0; it is scaled with the width of the cell.
     count : int
-        Number of grains; widths and heights are scaled by sqrt(count/368), so that the bed keeps
-        its packing.
+        Number of grains; width and heights are scaled by sqrt(count/368) to keep the packing fraction.
     drag : float
-        Gamma of a grain [kg/s], above 0.
+        Drag coefficient of a grain [kg/s], above 0.
     drop : float
-        Height that the piston falls from, for 368 grains [D], above 0.
+        Initial height of the falling piston for 368 grains [D], above 0.
     lift : float
-        Height that the piston is lifted by [D], whatever ``count`` is.
+        Displacement of the lift [D], independent of ``count``.
     seed : int
-        Seed of the arrangement, from 0 on.
+        Seed of the arrangement, 0 or more.
     magnets : str
         ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``.
 
@@ -285,8 +287,8 @@ def damper(
     Raises
     ------
     InputError
-        If an argument is out of its limits, or the grains have no room below the piston, as where
-        ``drop`` or ``count`` is small.
+        If an argument is outside its limits, or the grains do not fit below the piston, for example
+        for a small ``drop`` or ``count``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The scene: a frozen, validated, plain description of a bed, its piston and what happens."""
+"""The scene: a frozen, validated, plain description of a bed, its piston and its protocol."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Effects(Section):
-    """The effects that act, each as an attribute of its name. What is left out costs nothing."""
+    """The effects that act, each an attribute by name. Absent effects cost no time."""
 
     _given: Mapping[str, Effect]
 
@@ -64,23 +64,23 @@ class Effects(Section):
 
     @property
     def acting(self) -> tuple[Effect, ...]:
-        """Effects that act, by their names."""
+        """Effects that act, sorted by name."""
         return tuple(self._given.values())
 
     @property
     def in_loop_order(self) -> tuple[Effect, ...]:
-        """Effects that act but for the dipole, in the order in which the loop takes them."""
+        """Effects that act except the dipole, in the order of the loop."""
         parts = [part for item in self.acting if item.key != "dipole" for part in item.component_effects]
         return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
 
     @classmethod
     def key_names(cls) -> tuple[str, ...]:
-        """Names of all effects that a scene can name."""
+        """Names of all available effects."""
         return tuple(sorted(EFFECTS))
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """Read the effects that act from a table of their keys; diameter [m]."""
+        """Read the effects from a table of their keys; diameter [m]."""
         if plain is True:
             plain = {}
         if not isinstance(plain, Mapping):
@@ -90,7 +90,7 @@ class Effects(Section):
         return self
 
     def to_plain(self) -> dict[str, Any]:
-        """Effects that act as a table; `from_plain` makes equal ones of it."""
+        """Return the effects as a table, from which `from_plain` makes equal effects."""
         return {name: effect.to_plain() for name, effect in self._given.items()}
 
 
@@ -106,7 +106,7 @@ def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str,
     return result
 
 
-_INSTEAD_OF = {
+_REPLACED_KEYS = {
     "arrangement.positions": GRID,
     "grains.grade": ("remanence", "moment", "permeability"),
     "grains.remanence": ("moment",),
@@ -118,37 +118,37 @@ _INSTEAD_OF = {
     "piston.blade": ("drag",),
     "piston.guide": ("drag",),
 }
-"""Keys, and those of the same section that they stand instead of."""
+"""Keys, each with the keys of the same section that it replaces."""
 
 
 class Scene(Section):
-    """A complete description of a run, in SI. See the attributes' classes for their keys and units.
+    """A complete description of a run, in SI. The classes of the attributes document keys and units.
 
     Attributes
     ----------
     name : str
         Name for titles and messages.
     grains : Grains
-        Species, their number and how they are mixed.
+        Species, number of grains and mixing.
     cell : Cell
         Width and sides of the cell.
     piston : Piston or None
-        Piston above the bed; None without one.
+        Piston above the bed, or None.
     effects : Effects
-        Forces, flows and frames that act; what is not named costs nothing.
+        Forces, flows and moving frames that act; absent effects cost no time.
     pairs : PairSumSettings
-        How the forces between grains are summed.
+        Method of the sum over pairs.
     arrangement : Arrangement
-        Positions and velocities at the start.
+        Initial positions and velocities.
     protocol : tuple of Stage
-        What the piston does, one stage after another.
+        Stages of the piston's motion.
     output : Output
-        What is recorded, and how often.
+        Recorded quantities and intervals.
 
     Raises
     ------
     SceneError
-        If a value does not fit its key (`FieldError`), or parts do not fit each other; see `validate`.
+        If a value is invalid (`FieldError`), or parts are inconsistent; see `validate`.
     """
 
     name: str = text_field(default="scene")
@@ -163,19 +163,19 @@ class Scene(Section):
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Texts that name the papers behind its effects, a tuple of str; see `granular.cite`."""
+        """References to the papers behind the effects, a tuple of str; see `granular.cite`."""
         parts = [part for effect in self.effects.acting for part in (effect, *effect.component_effects)]
         return tuple(module_docstring_of(type(part)) for part in parts)
 
     def validate(self) -> None:
-        """Check that the parts of the scene fit each other, as is done when a scene is made.
+        """Check that the parts of the scene are consistent; called when a scene is made.
 
         Raises
         ------
         FieldError
-            If two parts do not; with the path of a key. It is a `SceneError`.
+            If two parts are inconsistent; with the path of a key. It is a `SceneError`.
         SceneError
-            If grains overlap each other or a wall at the start, or have no room.
+            If grains overlap each other or a wall at the start, or do not fit.
         """
         self._resolve_parts()
         self._check_piston()
@@ -197,7 +197,7 @@ class Scene(Section):
         self.initial_positions_and_velocities()
 
     def _resolve_parts(self) -> None:
-        """Set what follows from the parts that the scene names: laws of walls, drags of grains and piston."""
+        """Compute laws of walls and drags of grains and piston from the named parts."""
         resolved = (effect.resolve_parts(self.grains, self.cell) for effect in self.effects.acting)
         object.__setattr__(self, "effects", Effects(**{effect.key: effect for effect in resolved}))
         if self.piston is not None:
@@ -206,18 +206,18 @@ class Scene(Section):
             object.__setattr__(self, "piston", piston)
 
     def _check_joint_kicks(self) -> None:
-        """Check that the last effect that is solved with the forces knows the others."""
+        """Check that the last effect solved together with the forces supports the others."""
         kicks = [effect for effect in self.effects.in_loop_order if effect.solved_together_with is not None]
         for other in kicks[:-1]:
             if other.key not in (kicks[-1].solved_together_with or ()):
                 raise FieldError(
-                    f"cannot act together with {other.key!r}; take one away", "effects", kicks[-1].key
+                    f"cannot act together with {other.key!r}; remove one", "effects", kicks[-1].key
                 )
 
     def initial_positions_and_velocities(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions [m] and velocities [m/s] of the grains at the start, each (n, 2).
+        """Return the initial positions [m] and velocities [m/s] of the grains, each (n, 2).
 
-        They follow from arrangement, grains, cell and piston, and were checked with the scene.
+        They follow from arrangement, grains, cell and piston, and are checked with the scene.
 
         Returns
         -------
@@ -231,21 +231,21 @@ class Scene(Section):
 
     @property
     def pair_method(self) -> str:
-        """Name of the method of summing pairs; the recommended one where the scene says ``"auto"``."""
+        """Name of the method for the sum over pairs, with ``"auto"`` resolved."""
         return self.pairs.resolve_method(
             self.grains.count, closed=self.has_closed_walls, shorter_side=self._shorter_period
         )
 
     @property
     def _shorter_period(self) -> float | None:
-        """The shorter side of a periodic cell, over the first species' diameter."""
+        """Shorter side of a periodic cell over the first species' diameter."""
         if self.cell.periods is None:
             return None
         return min(self.cell.periods) / self.grains.species[0].diameter
 
     @property
     def has_closed_walls(self) -> bool:
-        """True where walls close the cell on all sides, without a gap."""
+        """True if walls close the cell on all sides, without a gap."""
         walls = self.effects.walls
         if walls is None or walls.has_gap or len(walls.present_walls) < len(self.cell.lines):
             return False
@@ -255,7 +255,7 @@ class Scene(Section):
 
     @property
     def has_piston_wall(self) -> bool:
-        """True where a side that moves with the piston is a wall, which grains push."""
+        """True if a side that moves with the piston is a wall for the grains."""
         walls = self.effects.walls
         return walls is not None and any(
             line.body == PISTON and walls.wall_of(line.name) is not None for line in self.cell.lines
@@ -264,39 +264,38 @@ class Scene(Section):
     def _check_pair_method(self) -> None:
         if self.grains.magnets == "cylinders" and self.pairs.method == "verlet-list":
             raise FieldError(
-                "de Paula's list knows dipoles alone; take 'direct' or magnets = 'dipoles'", "pairs", "method"
+                "de Paula's list supports only dipoles; use 'direct' or magnets = 'dipoles'",
+                "pairs",
+                "method",
             )
         if self.cell.periods is not None:
             return
         if self.pairs.method == "direct" and self.pairs.cut_off is not None:
-            raise FieldError(
-                "the direct sum of a closed cell has no radius; leave it out", "pairs", "cut_off"
-            )
+            raise FieldError("the direct sum of a closed cell has no radius; remove it", "pairs", "cut_off")
         if self.pairs.method == "mesh" and not self.has_closed_walls:
             raise FieldError(
-                "'mesh' needs a closed cell; give four walls and no gap, or take 'direct'", "pairs", "method"
+                "'mesh' needs a closed cell; give four walls without a gap, or use 'direct'",
+                "pairs",
+                "method",
             )
 
     def _check_periodic_cell(self) -> None:
-        """Periodic cell has no walls, no piston, and effects that know of images alone."""
+        """Check that a periodic cell has no walls, no piston, and only effects that support images."""
         shorter_period = self._shorter_period
         if shorter_period is None:
             return
         if self.piston is not None:
-            raise FieldError("a cell with periodic sides has none; leave it out", "piston")
+            raise FieldError("a cell with periodic sides cannot have a piston; remove it", "piston")
         for effect in self.effects.acting:
             if not effect.periodic:
-                raise FieldError(
-                    "cannot act in a cell with periodic sides; leave it out", "effects", effect.key
-                )
+                raise FieldError("cannot act in a cell with periodic sides; remove it", "effects", effect.key)
         with at_key("pairs"):
             self.pairs.check_periodic_cell(self.grains.count, shorter_period, self.grains.species[0].diameter)
 
     def greatest_height(self) -> float:
-        """Greatest height of piston and grains that is known before the run [m].
+        """Return the maximum height of piston and grains that is known before the run [m].
 
-        That is of the grains at the start, of the piston then, after its jumps and at the prescribed ends of
-        stages.
+        It includes the initial grains and piston, jumps of the piston and prescribed ends of stages.
 
         Returns
         -------
@@ -336,26 +335,26 @@ class Scene(Section):
                 )
 
     def replace(self, **changes: Any) -> Scene:
-        """Return the new scene with some values changed.
+        """Return a new scene with some values changed.
 
         Parameters
         ----------
         **changes
-            Dotted keys, given as ``**{"grains.count": 92, "piston.mass": "7.5 kg"}``. Numbers are in SI,
-            texts have a unit, as "3 mm" or "30 D" (diameters of the first species). An item of a list is
-            named by its index or its ``name``. None takes an optional part away. A key takes away
-            those that it stands instead of: ``arrangement.positions`` the grid, ``grains.grade`` the
-            remanence, ``effects.drag.liquid`` the coefficient.
+            Dotted keys, given as ``**{"grains.count": 92, "piston.mass": "7.5 kg"}``. Numbers are in SI;
+            texts have a unit, such as "3 mm" or "30 D" (diameters of the first species). Items of lists
+            are given by index or ``name``. None removes an optional part. A key removes the keys that
+            it replaces: ``arrangement.positions`` the grid, ``grains.grade`` the remanence,
+            ``effects.drag.liquid`` the coefficient.
 
         Returns
         -------
         Scene
-            The changed scene; this one stays as it is.
+            The changed scene; this scene is unchanged.
 
         Raises
         ------
         SceneError
-            For an unknown key or an unfit value (`FieldError`), or grains that overlap at the start.
+            For an unknown key or an invalid value (`FieldError`), or grains that overlap at the start.
 
         Examples
         --------
@@ -369,7 +368,7 @@ class Scene(Section):
         for side in () if walls is None else walls.unnamed:
             if f"effects.walls.{side}.pitch" not in changes:
                 del plain["effects"]["walls"][side]
-        for key, others in _INSTEAD_OF.items():
+        for key, others in _REPLACED_KEYS.items():
             if any(f"{change}.".startswith(f"{key}.") for change in changes):
                 section = plain
                 for name in key.split(".")[:-1]:
@@ -382,24 +381,24 @@ class Scene(Section):
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """Scene from plain data; the unit D means the diameter of the first species.
+        """Make a scene from plain data; the unit D is the diameter of the first species.
 
         Parameters
         ----------
         plain : mapping of str
-            Plain data, as `to_plain` makes them: numbers in SI, or texts with a unit.
+            Plain data, as from `to_plain`: numbers in SI, or texts with a unit.
         diameter : float, optional
-            Diameter that the unit D stands for [m]; that of the first species if not given.
+            Length of the unit D [m]; default: the diameter of the first species.
 
         Returns
         -------
         Scene
-            The scene, checked.
+            The validated scene.
 
         Raises
         ------
         FieldError
-            For an unknown key, a missing or an unfit value, with its path. It is a `SceneError`.
+            For an unknown key, a missing or an invalid value, with its path. It is a `SceneError`.
         SceneError
             If grains overlap each other or a wall at the start.
         """
@@ -432,7 +431,7 @@ class Scene(Section):
         return latex_lines(repr(self))
 
     def to_toml(self) -> str:
-        """Scene as a TOML file's text; `load_scene` reads an equal scene from it.
+        """Return the scene as TOML text, from which `load_scene` reads an equal scene.
 
         Returns
         -------
@@ -449,12 +448,12 @@ class Scene(Section):
         Parameters
         ----------
         path : str or Path
-            TOML file to write; one that is there is replaced.
+            TOML file to write; an existing file is replaced.
 
         Raises
         ------
         InputError
-            If it cannot be written; what was there before still stands.
+            If it cannot be written; an existing file is kept.
 
         Examples
         --------
@@ -469,14 +468,14 @@ class Scene(Section):
         write_text(Path(path), self.to_toml())
 
     def digest(self) -> str:
-        """Digest of the scene's content: equal scenes have equal digests.
+        """Return a digest of the scene's content: equal scenes have equal digests.
 
         Returns
         -------
         str
             First 16 hexadecimal digits of the SHA-256 of its plain data.
         """
-        return digest(self.to_plain(), 16)  # 64 bits: of a million scenes two clash with a chance of 3e-8
+        return digest(self.to_plain(), 16)  # 64 bits: chance of a collision among a million scenes 3e-8
 
 
 def _first_species_diameter(plain: Mapping[str, Any]) -> float | None:
@@ -484,7 +483,7 @@ def _first_species_diameter(plain: Mapping[str, Any]) -> float | None:
         diameter = plain["grains"]["species"][0]["diameter"]
         return si_value(diameter, "m") if isinstance(diameter, str) else float(diameter)
     except (KeyError, IndexError, TypeError, ValueError):
-        return None  # the field's own check names what is wrong
+        return None  # the check of the field reports the error
 
 
 def _set_nested_key(plain: Any, path: list[str], value: Any) -> None:
@@ -508,12 +507,12 @@ def _set_nested_key(plain: Any, path: list[str], value: Any) -> None:
 
 
 DOUBTFUL, COARSE_DOUBTFUL = 1e-4, 1e-2
-"""Residual of the energy ledger, over the energy turned over, beyond which a run is called
-degraded; the second where `has_coarse_friction` holds (`granular.engine.state.COARSE_FACTOR`)."""
+"""Residual of the energy ledger, over the energy turnover, above which a run is called degraded; the
+second value with `has_coarse_friction` (`granular.engine.state.COARSE_FACTOR`)."""
 
 
 def dry_friction_parts(scene: Scene) -> tuple[str, ...]:
-    """Names of the dry parts that act: of the bed, and of a piston that is free to move."""
+    """Names of the parts with dry friction: of the bed, and of a free piston."""
     names = [effect.key for effect in scene.effects.in_loop_order if effect.dry]
     piston = scene.piston
     if piston is not None and piston.mass is not None and piston.friction > 0.0:
@@ -522,7 +521,7 @@ def dry_friction_parts(scene: Scene) -> tuple[str, ...]:
 
 
 def dissipative_parts(scene: Scene) -> tuple[str, ...]:
-    """Names of all parts that take energy: of the bed, and of a piston that is free to move."""
+    """Names of all dissipative parts: of the bed, and of a free piston."""
     names = [effect.key for effect in scene.effects.in_loop_order if effect.dissipates]
     piston = scene.piston
     if piston is not None and piston.mass is not None:
@@ -531,11 +530,11 @@ def dissipative_parts(scene: Scene) -> tuple[str, ...]:
 
 
 def has_coarse_friction(scene: Scene) -> bool:
-    """Return whether grains rub by de Paula's regularised friction, or with its list of pairs."""
+    """Return True for friction in de Paula's regularized form, or with de Paula's list of pairs."""
     friction = scene.effects.friction
     return friction is not None and (friction.scheme == "regularised" or scene.pair_method == "verlet-list")
 
 
 def degraded_residual_limit(scene: Scene) -> float:
-    """Residual of the energy ledger beyond which a run of the scene is called degraded."""
+    """Residual of the energy ledger above which a run of the scene is called degraded."""
     return COARSE_DOUBTFUL if has_coarse_friction(scene) else DOUBTFUL

@@ -1,11 +1,10 @@
-"""A scene in natural units, as the compiled loop takes it.
+"""A scene in natural units for the compiled loop, its dimensionless groups, and rescaling of a damper.
 
-Dimensionless groups of a damper, and the same damper in another size.
-
-Lengths times s, times s^(1/2), masses s^2 and currents s change neither the acceleration of gravity nor the
-magnetic constant, so every equation of a bed stays. By dimensional analysis, rest/W, f sqrt(W/g) and zeta of
-a packing depend on N, kappa = mu0 m^2/(pi M g W^4), N m_g/M, gamma sqrt(W/g)/M (zeta is proportional to it if
-small), on D/W by the laws of walls, and for discs and rows of magnets on h/D and the rows' pitch over W.
+Scaling lengths by s, times by s^(1/2), masses by s^2 and currents by s changes neither the acceleration of
+gravity nor the magnetic constant, so all equations of a bed are unchanged. By dimensional analysis, rest/W,
+f sqrt(W/g) and zeta of a packing depend on N, kappa = mu0 m^2/(pi M g W^4), N m_g/M, gamma sqrt(W/g)/M (zeta
+is proportional to it if small), on D/W through the laws of walls, and for discs and rows of magnets on h/D
+and the rows' pitch over W.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from granular.kernel_data.state import BodyResistance, Constants, EffectLaws
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import DiscSeries, make_disc_laws
-from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarFieldSettings
+from granular.pairs.far_field import EXTRAPOLATION_STEPS, MAX_POINTS, SPACINGS, FarFieldSettings
 from granular.pairs.grain_arrays import FAR, LOAD_FAR
 from granular.pairs.near_law import NearLaw
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS
@@ -39,32 +38,32 @@ from granular.shared.array_types import Int
 from granular.shared.errors import InputError
 
 FAR_EVERY = 8
-"""Steps from one evaluation of the far field to the next: 0.8 of the inverse of the highest angular
-frequency with the automatic step, well short of resonance with the fastest mode, at pi of it
-(Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
+"""Steps between evaluations of the far field: with the automatic step 0.8 of the inverse of the highest
+angular frequency, well below the resonance with the fastest mode at pi times that inverse (Biesiadecki and
+Skeel 1993, doi:10.1006/jcph.1993.1220)."""
 
 HEADROOM = 1.5
-"""Room of the far field over the greatest height that is known beforehand: a piston may bounce."""
+"""Height of the far field's mesh over the maximum height known beforehand, since a piston may bounce."""
 
 EXIT = -5.0
-"""A grain this far below a gap [D] has left: the slabs' force on it is below a thousandth of F*."""
+"""Height [D] below which a grain has left through a gap: the slabs' force on it is below 1e-3 F*."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SceneInNaturalUnits:
-    """A compiled scene."""
+    """A scene in natural units."""
 
     scales: Scales
     constants: Constants
     species: Int[np.ndarray, "n"]
     effects: tuple[Effect, ...]
-    downward_acceleration: float  # that never changes [F*/m]
+    downward_acceleration: float  # constant acceleration [F*/m]
 
 
 def scene_in_natural_units(
     scene: Scene, *, threads: int = 1, method: Method | None = None
 ) -> SceneInNaturalUnits:
-    """Make all that the compiled loop takes of a scene, in natural units."""
+    """Convert a scene to the arguments of the compiled loop, in natural units."""
     scales = Scales.from_grains(scene.grains)
     species = scene.grains.species_indices()
     effects = scene.effects.in_loop_order
@@ -73,7 +72,7 @@ def scene_in_natural_units(
     context = EffectContext(scene.grains, scene.cell, scales, species, named, indices, scene.piston)
     laws = [effect for effect in effects if isinstance(effect, PairLawEffect)]
     tails = [tail for law in laws if (tail := law.tails(context)) is not None]
-    # Of each grain in the sum over all pairs, where own laws have a part in it; None: its moment.
+    # Charge of each grain in the sum over all pairs, with tails of custom laws; None: its moment.
     charges = grain_charges(tails, context, dipoles=scene.effects.dipole is not None)
     numbers = _grain_numbers(scene, species, charges)
     acting = _acting_laws(scene, context, numbers, charges, method)
@@ -95,7 +94,7 @@ def scene_in_natural_units(
 
 
 class _GrainNumbers(NamedTuple):
-    """Masses and moments of the grains over the first species'; see `Constants`."""
+    """Masses and moments of the grains over the first species' values; see `Constants`."""
 
     masses: np.ndarray | None
     moments: np.ndarray | None
@@ -105,24 +104,25 @@ class _GrainNumbers(NamedTuple):
 
     @property
     def relative_moments(self) -> np.ndarray | None:
-        """Moment of each grain; None: all alike."""
+        """Moment of each grain; None: all equal."""
         return self.masses if self.moments is None else self.moments
 
 
 def _grain_numbers(scene: Scene, species: np.ndarray, charges: np.ndarray | None) -> _GrainNumbers:
     masses = scene.grains.mass_ratios()[species]
     moments = scene.grains.moment_ratios()[species] * scene.grains.moment_spread_factors()
-    alike = bool((masses == moments).all())
-    several = len(scene.grains.species) > 1 or not alike
-    # At one speed the closest approach grows with q^2/m: others come closest to the grain with the least.
+    equal = bool((masses == moments).all())
+    several = len(scene.grains.species) > 1 or not equal
+    # At a given speed the distance of closest approach grows with q^2/m: the smallest value approaches
+    # closest.
     meeting = moments if charges is None or scene.effects.dipole is not None else charges
     weakest = int(np.argmin(meeting * (meeting / masses))) if len(species) else None
     return _GrainNumbers(
         masses=pad_values(masses) if several else None,
-        moments=None if alike else pad_values(moments),
+        moments=None if equal else pad_values(moments),
         least_mass=1.0 if weakest is None else float(masses[weakest]),
         least_moment=1.0 if weakest is None else float(meeting[weakest]),
-        least_ratio=float((moments / masses).min(initial=1.0)) if not alike else 1.0,
+        least_ratio=float((moments / masses).min(initial=1.0)) if not equal else 1.0,
     )
 
 
@@ -136,7 +136,7 @@ def _acting_laws(
     grains, effects, scales = scene.grains, scene.effects.in_loop_order, context.scales
     weights = [result for effect in effects if (result := effect.normal_load_weights(context)) is not None]
     dipole = scene.effects.dipole
-    if dipole is None:  # the tail of an own law tilts no grain
+    if dipole is None:  # the tail of a custom law tilts no grain
         weights = [0.0 * weight for weight in weights]
     summed = scene.pair_method if dipole is not None or charges is not None else None
     discs = None if dipole is None else _disc_laws(scene, context, numbers, loads=bool(weights))
@@ -181,7 +181,7 @@ def _acting_laws(
 def _disc_laws(
     scene: Scene, context: EffectContext, numbers: _GrainNumbers, *, loads: bool
 ) -> tuple[DiscSeries, NearLaw] | None:
-    """Both parts of the law of the grains as discs; None where they are dipoles."""
+    """Both parts of the law for discs; None for dipoles."""
     discs, species = discs_unless_dipoles(scene.grains, context.scales.length), context.species
     if not discs:
         return None
@@ -192,12 +192,12 @@ def _disc_laws(
 def _check_disc_reach(
     discs: NearLaw, scales: Scales, radius: float | None, periods: tuple[float, float] | None
 ) -> None:
-    """Raise `InputError` where pairs end before the law of discs is close to that of dipoles."""
-    most = min([np.inf if radius is None else radius, *(0.5 * side for side in periods or ())])
-    if most < discs.reach:
+    """Raise `InputError` if the cut-off is below the reach of the correction for discs."""
+    limit = min([np.inf if radius is None else radius, *(0.5 * side for side in periods or ())])
+    if limit < discs.reach:
         raise InputError(
-            f"grains.magnets = 'cylinders': pairs end at {most * scales.length:.4g} m, where these "
-            f"discs need {discs.reach * scales.length:.4g} m; take a longer pairs.cut_off, a "
+            f"grains.magnets = 'cylinders': pairs are cut off at {limit * scales.length:.4g} m, but these "
+            f"discs need {discs.reach * scales.length:.4g} m; use a longer pairs.cut_off, a "
             "larger cell, or 'dipoles'"
         )
 
@@ -205,7 +205,7 @@ def _check_disc_reach(
 def _far_field_settings(
     scene: Scene, context: EffectContext, summed: str | None, method: Method | None
 ) -> FarFieldSettings | None:
-    """Far field that is split off the law of a pair; None where that is summed as a whole."""
+    """Far field that is split from the pair law; None if the law is not split."""
     if summed == "direct" and scene.cell.periods is None:
         every, rubbing = _far_field_interval(scene, method), _far_field_steps_under_friction(scene, method)
         if every is None and rubbing is None:
@@ -218,48 +218,48 @@ def _far_field_settings(
     closed = scene.cell.width / length, HEADROOM * scene.greatest_height() / length
     width, height = periods or closed
     points = width * height * (SPACINGS / radius) ** 2
-    if points > MOST_POINTS:
+    if points > MAX_POINTS:
         raise InputError(
             f"pairs.method = 'mesh' needs {points:.3g} points over {width:.3g} x {height:.3g} D, "
-            f"{MOST_POINTS:g} is the limit; take 'direct', a smaller cell or a longer pairs.cut_off"
+            f"the limit is {MAX_POINTS:g}; use 'direct', a smaller cell or a longer pairs.cut_off"
         )
     every, rubbing = _far_field_interval(scene, method), _far_field_steps_under_friction(scene, method)
     return FarFieldSettings(radius, (width, height), every, rubbing, periodic=periods is not None)
 
 
 def _far_field_steps_under_friction(scene: Scene, method: Method | None) -> int | None:
-    """Return steps that the far field goes on for where grains slide; None where it does not."""
-    wanted = scene.pairs.far_every
-    if scene.effects.friction is None or wanted == 1:
+    """Return the maximum number of steps of extrapolation while grains slide; None without extrapolation."""
+    requested = scene.pairs.far_every
+    if scene.effects.friction is None or requested == 1:
         return None
-    if wanted is None:
+    if requested is None:
         if scene.pair_method == "direct":
             return None
-        return AHEAD if method is not None and method.allows_far_field_impulses else 1
-    return wanted
+        return EXTRAPOLATION_STEPS if method is not None and method.allows_far_field_impulses else 1
+    return requested
 
 
 def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
-    """Return the steps between impulses of the far field; None where every force holds it."""
-    wanted = scene.pairs.far_every
+    """Return the steps between impulses of the far field; None if every force includes it."""
+    requested = scene.pairs.far_every
     rubs, hosted = scene.effects.friction is not None, scene.effects.host is not None
     able = method is not None and method.allows_far_field_impulses and (rubs or not hosted)
-    if wanted is not None and wanted > 1 and method is not None and not able:
-        why, other = f"{method.name!r} cannot", " or 'stormer-verlet'"
+    if requested is not None and requested > 1 and method is not None and not able:
+        reason, alternative = f"{method.name!r} does not support it", " or 'stormer-verlet'"
         if hosted and method.allows_far_field_impulses:
-            why, other = "a host moves by the whole force on its cell", ""
-        raise InputError(f"pairs.far_every = {wanted}: {why}; leave it out, or take 1{other}")
+            reason, alternative = "a host needs the whole force on its cell at each step", ""
+        raise InputError(f"pairs.far_every = {requested}: {reason}; remove it, or use 1{alternative}")
     if rubs or not able:
         return None
-    if wanted is None:
+    if requested is None:
         return FAR_EVERY if scene.pair_method == "mesh" else None
-    return wanted if wanted > 1 else None
+    return requested if requested > 1 else None
 
 
 def _piston_numbers(
     scene: Scene, scales: Scales, gravity: float
 ) -> tuple[float, float, BodyResistance | None]:
-    """Mass and weight of the piston, and what resists it; infinite and 0 of one that is not free."""
+    """Mass, weight and resistance of the piston; infinite mass and zero weight if it is not free."""
     piston, host, weight = scene.piston, scene.effects.host, None
     if piston is None or piston.mass is None:
         return np.inf, 0.0, None
@@ -279,7 +279,7 @@ _EXPONENTS = (1.0, 2.0, 0.5, 1.0)  # of length, mass, time and current
 
 
 def dimensionless_groups(scene: Scene) -> dict[str, float]:
-    """Return what rest/W, f sqrt(W/g) and zeta of a packing depend on; nothing without weight and mass."""
+    """Return the groups on which rest/W, f sqrt(W/g) and zeta depend; empty without gravity or mass."""
     piston, gravity, effects = scene.piston, getattr(scene.effects, "gravity", None), scene.effects
     if piston is None or not piston.mass or gravity is None or not gravity.acceleration:
         return {}
@@ -316,13 +316,13 @@ def lattice_rest(count: int, width: float, kappa: float) -> float:
 
 
 def rescale(scene: Scene, width: float) -> Scene:
-    """Return the damper of another width [m] with every dimensionless group equal.
+    """Return the damper with another width [m] and equal dimensionless groups.
 
-    Remanence, pressures and gravity stay; the drags that follow from a liquid's name become numbers.
+    Remanence, pressures and gravity are unchanged; drags from the name of a liquid become numbers.
     """
     parts: list[Any] = [*scene.effects.in_loop_order, *scene.protocol]
     if any(part.user_code_digests for part in parts):
-        raise InputError(f"scene {scene.name!r} has parts of one's own, in units unknown; leave them out")
+        raise InputError(f"scene {scene.name!r} has custom parts with unknown units; remove them")
     factor, drag, changes = width / scene.cell.width, scene.effects.drag, dict[str, Any]()
     if drag is not None and drag.viscosity is not None:
         changes["effects.drag"] = {"coefficient": drag.coefficient}
@@ -333,7 +333,7 @@ def rescale(scene: Scene, width: float) -> Scene:
 
 
 def _scaled(scene: Scene, key: str, value: Any, factor: float) -> Any:
-    """Plain data of a key in another size."""
+    """Plain data of a key, scaled by a factor."""
     if isinstance(value, dict):
         return {name: _scaled(scene, f"{key}.{name}" if key else name, value[name], factor) for name in value}
     _, kind = (key and find_field(scene, key)) or (None, None)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.records.headings import tells_of_motion
+from granular.records.headings import is_derived_from_motion
 from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, format_factor, quote
 from reduced_models.discovery.subset_selection import score_subsets
@@ -165,7 +165,7 @@ def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]
         name
         for name in column_names(record)
         if name not in named
-        and not tells_of_motion(name)
+        and not is_derived_from_motion(name)
         and math.isfinite(spread := float(np.ptp(input_column(record, name))))
         and spread > 0.0
     )

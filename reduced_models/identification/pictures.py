@@ -374,4 +374,4 @@ def checked_work_precision_text(run: Trajectory, frequency: QuantityWithError | 
     scatter, step = frequency.parts.get("start", 0.0), frequency.parts["step"]
     error, hidden = step / frequency.value, step <= scatter
     scattered = scatter / frequency.value
-    return price_text(run, "natural frequency", error, "by the step check", scattered, hidden=hidden)
+    return price_text(run, "natural frequency", error, "by the step check", scattered, within_spread=hidden)

@@ -64,7 +64,7 @@ class RecordOverview:
             "columns": dict(self.meaning.source),
             "units": dict(self.meaning.units),
             "further_columns": sorted(record.extra),
-            "left_out": list(self.meaning.left_out),
+            "left_out": list(self.meaning.omitted_columns),
             "notes": list(self.meaning.notes),
             "samples": len(record),
             "from": float(record.time[0]),
@@ -90,8 +90,8 @@ class RecordOverview:
             )
         if record.extra:
             lines.append(f"  further   {', '.join(map(sanitize, sorted(record.extra)))}")
-        if self.meaning.left_out:
-            lines.append(f"  left out  {', '.join(map(sanitize, self.meaning.left_out))}: no numbers")
+        if self.meaning.omitted_columns:
+            lines.append(f"  left out  {', '.join(map(sanitize, self.meaning.omitted_columns))}: no numbers")
         start, stop = record.time[0], record.time[-1]
         lines += [
             f"{len(record)} samples from {start:.4g} to {stop:.4g} s, {self.rate:.4g} a second"

@@ -40,7 +40,7 @@ def test_methods_list_themselves(command: Command) -> None:
 @pytest.mark.parametrize(
     ("words", "blamed"),
     [
-        ((), "error: dt = 5 s is longer than from record to record"),
+        ((), "error: dt = 5 s is longer than the time between records"),
         (
             ("--set", "output.scalars=10", "--set", "output.frames=10"),
             "error: step 1, t = 5 s, grain 0: dt = 5 s is ",
@@ -192,11 +192,11 @@ BAD = [
     ("granular run bed {small} -o {truncated} --resume", "checkpoint.npz"),
     ("granular run bed {small} -o {bare} --resume", "run.json"),
     ("granular run bed {small} -o {hollow} --resume", "trajectory.zarr"),
-    ("granular run bed --dt 1e10", "longer than from record to record, output.scalars"),
+    ("granular run bed --dt 1e10", "longer than the time between records, output.scalars"),
     ("reduced_models design --frequency '3 m' --damping 0.1 -o out", "in Hz is wanted"),
     ("granular export {stripped} --format gsd -o {here}/a.gsd", "position/zarr.json is missing"),
     ("granular export {flipped} --format extxyz -o {here}/a.xyz --quiet", "/0 is damaged"),
-    ("granular render {edited} -o {here}/a.png", "scene.toml is not what the run wrote"),
+    ("granular render {edited} -o {here}/a.png", "scene.toml differs from the run's file"),
     ("granular export", "required: RUN, --format, -o"),
     ("granular export {run} --format gsd", "required: -o"),
     ("granular export {run} --format xls -o {here}/a.xls", "unknown format 'xls'"),
@@ -267,8 +267,9 @@ def test_failed_run_is_one_line_and_exit_code_1(command: Command) -> None:
         (
             ("--method", "pefrl", "--dt", "1", "--set", "effects.friction={}"),
             [
-                "refused: method = 'pefrl' cannot run a scene with friction, which cannot go backward",
-                "refused: dt = 1 s is longer than from record to record, output.scalars = 0.001 s; shorten",
+                "refused: method = 'pefrl' cannot run a scene with friction, which can neither run backwards",
+                "refused: dt = 1 s is longer than the time between records, output.scalars = 0.001 s; "
+                "shorten",
             ],
         ),
         (

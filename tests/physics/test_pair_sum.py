@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from granular.compiled import entry
 from granular.pairs import direct_sum as direct
-from granular.pairs.direct_sum import PARTED_FROM, pad_coordinates, pad_values, partial_sum_buffers
+from granular.pairs.direct_sum import MIN_GRAINS_FOR_PARTS, pad_coordinates, pad_values, partial_sum_buffers
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pure_python_sums import pure_python_direct_sum
 from tests.granular.pairs.test_cut_off import scattered
@@ -118,9 +118,9 @@ def test_portable_path(tmp_path: Path) -> None:
 
 def test_parts_agree_with_one_part() -> None:
     """The same grains, summed in parts and (a few fewer, far away ones) in one part."""
-    positions = scattered(PARTED_FROM - 8, 5)
+    positions = scattered(MIN_GRAINS_FOR_PARTS - 8, 5)
     far = np.stack([1e12 * np.arange(1.0, 17.0), np.zeros(16)], axis=1)
-    moments = np.linspace(0.3, 1.0, PARTED_FROM + 8)
+    moments = np.linspace(0.3, 1.0, MIN_GRAINS_FOR_PARTS + 8)
     one = sums(direct_sum, positions, pad_values(moments[:-16]), full=True)
     many = sums(direct_sum, np.concatenate([positions, far]), pad_values(moments), full=True)
     for alone, among in zip(one[:3], many[:3], strict=True):
@@ -129,7 +129,7 @@ def test_parts_agree_with_one_part() -> None:
 
 def test_threads_give_the_same_bits() -> None:
     """Each part is summed by one thread, and the parts in their order."""
-    positions = scattered(PARTED_FROM + 3, 6)
+    positions = scattered(MIN_GRAINS_FOR_PARTS + 3, 6)
     one, several = (sums(direct_sum, positions, None, full=True, threaded=way) for way in (None, True))
     for alone, together in zip(one, several, strict=True):
         assert np.array_equal(alone, together)

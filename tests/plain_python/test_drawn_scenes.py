@@ -366,13 +366,13 @@ NO_IMAGES = "cannot act in a cell with periodic sides|there is no piston|there i
 EXCLUDED: dict[frozenset[str], str] = {
     frozenset(pair): words
     for *pair, words in (
-        ("cylinders", "verlet-list", "knows dipoles alone"),
+        ("cylinders", "verlet-list", "supports only dipoles"),
         *(("cylinders", one, "a tail cannot act together with") for one in TAILS),
-        ("periodic", "verlet-list", "knows no images"),
+        ("periodic", "verlet-list", "does not support periodic images"),
         ("periodic", "far pairs less often", "has no far field"),
-        ("mesh", "gap", "give four walls and no gap"),
+        ("mesh", "gap", "give four walls without a gap"),
         ("host", "gap", "cannot carry a cell with a gap"),
-        ("host", "far pairs less often", "moves by the whole force"),
+        ("host", "far pairs less often", "needs the whole force"),
         ("host", "shaking", "shaken already"),
         ("host", "bath", "ignores the host"),
         *((one, "bath", "holds at rest") for one in ("contact", "friction", "wall friction")),

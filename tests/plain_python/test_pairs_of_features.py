@@ -105,11 +105,11 @@ REFUSED: list[tuple[Row, str]] = [
     ),
     ({"effect": "far_pairs", "sides": "periodic"}, "does not vanish within"),
     ({"effect": TAILED, "magnets": "cylinders"}, "a tail cannot act together with"),
-    ({"method": "verlet-list", "sides": "periodic"}, "knows no images"),
-    ({"method": "verlet-list", "magnets": "cylinders"}, "knows dipoles alone"),
+    ({"method": "verlet-list", "sides": "periodic"}, "does not support periodic images"),
+    ({"method": "verlet-list", "magnets": "cylinders"}, "supports only dipoles"),
     ({"method": "far pairs less often", "sides": "periodic"}, "has no far field"),
     *(
-        ({"mount": name, "method": "far pairs less often"}, "a host moves by the whole force")
+        ({"mount": name, "method": "far pairs less often"}, "a host needs the whole force")
         for name in MACHINES
     ),
     *(({"mount": name, "effect": "shaking"}, "shaken already") for name in MACHINES),

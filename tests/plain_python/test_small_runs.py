@@ -175,7 +175,7 @@ def test_friction_of_the_source_brakes_alike_where_grains_slide_fast() -> None:
 @pytest.mark.parametrize("energy", ["k*y*sqrt(1 - t/s)", "k*y*(1 + sqrt(1 - t/s))"])
 def test_a_formula_that_is_no_number_is_to_be_mended_not_the_step(energy: str) -> None:
     field = [{"energy": energy, "k": "1 uN", "s": f"{10 * STEP} s"}]
-    with pytest.raises(NotFiniteError, match="correct what you wrote for 'field': it is no number"):
+    with pytest.raises(NotFiniteError, match="correct the formula of 'field': its value is not a number"):
         run(small(**{"effects.field": field}), "auto")
 
 

@@ -36,7 +36,7 @@ def test_discs_pressed_into_each_other_stop_the_run() -> None:
 def backwards(monkeypatch: pytest.MonkeyPatch) -> None:
     """Part small beds, too, and let threaded loops begin with the last part."""
     for module in (multilevel_mesh, stripes):
-        monkeypatch.setattr(module, "PARTED_FROM", 8)
+        monkeypatch.setattr(module, "MIN_GRAINS_FOR_PARTS", 8)
     monkeypatch.setattr(numba, "prange", lambda parts: range(parts - 1, -1, -1))
 
 

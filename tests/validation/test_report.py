@@ -139,5 +139,5 @@ def test_cheapest_on_the_command_line(command: Command) -> None:
     told = plan(load_scene("single-particle"), accuracy=f"{found['error']} energy", t_end=0.3)
     assert told.dt == found["keywords"]["dt"]
     assert told.method.name == found["keywords"]["method"]
-    with pytest.raises(InputError, match="holds no scene like"):
+    with pytest.raises(InputError, match="has no scene like"):
         plan(load_scene("single-particle"), accuracy="0.01 energy", t_end=0.2)

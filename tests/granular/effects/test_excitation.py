@@ -136,10 +136,10 @@ def test_missing_or_invalid_record_file_is_an_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("time [s],a [m]\n", "a: the unit 'm' does not fit; one of N is wanted"),
-        ("time [m],F [N]\n", "time: the unit 'm' does not fit; one of s is wanted"),
+        ("time [s],a [m]\n", "a: the unit 'm' does not fit; a unit like N is needed"),
+        ("time [m],F [N]\n", "time: the unit 'm' does not fit; a unit like s is needed"),
         ("time [s],F [furlong]\n", "F: unknown unit 'furlong'"),
-        ("time,P [N],Q [N]\n", r"2 columns besides the time \('P', 'Q'\); leave one"),
+        ("time,P [N],Q [N]\n", r"2 columns besides the time \('P', 'Q'\); keep one"),
         ("time,value\n1_0,1\n", r"time of sample 0 \(line 2\) is '1_0', not a number"),
         ("time,value\n0,inf\n", r"value of sample 0 \(line 2\) is inf; values must be finite"),
     ],
@@ -155,7 +155,7 @@ def test_record_file_is_checked_like_a_laboratory_record(tmp_path: Path, text: s
 def test_missing_samples_of_a_record_cause_a_warning(tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text("time,F [kN]\n0,1\n1,\n2,3\n3,4\n4,5\n")
-    with pytest.warns(RecordWarning, match=r"1 of 5 samples are lost and left out: sample 1"):
+    with pytest.warns(RecordWarning, match=r"1 of 5 samples are incomplete and are dropped"):
         excitation = Excitation(kind="record", force=1.0, file=str(path))
     assert excitation.values == (1e3, 3e3, 4e3, 5e3)
     assert excitation.times == (0.0, 2.0, 3.0, 4.0)

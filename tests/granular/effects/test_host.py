@@ -107,7 +107,7 @@ def test_inconsistent_host_scenes_are_errors() -> None:
         scene(**{"effects.shaking": {"amplitude": "1 mm", "frequency": "3 Hz"}})
     with pytest.raises(SceneError, match="cell is free"):
         scene(**{"effects.host.cell_mass": "1 kg"})
-    with pytest.raises(InputError, match="take 'stormer-verlet'"):
+    with pytest.raises(InputError, match="use 'stormer-verlet'"):
         simulate(scene(), method="runge-kutta-4", progress=False)
 
 
@@ -116,7 +116,7 @@ def test_far_field_of_a_bed_on_a_host_is_computed_in_every_step() -> None:
     bed = scene(**BED, **{"pairs.method": "mesh"})
     assert far_field_settings(bed).every is None
     assert far_field_settings(bed.replace(**{"effects.host": None})).every is not None
-    with pytest.raises(InputError, match=r"far_every = 4: a host moves by the whole force"):
+    with pytest.raises(InputError, match=r"far_every = 4: a host needs the whole force"):
         far_field_settings(bed.replace(**{"pairs.far_every": 4}))
 
 

@@ -154,16 +154,16 @@ def test_all_else_is_refused_in_one_line(name: str) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("2*z + 3x", "a sign is missing at 'x'; write *"),
-        ("k(z - r)", "'k' is no function at 'k(z - r)'; write k*(...)"),
-        ("a + b.c", "'.' is none of the characters of a formula at '.c'"),
-        ("z − 1", "MINUS SIGN) is none of the characters of a formula at '− 1'; write -"),
+        ("2*z + 3x", "an operator is missing at 'x'; write *"),
+        ("k(z - r)", "'k' is not a function at 'k(z - r)'; write k*(...)"),
+        ("a + b.c", "'.' is not a character of formulas at '.c'"),
+        ("z − 1", "MINUS SIGN) is not a character of formulas at '− 1'; write -"),
         ("z²", "write **2"),
         ("z[1]", "write ("),
-        ("9**9**9", "a power of 3.87e+08 at '9**9**9'; at most 64"),
+        ("9**9**9", "a power of 3.87e+08 at '9**9**9'; the limit is 64"),
         ("(a + b + c + z)**40", "1.23e+04 terms"),
         ("k*exp", "'exp' is a function at 'exp'; write exp(...)"),
-        ("1e200*z", "a number of the size 1e+200 at '1e200*z'; it must be from 1e-100 to 1e+100"),
+        ("1e200*z", "a number of magnitude 1e+200 at '1e200*z'; it must be from 1e-100 to 1e+100"),
     ],
 )
 def test_a_refusal_says_what_and_where_and_what_to_write(text: str, words: str) -> None:
@@ -175,13 +175,13 @@ def test_a_refusal_says_what_and_where_and_what_to_write(text: str, words: str) 
 def test_a_caller_may_know_more_functions() -> None:
     more = {**formulas.FUNCTIONS, "cube": formulas.FormulaFunction(lambda x: x**3)}
     assert parse("cube(z)", more) == Operation("cube", (Name("z"),))
-    with pytest.raises(FormulaError, match="'cube' is no function"):
+    with pytest.raises(FormulaError, match="'cube' is not a function"):
         parse("cube(z)")
 
 
 @pytest.mark.parametrize("text", ["(a + b + c + z)**9", "max(k, " * 10 + "z" + ")" * 10])
 def test_a_formula_as_large_as_allowed_is_soon_ready(text: str) -> None:
-    """Whatever can be multiplied out within the limits is, and compiles."""
+    """Whatever can be expanded within the limits is, and compiles."""
     import sympy
 
     found = sympy.expand(sympy_expression(parse(text)))

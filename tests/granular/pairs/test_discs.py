@@ -192,5 +192,5 @@ def test_discs_that_meet_head_on_are_as_stiff_as_where_they_turn(ratio: float) -
 
 
 def test_discs_that_are_too_tall_are_refused() -> None:
-    with pytest.raises(InputError, match="times as high as wide"):
+    with pytest.raises(InputError, match="discs with a height of"):
         make_disc_laws([Disc(0.5, 6.0)], np.zeros(1, dtype=np.int64))

@@ -18,9 +18,9 @@ from granular.pairs import far_field
 from granular.pairs.dipole_law import far_part_of_inverse_cube, far_part_of_inverse_fifth
 from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.far_field import (
-    AHEAD,
-    STILL,
+    EXTRAPOLATION_STEPS,
     TIME,
+    UNCHANGED_DISTANCE,
     FarFieldSettings,
     FarFieldState,
     direct_far_field_workspace,
@@ -249,7 +249,7 @@ def test_scene_chooses_the_mesh(bed: Scene, small_bed: Scene) -> None:
 
 def test_a_cell_for_too_large_a_mesh_is_refused(bed: Scene) -> None:
     high = bed.replace(**{"pairs.method": "mesh", "piston.height": "1e12 D"})
-    with pytest.raises(InputError, match=r"needs 4\.31e\+13 points .* take 'direct'"):
+    with pytest.raises(InputError, match=r"needs 4\.31e\+13 points .* use 'direct'"):
         simulate(high, t_end=0.01, progress=False)
 
 
@@ -313,7 +313,11 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
     state, far = run.state, run.state.far_forces
     assert far is not None
     before = far.fx.copy()
-    for by, finds in ((0.4 * STILL, False), (-0.8 * STILL, False), (1.6 * STILL, True)):
+    for by, finds in (
+        (0.4 * UNCHANGED_DISTANCE, False),
+        (-0.8 * UNCHANGED_DISTANCE, False),
+        (1.6 * UNCHANGED_DISTANCE, True),
+    ):
         for places in (state.x, state.y):
             far.fx[:] = before
             start = places.copy()
@@ -333,7 +337,7 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
 
 @pytest.mark.long
 def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) -> None:
-    """Forces and loads to second order, in `AHEAD` steps at most; then they are found again."""
+    """Forces and loads to second order, in `EXTRAPOLATION_STEPS` steps at most; then they are found again."""
     dt, speed = 0.02, 0.3
 
     def force_of(rubs: int | None, steps: int) -> tuple[np.ndarray, float]:
@@ -355,11 +359,11 @@ def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) ->
         found = np.array([state.fx, state.fy, state.load])
         return found, float(state.far_forces.timing[TIME])
 
-    for steps, met in ((AHEAD, 1), (AHEAD + 1, AHEAD + 1)):
+    for steps, met in ((EXTRAPOLATION_STEPS, 1), (EXTRAPOLATION_STEPS + 1, EXTRAPOLATION_STEPS + 1)):
         exact, _ = force_of(None, steps)
-        still, when = force_of(AHEAD, met)
+        still, when = force_of(EXTRAPOLATION_STEPS, met)
         assert when == pytest.approx(met * dt)
-        going, when = force_of(AHEAD, steps)
+        going, when = force_of(EXTRAPOLATION_STEPS, steps)
         assert when == pytest.approx(met * dt)
         if steps > met:
             left = np.abs(going - exact).max(axis=1)

@@ -163,14 +163,14 @@ def test_a_perfect_lattice_is_at_rest() -> None:
     [
         ({"cell.height": None}, "cell.height: must be given where the sides are periodic"),
         ({"cell.sides": "closed"}, "only a periodic cell has a height"),
-        ({"piston": {"height": "0.2 m"}}, "piston: a cell with periodic sides has none"),
+        ({"piston": {"height": "0.2 m"}}, "piston: a cell with periodic sides cannot have a piston"),
         ({"effects.gravity": {}}, "effects.gravity: cannot act in a cell with periodic sides"),
         ({"effects.walls": {"top": None}}, "effects.walls: cannot act in a cell"),
-        ({"pairs": {"method": "verlet-list"}}, "pairs.method: de Paula's list knows no images"),
+        ({"pairs": {"method": "verlet-list"}}, "pairs.method: de Paula's list does not support"),
         ({"pairs": {"method": "cut-off", "cut_off": "9 D"}}, "0.39 of the shorter side"),
         ({"pairs": {"method": "direct", "cut_off": "12 D"}}, "0.5 of the shorter side"),
         ({"pairs": {"method": "mesh", "tolerance": 1e-5}}, "pairs.tolerance: needs a radius of"),
-        ({"pairs": {"method": "direct", "far_every": 8}}, "has no far field; take 'mesh'"),
+        ({"pairs": {"method": "direct", "far_every": 8}}, "has no far field; use 'mesh'"),
         ({"arrangement.height": "0.1 m"}, "a periodic cell is filled"),
     ],
 )

@@ -195,7 +195,7 @@ def test_lift_as_the_first_stage(small_damper: Scene) -> None:
 
 
 def test_lowering_into_the_bed_names_the_stage(small_damper: Scene) -> None:
-    with pytest.raises(OutsideError, match=r"stage 'lift' sets the piston into the bed"):
+    with pytest.raises(OutsideError, match=r"stage 'lift' moves the piston into the bed"):
         driven(small_damper, {"kind": "lift", "name": "lift", "by": "-4 D"}, **{"output.record": None})
 
 
@@ -241,11 +241,11 @@ def test_resuming_to_another_end(small_damper: Scene, tmp_path: object) -> None:
     assert later.dataset["piston_height"].values[-1] == integer.dataset["piston_height"].values[-1]
     with pytest.raises(StoreError, match=r"has reached 0\.03 s already"):
         run(0.01, "longer")
-    with pytest.raises(StoreError, match="behind the end of stage 'fall'"):
+    with pytest.raises(StoreError, match="after the end of stage 'fall'"):
         run(None, "longer")
     ended = run(None, "ended")
     assert run(None, "ended").dataset.equals(ended.dataset)
-    with pytest.raises(StoreError, match=r"has ended, at 0\.02 s"):
+    with pytest.raises(StoreError, match=r"ended at 0\.02 s"):
         run(0.05, "ended")
 
 

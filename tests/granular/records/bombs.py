@@ -1,4 +1,4 @@
-"""Small files that hold, or say that they hold, far more than a machine can read."""
+"""Small files that expand, or claim to expand, beyond the memory of a machine."""
 
 import itertools
 import json
@@ -31,7 +31,7 @@ def _parts(path: Path, parts: dict[str, Iterable[str]]) -> None:
 
 
 def xlsx(path: Path, rows: Iterable[str], shared: Iterable[str] = (), entities: Iterable[str] = ()) -> None:
-    """A workbook of one sheet, whose rows are given as XML."""
+    """A workbook with one sheet whose rows are given as XML."""
 
     def sheet() -> Iterator[str]:
         yield from entities
@@ -79,7 +79,7 @@ def rows(*given: str) -> Callable[[Path], object]:
 
 
 def ods(path: Path, rows: Iterable[str]) -> None:
-    """A workbook of LibreOffice of one sheet, whose rows are given as XML."""
+    """A LibreOffice workbook with one sheet whose rows are given as XML."""
     office = "urn:oasis:names:tc:opendocument:xmlns"
 
     def content() -> Iterator[str]:
@@ -114,7 +114,7 @@ def ods_row(cells: str, repeat: int = 1) -> str:
 
 
 def _entities(path: Path) -> None:
-    """A cell of ten to the ninth letters, by entities of entities."""
+    """A cell of 1e9 characters, by nested XML entities."""
     xlsx(
         path,
         ["<row><c t='str'><v>&k9;</v></c></row>"],
@@ -141,7 +141,7 @@ def element(kind: int, content: bytes) -> bytes:
 
 
 def mat_head(name: str, kind: int, *shape: int) -> bytes:
-    """The flags, the shape and the name of an array."""
+    """Flags, shape and name of an array."""
     return (
         element(6, struct.pack("<II", kind, 0))
         + element(5, struct.pack(f"<{len(shape)}i", *shape))
@@ -162,18 +162,18 @@ def _matlab_zeros(path: Path) -> None:
 
 
 def _matlab_says(path: Path) -> None:
-    """A matrix that says it has 2e9 rows of 2e9 columns."""
+    """A matrix with declared size 2e9 by 2e9."""
     head = mat_head("height", 6, 2 * 10**9, 2 * 10**9) + element(9, bytes(8))
     path.write_bytes(MATLAB + element(14, head))
 
 
 def _matlab_four(path: Path) -> None:
-    """A matrix of version 4 that says it has 2e9 rows."""
+    """A matrix of version 4 with 2e9 declared rows."""
     path.write_bytes(struct.pack("<5i", 0, 2 * 10**9, 1, 0, 7) + b"height\0" + bytes(16))
 
 
 def _matlab_cells(path: Path) -> None:
-    """A cell array in a cell array, and so on, 20,000 deep."""
+    """Cell arrays nested 20,000 deep."""
     inside = mat_head("", 6, 0, 0) + element(9, b"")
     for _ in range(20_000):
         inside = mat_head("", 1, 1, 1) + struct.pack("<II", 14, len(inside)) + inside
@@ -181,7 +181,7 @@ def _matlab_cells(path: Path) -> None:
 
 
 def _matlab_structure(path: Path) -> None:
-    """A structure of 5e6 empty elements."""
+    """A structure with 5e6 empty elements."""
     empty = mat_head("", 6, 0, 0) + element(9, b"")
     head = mat_head("s", 2, 5 * 10**6, 1) + struct.pack("<HHI", 5, 4, 8) + element(1, b"height\0\0")
     content = head + element(14, empty) * 5 * 10**6
@@ -192,7 +192,7 @@ def _matlab_structure(path: Path) -> None:
 
 
 def tdms(path: Path, count: int, chunks: int) -> None:
-    """A channel of so many values in each of so many chunks, of which there are 800 bytes."""
+    """A channel that declares many values in many chunks, in a file with 800 bytes of data."""
 
     def string(text: str) -> bytes:
         return struct.pack("<I", len(text)) + text.encode()

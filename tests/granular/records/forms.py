@@ -1,4 +1,4 @@
-"""One motion as many instruments and programs write it; docs/reference/laboratory-forms.md has sources."""
+"""One motion in the formats of many instruments and programs (docs/reference/laboratory-forms.md)."""
 
 import datetime
 import io
@@ -17,7 +17,7 @@ Write = Callable[[Path], Any]
 
 
 class Form(NamedTuple):
-    """A file, what is said of it, and how well its motion is known."""
+    """A file, the options to read it, and the resolution of its motion."""
 
     name: str
     write: Write
@@ -27,7 +27,7 @@ class Form(NamedTuple):
 
 
 class Refused(NamedTuple):
-    """A file that is refused, and with which words."""
+    """A file that is refused, and the words of the error."""
 
     name: str
     content: bytes
@@ -40,7 +40,7 @@ SEMICOLONS, TABS = MM.replace(",", ";"), MM.replace(",", "\t")
 
 
 def lines_of(row: str, start: datetime.datetime | None = None) -> list[str]:
-    """A line for each sample: its number, time, height in several units, force and stamp."""
+    """One line per sample: number, time, height in several units, force and time stamp."""
     start = start or datetime.datetime(2024, 5, 1, 23, 59, 59, 500000)
     return [
         row.format(
@@ -74,7 +74,7 @@ def text(
     tail: str = "",
     changed: Mapping[int, str] = MappingProxyType({}),
 ) -> Write:
-    """Lines below a head; some of them are others."""
+    """Lines below a header; some are replaced by other lines."""
 
     def write(path: Path) -> None:
         body = [line.replace(".", ",") if comma else line for line in lines_of(row)]
@@ -97,7 +97,7 @@ def tektronix(path: Path) -> None:
 
 
 def phyphox(path: Path) -> None:
-    """Numbers as Java's pattern 0.000000000E0 writes them."""
+    """Numbers in the format of Java's pattern 0.000000000E0."""
     body = []
     for numbers in zip(TIME, HEIGHT, strict=True):
         parts = (f"{number:.9E}".split("E") for number in numbers)
@@ -106,7 +106,7 @@ def phyphox(path: Path) -> None:
 
 
 def campbell(path: Path) -> None:
-    """Fractions of a second have no zeros at their ends."""
+    """Time stamps whose fractions of a second have no trailing zeros."""
     start = datetime.datetime(1995, 9, 19, 14, 31, 43, 840000)
     head = [
         '"TOA5","CR5000","CR5000","1048575","1.00","EXPLDAT.DLD","4339","Piston"',
@@ -128,7 +128,7 @@ def lvm(
     comma: bool = False,
     step: float = 0.01,
 ) -> Write:
-    """Text of LabVIEW's Write To Measurement File, after NI's specification of 2020."""
+    """Text of LabVIEW's Write To Measurement File, by NI's specification of 2020."""
     first = ("\t" if kind == "Multi" else "").join(["0.0000000000000000E+0\t"] * (len(labels.split("\t"))))
     count = len(columns[0])
     head = f"""LabVIEW Measurement\t
@@ -169,7 +169,7 @@ def matlab(more: Mapping[str, Any] | None = None, **variables: Any) -> Write:
 
 
 def by_pandas(columns: Mapping[str, Any], how: str = "to_csv", labels: Any = None, **more: Any) -> Write:
-    """A frame of columns below an index of labels."""
+    """A DataFrame with an index of labels."""
 
     def write(path: Path) -> None:
         import pandas
@@ -180,7 +180,7 @@ def by_pandas(columns: Mapping[str, Any], how: str = "to_csv", labels: Any = Non
 
 
 def excel(path: Path) -> None:
-    """A sheet of notes comes before the table."""
+    """A workbook with a sheet of notes before the table."""
     import openpyxl
 
     book = openpyxl.Workbook()
@@ -211,7 +211,7 @@ def tdms(path: Path) -> None:
 
 
 def in_mm(column: str | int | None = None) -> dict[str, Any]:
-    """What is said of a column whose unit is in no heading."""
+    """Options for a column whose unit is not in its heading."""
     columns = {} if column is None else {"columns": {"height": column}}
     return {**columns, "units": {"height": "mm"}}
 
@@ -406,7 +406,7 @@ REFUSED = {
     "a broken workbook": Refused(
         "phyphox.xls",
         b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(504),
-        "cannot be read as a workbook: .*save it anew, or as CSV",
+        "cannot be read as a workbook: .*save it again, or as CSV",
     ),
     "volts": Refused(
         "scope.csv", b"in s,CH1 in V\r\n0.0,1.0\r\n0.1,2.0\r\n0.2,1.0\r\n", r"unit 'V'; .*--units height="
@@ -414,7 +414,7 @@ REFUSED = {
     "two of a name": Refused(
         "tracks.txt",
         b"#multi:\n\tcm A\t\tcm B\t\nt\tx\ty\tx\ty\n0\t1\t2\t3\t4\n1\t2\t3\t4\t5\n",
-        r"'y' is there twice, in columns 3 and 5; .*--columns height=5",
+        r"'y' occurs twice, in columns 3 and 5; .*--columns height=5",
     ),
     "a start in words": Refused(
         "rigol.csv",

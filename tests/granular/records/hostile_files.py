@@ -1,4 +1,4 @@
-"""Files that lie, nest, repeat or are no files, by kind: each is read, or refused in one line."""
+"""Files with false sizes, nesting or repetition, by kind: each is read, or refused in one line."""
 
 import io
 import os
@@ -45,7 +45,7 @@ def letters(megabytes: int, before: str, behind: str) -> Iterable[str]:
 def changed(
     change: Callable[[dict[str, bytes]], object], given: Iterable[str] = (CELL,)
 ) -> Callable[[Path], object]:
-    """A workbook whose parts are changed."""
+    """A workbook with some parts replaced."""
 
     def write(path: Path) -> None:
         xlsx(path, given)
@@ -68,7 +68,7 @@ def replaced(part: str, old: str, new: str, given: Iterable[str] = (CELL,)) -> C
 
 
 def patched(write: Callable[[Path], object], *places: tuple[bytes, int, bytes]) -> Callable[[Path], object]:
-    """A file with other bytes at a distance behind the last of some marks."""
+    """A file with bytes replaced at a distance after the last of some markers."""
 
     def patch(path: Path) -> None:
         write(path)
@@ -82,7 +82,7 @@ def patched(write: Callable[[Path], object], *places: tuple[bytes, int, bytes]) 
 
 
 def flipped(write: Callable[[Path], object], seed: int, first: int = 0) -> Callable[[Path], object]:
-    """A file with some other bytes from one on; before the end if it is negative."""
+    """A file with bytes replaced from an index on; a negative index counts from the end."""
 
     def flip(path: Path) -> None:
         write(path)
@@ -121,7 +121,7 @@ OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(16) + struct.pack("<5H", 0x3E,
 
 
 def old_workbook(sectors: int, first: int, allocation: Iterable[int]) -> bytes:
-    """Container of Excel 97 with its count of sectors, the first of its directory, and its allocation."""
+    """Container of Excel 97 with given number of sectors, first directory sector and allocation table."""
     head = OLE + struct.pack("<IIIIIIIIII", 0, sectors, first, 0, 4096, first, 1, first, 1, 0)
     return head.ljust(512, b"\0") + struct.pack("<128I", *allocation) + bytes(512)
 
@@ -195,7 +195,7 @@ WORKBOOKS: dict[str, Bomb] = {
 
 
 def mat(*elements: bytes, squeezed: bool = False) -> Callable[[Path], object]:
-    """A file of variables, by what is behind their lead."""
+    """A MATLAB file with the given bytes after its header."""
     kind = 15 if squeezed else 14
     return content(
         MATLAB

@@ -1,4 +1,4 @@
-"""Calibration of a sensor, a sampling rate, headings that are not what they seem, and descriptions."""
+"""Calibration of a sensor, sampling rates, misleading headings, and descriptions."""
 
 import warnings
 from pathlib import Path
@@ -41,7 +41,9 @@ def scaled(text: str, zero: str | None = None, role: str = "height") -> Calibrat
         ("1 in / 10 mV", 2.54e-3, 0.0, "m", "mV"),
     ],
 )
-def test_scales(text: str, factor: float, uncertainty: float, unit: str, raw_unit: str) -> None:
+def test_scales_with_units_are_parsed(
+    text: str, factor: float, uncertainty: float, unit: str, raw_unit: str
+) -> None:
     scale = scaled(text)
     assert scale.coefficients == pytest.approx([0.0, factor], rel=1e-14)
     spread = np.abs(scale.deviations).sum(axis=0)
@@ -60,25 +62,25 @@ def test_scales(text: str, factor: float, uncertainty: float, unit: str, raw_uni
         ("current", "3 mA/V", 3e-3),
     ],
 )
-def test_scales_of_other_columns(role: str, text: str, factor: float) -> None:
+def test_scales_of_other_columns_are_parsed(role: str, text: str, factor: float) -> None:
     assert scaled(text, role=role).coefficients[1] == pytest.approx(factor, rel=1e-14)
 
 
 @pytest.mark.parametrize("text", ["", "2.5", "mm/V", "2.5 kg/V", "0 mm/V", "2.5 mm", "x" * 200])
-def test_what_is_no_scale_is_refused(text: str) -> None:
+def test_invalid_scales_are_refused(text: str) -> None:
     with pytest.raises(RecordError, match="scale = "):
         scaled(text)
 
 
 @given(st.floats(1e-3, 1e3), st.floats(-1e3, 1e3))
-def test_a_calibration_is_undone(size: float, zero: float) -> None:
+def test_calibration_and_its_inverse_cancel(size: float, zero: float) -> None:
     raw = HEIGHT / (size * 1e-3) + zero
     heights, deviations = scaled(f"{size!r} mm/V", f"{zero!r} V").apply(raw, "V")
     assert np.abs(heights - HEIGHT).max() <= 1e-12 * (1.0 + abs(zero) * size)
     assert not len(deviations)
 
 
-def test_zero_and_heading_may_have_another_prefix() -> None:
+def test_zero_and_heading_may_use_another_unit_prefix() -> None:
     heights, _ = scaled("2 mm/V", "500 mV").apply(np.array([1500.0]), "mV")
     assert heights == pytest.approx([2e-3])
     with pytest.raises(RecordError, match="heading is in 'mm'"):
@@ -93,7 +95,7 @@ def test_uncertainties_of_scale_and_zero_are_independent() -> None:
     assert deviations == pytest.approx(np.array([[1e-4, 2e-4], [-1e-3, -1e-3]]))
 
 
-def test_coefficients_make_a_polynomial() -> None:
+def test_coefficients_define_a_polynomial() -> None:
     texts = ["1 mm", "2 +- 0.1 mm/V", "0.5 mm/V^2"]
     heights, deviations = parse_calibration("height", {"coefficients": texts}).apply(np.array([2.0]), "V")
     assert heights == pytest.approx([7e-3])
@@ -103,8 +105,8 @@ def test_coefficients_make_a_polynomial() -> None:
             parse_calibration("height", {"coefficients": wrong})
 
 
-def test_points_say_how_well_they_know_the_line() -> None:
-    """Over many calibrations the line's error has the size of what it says of itself."""
+def test_the_uncertainty_of_a_calibration_line_matches_its_error() -> None:
+    """Over many calibrations the error of the line agrees with its stated uncertainty."""
     random = np.random.default_rng(5)
     raw, at, errors, claimed = np.linspace(-2.0, 7.0, 8), np.array([6.0]), [], []
     for _ in range(300):
@@ -118,36 +120,36 @@ def test_points_say_how_well_they_know_the_line() -> None:
     assert np.mean(claimed) == pytest.approx(np.std(errors), rel=0.2)
 
 
-def test_points_of_a_file_in_a_description(tmp_path: Path) -> None:
+def test_a_description_reads_calibration_points_from_a_file(tmp_path: Path) -> None:
     write(tmp_path / "lvdt.csv", "time [s],lvdt [V]", TIME, HEIGHT / 2.5e-3 + 2.5)
     volts = np.linspace(-2.0, 4.0, 6)
     write(tmp_path / "points.csv", "raw [V],value [mm]", volts, 2.5 * (volts - 2.5))
     text = 'file = "lvdt.csv"\n[calibration]\npoints = "points.csv"\ndegree = 2\n'
     (tmp_path / "record.toml").write_text(text, encoding="utf-8")
-    with pytest.warns(UserWarning, match="beyond the calibration's points"):
+    with pytest.warns(UserWarning, match="beyond the calibration points"):
         record = PistonRecord.from_file(tmp_path / "record.toml")
     assert np.abs(record.height - HEIGHT).max() < 1e-12
     options = read_record_description(tmp_path / "record.toml")[1]
     (tmp_path / "other").mkdir()
     again = tmp_path / "other" / "again.toml"
     write_record_description(again, tmp_path / "lvdt.csv", options)
-    with pytest.warns(UserWarning, match="beyond the calibration's points"):
+    with pytest.warns(UserWarning, match="beyond the calibration points"):
         assert np.array_equal(PistonRecord.from_file(again).height, record.height)
 
 
-def test_an_error_shows_nothing_of_points_that_lie_elsewhere(tmp_path: Path) -> None:
+def test_errors_hide_calibration_points_outside_the_description_folder(tmp_path: Path) -> None:
     (tmp_path / "secret.csv").write_text("word,is\nxyzzy,here\n", encoding="utf-8")
     home = tmp_path / "home"
     home.mkdir()
     write(home / "a.csv", "time [s],lvdt [V]", TIME, HEIGHT)
     text = 'file = "a.csv"\n[calibration]\npoints = "../secret.csv"\n'
     (home / "record.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(RecordError, match="no more is said") as caught:
+    with pytest.raises(RecordError, match="details are withheld") as caught:
         PistonRecord.from_file(home / "record.toml")
     assert "xyzzy" not in str(caught.value)
 
 
-def test_several_columns_have_calibrations_of_their_own(tmp_path: Path) -> None:
+def test_several_columns_have_separate_calibrations(tmp_path: Path) -> None:
     force = np.sin(TIME)
     columns = (HEIGHT / 2.5e-3 + 2.5, 10.0 * force, 1e3 * HEIGHT)
     path = write(tmp_path / "a.csv", "time [s],lvdt [V],cell [mV],base [mm]", TIME, *columns)
@@ -184,7 +186,7 @@ def test_deviations_follow_their_samples(tmp_path: Path) -> None:
     raw[7] = np.nan
     order = np.random.default_rng(3).permutation(len(TIME))
     path = write(tmp_path / "a.csv", "time [s],lvdt [V]", TIME[order], raw[order])
-    with pytest.warns(UserWarning, match="left out"):
+    with pytest.warns(UserWarning, match="are dropped"):
         record = PistonRecord.from_file(
             path, scale="2.5 +- 0.1 mm/V", zero="2.5 V", sort=True, between=(0.1, 1.0)
         )
@@ -211,7 +213,7 @@ def test_counts_become_an_angle(tmp_path: Path) -> None:
     assert np.allclose(record.height, HEIGHT * 1e5 * 2.0 * np.pi / 2048.0, rtol=1e-13)
 
 
-def test_a_rate_stands_for_the_times(tmp_path: Path) -> None:
+def test_a_sampling_rate_replaces_the_times(tmp_path: Path) -> None:
     path = write(tmp_path / "values.csv", "height [mm]", 1e3 * HEIGHT)
     record = PistonRecord.from_file(path, rate="200 Hz")
     assert np.allclose(record.time, TIME)
@@ -221,14 +223,14 @@ def test_a_rate_stands_for_the_times(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_regular_steps_make_the_time(tmp_path: Path) -> None:
+def test_an_even_column_is_taken_as_time(tmp_path: Path) -> None:
     rising = np.linspace(1.0, 2.0, len(TIME)) ** 2
     record = PistonRecord.from_file(write(tmp_path / "a.csv", None, rising, TIME))
     assert np.allclose(record.time, TIME)
     assert np.allclose(record.height, rising)
 
 
-def test_a_velocity_that_is_none_is_said(tmp_path: Path) -> None:
+def test_a_velocity_unlike_the_slope_is_noted(tmp_path: Path) -> None:
     noise = np.random.default_rng(2).normal(size=len(TIME))
     path = write(tmp_path / "a.csv", "time [s],height [m],velocity [m/s]", TIME, HEIGHT, noise)
     with pytest.warns(UserWarning, match="does not follow the slope"):
@@ -241,7 +243,7 @@ def test_a_velocity_that_is_none_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_series_and_indices_of_pandas_are_records() -> None:
+def test_pandas_series_and_indices_are_read() -> None:
     pandas = pytest.importorskip("pandas")
     series = pandas.Series(HEIGHT, index=pandas.to_timedelta(TIME, unit="s"))
     assert np.allclose(PistonRecord.from_table(series).time, TIME)
@@ -261,27 +263,27 @@ def described(folder: Path, name: str) -> Path:
 
 
 @pytest.mark.parametrize("text", SECRETS)
-def test_a_file_elsewhere_is_not_shown(text: str, tmp_path: Path) -> None:
+def test_errors_hide_files_outside_the_description_folder(text: str, tmp_path: Path) -> None:
     away, here = tmp_path / "secret.csv", tmp_path / "here"
     away.write_text(text)
     for name in (str(away), "../secret.csv", "linked.csv"):
         description = described(here, name)
         if name == "linked.csv":
             (here / name).symlink_to(away)
-        with pytest.raises(RecordError, match="does not lie below the description") as caught:
+        with pytest.raises(RecordError, match="is not below the description") as caught:
             PistonRecord.from_file(description)
         words = str(caught.value).replace(str(tmp_path), "").replace("secret.csv", "")
         assert not {"root", "secret", "'a'", "key"} & set(words.replace("'", " ").split())
         assert "/bin/bash" not in words
 
 
-def test_a_record_elsewhere_is_read(tmp_path: Path) -> None:
+def test_a_record_outside_the_description_folder_is_read(tmp_path: Path) -> None:
     (tmp_path / "lab.csv").write_text(TABLE)
     record = PistonRecord.from_file(described(tmp_path / "out", "../lab.csv"))
     assert record.height.tolist() == [1e-3, 2e-3]
 
 
-def test_one_below_is_explained(tmp_path: Path) -> None:
+def test_errors_explain_files_inside_the_description_folder(tmp_path: Path) -> None:
     (tmp_path / "lab.csv").write_text(TABLE.replace("2\n", "two\n"))
     with pytest.raises(RecordError, match=r"height of sample 1 \(line 3\) is 'two'"):
         PistonRecord.from_file(described(tmp_path, "lab.csv"))

@@ -1,4 +1,4 @@
-"""Records as instruments write them: the same motion comes out of every form, and is identified."""
+"""Records in the formats of instruments: each gives the same motion, and identification succeeds."""
 
 import math
 import re
@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize("name", FORMS)
-def test_the_motion_comes_out(name: str, tmp_path: Path) -> None:
+def test_the_same_motion_is_read_from_each_format(name: str, tmp_path: Path) -> None:
     form = FORMS[name]
     form.write(tmp_path / form.name)
     with warnings.catch_warnings():
@@ -36,8 +36,8 @@ def test_the_motion_comes_out(name: str, tmp_path: Path) -> None:
         assert np.abs(record.force - np.interp(time, TIME, FORCE)).max() < 1e-4
 
 
-def test_most_forms_are_after_a_public_source() -> None:
-    """The guide lists what is read and what is refused, two thirds of it with an address."""
+def test_most_formats_cite_a_public_source() -> None:
+    """The guide lists formats that are read or refused, two thirds of them with a web address."""
     pages = ROOT / "docs" / "guide"
     guide = (ROOT / "docs" / "reference" / "laboratory-forms.md").read_text(encoding="utf-8")
     tables = guide.split("| --- | --- | --- |\n")[1:]
@@ -51,7 +51,7 @@ def test_most_forms_are_after_a_public_source() -> None:
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_the_others_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
+def test_unsupported_formats_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
     refused = REFUSED[name]
     path = tmp_path / refused.name
     path.write_bytes(refused.content)
@@ -61,19 +61,19 @@ def test_the_others_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", in_memory())
-def test_tables_in_memory(name: str) -> None:
+def test_tables_in_memory_give_the_same_motion(name: str) -> None:
     record = PistonRecord.from_table(in_memory()[name])
     assert np.abs(record.height - HEIGHT).max() < 1e-15
     assert np.abs(record.time - TIME).max() < 1e-15
 
 
-def test_what_is_guessed_is_said(tmp_path: Path) -> None:
+def test_guesses_are_reported_in_warnings(tmp_path: Path) -> None:
     said = {
-        "no_header": "time is column 1, in s.*height is column 2",
-        "depth": "height is the column 'depth', the only other one of numbers",
+        "no_header": "column 1 is taken as the time, in s.*height is column 2",
+        "depth": "height is the column 'depth', the only other numeric column",
         "gaps": r"3 of 80 samples have no time or height .* sample 7 \(line 9\) and others",
         "ticks": "times are rounded to 0.05 s",
-        "footer": "line 82, the last, is no row of the table",
+        "footer": "line 82, the last, is not a row of the table",
         "tracker": "",
     }
     for name, words in said.items():
@@ -88,7 +88,7 @@ def test_what_is_guessed_is_said(tmp_path: Path) -> None:
             PistonRecord.from_file(tmp_path / form.name, **form.said)
 
 
-def test_an_angle_is_in_radians_and_returns(tmp_path: Path) -> None:
+def test_angles_are_read_in_radians_and_written_unchanged(tmp_path: Path) -> None:
     FORMS["degrees"].write(tmp_path / "degrees.csv")
     record = PistonRecord.from_file(tmp_path / "degrees.csv")
     assert record.coordinate_unit == "rad"
@@ -116,7 +116,9 @@ def test_an_angle_is_in_radians_and_returns(tmp_path: Path) -> None:
         ({"skip": 1000}, "is empty"),
     ],
 )
-def test_what_cannot_be_is_said(said: dict[str, Any], words: str, tmp_path: Path) -> None:
+def test_contradictory_options_are_refused_with_a_reason(
+    said: dict[str, Any], words: str, tmp_path: Path
+) -> None:
     FORMS["depth"].write(tmp_path / "depth.csv")
     with pytest.raises(RecordError, match=words) as caught:
         PistonRecord.from_file(tmp_path / "depth.csv", **said)
@@ -133,7 +135,7 @@ def test_what_cannot_be_is_said(said: dict[str, Any], words: str, tmp_path: Path
     steps=st.lists(st.integers(1, 10**6), min_size=2, max_size=20),
     data=st.data(),
 )
-def test_any_form_of_text_returns(
+def test_any_text_dialect_gives_back_the_written_numbers(
     tmp_path: Path,
     separator: str,
     decimal: str,
@@ -176,14 +178,14 @@ TRUTH = {
 }
 
 
-def test_there_are_ten_without_an_option() -> None:
+def test_ten_formats_are_read_without_options() -> None:
     assert len(AT_ONCE) == 10
     assert not any(FORMS[name].said for name in AT_ONCE)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", AT_ONCE)
-def test_the_truth_is_in_the_printed_intervals(name: str, command: Callable, tmp_path: Path) -> None:
+def test_printed_intervals_contain_the_true_parameters(name: str, command: Callable, tmp_path: Path) -> None:
     path = tmp_path / FORMS[name].name
     FORMS[name].write(path)
     done = command("reduced_models", "identify", str(path), "-o", str(tmp_path / "out"), "--quiet")

@@ -1,4 +1,4 @@
-"""Headings of engineers, trades and programs: read right, or refused with what to say instead."""
+"""Headings of engineers, trades and programs: read correctly, or refused with a remedy."""
 
 import datetime
 import json
@@ -24,18 +24,18 @@ COUNT, EMPTY = [str(k) for k in range(len(TIME))], [""] * len(TIME)
 
 
 def stamps(form: str) -> list[str]:
-    """Times of day, two seconds about midnight, in a form of `datetime.strftime`."""
+    """Times of day within two seconds of midnight, in a format of `datetime.strftime`."""
     start = datetime.datetime(2025, 3, 1, 23, 59, 59, tzinfo=datetime.timezone(datetime.timedelta(hours=1)))
     return [(start + datetime.timedelta(seconds=float(time))).strftime(form)[:-3] for time in TIME]
 
 
 def thousands(mark: str) -> list[str]:
-    """Times [ms] with a decimal comma, and a mark between the thousands."""
+    """Times [ms] with a decimal comma and a separator of thousands."""
     return [f"{1e3 * time:,.1f}".replace(".", ";").replace(",", mark).replace(";", ",") for time in TIME]
 
 
 class Head(NamedTuple):
-    """Heading, columns below it, and what is to come of them: ``right``, or words of an error."""
+    """Heading, its columns, and the expected result: ``right``, or words of an error."""
 
     head: str
     columns: tuple[np.ndarray | list[str], ...]
@@ -133,7 +133,7 @@ HEADS = {
     "TeX degrees": Head(r"$t$ [$\mathrm{s}$];$\theta$ [$^\circ$]", (TIME, DEG), unit="rad"),
     "CASSY Lab, an angle": Head("t / s\tαB1 / °", (TIME, DEG), unit="rad", comma=True),
     "Tracker, its default": Head("mass_A\nt\tx\ty\t", (TIME, 0.0 * HEIGHT, HEIGHT, EMPTY), note="not 'x'"),
-    # what cannot be known is refused, with what to say
+    # ambiguous headings are refused, with a remedy
     "Tracker, an angle at rest": Head(
         "t,r,θ", (TIME, HEIGHT, 0.0 * HEIGHT), "--columns height=r or --columns 'height=θ'"
     ),
@@ -169,7 +169,7 @@ HEADS = {
     "unknown names": Head(
         "time [s],left [mm],right [mm]", (TIME, MM, MM), "height=left or --columns height=right"
     ),
-    "x over x": Head("x,y", (TIME, HEIGHT), r"'x' rises in even steps.*--columns time=x"),
+    "x over x": Head("x,y", (TIME, HEIGHT), r"'x' increases in even steps.*--columns time=x"),
     "frames of a camera": Head("frame,x [px]", (np.arange(400.0), MM), "--rate '100 Hz'"),
     "an unknown unit before a remark": Head("time [s],height [furlong] (raw)", (TIME, MM), "--units height="),
     "a remark that may be a unit": Head("time [s],height (raw)", (TIME, MM), "--units height="),
@@ -203,7 +203,7 @@ HEADS = {
 
 
 def write(path: Path, head: Head) -> Path:
-    """Write the columns below their heading, separated as it is."""
+    """Write the columns below their heading, with its separator."""
     separator = next((mark for mark in (";", "\t") if mark in head.head), ",")
     cells = [[v if isinstance(v, str) else f"{v:.16g}" for v in column] for column in head.columns]
     if head.comma:
@@ -216,7 +216,7 @@ def write(path: Path, head: Head) -> Path:
 
 
 def read(path: Path) -> tuple[PistonRecord, str]:
-    """The record, and what was said."""
+    """The record and the text of its warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         record = PistonRecord.from_file(path)
@@ -224,7 +224,7 @@ def read(path: Path) -> tuple[PistonRecord, str]:
 
 
 @pytest.mark.parametrize("name", HEADS)
-def test_heads_are_read_right_or_refused(name: str, tmp_path: Path) -> None:
+def test_headers_are_read_correctly_or_refused(name: str, tmp_path: Path) -> None:
     head = HEADS[name]
     path = write(tmp_path / "lab.csv", head)
     if head.outcome != "right":
@@ -244,7 +244,7 @@ def test_heads_are_read_right_or_refused(name: str, tmp_path: Path) -> None:
         assert record.force is not None
 
 
-def test_there_are_forty_of_them() -> None:
+def test_enough_headers_are_covered() -> None:
     right = sum(head.outcome == "right" for head in HEADS.values())
     print(f"{right} read right, {len(HEADS) - right} refused")
     assert right >= 60
@@ -254,20 +254,20 @@ def test_there_are_forty_of_them() -> None:
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        ((TIME, 6.0 * MM), "taken for m, over 116 m"),
+        ((TIME, 6.0 * MM), "taken as m, over 116 m"),
         ((TIME, 61.0 + HEIGHT), "up to 61 m"),
-        ((1e3 * TIME, HEIGHT), "a sample each 5 s"),
+        ((1e3 * TIME, HEIGHT), "one sample per 5 s"),
     ],
 )
-def test_large_numbers_without_a_unit_are_said(
+def test_large_numbers_without_a_unit_are_noted(
     columns: tuple[np.ndarray, ...], words: str, tmp_path: Path
 ) -> None:
     assert words in read(write(tmp_path / "lab.csv", Head("time,height", columns)))[1]
 
 
-def test_plain_numbers_are_taken_where_the_user_says_so(tmp_path: Path) -> None:
+def test_plain_numbers_are_accepted_if_the_user_gives_the_unit_1(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", Head("time [s],lvdt [V]", (TIME, HEIGHT)))
-    with pytest.warns(UserWarning, match="a frequency and a damping ratio need no other"):
+    with pytest.warns(UserWarning, match="frequency and damping ratio do not depend on it"):
         record = PistonRecord.from_file(path, units={"height": "1"})
     assert np.abs(record.height - HEIGHT).max() < 1e-15
     with pytest.raises(RecordError, match="unit '1' does not fit"):
@@ -275,7 +275,7 @@ def test_plain_numbers_are_taken_where_the_user_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("angle", ["angle=theta", "3"])
-def test_an_angle_may_be_called_so(angle: str, tmp_path: Path) -> None:
+def test_a_column_can_be_declared_an_angle(angle: str, tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", Head("time [s],position [mm],theta", (TIME, MM, DEG)))
     with pytest.warns(UserWarning, match="angle in deg"):
         record = PistonRecord.from_file(path, columns={"angle": angle.removeprefix("angle=")})
@@ -296,7 +296,7 @@ def test_an_angle_may_be_called_so(angle: str, tmp_path: Path) -> None:
 def test_json_is_refused_in_one_line(content: object, indent: int | None, tmp_path: Path) -> None:
     path = tmp_path / "lab.json"
     path.write_text(json.dumps(content, indent=indent), encoding="utf-8")
-    with pytest.raises(RecordError, match="is JSON, which is not read"):
+    with pytest.raises(RecordError, match="is JSON, which is not supported"):
         PistonRecord.from_file(path)
 
 
@@ -309,7 +309,7 @@ STRUCTURES = {
 
 
 @pytest.mark.parametrize("name", STRUCTURES)
-def test_structures_of_matlab(name: str, tmp_path: Path) -> None:
+def test_matlab_structures_are_read(name: str, tmp_path: Path) -> None:
     from scipy.io import savemat
 
     savemat(tmp_path / "lab.mat", STRUCTURES[name])
@@ -319,7 +319,7 @@ def test_structures_of_matlab(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_stroke_next_to_a_force_is_noted_unless_its_role_is_said(tmp_path: Path) -> None:
+def test_a_stroke_next_to_a_force_is_noted_unless_its_role_is_given(tmp_path: Path) -> None:
     path = tmp_path / "rig.csv"
     table = np.column_stack([TIME, HEIGHT, SPEED])
     np.savetxt(path, table, delimiter=",", header="time,stroke,force", comments="")
@@ -338,14 +338,14 @@ def read_below(path: Path, *head: str) -> PistonRecord:
 
 
 @pytest.mark.parametrize("line", ["Time,noon", "Elapsed time,12 min and more", "Date,noon"])
-def test_a_line_about_time_above_the_header_is_none(line: str, tmp_path: Path) -> None:
-    """The names and units directly above the numbers count."""
+def test_a_remark_about_time_above_the_header_is_not_a_header(line: str, tmp_path: Path) -> None:
+    """Names and units directly above the numbers are used."""
     for header in ("x [s],height [mm]", "t,height [mm]", "time [s],level [mm]"):
         record = read_below(tmp_path / "record.csv", line, header)
         assert record.height[0] == pytest.approx(0.055)
 
 
-def test_what_was_done_to_a_column_stands_below_its_unit(tmp_path: Path) -> None:
+def test_a_row_of_processing_below_the_units_is_skipped(tmp_path: Path) -> None:
     record = read_below(tmp_path / "record.csv", "TIMESTAMP,Piston height", "s,mm", "Smp,Avg")
     assert record.height[0] == pytest.approx(0.055)
 
@@ -363,47 +363,49 @@ PAIRS = "0,000000,0,035000\n0,010000,-0,034000\n0,020000,0,033000\n"
 
 
 @pytest.mark.parametrize("said", [{}, {"decimal": ","}])
-def test_commas_that_separate_and_are_decimal_ones(said: dict[str, str], tmp_path: Path) -> None:
+def test_commas_as_both_separators_and_decimal_marks_are_detected(
+    said: dict[str, str], tmp_path: Path
+) -> None:
     path = tmp_path / "record.csv"
     path.write_text(PAIRS)
-    with pytest.warns(UserWarning, match="time is column 1"):
+    with pytest.warns(UserWarning, match="column 1 is taken as the time"):
         record = PistonRecord.from_file(path, **said)
     assert record.time.tolist() == [0.0, 0.01, 0.02]
     assert record.height.tolist() == [0.035, -0.034, 0.033]
     assert not record.extra
 
 
-def test_commas_that_may_be_either(tmp_path: Path) -> None:
+def test_ambiguous_commas_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text("0,5,1,2\n1,5,1,3\n2,5,1,4\n")
-    with pytest.raises(RecordError, match=r"4 integers, or 2 with decimal commas; say"):
+    with pytest.raises(RecordError, match=r"4 integers, or 2 numbers with decimal commas; choose"):
         PistonRecord.from_file(path)
-    with pytest.warns(UserWarning, match="time is column 1"):
+    with pytest.warns(UserWarning, match="column 1 is taken as the time"):
         assert PistonRecord.from_file(path, decimal=".").height.tolist() == [5.0, 5.0, 5.0]
-    with pytest.warns(UserWarning, match="time is column 1"):
+    with pytest.warns(UserWarning, match="column 1 is taken as the time"):
         assert PistonRecord.from_file(path, decimal=",").height.tolist() == [1.2, 1.3, 1.4]
 
 
 @pytest.mark.parametrize(
     "text", ["0, 5, 1, 2\n1, 5, 1, 3\n", "0,510,1,2\n1,5,1,30\n2,50,1,4\n", "0,5,1.0,2\n1,5,1.5,3\n"]
 )
-def test_four_columns_without_names(text: str, tmp_path: Path) -> None:
+def test_four_columns_without_names_are_read(text: str, tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text(text)
-    with pytest.warns(UserWarning, match="time is column 1"):
+    with pytest.warns(UserWarning, match="column 1 is taken as the time"):
         record = PistonRecord.from_file(path)
     assert record.time[:2].tolist() == [0.0, 1.0]
     assert record.height[0] in (5.0, 510.0)
 
 
-def test_columns_of_which_no_row_is_full(tmp_path: Path) -> None:
+def test_a_table_without_a_complete_row_is_refused(tmp_path: Path) -> None:
     (tmp_path / "cut.csv").write_bytes(b",timestep,positio\nn\n0,0.0,0.06\xe1\n[1,0.005,0.061971")
     with pytest.raises(RecordError, match="no line holds numbers in each of the columns 1, 2, 3"):
         PistonRecord.from_file(tmp_path / "cut.csv")
 
 
 @pytest.mark.parametrize("zone", ["", "Z", "+02:00", "-0530"])
-def test_dates_with_and_without_a_zone(zone: str) -> None:
+def test_dates_with_and_without_a_time_zone_are_read(zone: str) -> None:
     cells = [f"2024-05-03T23:59:59.{ms:03d}{zone}" for ms in (0, 4, 8)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -414,7 +416,7 @@ def test_dates_with_and_without_a_zone(zone: str) -> None:
     np.testing.assert_allclose(seconds, [0.0, 0.004, 0.008, np.nan], rtol=0.0, atol=1e-12)
 
 
-def test_zones_that_differ_count_from_the_same_moment() -> None:
+def test_times_in_different_zones_are_compared_in_universal_time() -> None:
     found = parse_timestamps(["2024-10-27T02:59:59+02:00", "2024-10-27T02:00:01+01:00"])
     assert found is not None
     assert found[0].tolist() == [0.0, 2.0]

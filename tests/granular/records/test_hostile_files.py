@@ -1,4 +1,4 @@
-"""Hostile files end soon, in one line or as a record, in 2 GB and 20 s of the processor."""
+"""Hostile files give one line of error or a record, within 2 GB and 20 s of processor time."""
 
 import json
 import os
@@ -33,7 +33,7 @@ one starts, as these tests, counts the memory of that one as its own."""
 
 
 def look_at(path: Path, *before: str) -> subprocess.Popen[str]:
-    """The command ``look`` on a file; RLIMIT_AS spares the machine where a bomb bursts."""
+    """Run the command ``look`` on a file; RLIMIT_AS protects the machine from a file that expands."""
     process = subprocess.Popen(
         [*before, sys.executable, "-m", "reduced_models", "look", str(path)],
         stdout=subprocess.PIPE if before else subprocess.DEVNULL,
@@ -52,7 +52,7 @@ def written(folder: Path, name: str) -> Path:
 
 
 def check(path: Path) -> None:
-    """It is read or refused, by processes that need little memory and time."""
+    """The file is read or refused, by processes with little memory and time."""
     process = look_at(path, sys.executable, "-c", MEASURED)
     measured, told = process.communicate(timeout=MOST_WAIT)
     code, megabytes, seconds = json.loads(measured)
@@ -64,22 +64,22 @@ def check(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["bomb: far cell", "bomb: shape", "bomb: commas"])
-def test_some_are_refused_or_read(name: str, tmp_path: Path) -> None:
+def test_sampled_hostile_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
     check(written(tmp_path, name))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", HOSTILE)
-def test_all_are_refused_or_read(name: str, tmp_path: Path) -> None:
+def test_all_hostile_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
     check(written(tmp_path, name))
 
 
 @pytest.mark.long
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("name", [name for name in HOSTILE if name.startswith("bomb: ")])
-def test_a_bomb_ends_by_ctrl_c(name: str, tmp_path: Path) -> None:
+def test_reading_an_expanding_file_ends_on_ctrl_c(name: str, tmp_path: Path) -> None:
     process = look_at(written(tmp_path, name))
-    time.sleep(1.5)  # until it reads
+    time.sleep(1.5)  # until reading has begun
     process.send_signal(signal.SIGINT)
     start = time.monotonic()
     _said, told = process.communicate(timeout=MOST_WAIT)

@@ -1,4 +1,4 @@
-"""Files as programs write them: read right, or refused with words that read them right when typed."""
+"""Files of programs: read correctly, or refused with options that read them correctly."""
 
 import datetime
 import shlex
@@ -25,12 +25,12 @@ TIME = STEP * np.arange(COUNT)
 
 
 def height_at(time: np.ndarray) -> np.ndarray:
-    """Motion in all files [m]."""
+    """Height in all files [m]."""
     return np.asarray(0.059 + 0.003 * np.exp(-0.8 * time) * np.cos(21.0 * time))
 
 
 def force_at(time: np.ndarray) -> np.ndarray:
-    """Force in those that hold one [N]."""
+    """Force in files with a force [N]."""
     return np.asarray(74.0 + 5.0 * np.sin(9.0 * time))
 
 
@@ -39,7 +39,7 @@ MM, ZERO = 1e3 * HEIGHT, 0.0 * TIME
 
 
 class Made(NamedTuple):
-    """A file of a program, what is typed where it is refused, and what it holds."""
+    """A file of a program, the options that it needs, and its content."""
 
     name: str
     write: Callable[[Path], Any]
@@ -53,7 +53,7 @@ class Made(NamedTuple):
 
 
 def table(*columns: Any, head: str, mark: str = ",", form: str = ".9g", comma: bool = False) -> str:
-    """Columns of numbers or texts below a head."""
+    """Columns of numbers or texts below a header."""
     rows = [
         mark.join(cell if isinstance(cell, str) else f"{cell:{form}}" for cell in row)
         for row in zip(*columns, strict=True)
@@ -84,7 +84,7 @@ class Channel(NamedTuple):
 
 
 def tdms(groups: Mapping[str, tuple[Channel, ...]]) -> Callable[[Path], Any]:
-    """File that LabVIEW's library would write, by npTDMS."""
+    """TDMS file as of LabVIEW, written by npTDMS."""
 
     def write(path: Path) -> None:
         from nptdms import ChannelObject, TdmsWriter
@@ -105,7 +105,7 @@ def tdms(groups: Mapping[str, tuple[Channel, ...]]) -> Callable[[Path], Any]:
 
 
 def read_and_written_again(path: Path) -> None:
-    """A frame that was written with its index, read, and written again."""
+    """A DataFrame that was written with its index, read, and written again."""
     import pandas
 
     pandas.DataFrame({"time [s]": TIME, "left [mm]": MM}).to_csv(path)
@@ -113,7 +113,7 @@ def read_and_written_again(path: Path) -> None:
 
 
 def phyphox_workbook(path: Path) -> None:
-    """Workbook of phyphox: raw data, and what is known of the phone."""
+    """Workbook of phyphox: raw data and metadata of the phone."""
     import openpyxl
 
     book = openpyxl.Workbook()
@@ -128,7 +128,7 @@ def phyphox_workbook(path: Path) -> None:
 
 
 def bursts(path: Path) -> None:
-    """Even samples, stamped by a clock of 1 ms when a block of them arrives."""
+    """Even samples, stamped in blocks by a clock with a resolution of 1 ms."""
     arrival = np.floor(1e3 * np.repeat(TIME[9::10], 10) + np.tile(np.arange(10) // 5, COUNT // 10))
     path.write_text(table(arrival, MM, head="time [ms],height [mm]"))
 
@@ -137,7 +137,7 @@ PHONE = [np.gradient(np.gradient(size * HEIGHT, TIME), TIME) for size in (0.01, 
 
 
 def phone(quantity: str, unit: str, absolute: str, mark: str) -> Callable[[Path], Any]:
-    """Three axes and their size, as phyphox writes them."""
+    """Three axes and the magnitude, as in phyphox."""
     names = ["Time (s)", *(f"{quantity} {axis} ({unit})" for axis in "xyz"), f"{absolute} ({unit})"]
     head = mark.join(f'"{name}"' for name in names)
     return text(table(TIME, *PHONE, np.abs(PHONE[2]), form=".9E", mark=mark, head=head))
@@ -153,7 +153,7 @@ FILES = (
         unit="m",
         force=True,
     ),
-    Made("label.lvm", lvm("X_Value\tPosition (m)", "mm", TIME, MM), note="is in mm, as its label says"),
+    Made("label.lvm", lvm("X_Value\tPosition (m)", "mm", TIME, MM), note="is in mm according to its label"),
     Made(
         "multi.lvm",
         lvm("X_Value\tPosition\tX_Value\tForce", "mm\t\tkN", TIME, MM, TIME, 1e-3 * FORCE, kind="Multi"),
@@ -170,7 +170,7 @@ FILES = (
         ),
         force=True,
         start=0.3,
-        note="read at the times of the latter; the record is cut to those of both",
+        note="interpolated to the times of the latter; the record is cut to the times common to both",
     ),
     Made(
         "twins.lvm",
@@ -191,7 +191,7 @@ FILES = (
         ),
         force=True,
         start=0.3,
-        note="read at the times of the latter; the record is cut to those of both",
+        note="interpolated to the times of the latter; the record is cut to the times common to both",
     ),
     Made(
         "offsets.tdms",
@@ -228,7 +228,9 @@ FILES = (
         unit="m",
     ),
     Made("rate.csv", forms.by_pandas({"height [mm]": MM}), ("--rate '100 Hz'",), size=2.0),
-    Made("times.csv", forms.by_pandas({"height [mm]": MM}, labels=TIME), note="time is column 1"),
+    Made(
+        "times.csv", forms.by_pandas({"height [mm]": MM}, labels=TIME), note="column 1 is taken as the time"
+    ),
     Made("index.xlsx", forms.by_pandas({"time [s]": TIME, "height [mm]": MM}, "to_excel")),
     Made(
         "index.parquet",
@@ -302,7 +304,7 @@ FILES = (
 
 
 def read(path: Path, words: list[str]) -> tuple[PistonRecord, Any, str]:
-    """Record, meaning of the columns, and notes, by the options of the command line."""
+    """Record, roles of the columns, and notes, read with command-line options."""
     options = arguments_of(look.carry_out, parser().parse_args(["look", str(path), *words]))[
         "reading"
     ].parse()
@@ -314,7 +316,9 @@ def read(path: Path, words: list[str]) -> tuple[PistonRecord, Any, str]:
 
 
 @pytest.mark.parametrize("made", FILES, ids=lambda made: made.name)
-def test_files_are_read_right_or_by_what_their_refusal_says(made: Made, tmp_path: Path) -> None:
+def test_files_are_read_correctly_or_with_the_options_that_the_error_gives(
+    made: Made, tmp_path: Path
+) -> None:
     path = tmp_path / made.name
     made.write(path)
     words: list[str] = []
@@ -342,11 +346,11 @@ def test_files_are_read_right_or_by_what_their_refusal_says(made: Made, tmp_path
         assert np.abs(record.force - force_at(true)).max() < 6e-3  # by straight lines between samples
 
 
-def test_there_are_thirty_of_them() -> None:
+def test_thirty_files_of_programs_are_covered() -> None:
     assert len({made.name for made in FILES}) == len(FILES) >= 30
 
 
-def test_the_note_on_groups_names_another(tmp_path: Path) -> None:
+def test_the_note_on_groups_gives_the_option_for_another_group(tmp_path: Path) -> None:
     path = tmp_path / "groups.tdms"
     next(made for made in FILES if made.name == path.name).write(path)
     assert "another: --sheet 'run 2'" in read(path, [])[2]

@@ -1,4 +1,4 @@
-"""Remedies of refusals and notes, and what a column's name, heading or unit stands for."""
+"""Remedies in errors and notes, and the meaning of a column's name, heading or unit."""
 
 import warnings
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.records.headings import name_and_unit, parse_header, tells_of_motion
+from granular.records.headings import is_derived_from_motion, name_and_unit, parse_header
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError
 
@@ -33,7 +33,7 @@ def refusal(path: Path, **said: Any) -> str:
 # Columns ---------------------------------------------------------------------------------------
 
 
-def test_an_index_is_no_data(tmp_path: Path) -> None:
+def test_an_index_column_is_not_data(tmp_path: Path) -> None:
     index = np.arange(400)
     said = refusal(write(tmp_path / "a.csv", ",time [s],left [mm],right [mm]", index, TIME, MM, 2.0 * MM))
     assert "height may be 'left' or 'right'" in said
@@ -42,30 +42,30 @@ def test_an_index_is_no_data(tmp_path: Path) -> None:
     filtered = np.delete(index, [3, 4, 90])
     rows = write(tmp_path / "d.csv", ",time [s],x [mm]", filtered, TIME[filtered], MM[filtered])
     assert np.allclose(read(rows).height, HEIGHT[filtered], atol=1e-10)
-    headless = write(tmp_path / "e.csv", "", index, MM)  # a sample a second may be meant
+    headless = write(tmp_path / "e.csv", "", index, MM)  # perhaps one sample per second is meant
     assert np.array_equal(read(headless).time, index)
 
 
-def test_a_further_column_of_a_doubled_name_can_be_named(tmp_path: Path) -> None:
+def test_a_repeated_name_with_a_number_selects_a_column(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "time [s],height [mm],cell,cell", TIME, MM, TIME, 2.0 * TIME)
     assert {"cell (3)", "cell (4)"} <= set(read(path).extra)
     assert np.allclose(read(path, columns={"drive": "cell (4)"}).extra["drive"], 2.0 * TIME)
 
 
-def test_units_are_given_by_headings_too(tmp_path: Path) -> None:
+def test_units_can_be_given_by_heading(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "time [s],height [cm]", TIME, MM)
     assert np.allclose(read(path, units={"Height [cm]": "mm"}).height, HEIGHT, atol=1e-10)
 
 
 @pytest.mark.parametrize("said", ["left [mm]", "LEFT  [mm]", "left", "3"])
-def test_a_heading_as_it_stands_in_the_file_names_a_column(said: str, tmp_path: Path) -> None:
+def test_a_full_heading_selects_a_column(said: str, tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "time [s],height [mm],left [mm]", TIME, 2.0 * MM, MM)
     found = read(path, columns={"height": said})
     assert np.allclose(found.height, HEIGHT, atol=1e-10)
-    assert np.allclose(found.extra["height (2)"], 2.0 * MM)  # which does not take the place of the other
+    assert np.allclose(found.extra["height (2)"], 2.0 * MM)  # which does not replace the other
 
 
-def test_a_column_of_a_doubled_name_is_told_by_number_or_heading(tmp_path: Path) -> None:
+def test_a_column_with_a_repeated_name_is_selected_by_number_or_heading(tmp_path: Path) -> None:
     head = "time [s],force [N],force [kN],stroke [in],stroke [mm]"
     path = write(tmp_path / "lab.csv", head, TIME, TIME, 2.0 * TIME, TIME, MM)
     for said in ({"stroke": 5, "force": 3}, {"stroke": "stroke [mm]", "force": "force [kN]"}):
@@ -90,7 +90,7 @@ def test_a_column_of_a_doubled_name_is_told_by_number_or_heading(tmp_path: Path)
         ("Position (10^-3 mm)", 1e-6),
     ],
 )
-def test_a_unit_behind_a_power_of_ten(header: str, size: float, tmp_path: Path) -> None:
+def test_a_unit_after_a_power_of_ten_is_read(header: str, size: float, tmp_path: Path) -> None:
     assert parse_header(header)[0] == "Position"
     path = write(tmp_path / "lab.csv", f"Time (s),{header}", TIME, HEIGHT / size)
     assert np.allclose(read(path).height, HEIGHT, atol=1e-10)
@@ -103,17 +103,17 @@ def test_powers_of_ten_and_days_are_units() -> None:
     assert parse_header("days") == ("time", "days")
 
 
-def test_the_label_goes_before_the_heading() -> None:
+def test_the_label_of_the_unit_takes_precedence_over_the_heading() -> None:
     notes: list[str] = []
     assert name_and_unit("Position (Filtered)", "mm", notes) == ("Position (Filtered)", "mm")
     assert name_and_unit("Position (m)", "m", notes) == ("Position", "m")
     assert name_and_unit("Position (mm)", "-", notes) == ("Position", "mm")
     assert not notes
     assert name_and_unit("Position (m)", "mm", notes) == ("Position", "mm")
-    assert "'Position (m)' is in mm, as its label says (--units Position=m)" in notes[0]
+    assert "'Position (m)' is in mm according to its label (--units Position=m)" in notes[0]
 
 
-def test_a_label_below_the_names_wins(tmp_path: Path) -> None:
+def test_a_unit_row_takes_precedence_over_the_header(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "Time,Position (Filtered)\ns,mm", TIME, MM)
     assert np.allclose(read(path).height, HEIGHT, atol=1e-10)
 
@@ -131,7 +131,7 @@ def test_a_label_below_the_names_wins(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("comma", [False, True])
-def test_units_inside_cells(row: str, comma: bool, tmp_path: Path) -> None:
+def test_units_inside_cells_are_read(row: str, comma: bool, tmp_path: Path) -> None:
     mark = next((mark for mark in ";\t," if mark in row), " ")
     if comma and mark == ",":
         pytest.skip("no decimal comma between commas")
@@ -157,26 +157,26 @@ def test_units_inside_cells(row: str, comma: bool, tmp_path: Path) -> None:
         "Elapsed Time (s) Stage Position (mm)",
     ],
 )
-def test_a_header_that_is_separated_otherwise(head: str, rows: str, tmp_path: Path) -> None:
+def test_a_header_with_another_separator_is_read(head: str, rows: str, tmp_path: Path) -> None:
     lines = [f"{t:.4f}{rows}{z:.7f}" for t, z in zip(TIME, MM, strict=True)]
     (tmp_path / "lab.dat").write_text("\n".join(["run 3, Ada Byron", head, *lines, ""]))
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-9)
 
 
 @pytest.mark.parametrize("units", ["(s)         (mm)", "s           mm", "[s]\t[mm]"])
-def test_a_row_of_units_that_is_separated_otherwise(units: str, tmp_path: Path) -> None:
+def test_a_unit_row_with_another_separator_is_read(units: str, tmp_path: Path) -> None:
     lines = [f"{t:.4f};{z:.7f}" for t, z in zip(TIME, MM, strict=True)]
     (tmp_path / "lab.dat").write_text("\n".join(["Time        Position", units, *lines, ""]))
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-9)
 
 
-def test_a_title_above_rows_without_a_header_is_none(tmp_path: Path) -> None:
+def test_a_title_above_rows_is_not_a_header(tmp_path: Path) -> None:
     lines = [f"{t:.4f}\t{z:.7f}" for t, z in zip(TIME, HEIGHT, strict=True)]
     (tmp_path / "lab.dat").write_text("\n".join(["Piston height, run 3", *lines, ""]))
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-6)
 
 
-def test_a_level_in_decibels_is_no_length(tmp_path: Path) -> None:
+def test_a_level_in_decibels_is_not_a_length(tmp_path: Path) -> None:
     said = refusal(write(tmp_path / "lab.csv", "time [s],envelope [dBm]", TIME, MM))
     assert "a logarithmic level: write its amplitude" in said
     assert "scale" not in said
@@ -185,22 +185,22 @@ def test_a_level_in_decibels_is_no_length(tmp_path: Path) -> None:
 # Times -----------------------------------------------------------------------------------------
 
 
-def test_what_is_no_time_is_not_called_one(tmp_path: Path) -> None:
+def test_other_quantities_in_even_steps_are_not_taken_as_time(tmp_path: Path) -> None:
     for head in ("frequency,amplitude [mm]", "x [mm],force [N]", "wavelength [nm],i", "length,force [N]"):
         said = refusal(write(tmp_path / "lab.csv", head, TIME, MM))
-        assert "is no time, as of a spectrum or a curve" in said
+        assert "is not a time, as in a spectrum or a curve" in said
         assert "--units time=s" not in said
     days = read(write(tmp_path / "lab.csv", "days,height [mm]", TIME, MM))
     assert np.allclose(days.time, 86400.0 * TIME)
 
 
-def test_columns_without_names_are_named_by_numbers(tmp_path: Path) -> None:
+def test_columns_without_names_are_given_by_number(tmp_path: Path) -> None:
     said = refusal(write(tmp_path / "lab.csv", "", MM, 2.0 * MM, 3.0 * MM))
     assert "columns 1, 2, 3, none with a name" in said
     assert "--columns time=1,height=2" in said
 
 
-def test_doubled_times_have_a_remedy(tmp_path: Path) -> None:
+def test_the_error_on_repeated_times_gives_a_remedy(tmp_path: Path) -> None:
     times = np.floor(1e3 * np.sort(np.random.default_rng(0).uniform(0.0, 2.0, 400))) / 1e3
     path = write(tmp_path / "lab.csv", "time [s],height [mm]", times, MM)
     said = refusal(path)
@@ -223,14 +223,16 @@ def test_doubled_times_have_a_remedy(tmp_path: Path) -> None:
     ("quantity", "unit", "role"),
     [("Linear Acceleration", "m/s^2", "acceleration"), ("Gyroscope", "rad/s", "velocity")],
 )
-def test_the_axis_that_moves_most_is_named_first(quantity: str, unit: str, role: str, tmp_path: Path) -> None:
+def test_the_axis_that_varies_most_is_proposed_first(
+    quantity: str, unit: str, role: str, tmp_path: Path
+) -> None:
     head = ",".join(
         ["Time (s)", *(f"{quantity} {axis} ({unit})" for axis in ("x", "y", "z")), f"Absolute ({unit})"]
     )
     said = refusal(write(tmp_path / "a.csv", head, TIME, 0.1 * MM, MM, 0.5 * MM, 2.0 * np.abs(MM)))
     options = [f"--columns '{role}={quantity} {axis}'" for axis in ("y", "z", "x")]
     assert (
-        f"{options[0]}, which scatters most, or {options[1]} or {options[2]} or --columns {role}=Absolute"
+        f"{options[0]}, which varies most, or {options[1]} or {options[2]} or --columns {role}=Absolute"
         in said
     )
 
@@ -238,14 +240,14 @@ def test_the_axis_that_moves_most_is_named_first(quantity: str, unit: str, role:
 # Other files and objects -----------------------------------------------------------------------
 
 
-def test_a_universal_file_is_called_so(tmp_path: Path) -> None:
+def test_a_universal_file_is_recognized(tmp_path: Path) -> None:
     for kind in ("58", "58b"):
         (tmp_path / "run.unv").write_bytes(f"    -1\n{kind:>6}\nNONE\n".encode() + b"\x01\x02")
         assert f"is a universal file (data set {kind})" in refusal(tmp_path / "run.unv")
 
 
 class Unit(str):
-    """A unit of pint: its short name is what the format ``~`` gives."""
+    """Stand-in for a unit of pint, with its short name in the format ``~``."""
 
     def __format__(self, spec: str) -> str:
         return str(self) if spec == "~" else "millimeter"
@@ -266,12 +268,12 @@ def test_quantities_keep_their_units() -> None:
     for found in (PistonRecord.from_table(table), PistonRecord(**table)):  # type: ignore[arg-type]
         assert np.allclose(found.time, TIME)
         assert np.allclose(found.height, HEIGHT)
-    with pytest.raises(RecordError, match="'kg' does not fit; one of m is wanted"):
+    with pytest.raises(RecordError, match="'kg' does not fit; a unit like m is needed"):
         PistonRecord(TIME, Quantity(MM, "kg"))  # type: ignore[arg-type]
 
 
 class Polars:
-    """Stand-in for a DataFrame of polars: names as ``columns``, and its series by name."""
+    """Stand-in for a polars DataFrame: names as ``columns``, series by name."""
 
     columns = ("time [ms]", "height [mm]")
 
@@ -279,7 +281,7 @@ class Polars:
         return {"time [ms]": 1e3 * TIME, "height [mm]": MM}[name]
 
 
-def test_tables_of_other_libraries() -> None:
+def test_tables_of_polars_pyarrow_and_numpy_are_read() -> None:
     pyarrow = pytest.importorskip("pyarrow")
     structured = np.zeros(400, dtype=[("time", float), ("height [mm]", float)])
     structured["time"], structured["height [mm]"] = TIME, MM
@@ -287,11 +289,11 @@ def test_tables_of_other_libraries() -> None:
         found = PistonRecord.from_table(table)
         assert np.allclose(found.time, TIME)
         assert np.allclose(found.height, HEIGHT)
-    with pytest.raises(RecordError, match="'list' is no table"):
+    with pytest.raises(RecordError, match="'list' is not a table"):
         PistonRecord.from_table([1.0, 2.0])
 
 
-def test_what_follows_from_a_motion_is_no_drive() -> None:
+def test_quantities_derived_from_the_motion_are_not_drives() -> None:
     motions = ("K", "kinetic energy (J)", "px", "y", "vx", "omega", "frame", "Gyroscope z")
     drives = ("u", "force", "load cell", "valve", "temperature", "base_height", "lam")
-    assert [*filter(tells_of_motion, motions + drives)] == [*motions]
+    assert [*filter(is_derived_from_motion, motions + drives)] == [*motions]

@@ -1,4 +1,4 @@
-"""Cells of workbooks, sheets that are mostly empty, and MATLAB files with an interval or times."""
+"""Cells of workbooks, mostly empty sheets, and MATLAB files with a sampling interval or times."""
 
 import datetime
 import math
@@ -24,7 +24,7 @@ def ods_cell(kind: str, text: str = "", **values: str) -> str:
     return f'<table:table-cell office:value-type="{kind}"{said}><text:p>{text}</text:p></table:table-cell>'
 
 
-def test_cells_of_libre_office(tmp_path: Path) -> None:
+def test_cells_of_libre_office_are_read(tmp_path: Path) -> None:
     path = tmp_path / "book.ods"
     empty = '<table:table-cell table:number-columns-repeated="16000"/>'
     head = ods_cell("string", "clock<text:s/>in s") + ods_cell("string", "height [mm]")
@@ -52,7 +52,7 @@ def test_cells_of_libre_office(tmp_path: Path) -> None:
     assert sheet.columns[1].values.tolist() == [0.125, 1.125, 2.125, 2.125, 2.125]
 
 
-def test_dates_of_both_programs(tmp_path: Path) -> None:
+def test_dates_of_excel_and_libre_office_are_read(tmp_path: Path) -> None:
     openpyxl = pytest.importorskip("openpyxl")
     start = datetime.datetime(2024, 5, 1)
     book = openpyxl.Workbook()
@@ -72,7 +72,7 @@ def test_dates_of_both_programs(tmp_path: Path) -> None:
         assert record.height.tolist() == [0.0, 5e-4, 1e-3, 1.5e-3]
 
 
-def test_a_cell_without_a_value_is_lost(tmp_path: Path) -> None:
+def test_a_cell_without_a_value_is_a_missing_sample(tmp_path: Path) -> None:
     pytest.importorskip("openpyxl")
     rows = ['<row><c t="str"><v>time</v></c><c t="str"><v>height</v></c></row>']
     for k in range(6):
@@ -97,7 +97,10 @@ def test_limits_hold_for_all_sheets_together(tmp_path: Path) -> None:
             sheet.append([])
         sheet.append([*[None] * 15999, 1.0])
     book.save(tmp_path / "a.xlsx")
-    with pytest.raises(RecordError, match="sheet 'b' reaches to row 133 and column 16000; at most 4194304"):
+    with pytest.raises(
+        RecordError,
+        match="sheet 'b' extends to row 133 and column 16000; the limit over all sheets is 4194304",
+    ):
         PistonRecord.from_file(tmp_path / "a.xlsx", sheet="a")
 
 
@@ -107,9 +110,9 @@ ROWS = [f'<row r="{row}"><c r="A{row}"><v>1</v></c></row>' for row in ("1", FAR)
 
 
 @pytest.mark.parametrize(
-    ("rows", "words"), [(ROWS, "2048 MB or 20 s"), (LONG_CELL, "a cell holds 1048576 letters")]
+    ("rows", "words"), [(ROWS, "2048 MB or 20 s"), (LONG_CELL, "a cell holds 1048576 characters")]
 )
-def test_a_workbook_that_no_program_writes_is_one_line(rows: list[str], words: str, tmp_path: Path) -> None:
+def test_a_malformed_workbook_is_refused_in_one_line(rows: list[str], words: str, tmp_path: Path) -> None:
     xlsx(tmp_path / "a.xlsx", rows)
     with pytest.raises(RecordError, match=words) as caught:
         PistonRecord.from_file(tmp_path / "a.xlsx")
@@ -128,7 +131,7 @@ def test_nothing_in_the_working_directory_is_run(tmp_path: Path, monkeypatch: py
     assert len(PistonRecord.from_file("a.xlsx")) == 9
 
 
-def test_long_times_and_cells_without_a_value_of_libre_office(tmp_path: Path) -> None:
+def test_libre_office_durations_and_empty_cells_are_read(tmp_path: Path) -> None:
     rows = [ods_row(ods_cell("string", "clock") + ods_cell("string", "height [mm]"))]
     for k in range(6):
         clock = ods_cell("time", time_value=f"PT{23 + k}H59M0{k},5S")
@@ -140,8 +143,8 @@ def test_long_times_and_cells_without_a_value_of_libre_office(tmp_path: Path) ->
     assert record.time.tolist() == [0.0, 3601.0, 7202.0, 14404.0, 18005.0]
 
 
-def test_limits_of_the_system_stay(tmp_path: Path) -> None:
-    """As under a batch system, whose limits are below those of the reader."""
+def test_stricter_limits_of_the_system_are_kept(tmp_path: Path) -> None:
+    """Limits of a batch system that are stricter than the reader's limits are kept."""
     resource = pytest.importorskip("resource")
     xlsx(tmp_path / "a.xlsx", ["<row><c><v>1</v></c></row>"])
     limits = resource.getrlimit(resource.RLIMIT_CPU)
@@ -166,8 +169,8 @@ def saved(path: Path, **variables: Any) -> Path:
     return path
 
 
-def test_a_letter_is_a_channel_and_no_acceleration(tmp_path: Path) -> None:
-    """Nor a force, nor a time: a letter of an oscilloscope says nothing."""
+def test_a_single_letter_is_a_channel_not_an_acceleration(tmp_path: Path) -> None:
+    """Nor is it a force or a time: the letter of an oscilloscope channel has no meaning."""
     times = {"Tstart": 0.0, "Tinterval": 0.01}
     for letters in ("A", "AB", "FH"):
         path = saved(tmp_path / "a.mat", **times, **dict.fromkeys(letters, HEIGHT))
@@ -199,15 +202,15 @@ def test_a_letter_is_a_channel_and_no_acceleration(tmp_path: Path) -> None:
     ],
     ids=str,
 )
-def test_a_wrong_interval_is_one_line(numbers: dict[str, Any], tmp_path: Path) -> None:
+def test_an_invalid_sampling_interval_is_refused_in_one_line(numbers: dict[str, Any], tmp_path: Path) -> None:
     path = saved(tmp_path / "a.mat", height=HEIGHT, **numbers)
     with pytest.raises(RecordError, match="Tinterval = ") as caught:
         PistonRecord.from_file(path)
     assert "\n" not in str(caught.value)
 
 
-def test_times_that_are_there_count(tmp_path: Path) -> None:
-    """Next to an interval of any kind."""
+def test_a_column_of_times_takes_precedence_over_the_interval(tmp_path: Path) -> None:
+    """Given a column of times, the sampling interval is ignored, valid or not."""
     time = 0.02 * np.arange(60)
     for step in (0.01, 0.0, "fast"):
         path = saved(tmp_path / "a.mat", time=time, height=HEIGHT, Tinterval=step)

@@ -20,9 +20,9 @@ from granular.run.work_precision import (
     MARGIN,
     SceneWorkPrecision,
     WorkPrecisionEntry,
-    keep_measured_scene,
     load_work_precision_scenes,
     most_similar_measured_scene,
+    store_measured_scene,
     work_precision_text,
 )
 from granular.shared.errors import InputError
@@ -56,7 +56,7 @@ def test_what_is_chosen_holds_and_is_not_dear(costs: SceneWorkPrecision, quantit
     for tolerance in (10.0 ** (-k / 4) for k in range(29)):
         accurate_points = [one for one in costs.entries if one.bounds[quantity] <= tolerance]
         if tolerance < FLOORS * costs.floors[quantity]:
-            with pytest.raises(InputError, match="random starts scatter"):
+            with pytest.raises(InputError, match="spread over random packings"):
                 plan(scene, accuracy=f"{tolerance} {quantity}")
             continue
         if tolerance < MARGIN * min(one.bounds[quantity] for one in costs.entries):
@@ -92,16 +92,16 @@ def test_accuracies_are_read() -> None:
 
 
 def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
-    with pytest.raises(InputError, match=r"random starts scatter by .*average \d+ starts"):
+    with pytest.raises(InputError, match=r"spread over random packings is .*average \d+ packings"):
         plan(damper(), accuracy="1e-7 rest height")
-    with pytest.raises(InputError, match="holds no scene like 'bed' with this quantity"):
+    with pytest.raises(InputError, match="has no scene like 'bed' with this quantity"):
         plan(bed.replace(**{"effects.contact": {"modulus": 1e7}}), accuracy="1 % piston force")
     for key in ("effects.walls.left", "effects.walls.bottom"):
-        with pytest.raises(InputError, match="holds no scene like 'bed' with this quantity"):
+        with pytest.raises(InputError, match="has no scene like 'bed' with this quantity"):
             plan(bed.replace(**{key: "none"}), accuracy="10 % piston force")
-    with pytest.raises(InputError, match="leaves pairs out"):
+    with pytest.raises(InputError, match="omits pairs"):
         plan(bed.replace(**{"pairs.method": "cut-off"}), accuracy="10 % piston force")
-    with pytest.raises(InputError, match="either it or them"):
+    with pytest.raises(InputError, match="either accuracy, or dt and method"):
         simulate(bed, dt="auto/2", accuracy="10 % piston force", progress=False)
 
 
@@ -111,17 +111,17 @@ def test_what_the_user_has_measured_is_looked_up_after_the_package_s_table(bed: 
     entry = WorkPrecisionEntry(VERLET, "auto*2", 0.2, 0.15, 1.0, {"piston force": 2e-3}, ["piston force"])
     floors = {"piston force": 1e-4}
     own = SceneWorkPrecision("mine", "drag", 368, 4, "auto/8", floors, (entry,), "2026-11-28", margin=1.0)
-    keep_measured_scene(touching, "piston force", None, own)
+    store_measured_scene(touching, "piston force", None, own)
     found = plan(touching.replace(**{"arrangement.seed": 7}), accuracy="2e-3 piston force")
     assert (found.method.name, found.dt) == (VERLET, "auto*2")
     assert found.words.endswith("(mine, 4 starts, 2026-11-28)")
     for other in (touching.replace(**{"effects.contact.modulus": "2 MPa"}), bed):
-        with pytest.raises(InputError, match=r"holds no scene like 'bed'|random starts scatter by"):
+        with pytest.raises(InputError, match=r"has no scene like 'bed'|spread over random packings is"):
             plan(other, accuracy="2e-3 piston force")
-    with pytest.raises(InputError, match=r"random starts scatter by 0\.0001"):
+    with pytest.raises(InputError, match=r"spread over random packings is 0\.0001"):
         plan(touching, accuracy="2e-4 piston force")
     # The package's own table answers first, and the user's where it promises less.
-    keep_measured_scene(bed, "piston force", None, own)
+    store_measured_scene(bed, "piston force", None, own)
     assert plan(bed, accuracy="5 % piston force").words.endswith(" starts, 2026-11-22)")
     assert plan(bed, accuracy="2e-3 piston force").words.endswith("(mine, 4 starts, 2026-11-28)")
 
@@ -131,8 +131,8 @@ def test_a_table_that_cannot_be_written_costs_no_measurement(
 ) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(work_precision, "user_table", lambda: ResultCache(tmp_path / "file"))
-    with pytest.warns(UserWarning, match=r"what was measured is not kept: .*file"):
-        keep_measured_scene(bed, "energy", None, load_work_precision_scenes()[0])
+    with pytest.warns(UserWarning, match=r"the measurement is not stored: .*file"):
+        store_measured_scene(bed, "energy", None, load_work_precision_scenes()[0])
 
 
 def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -> None:
@@ -142,7 +142,7 @@ def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -
     assert large.pair_method == "mesh"
     rough, fine = (plan(large, accuracy=f"{one} rest height") for one in (0.2, 8e-4))
     assert (rough.scene.pair_method, fine.scene.pair_method) == ("mesh", "direct")
-    assert "sum by the mesh" in rough.words
+    assert "mesh sum" in rough.words
     assert "direct sum" in fine.words
 
 
@@ -152,9 +152,9 @@ def test_a_run_says_what_was_chosen_and_its_price(small_bed: Scene) -> None:
     words = run.settings()["accuracy"]
     assert words.startswith("energy to 0.001: ")
     assert run.settings()["dt"] in words
-    assert work_precision_text(run).startswith("price: ")
+    assert work_precision_text(run).startswith("cost: ")
     assert "by the step" in work_precision_text(run)
-    assert "twice as fine" in work_precision_text(run)
+    assert "half the step" in work_precision_text(run)
 
 
 def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,7 +172,7 @@ def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None
     passed, settings = time.perf_counter() - started, run.settings()
     assert settings["compile_seconds"] >= 1.2
     assert 0.0 < settings["seconds"] <= passed - settings["compile_seconds"]
-    assert f"price: {settings['seconds']:.3g} s" in work_precision_text(run)
+    assert f"cost: {settings['seconds']:.3g} s" in work_precision_text(run)
     assert f"{settings['compile_seconds']:.2g} s of compiling" in run_text(run)
 
 
@@ -191,7 +191,7 @@ def test_the_price_of_a_resumed_run_is_without_what_compiled_before_it(
     monkeypatch.setattr(granular.run.simulation, "restore_snapshot", restore)
     run = simulate(scene, 1e-4, 0.06, out=tmp_path / "run", resume=True, progress=False)
     assert run.settings()["seconds"] > 0.0
-    assert not work_precision_text(run).startswith("price: -")
+    assert not work_precision_text(run).startswith("cost: -")
 
 
 def test_price_without_a_like_scene_is_the_energy_s() -> None:

@@ -61,8 +61,8 @@ def test_links_that_lead_nowhere_are_refused(scene: Scene, tmp_path: Path) -> No
     (tmp_path / "file").touch()
     (tmp_path / "to-file").symlink_to("file")
     for name, words in (
-        ("loop", "a link that leads to itself"),
-        ("there", "a link that leads to itself"),
+        ("loop", "a link to itself"),
+        ("there", "a link to itself"),
         ("file", "is a file"),
         ("to-file", "is a file"),
         ("file/run", "cannot be made"),
@@ -152,7 +152,7 @@ def test_a_disk_that_fills_up_is_resumed_from(
     scene = small_bed.replace(**{"protocol.settle.duration": 0.1, "output.frames": 1e-3})
     integer = simulate(scene, progress=False)
     monkeypatch.setattr(granular.run.simulation, "COMMIT_SECONDS", 0.0)
-    with full_disk(30_000), pytest.raises(StoreError, match="resume it when there is room"):
+    with full_disk(30_000), pytest.raises(StoreError, match="resume the run when there is space"):
         simulate(scene, out=tmp_path / "run", progress=False)
     part = load_trajectory(tmp_path / "run").dataset.load()
     assert 0 < part.sizes["frame"] < integer.dataset.sizes["frame"]

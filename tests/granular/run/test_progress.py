@@ -92,7 +92,7 @@ def test_kernels_are_counted_while_they_are_compiled(
     """Kernels that stand in no file of the package are compiled in every process."""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     kernels = [entry(lambda x, k=k: x + k) for k in range(5)]
-    opening = "compiling for scenes of this kind, kept for later runs"
+    opening = "compiling for this type of scene, cached for later runs"
     for compiled in (True, False):
         with RunProgressBar(True):
             assert [kernel(1.0) for kernel in kernels] == [1.0, 2.0, 3.0, 4.0, 5.0]

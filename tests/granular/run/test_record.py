@@ -96,19 +96,19 @@ BAD = [
     ("", "is empty"),
     ("time,height\n", "0 samples"),
     ("time,height\n0,1\n", "1 samples"),
-    ("time,height,height\n0,1,2\n1,2,3\n", "'height' is there twice"),
+    ("time,height,height\n0,1,2\n1,2,3\n", "the name 'height' occurs twice"),
     ("time,height\n0,1\n1,two\n", "height of sample 1 (line 3) is 'two', not a number"),
     ("time,height\n0,1\n1\n", "sample 1 has 1 values for 2 columns"),
     ("time,height\n0,1\n1,nan\n", "1 samples"),
     ("time,height\n0,1\n1,inf\n", "height of sample 1 (line 3) is inf"),
-    ("time,height\n0,1\n0,2\n", "is there twice"),
+    ("time,height\n0,1\n0,2\n", "occurs twice"),
     ("time,height\n1,1\n0,2\n", "comes after 1 s"),
     ("time,height\n0,one\n1,2\n", "height of sample 0 (line 2) is 'one', not a number"),
     ("force,load\n0,1\n1,2\n", "no column 'time'; found: 'force', 'load'"),
     ("time,acc\n0,1\n1,2\n", "only the acceleration 'acc'"),
     ("time,height [mm^-200]\n0,1\n1,2\n", "is beyond 9"),
     ("time,height [nm^9 nm^9]\n0,1\n1,2\n", "write a smaller power"),
-    ("time [kg],height\n0,1\n1,2\n", "the unit 'kg' does not fit; one of s is wanted"),
+    ("time [kg],height\n0,1\n1,2\n", "the unit 'kg' does not fit; a unit like s is needed"),
     ("time,height [furlong]\n0,1\n1,2\n", "unknown unit 'furlong'"),
 ]
 
@@ -165,9 +165,9 @@ BAD_TABLES = [
     ({"time": [0.0, 1.0], "height": [1.0, None]}, {}, "1 samples"),
     ({"time": [0.0, 1.0], "height": [1.0, np.inf]}, {}, "height of sample 1 is inf"),
     ({"time": [1.0, 0.0], "height": [1.0, 2.0]}, {}, "comes after 1 s"),
-    ({"time": [0.0, 0.0], "height": [1.0, 2.0]}, {}, "is there twice"),
+    ({"time": [0.0, 0.0], "height": [1.0, 2.0]}, {}, "occurs twice"),
     ({"time": [0.0, 1.0], "height": [1.0, 2.0]}, {"height": "kg"}, "'kg' does not fit"),
-    ({"time": [0.0, 1.0], "height": [1.0, 2.0], "Height": [1.0, 2.0]}, {}, "is there twice"),
+    ({"time": [0.0, 1.0], "height": [1.0, 2.0], "Height": [1.0, 2.0]}, {}, "occurs twice"),
 ]
 
 
@@ -206,7 +206,7 @@ def test_arrays_are_checked_and_frozen() -> None:
     record = PistonRecord(np.arange(3.0), np.arange(3.0))
     with pytest.raises(ValueError, match="read-only"):
         record.height[0] = 1.0
-    with pytest.raises(RecordError, match="at least 2"):
+    with pytest.raises(RecordError, match="needs 2 or more"):
         record.first(-1)
     part = record.between(0.5, 5.0)
     assert part.time.tolist() == [1.0, 2.0]

@@ -378,7 +378,7 @@ def test_an_own_effect_cannot_take_the_name_of_a_record(
 ) -> None:
     monkeypatch.setattr(EFFECTS, "_own", dict(EFFECTS._own))
     scene, out = bed_with(name), tmp_path / "run"
-    message = rf"effects\.{name.lower()}: its record '{name.lower()}_energy' has the name of another"
+    message = rf"effects\.{name.lower()}: its record '{name.lower()}_energy' has the same name as another"
     with pytest.raises(InputError, match=message):
         simulate(scene, dt=1e-4, progress=False, out=out)
     assert not out.exists()

@@ -197,7 +197,7 @@ def test_an_edited_file_is_noticed(runs: Runs, tmp_path: Path, name: str, old: s
     text = file.read_text(encoding="utf-8")
     assert old in text
     file.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(StoreError, match=f"{name} is not what the run wrote"):
+    with pytest.raises(StoreError, match=f"{name} differs from the run's file"):
         load_trajectory(file.parent)
 
 
@@ -299,7 +299,7 @@ def test_a_pipe_in_place_of_a_file_is_named(runs: Runs, scene: Scene, tmp_path: 
     os.mkfifo(place / name)
     with pytest.raises(StoreError) as caught, in_time():
         load_trajectory(place).dataset.load()
-    assert str(caught.value).startswith((f"{place / name} is no file", f"{place} holds no run"))
+    assert str(caught.value).startswith((f"{place / name} is not a regular file", f"{place} holds no run"))
 
 
 def exchange(runs: Runs, place: Path, random: np.random.Generator) -> tuple[str, str]:
@@ -331,7 +331,7 @@ def test_a_checkpoint_of_an_earlier_time_is_noticed(runs: Runs, tmp_path: Path) 
     """The last record that it knows, which lay on no whole tick, was written anew since."""
     place = copied(runs, tmp_path / "run")
     shutil.copyfile(runs.early / "checkpoint.npz", place / "checkpoint.npz")
-    with pytest.raises(StoreError, match=r"/c/1 is damaged, or not what the run wrote there"):
+    with pytest.raises(StoreError, match=r"/c/1 is damaged, or differs from the run's file"):
         load_trajectory(place).dataset.load()
 
 
@@ -348,7 +348,7 @@ def test_a_length_in_metadata_is_a_number_or_noticed(
         assert content.count(b" " + count + b"\n")
         file.write_bytes(content.replace(b" " + count + b"\n", b" " + length + b"\n"))
     if noticed:
-        with pytest.raises(StoreError, match=r"zarr\.json is not what the run wrote"):
+        with pytest.raises(StoreError, match=r"zarr\.json differs from the run's file"):
             load_trajectory(place)
     else:
         assert load_trajectory(place).dataset.load().equals(runs.data)

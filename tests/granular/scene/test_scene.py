@@ -191,15 +191,15 @@ PLACES = {"grains.count": 2, "arrangement.positions": [[0.1, 0.05], [0.2, 0.05]]
     ("name", "value", "remedy"),
     [
         ("speed", 0.1, "give velocities"),
-        ("jitter", 0.15, "leave it out"),
-        ("height", 0.1, "leave it out"),
-        ("seed", 2, "leave it out"),
+        ("jitter", 0.15, "remove it"),
+        ("height", 0.1, "remove it"),
+        ("seed", 2, "remove it"),
     ],
 )
-def test_what_is_said_of_the_grid_beside_positions_is_told(
+def test_keys_of_the_grid_are_refused_together_with_positions(
     damper: Scene, name: str, value: float, remedy: str
 ) -> None:
-    with pytest.raises(SceneError, match=f"arrangement.{name}: is of the grid.*{remedy}"):
+    with pytest.raises(SceneError, match=f"arrangement.{name}: belongs to the grid.*{remedy}"):
         damper.replace(**PLACES, **{f"arrangement.{name}": value})
     assert damper.replace(**{f"arrangement.{name}": value}).replace(**PLACES) == damper.replace(**PLACES)
 
@@ -273,7 +273,7 @@ def test_only_grains_in_contact_may_overlap() -> None:
 
 
 def test_a_grid_without_height_needs_a_piston() -> None:
-    with pytest.raises(SceneError, match="height: must be given where there is no piston"):
+    with pytest.raises(SceneError, match="height: must be given without a piston"):
         initial_positions_and_velocities(Arrangement(), GRAINS, CELL, None, overlapping=False)
     plan = Arrangement(height=0.03)
     assert len(initial_positions_and_velocities(plan, GRAINS, CELL, None, overlapping=False)[0]) == 23

@@ -61,7 +61,7 @@ def test_few_bytes_may_hold_many_numbers(tmp_path: Path) -> None:
     empty = pyarrow.nulls(MAX_NUMBERS // 2 + 1, pyarrow.int8())
     parquet.write_table(pyarrow.table({"time": empty, "height": empty}), path)
     assert path.stat().st_size < 100_000
-    with pytest.raises(RecordError, match=f"rows of 2 columns of numbers; at most {MAX_NUMBERS}"):
+    with pytest.raises(RecordError, match=f"rows of 2 columns of numbers; the limit is {MAX_NUMBERS}"):
         PistonRecord.from_parquet(path)
     with path.open("r+b") as file:
         file.truncate(2**40)

@@ -190,7 +190,7 @@ def test_every_random_edit_leads_to_new_runs_kernels_and_studies(tmp_path: Path)
             strength = user_definitions(edited["figures"].file)["strength"]
             assert force() == pytest.approx(-1e-3 * strength(), rel=1e-12)
             if place < OF_EFFECT:
-                with pytest.raises(StoreError, match="other functions of an own effect"):
+                with pytest.raises(StoreError, match="functions of a custom effect have changed"):
                     simulate(pushed(), dt=1e-4, out=run, resume=True, progress=False)
             result = sweep(unedited, measure=edited["figures"], **more)
             assert (result.reused, result.failed) == (0, ())

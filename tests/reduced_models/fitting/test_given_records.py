@@ -72,7 +72,7 @@ def test_a_table_with_a_record_s_own_names_is_in_si_without_a_word() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         PistonRecord.from_table({"time": 10.0 * TIME, "height": 1e3 * HEIGHT})
-    with pytest.warns(UserWarning, match="has no unit and is taken for m"):
+    with pytest.warns(UserWarning, match="has no unit and is taken as m"):
         PistonRecord.from_table({"time": TIME, "z": 1e3 * HEIGHT})
 
 

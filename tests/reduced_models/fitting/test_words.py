@@ -125,7 +125,7 @@ ASKED_ABOUT = {
     "z'' + k*z = a*velocity": "write z' for it",
     "z'' + k*z = Pi": "write pi",
     "z'' + k*z = max()": "max",
-    "z'' + k*z = sqare(z)": "is no function",
+    "z'' + k*z = sqare(z)": "is not a function",
 }
 
 

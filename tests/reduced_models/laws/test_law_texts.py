@@ -83,12 +83,12 @@ REFUSED = {
     "no equation": ("z'' + k*z", "one equals sign"),
     "two equations": ("z'' = z = 1", "one equals sign"),
     "comparison": ("z'' == k*z", "one equals sign"),
-    "attribute": ("z'' + k*z.real = 0", "'.' is none of the characters"),
-    "dunder": ("z'' + __builtins__*k = 0", "two underscores, characters that no name"),
+    "attribute": ("z'' + k*z.real = 0", "'.' is not a character"),
+    "dunder": ("z'' + __builtins__*k = 0", "two consecutive underscores, not allowed"),
     "string": ("z'' + k*\"z\" = 0", "write ''"),
-    "evaluation": ("z'' + eval(k) = 0", "'eval' is no function"),
+    "evaluation": ("z'' + eval(k) = 0", "'eval' is not a function"),
     "open bracket": ("z'' + (z = 0", "cannot be read: a bracket is not closed"),
-    "power of a lesser sum": ("z'' + (a + b + c + z)**50 = 0", "multiplied out"),
+    "power of a lesser sum": ("z'' + (a + b + c + z)**50 = 0", "expanded"),
     "signs": ("z'' + k*" + "-" * 5000 + "z = 0", "5013 characters"),
     "not linear": ("z''**2 + k*z = 0", "linear in z''"),
     "hidden in a sine": ("z'' + sin(z''*c) = 0", "linear in z''"),
@@ -110,7 +110,7 @@ REFUSED = {
     "many hidden": ("z'' + k*z = 0" + "; w' = z" * 12, "13 equations; at most 12"),
     "no parameter": ("z'' + z = 0", "no parameter"),
     "infinite": ("z'' + k/(z - z) = 0", "divides by zero"),
-    "large": ("z'' + 1e90*(1e90*(1e90*(1e90*z))) + k*z = 0", "computers hold numbers from 1e-308 to 1e308"),
+    "large": ("z'' + 1e90*(1e90*(1e90*(1e90*z))) + k*z = 0", "numbers must be from 1e-308 to 1e308"),
 }
 
 
@@ -135,7 +135,7 @@ def test_no_text_runs_a_command(tmp_path: Path) -> None:
     )
     text = SHELL.format(str(seen).encode().hex())
     done = subprocess.run([sys.executable, "-c", code, text], capture_output=True, text=True, check=True)
-    assert "'.' is none of the characters of a formula" in done.stdout
+    assert "'.' is not a character of formulas" in done.stdout
     assert not seen.exists()
 
 

@@ -98,7 +98,7 @@ def test_damaged_models_are_read_or_refused(count: int | None, tmp_path: Path) -
         (("parameters", "lam"), 0.0, "model.parameters.lam is 0.0; a number above 0"),
         (("parameters", "mu"), 1.0, "model.intervals.mu is None; a pair is wanted"),
         (("equation",), "z'' + k*z = 0", "has the parameters k, and values are given of lam,"),
-        (("equation",), "z'' + k*z.real = 0", "'.' is none of the characters"),
+        (("equation",), "z'' + k*z.real = 0", "'.' is not a character"),
         (("quality", "starts"), 1.5, "model.quality.starts is 1.5; an integer"),
         (("notes",), ["a\x1b[2J"], "model.notes.0 is 'a\\x1b[2J'; a text that can be printed"),
         (("intervals", "lam"), [2.0, 1.0], "model.intervals.lam is [2.0, 1.0]; a pair in order"),

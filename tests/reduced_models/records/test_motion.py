@@ -138,7 +138,7 @@ def test_a_release_that_is_not_there_is_refused() -> None:
     for wrong in ("0", "some", 1.5):
         with pytest.raises(RecordError, match="give a number from 1, or 'all'"):
             ReadOptions(release=wrong)  # type: ignore[arg-type]
-    with pytest.raises(RecordError, match="no times"):
+    with pytest.raises(RecordError, match="do not combine it with between"):
         ReadOptions(release=2, between=(0.0, 1.0))
 
 
