@@ -1,1 +1,1 @@
-"""Commands of ``python -m granular``, and the options that all packages' commands share."""
+"""Commands of ``python -m granular``, and options shared by the commands of all packages."""

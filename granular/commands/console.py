@@ -1,21 +1,21 @@
-r"""Command lines of the three packages, in one idiom.
+r"""Command lines of the three packages.
 
-A command is a function: its signature holds the options (see `granular.commands.signature`), its
-docstring says what it does, and the decorator `command` above it has the examples. Options of several
-commands are named once, in `granular.commands.options`. Heavy imports stand in the function, so that
+A command is a function: its signature defines the options (see `granular.commands.signature`), its
+docstring is the summary, and the decorator `command` contains the examples. Options of several commands
+are defined once, in `granular.commands.options`. Heavy imports are inside the function, so that
 ``--help`` is fast.
 
     @command(examples="example:\n  %(prog)s damper --set piston.mass=6.5")
     def show(scene: SceneName, *, changes: Changes, output: Output) -> None:
-        'Tell what a scene holds, in SI and in natural units.'
+        'Describe a scene, in SI and in natural units.'
         loaded = changes.load(scene)
         print_result(derived_scene_values(loaded), scene_text(loaded), output.json)
 
-A package's ``__main__`` names its commands in the registry of a `Program`.
+A package's ``__main__`` lists its commands in the registry of a `Program`.
 
-Every command exits with 0, or prints one line on standard error that names the value, the limit
-and the remedy: 2 for bad input, 1 for a run that could not be finished, 130 after Ctrl-C, 143 after
-SIGTERM, which ends a command just as Ctrl-C does.
+Every command exits with 0, or prints one line on standard error with the value, the limit and the
+remedy. Exit codes are 2 for bad input, 1 for a run that failed, 130 after Ctrl-C, and 143 after
+SIGTERM, which ends a command like Ctrl-C.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from granular.shared.version import __version__, set_command
 
 __all__ = ["Command", "command", "print_result"]
 
-# As argparse has it, and as shells have it: 128 and the number of the signal, SIGINT or SIGTERM.
+# As in argparse and shells: 128 plus the number of the signal, SIGINT or SIGTERM.
 BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
 
 
@@ -62,7 +62,7 @@ _PROGRAM: ContextVar[str] = ContextVar("program", default="")
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser with one-line errors."""
 
     commands: dict[str, str]
     parsers: dict[str, Parser]
@@ -73,21 +73,21 @@ class Parser(argparse.ArgumentParser):
 
 
 def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None) -> int:
-    """Run a command, and print errors and warnings as one line each."""
+    """Run a command, and print each error and warning on one line."""
     warnings.showwarning = _show_warning
-    # Trial parameters of a search overflow, and are refused by what follows from that.
+    # Trial parameters of a search may overflow; they are then rejected.
     warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
     sys.stdout, sys.stderr = sys.stdout or _open_null(), sys.stderr or _open_null()  # closed by the caller
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # where the terminal knows no µ
+            stream.reconfigure(errors="backslashreplace")  # for terminals that cannot print µ
     try:
         _check_working_directory()
         with handle_sigterm(last=arguments is None), rare_garbage_collection():
             command(sys.argv[1:] if arguments is None else arguments)
             sys.stdout.flush()
         if arguments is None:
-            gc.freeze()  # at its end Python would look for garbage in all that was compiled, for 2 s
+            gc.freeze()  # saves 2 s of garbage collection over compiled objects at exit
     except InputError as error:
         return _print_error(str(error), BAD_INPUT)
     except GranularError as error:
@@ -97,10 +97,10 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         if advice is None:
             raise
         return _print_error(str(advice), BAD_INPUT)
-    except Warning as warning:  # where Python was told to take warnings for errors
-        return _print_error(f"warning taken for an error: {warning}", FAILED)
+    except Warning as warning:  # if Python is set to turn warnings into errors
+        return _print_error(f"warning treated as an error: {warning}", FAILED)
     except BrokenPipeError:
-        sys.stderr.close()  # the reader went away; nothing is left to say
+        sys.stderr.close()  # the reader closed the pipe
         return 0
     except (KeyboardInterrupt, Exception) as error:
         ending = _find_interruption(error)
@@ -113,7 +113,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
 
 
 def _find_interruption(error: BaseException) -> tuple[str, int] | None:
-    """Message and exit code of a stop, or of one among an error's causes: Python wraps one in a class."""
+    """Message and exit code of a stop, perhaps among the causes of an error that wraps it."""
     waiting: list[BaseException | None] = [error]
     seen = set[BaseException]()
     while waiting:
@@ -127,28 +127,28 @@ def _find_interruption(error: BaseException) -> tuple[str, int] | None:
 
 
 def _ending_of_stop(stop: KeyboardInterrupt) -> tuple[str, int]:
-    """Message and exit code of a stop; it says where results are, if a run or a command keeps them."""
+    """Message and exit code of a stop, with the location of stored results, if any."""
     terminated = isinstance(stop, Terminated) or (isinstance(stop, Interrupted) and stop.terminated)
     word, code = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
     saved = getattr(stop, "saved", "")
     path = getattr(getattr(stop, "trajectory", None), "path", None)
     if path is not None and not saved:
-        saved = f"what was done is in {path}; the same command goes on (run with --resume)"
+        saved = f"results up to now are in {path}; the same command continues (run with --resume)"
     return f"{word}: {saved}" if saved else word, code
 
 
 def _open_null() -> TextIO:
-    """Open a stream that takes everything and shows nothing."""
+    """Open a stream that discards its input."""
     return open(os.devnull, "w", encoding="utf-8")
 
 
 def _explain_system_error(error: OSError) -> str:
-    """Say what the machine could not do, such as write to a full disk."""
+    """Explain an error of the operating system, such as a full disk."""
     if error.filename is None:
-        with contextlib.suppress(OSError):  # what is left to print would fail once more at the exit
+        with contextlib.suppress(OSError):  # buffered output would fail again at exit
             sys.stdout.close()
     target = "standard output or a file" if error.filename is None else sanitize(error.filename)
-    return f"{target}: {error.strerror}; see to its place, and try again"
+    return f"{target}: {error.strerror}; correct this, and try again"
 
 
 def _print_error(message: str, code: int) -> int:
@@ -166,9 +166,9 @@ class Command(NamedTuple):
     Attributes
     ----------
     summary, examples : str
-        Texts of its help.
+        Texts of the help.
     carry_out : function
-        What it does; its signature holds the options.
+        Function of the command; its signature defines the options.
     """
 
     summary: str
@@ -177,17 +177,17 @@ class Command(NamedTuple):
 
 
 def command(examples: str) -> Callable[[Callable[..., None]], Command]:
-    """Make the function below it a command of a program.
+    """Make a function a command of a program.
 
     Parameters
     ----------
     examples : str
-        Text at the end of its help.
+        Text at the end of the help.
 
     Returns
     -------
     function
-        Decorator that makes a `Command` of a function, whose docstring is the summary.
+        Decorator that converts a function to a `Command`; the docstring is the summary.
     """
 
     def decorate(carry_out: Callable[..., None]) -> Command:
@@ -199,7 +199,7 @@ def command(examples: str) -> Callable[[Callable[..., None]], Command]:
 
 
 def command_registry(group: str, built_in: Mapping[str, Command | str]) -> Registry[Command]:
-    """Registry of a program's commands by their names."""
+    """Registry of a program's commands by name."""
     return Registry(
         "command",
         group,
@@ -211,7 +211,7 @@ def command_registry(group: str, built_in: Mapping[str, Command | str]) -> Regis
 
 
 def _has_options(offered: Command) -> bool:
-    """Return whether a parser can be made of a command; an error if not."""
+    """Return True if a parser can be made for a command; otherwise raise an error."""
     add_options(argparse.ArgumentParser(), offered.carry_out)
     return True
 
@@ -249,7 +249,7 @@ class Program(NamedTuple):
         return top
 
     def main(self, arguments: Sequence[str], name: str | None = None) -> None:
-        """Parse arguments, and carry out the command that they name."""
+        """Parse arguments, and run the command."""
         parser = self.parser(name)
         word = next(iter(arguments), "-")
         if word not in self.commands and not word.startswith("-"):
@@ -265,27 +265,27 @@ class Program(NamedTuple):
 
 
 def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentParser) -> str:
-    """Message for arguments that a command does not know, with the nearest option."""
+    """Message for unknown arguments of a command, with the nearest option."""
     option_names = [name for action in parser._actions for name in action.option_strings]
-    wrong = next((word.split("=")[0] for word in rest if word.startswith("--")), None)
+    unknown = next((word.split("=")[0] for word in rest if word.startswith("--")), None)
     words = f"unrecognized arguments: {' '.join(rest)}"
-    if wrong is not None:
-        words = unknown_word_message(wrong, option_names, "option").rstrip("?")
+    if unknown is not None:
+        words = unknown_word_message(unknown, option_names, "option").rstrip("?")
     return f"{words}; see {parser.prog} --help"
 
 
 def current_program() -> str:
-    """Program and command that are carried out, for messages."""
+    """Present program and command, for messages."""
     return _PROGRAM.get()
 
 
 def given(**options: Any) -> dict[str, Any]:
-    """Keep the options that are given, as keyword arguments of a function."""
+    """Select the options that are not None, as keyword arguments of a function."""
     return {name: value for name, value in options.items() if value is not None}
 
 
 def require_options(**options: Any) -> None:
-    """Refuse a command without options that only some forms of it need."""
+    """Refuse a command without options that its present form requires."""
     missing = [_spelling(name) for name, value in options.items() if value in (None, ())]
     if missing:
         raise InputError(
@@ -294,14 +294,14 @@ def require_options(**options: Any) -> None:
 
 
 def refuse_options(form: str, **options: Any) -> None:
-    """Refuse options that a form of a command, such as ``--impulse``, does not take."""
+    """Refuse options that a form of a command, such as ``--impulse``, does not support."""
     for name, value in options.items():
         if value not in (None, (), False):
-            raise InputError(f"{_spelling(name)} does not go with {form}; leave it out")
+            raise InputError(f"{_spelling(name)} cannot be combined with {form}; remove it")
 
 
 def _spelling(name: str) -> str:
-    """Spell a parameter as an option; an argument, in capitals, as it is, and ``set_`` without its end."""
+    """Spell a parameter as an option; arguments in capitals are unchanged, a final underscore is dropped."""
     return name if name.isupper() else f"--{name.rstrip('_').replace('_', '-')}"
 
 
@@ -316,16 +316,16 @@ def add_version_option(parser: argparse.ArgumentParser) -> None:
 
 
 def print_result(result: dict[str, Any], shown: str | Iterable[Block], as_json: bool) -> None:
-    """Print a result: one JSON object, or blocks or a text for people, with long notes in several lines.
+    """Print a result as one JSON object, or as blocks or text with wrapped notes.
 
     Parameters
     ----------
     result : dict of str to Any
-        Plain data; a number that is not finite becomes null.
+        Plain data; numbers that are not finite become null.
     shown : str or iterable of blocks
-        The same for people.
+        The result in readable form.
     as_json : bool
-        Whether the object is printed.
+        True to print the JSON object.
     """
     if as_json:
         print(json.dumps(replace_non_finite_by_none(result), allow_nan=False))
@@ -336,16 +336,16 @@ def print_result(result: dict[str, Any], shown: str | Iterable[Block], as_json: 
 
 
 def _wrap_note(line: str) -> str:
-    """Return a line, a note in several."""
+    """Wrap a line if it is a note."""
     return wrap(line, "    ") if line.lstrip().startswith("note: ") else line
 
 
 def _check_working_directory() -> None:
-    """Refuse surroundings that no command can run in, before what stumbles over them is imported."""
+    """Refuse an unusable working directory or NUMBA_NUM_THREADS before imports that would fail."""
     try:
         os.getcwd()
     except OSError:
-        raise InputError("the working directory is not there any more; change to one that is") from None
+        raise InputError("the working directory no longer exists; change to another one") from None
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if threads.lstrip("+-").isdecimal() and not float(threads) > 0:
-        raise InputError(f"NUMBA_NUM_THREADS = {threads!r}; give at least 1, or leave it out")
+        raise InputError(f"NUMBA_NUM_THREADS = {threads!r}; give 1 or more, or unset it")

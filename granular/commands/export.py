@@ -1,4 +1,4 @@
-"""The command ``export``: a run for other programs."""
+"""The command ``export``: convert a run for other programs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ examples:
   %(prog)s runs/bed --format csv -o tables           # scalars.csv and grains.csv
   %(prog)s bed --format lammps -o deck               # also of a scene""")
 def export(
-    run: Annotated[str, Option("directory that a run was written to; for 'lammps' also a scene", "RUN")],
+    run: Annotated[str, Option("directory of a run; for 'lammps' also a scene", "RUN")],
     *,
     changes: Changes,
     kind: Annotated[
@@ -27,15 +27,15 @@ def export(
         EXPORTERS,
         Option(
             "GSD, extended XYZ, VTK files for ParaView, tables, or a LAMMPS input deck; installed packages "
-            "may bring more",
+            "may add more",
             name="--format",
         ),
     ],
     out: Annotated[str, Option("file; a directory for all but 'gsd' and 'extxyz'", "PATH", "-o")],
     dt: Annotated[
-        TimeStep | None, Option("longest time step of the LAMMPS deck [s], or such as auto/2")
+        TimeStep | None, Option("longest time step of the LAMMPS deck [s], or for example auto/2")
     ] = None,
-    force: Annotated[bool, Option("replace what is there")] = False,
+    force: Annotated[bool, Option("replace existing files")] = False,
     output: Output,
 ) -> None:
     """Write a run for other programs."""
@@ -48,7 +48,7 @@ def export(
         result = exporter.write(changes.load_scene_or_run(run), out, dt=step, overwrite=force)
         figures, text = {}, f"{exporter.contents} written to {out}"
     elif changes.changes or dt is not None:
-        raise InputError("--set and --dt are for formats of scenes, such as lammps; leave them out")
+        raise InputError("--set and --dt are for formats of scenes, such as lammps; remove them")
     else:
         trajectory = load_trajectory(run)
         result = exporter.write(trajectory, out, overwrite=force, progress=output.progress)

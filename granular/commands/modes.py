@@ -1,4 +1,4 @@
-"""The command ``modes``: small motions of a settled bed, without a time step."""
+"""The command ``modes``: small motions of a settled bed, without time stepping."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ examples:
   %(prog)s damper --friction 0.02
   %(prog)s runs/bed --json
 
-A scene is run up to its first rest; of a run, the last frame is taken. Both need a free piston.""")
+A scene is run to its first rest; for a run the last frame is used. Both need a free piston.""")
 def modes(
     source: Annotated[str, Option("scene, which is settled first, or directory of a run", "SCENE|RUN")],
     *,
@@ -29,8 +29,9 @@ def modes(
     friction: Annotated[
         Fraction | None,
         Option(
-            "static coefficient of the grains on the plates, with a dynamic one of 3/4 of it; the scene's "
-            "without",
+            "static friction coefficient of the grains on the plates, with a dynamic one of 3/4 of it; "
+            "default: "
+            "the scene's",
             "MU",
         ),
     ] = None,
@@ -40,7 +41,7 @@ def modes(
     beds: Annotated[int | None, Option("means of the slopes over N settled beds, ± deviation", "N")] = None,
     output: Output,
 ) -> None:
-    """Equilibrium, roots, modes and slopes of a bed, without a time step."""
+    """Equilibrium, roots, modes and slopes of a bed, without time stepping."""
     from granular.linear.bed_forces import check_free_piston
     from granular.linear.equilibrium import equilibrium_from, settled_state
     from granular.linear.friction import has_friction, motion_friction
@@ -50,14 +51,14 @@ def modes(
     from granular.studies.bed_slopes import settled_beds, slopes_over_beds
 
     loaded = changes.load_scene_or_run(source)
-    at_run = isinstance(loaded, Path)
+    from_run = isinstance(loaded, Path)
     bed = load_trajectory(loaded) if isinstance(loaded, Path) else loaded
     scene = bed.scene if isinstance(bed, Trajectory) else bed
     check_free_piston(scene)
     started, over = time.perf_counter(), None
     if beds is not None:
         over = slopes_over_beds(scene, beds, progress=output.progress)
-    reuse = over is not None and not at_run
+    reuse = over is not None and not from_run
     state = settled_beds(scene, 1, progress=False)[0] if reuse else settled_state(bed)
     began = time.perf_counter()
     motions = small_motions(equilibrium_from(*state))
@@ -69,7 +70,7 @@ def modes(
     if over is not None:
         motions = dataclasses.replace(motions, slopes=over.mean, deviation=over.deviation)
     took = f"computed in {seconds:.1f} s"
-    if not at_run:
+    if not from_run:
         took += f", after {began - started:.1f} s for a run of the scene to rest"
     blocks = [*motions.blocks(), *([] if rubbing is None else [Printout(str(rubbing))]), Text(took)]
     if out is not None:

@@ -1,4 +1,4 @@
-"""The commands ``observe`` and ``defects``: what a run shows, as tables."""
+"""The commands ``observe`` and ``defects``: observables and defects of a run, as tables."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ mine.py:
       return np.nanmax(np.linalg.norm(frame.forces, axis=1))""")
 def observe(
     run: RunDirectory,
-    names: Annotated[tuple[str, ...], Option("of an observable; see below, or your own", "NAME")],
+    names: Annotated[tuple[str, ...], Option("name of an observable; see below, or a custom one", "NAME")],
     *,
     own: OwnCode,
     out: Annotated[str | None, Option("write the table to this CSV file", "FILE", "-o")] = None,
-    force: Annotated[bool, Option("replace the file if it is there")] = False,
+    force: Annotated[bool, Option("replace an existing file")] = False,
     output: Output,
 ) -> None:
-    """Observables of every frame of a run, as a table."""
+    """Observables of each frame of a run, as a table."""
     from granular.observables.catalogue import OBSERVABLES, observables_table
     from granular.run.trajectory import load_trajectory
 
@@ -70,7 +70,7 @@ examples:
 
 what is written to the directory:
   tracks.csv   kind, life, Burgers vector, speed, glide and climb of each defect
-  events.csv   births, annihilations, reactions, and what enters and leaves at the rim
+  events.csv   births, annihilations, reactions, and defects that enter and leave at the rim
   paths.csv    where each defect was in each frame
   paths.png    the paths over the Voronoi cells of the last frame""")
 def defects(
@@ -78,12 +78,10 @@ def defects(
     *,
     start: Annotated[Seconds, Option("first time", "T")] = 0.0,
     stop: Annotated[Seconds | None, Option("last time", "T")] = None,
-    reach: Annotated[
-        float | None, Option("largest displacement from frame to frame, in spacings", "A")
-    ] = None,
-    memory: Annotated[int | None, Option("frames that a defect may be out of sight", "N")] = None,
-    least: Annotated[int | None, Option("leave out what was seen in fewer frames", "N")] = None,
-    out: Annotated[str | None, Option("write tables and a picture there", "DIR", "-o")] = None,
+    reach: Annotated[float | None, Option("largest displacement between frames, in spacings", "A")] = None,
+    memory: Annotated[int | None, Option("frames for which a defect may be undetected", "N")] = None,
+    least: Annotated[int | None, Option("minimum number of frames of a defect", "N")] = None,
+    out: Annotated[str | None, Option("directory for tables and a picture", "DIR", "-o")] = None,
     output: Output,
 ) -> None:
     """Follow dislocations, vacancies and other defects of a run from frame to frame."""

@@ -1,4 +1,4 @@
-"""Options that commands of all three packages share."""
+"""Options shared by commands of all three packages."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 def _parse_time_step(text: str) -> float | str:
-    """Read a time step: seconds, a quantity, or a multiple of "auto" [s]."""
+    """Read a time step [s]: seconds, a quantity, or a multiple of "auto"."""
     from granular.schema.units import si_value
 
     return text if text.startswith("auto") else si_value(text, "s")
 
 
 SceneName = Annotated[str, Option("name of a packaged scene, or path to a TOML file", "SCENE")]
-RunDirectory = Annotated[str, Option("directory that a run was written to", "RUN")]
+RunDirectory = Annotated[str, Option("directory of a run", "RUN")]
 TimeStep = Annotated[
     float | str,
     Reader(_parse_time_step),
@@ -33,9 +33,7 @@ TimeStep = Annotated[
 MethodName = Annotated[
     str, Option("integration method, by name (stormer-verlet); the command 'scenes --methods' lists them")
 ]
-ThreadCount = Annotated[
-    int | None, Option("number of threads; the result is the same to the last bit with any number")
-]
+ThreadCount = Annotated[int | None, Option("number of threads; the result has the same bits for any number")]
 Accuracy = Annotated[
     str | None,
     Option("choose dt, method and sum over pairs for this error, such as '1e-3 rest height'", "TEXT"),
@@ -45,26 +43,26 @@ WorkerCount = Annotated[int | None, Option("processes (all processors)", "N")]
 
 @dataclasses.dataclass(frozen=True)
 class Output:
-    """Options of printing."""
+    """Options of output."""
 
     json: Annotated[bool, Option("print one JSON object")] = False
     quiet: Annotated[bool, Option("no progress bar")] = False
 
     @property
     def progress(self) -> bool:
-        """Return true if long work shows a bar."""
+        """True if long work shows a progress bar."""
         return not self.quiet
 
 
 @dataclasses.dataclass(frozen=True)
 class OwnCode:
-    """Files of the user's own, which are run first."""
+    """User files that are run first."""
 
     user_files: Annotated[
         tuple[str, ...],
         Option(
-            "run this Python file of yours first: its effects, methods and measures are then known by their "
-            "names (repeatable)",
+            "run your Python file first; its effects, methods and measures are then available by name "
+            "(repeatable)",
             "FILE",
             name="--import",
         ),
@@ -79,13 +77,13 @@ class OwnCode:
 
 @dataclasses.dataclass(frozen=True)
 class Changes(OwnCode):
-    """Changes of a scene, which may name effects of the user's own."""
+    """Changes of a scene, which may use custom effects."""
 
     changes: Annotated[
         tuple[str, ...],
         Option(
             "change the scene: dotted key and value, such as piston.mass=6.5 or "
-            "'effects.drag.coefficient=0.2 kg/s'; 'none' takes a part away (repeatable)",
+            "'effects.drag.coefficient=0.2 kg/s'; 'none' removes a part (repeatable)",
             "KEY=VALUE",
             name="--set",
         ),
@@ -96,7 +94,7 @@ class Changes(OwnCode):
         return scene.replace(**self.values())
 
     def values(self) -> dict[str, Any]:
-        """Read the changes by their dotted keys."""
+        """Read the changes, a dict by dotted key."""
         values: dict[str, Any] = {}
         for key, value in _split_pairs("--set", self.changes, "KEY=VALUE", "for instance piston.mass=6.5"):
             try:
@@ -106,7 +104,7 @@ class Changes(OwnCode):
         return values
 
     def load(self, name: str) -> Scene:
-        """Load a scene with the changes, after the user's own code."""
+        """Load a scene with the changes, after the user's code."""
         from granular.scene.named_scenes import load_scene
 
         self.run()
@@ -126,7 +124,7 @@ class Changes(OwnCode):
 
 @dataclasses.dataclass(frozen=True)
 class Parts:
-    """Tolerances of a scene's parts."""
+    """Tolerances of the parts of a scene."""
 
     parts: Annotated[
         tuple[str, ...],
@@ -137,13 +135,13 @@ class Parts:
             name="--part",
         ),
     ] = ()
-    usual: Annotated[bool, Option("usual tolerances of all parts that the scene names")] = False
+    usual: Annotated[bool, Option("usual tolerances of all parts named in the scene")] = False
 
     def __bool__(self) -> bool:
         return bool(self.parts) or self.usual
 
     def of_scene(self, scene: Scene | None) -> dict[str, str | float]:
-        """Read tolerances by their keys: the usual ones, and those that were given."""
+        """Read tolerances, a dict by key: the usual ones, overridden by the given ones."""
         tolerances: dict[str, str | float] = {}
         if self.usual and scene is not None:
             from granular.studies.tolerances import usual_parts

@@ -19,9 +19,9 @@ examples:
   %(prog)s runs/bed -o slow.mp4 --speed 0.1
 
 colours:
-  species       which species a grain is of
+  species       species of each grain
   speed         of each grain
-  force         magnitude of the resulting force of grains and walls on each grain
+  force         magnitude of the total force of grains and walls on each grain
   compression   sum of the magnitudes of the forces of grains and walls on each grain
   pressure      of each grain, by its virial and its Voronoi cell
   sides         number of sides of the Voronoi cells, drawn
@@ -31,21 +31,22 @@ def render(
     run: RunDirectory,
     *,
     out: Annotated[str, Option("a still (.png, .svg, .pdf) or a movie (.mp4, .gif)", "FILE", "-o")],
-    colour: Annotated[str, Option("what the colours show; see below")] = "species",
+    colour: Annotated[str, Option("quantity shown by the colours; see below")] = "species",
     frame: Annotated[int | None, Option("number of the still's frame, -1 for the last", "N")] = None,
     time: Annotated[Seconds | None, Option("take the frame nearest to this time [s]", "T")] = None,
-    stage: Annotated[str | None, Option("the movie shows this stage only", "NAME")] = None,
-    fps: Annotated[Hertz | None, Option("pictures a second of the movie (25)", "F")] = None,
+    stage: Annotated[str | None, Option("stage for the movie (all)", "NAME")] = None,
+    fps: Annotated[Hertz | None, Option("pictures per second of the movie (25)", "F")] = None,
     speed: Annotated[
         str | None,
         Option(
-            "seconds of the run in a second of the movie (1: real time); 'frames' for a picture a frame of "
+            "seconds of the run per second of the movie (1: real time); 'frames' for one picture per frame "
+            "of "
             "the run",
             "X",
         ),
     ] = None,
     width: Annotated[int | None, Option("width of the movie, 760 to 960 (960)", "PIXELS")] = None,
-    force: Annotated[bool, Option("replace the file if it is there")] = False,
+    force: Annotated[bool, Option("replace an existing file")] = False,
     own: OwnCode,
     output: Output,
 ) -> None:
@@ -56,7 +57,7 @@ def render(
     own.run()
     if Path(out).suffix.lower() in WRITERS:
         if frame is not None or time is not None:
-            raise InputError("--frame and --time are for stills; choose a movie's part with --stage")
+            raise InputError("--frame and --time are for stills; select a part of a movie with --stage")
         settings = given(fps=fps, width=width, stage=stage)
         playback = _parse_playback_speed(speed)
         path = movie(
@@ -65,11 +66,11 @@ def render(
     else:
         if (stage, fps, speed, width) != (None, None, None, None):
             raise InputError(
-                "--stage, --fps, --speed and --width are for movies (-o bed.mp4); choose a still's "
-                "frame with --frame or --time"
+                "--stage, --fps, --speed and --width are for movies (-o bed.mp4); select the "
+                "frame of a still with --frame or --time"
             )
         if frame is not None and time is not None:
-            raise InputError("--frame and --time name two frames; give one of them")
+            raise InputError("--frame and --time both select a frame; give one of them")
         drawing = still(run, -1 if frame is None else frame, time=time, colour=colour)
         path = save_picture(drawing, out, overwrite=force)
     print_result({"file": str(path), "colour": colour}, f"drawn to {path}", output.json)

@@ -30,19 +30,19 @@ examples:
   %(prog)s bed --t-end 0.5 -o runs/bed
   %(prog)s damper --set piston.mass=6.5 --set 'effects.drag.coefficient=0.2 kg/s'
   %(prog)s damper --accuracy '1e-2 rest height'
-  %(prog)s damper -o runs/damper --resume     # goes on after Ctrl-C""")
+  %(prog)s damper -o runs/damper --resume     # continues after Ctrl-C""")
 def run(
     scene: SceneName,
     *,
     changes: Changes,
     out: Annotated[str | None, Option("directory to write the run to", "DIR", "-o")] = None,
-    t_end: Annotated[Seconds | None, Option("stop at this time, as 0.5 or '500 ms'", "T")] = None,
-    resume: Annotated[bool, Option("go on with the run in DIR")] = False,
+    t_end: Annotated[Seconds | None, Option("stop at this time, such as 0.5 or '500 ms'", "T")] = None,
+    resume: Annotated[bool, Option("continue the run in DIR")] = False,
     dt: TimeStep = "auto",
     method: MethodName = "stormer-verlet",
     threads: ThreadCount = None,
     accuracy: Accuracy = None,
-    engine: Annotated[str, Option("what advances the bed: numba, or an installed engine", "NAME")] = "numba",
+    engine: Annotated[str, Option("engine for the bed: numba, or an installed one", "NAME")] = "numba",
     output: Output,
 ) -> None:
     """Run a scene."""
@@ -70,7 +70,7 @@ def _run_outcome_text(done: Trajectory) -> tuple[dict[str, Any], str]:
     figures = run_statistics(done) | {"price": work_precision_text(done)}
     lines = [run_text(done)]
     if done.path is None:
-        lines.append("nothing is kept of the run; -o DIR keeps it")
+        lines.append("the run is not stored; -o DIR stores it")
     if "accuracy" in figures:
         lines.append(f"chosen for {figures['accuracy']}")
     return figures, "\n".join([*lines, figures["price"]])
@@ -78,7 +78,7 @@ def _run_outcome_text(done: Trajectory) -> tuple[dict[str, Any], str]:
 
 @command("""\
 example:
-  %(prog)s study.toml -o studies/mass      # again: goes on where it was
+  %(prog)s study.toml -o studies/mass      # again: continues
 
 study.toml:
   scene = "damper"
@@ -93,11 +93,11 @@ study.toml:
 def sweep(
     study: Annotated[str, Option("the study's TOML file", "STUDY")],
     *,
-    out: Annotated[str, Option("directory that keeps what is done", "DIR", "-o")],
+    out: Annotated[str, Option("directory for the results", "DIR", "-o")],
     workers: WorkerCount = None,
     dask: Annotated[str | None, Option("run on the Dask cluster at this address", "ADDRESS")] = None,
     mpi: Annotated[bool, Option("run on the ranks of mpi4py.futures")] = False,
-    keep_runs: Annotated[bool, Option("keep the whole runs too")] = False,
+    keep_runs: Annotated[bool, Option("also keep the complete runs")] = False,
     own: OwnCode,
     output: Output,
 ) -> None:
@@ -109,7 +109,7 @@ def sweep(
 
     settings = load_study(study, own.run())
     if workers is not None and workers < 1:
-        raise InputError(f"--workers {workers}; give at least 1")
+        raise InputError(f"--workers {workers}; give 1 or more")
     with cluster_executor(dask, mpi) as pool:
         done = run_study(
             settings.pop("scene"),
@@ -140,5 +140,5 @@ def sweep(
         errors = [outcome.error for outcome in done.outcomes if outcome.cause is not None]
         raise GranularError(
             f"{len(errors)} of {len(done.cases)} cases could not be computed, the first because of "
-            f"{errors[0]}; correct that, and the same command goes on with them"
+            f"{errors[0]}; correct that, and the same command continues with them"
         )

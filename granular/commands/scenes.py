@@ -26,8 +26,7 @@ def scenes(
     warm_up: Annotated[
         tuple[str, ...] | None,
         Option(
-            "compile what these scenes need, once and for all later starts: names or TOML files (all "
-            "packaged scenes)",
+            "compile and cache the code for these scenes: names or TOML files (default: all packaged scenes)",
             "SCENE",
             nargs="*",
         ),
@@ -48,7 +47,7 @@ def scenes(
 
 
 def _list_scenes(output: Output) -> None:
-    """List the packaged scenes, and what scenes can name."""
+    """List the packaged scenes, and the available parts of scenes."""
     from granular.effects.effect import EFFECTS, WALL_LAWS
     from granular.effects.walls import LAWS
     from granular.methods.tables import METHODS
@@ -70,12 +69,12 @@ def _list_scenes(output: Output) -> None:
         "engines": ENGINES,
         "observables": OBSERVABLES,
     }
-    more = [f"{what}: {', '.join(some)}" for what, some in known.items()]
+    more = [f"{kind}: {', '.join(names)}" for kind, names in known.items()]
     print_result(first, "\n".join([*lines, "", *more]), output.json)
 
 
 def _list_methods(output: Output) -> None:
-    """List the methods that are built in, those of the user's own, and those installed."""
+    """List the built-in, custom and installed methods."""
     from granular.methods.tables import METHODS
 
     plain = {name: method.to_plain() for name, method in METHODS.working().items()}
@@ -83,7 +82,7 @@ def _list_methods(output: Output) -> None:
 
 
 def _warm_up(names: tuple[str, ...], changes: Changes, output: Output) -> None:
-    """Compile what scenes need."""
+    """Compile and cache the kernels of scenes."""
     from granular.compiled.numba_insides import kernel_cache_folder
     from granular.run.simulation import compile_and_cache_kernels
     from granular.scene.named_scenes import load_scene, scene_names
@@ -92,9 +91,7 @@ def _warm_up(names: tuple[str, ...], changes: Changes, output: Output) -> None:
     seconds = compile_and_cache_kernels(scenes)
     folder = kernel_cache_folder()
     if folder is None:
-        raise InputError(
-            "there is no folder to keep compiled code in; name one of your own in NUMBA_CACHE_DIR"
-        )
+        raise InputError("there is no folder for compiled code; set NUMBA_CACHE_DIR to a folder of yours")
     lines = [f"{name}: {time:.1f} s" for name, time in seconds.items()]
     print_result(
         {"seconds": seconds, "folder": str(folder)},
@@ -117,7 +114,7 @@ def show(
     threads: ThreadCount = None,
     output: Output,
 ) -> None:
-    """Tell what a scene holds, in SI and in natural units, and how it is run."""
+    """Describe a scene, in SI and in natural units, and the plan of its run."""
     from granular.run.plan import plan
     from granular.run.summary import derived_scene_values, scene_text
 
@@ -135,7 +132,7 @@ examples:
 def schema(
     *,
     of: Annotated[Literal["scene", "study"], Option("kind of file")] = "scene",
-    out: Annotated[str | None, Option("write it there instead of printing it", "FILE", "-o")] = None,
+    out: Annotated[str | None, Option("file for the schema, instead of printing it", "FILE", "-o")] = None,
 ) -> None:
     """Print the JSON schema of scene or study files, for editors."""
     from granular.scene.json_schema import scene_schema, study_schema

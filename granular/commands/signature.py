@@ -1,17 +1,17 @@
 """Options of a command, from the signature of the function that carries it out.
 
     def run(
-        scene: SceneName,  # an argument of the command, since it has its place in Python too
+        scene: SceneName,  # an argument of the command, since it is positional in Python
         *,
-        t_end: Annotated[Seconds | None, Option("stop at this time, as 0.5 or '500 ms'", "T")] = None,
-        resume: Annotated[bool, Option("go on with the run in DIR")] = False,
+        t_end: Annotated[Seconds | None, Option("stop at this time, such as 0.5 or '500 ms'", "T")] = None,
+        resume: Annotated[bool, Option("continue the run in DIR")] = False,
         output: Output,  # a dataclass: a group of options
     ) -> None:
         \"\"\"Run a scene.\"\"\"
 
-``t_end`` is ``--t-end T``, read as a time in SI; a tuple is an option that may be given several
-times, a `Literal` a choice, a `Registry` one of its names, and what has no default is required.
-Annotations are evaluated, so their names are imported where the module is.
+``t_end`` is ``--t-end T``, read as a time in SI. A tuple is an option that may be given several
+times, a `Literal` a choice, and a `Registry` one of its names; parameters without a default are
+required. Annotations are evaluated, so their names are imported at run time.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _NONE = type(None)
 
 
 class Option(NamedTuple):
-    """Help of an option or argument, and its names if they are not those in Python."""
+    """Help of an option or argument, and its names if they differ from Python's."""
 
     help: str
     metavar: str | None = None
@@ -39,13 +39,13 @@ class Option(NamedTuple):
 
 
 class Reader(NamedTuple):
-    """Function that reads an option's text, and raises an error of the toolkit."""
+    """Function that reads an option's text, and may raise an error of the toolkit."""
 
     read: Callable[[str], Any]
 
 
 def quantity(unit: str) -> Reader:
-    """Make the reader of a quantity, such as '500 ms', in SI."""
+    """Make a reader of quantities, such as '500 ms', in SI."""
 
     def read(text: str) -> float:
         from granular.schema.units import si_value
@@ -79,7 +79,7 @@ def add_options(parser: argparse._ActionsContainer, carry_out: Callable[..., Non
 
 
 def add_group(parser: argparse._ActionsContainer, group: Any) -> None:
-    """Add the options of a group, a dataclass, to a parser, below its title if it has one."""
+    """Add the options of a group, a dataclass, to a parser, under its title if it has one."""
     title = getattr(group, "title", None)
     target = parser if title is None else parser.add_argument_group(title)
     for member in _members(group):
@@ -87,7 +87,7 @@ def add_group(parser: argparse._ActionsContainer, group: Any) -> None:
 
 
 def arguments_of(carry_out: Callable[..., None], options: argparse.Namespace) -> dict[str, Any]:
-    """Gather the arguments of a function from the options that were parsed."""
+    """Collect the arguments of a function from the parsed options."""
     arguments: dict[str, Any] = {}
     for field in _fields(carry_out):
         if dataclasses.is_dataclass(field.hint):
@@ -121,7 +121,7 @@ def _parsed(field: _Field, options: argparse.Namespace) -> Any:
 
 
 def _flatten(hint: Any) -> Iterator[Any]:
-    """Types and notes inside an annotation."""
+    """Yield the types and notes of an annotation."""
     if get_origin(hint) is Annotated:
         inner, *notes = get_args(hint)
         yield from reversed(notes)  # the outermost first
@@ -135,17 +135,17 @@ def _flatten(hint: Any) -> Iterator[Any]:
 
 def _add_option(parser: argparse._ActionsContainer, field: _Field) -> None:
     parts = list(_flatten(field.hint))
-    about = next(part for part in parts if isinstance(part, Option))
+    option = next(part for part in parts if isinstance(part, Option))
     names = [field.name]
     if field.is_option:
-        long = about.name or f"--{field.name.replace('_', '-')}"
-        names = [long] if about.short is None else [about.short, long]
-    parser.add_argument(*names, **_settings(field, about, parts))
+        long = option.name or f"--{field.name.replace('_', '-')}"
+        names = [long] if option.short is None else [option.short, long]
+    parser.add_argument(*names, **_settings(field, option, parts))
 
 
-def _settings(field: _Field, about: Option, parts: list[Any]) -> dict[str, Any]:
+def _settings(field: _Field, option: Option, parts: list[Any]) -> dict[str, Any]:
     """Make the settings of argparse for an option or an argument."""
-    settings: dict[str, Any] = {"help": about.help}
+    settings: dict[str, Any] = {"help": option.help}
     required = field.default is inspect.Parameter.empty
     if field.is_option:
         settings |= {"dest": field.name, "required": required}
@@ -153,8 +153,8 @@ def _settings(field: _Field, about: Option, parts: list[Any]) -> dict[str, Any]:
         settings["default"] = field.default
     if bool in parts:
         return settings | {"action": argparse.BooleanOptionalAction if _NONE in parts else "store_true"}
-    if about.metavar is not None:
-        settings["metavar"] = about.metavar
+    if option.metavar is not None:
+        settings["metavar"] = option.metavar
     choices = [part for part in parts if get_origin(part) is Literal]
     if choices:
         settings["choices"] = get_args(choices[0])
@@ -166,8 +166,8 @@ def _settings(field: _Field, about: Option, parts: list[Any]) -> dict[str, Any]:
         settings["type"] = _refuse_by_argparse(readers[0])
     elif number := next((kind for kind in (int, float) if kind in parts), None):
         settings["type"] = number
-    if about.nargs is not None:
-        settings["nargs"] = about.nargs
+    if option.nargs is not None:
+        settings["nargs"] = option.nargs
     elif Ellipsis in parts and field.is_option:
         settings |= {"action": "append", "default": None}
     elif Ellipsis in parts:
@@ -176,7 +176,7 @@ def _settings(field: _Field, about: Option, parts: list[Any]) -> dict[str, Any]:
 
 
 def _refuse_by_argparse(read: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Let argparse name the option whose text a reader refuses."""
+    """Convert errors of a reader to errors of argparse, which name the option."""
 
     def type_of_option(text: str) -> Any:
         try:

@@ -22,12 +22,12 @@ def silo(
     openings: Annotated[
         tuple[Metres, ...],
         Option(
-            "width of the opening, such as '48 mm'; may be given several times (2, 3, 4, 6, 8, 10, 12 D)",
+            "width of the opening, such as '48 mm' (repeatable; default 2, 3, 4, 6, 8, 10, 12 D)",
             "B",
             name="--opening",
         ),
     ] = (),
-    starts: Annotated[int, Option("random starts (3)", "N")] = 3,
+    starts: Annotated[int, Option("number of random packings (3)", "N")] = 3,
     out: Annotated[str | None, Option("directory for silo.png: the rates and the law", "DIR", "-o")] = None,
     output: Output,
 ) -> None:

@@ -1,4 +1,4 @@
-"""The command ``tolerances``: standard deviations of a damper's figures by those of its parts."""
+"""The command ``tolerances``: standard deviations of a damper's properties from tolerances of its parts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ examples:
   %(prog)s damper --part grains.remanence=2.5%% --part cell.width="0.2 mm" --draws 200
   %(prog)s my-damper.toml --usual --part "grains.temperature=5 K" -o out/tolerances
 
-A tolerance is a standard deviation: of limits ± a between which nothing is known, a/1.73.""")
+A tolerance is a standard deviation; for a uniform distribution between limits ± a it is a/1.73.""")
 def tolerances(
     scene: SceneName,
     *,
@@ -27,23 +27,23 @@ def tolerances(
     amplitude: Annotated[
         Metres | None,
         Option(
-            "amplitude at which the scene's dry friction adds to the damping ratio; small motions without "
-            "friction if not given",
+            "amplitude at which dry friction of the scene adds to the damping ratio; default: small motions "
+            "without friction",
             "A",
         ),
     ] = None,
     beds: Annotated[int, Option("settled beds to average over (4)", "N")] = 4,
     draws: Annotated[
         int | None,
-        Option("dampers with all parts drawn at once (200 if slopes alone are not enough, else none)", "N"),
+        Option("dampers with all parts drawn randomly (200 if slopes do not suffice, else none)", "N"),
     ] = None,
-    seed: Annotated[int, Option("of the drawn numbers (0)")] = 0,
+    seed: Annotated[int, Option("seed of the random numbers (0)")] = 0,
     out: Annotated[
         str | None, Option("directory for report.html: the table, and bars of all parts", "DIR", "-o")
     ] = None,
     output: Output,
 ) -> None:
-    """Equilibrium, frequency and damping of a damper by the tolerances of its parts."""
+    """Effect of the tolerances of a damper's parts on equilibrium, frequency and damping."""
     from granular.studies.study_page import tolerances_page
     from granular.studies.tolerances import tolerances as find_tolerances
 

@@ -112,7 +112,8 @@ def _header_number(header: dict[str, list[str]], name: str, channel: int, decima
 def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
     """Read the group of a LabVIEW TDMS file that ``sheet`` names, or else the first with samples."""
     (groups, notes), arrays = read_within_limits(list_channels, content)
-    filled = {name: found for name, found in options.select_table(groups, "group").items() if found}
+    selected = options.select_table(groups, "group")
+    filled = {name: channels for name, channels in selected.items() if channels}
     if not filled:
         raise RecordError("holds no channel with samples; export it again")
     name, channels = next(iter(filled.items()))

@@ -58,9 +58,8 @@ class PistonRecord:
         Independent deviations of columns from the uncertainty of a calibration, one standard
         uncertainty each; they widen the confidence intervals of fits. Not checked.
     measured : str
-        Measured column, to which laws are fitted: ``"height"``; ``"velocity"`` or ``"acceleration"`` for a
-        record without a position, whose ``height`` is then the high-passed integral with zero mean,
-        for first guesses; ``"force"`` if the height is a prescribed stroke.
+        Column to which laws are fitted: ``"height"``; ``"velocity"`` or ``"acceleration"`` without a
+        position (then ``height`` is the high-passed integral, for first guesses); ``"force"`` of a stroke.
     source : RecordSource or None
         File (with digest and calibration) or scene of the record, and notes on its samples.
     complete : bool
@@ -187,9 +186,8 @@ class PistonRecord:
         """Read a record from a file of an instrument or a program.
 
         CSV and similar text in any encoding, with preambles, rows of units, decimal commas, missing samples,
-        dates and times of day; LabVIEW measurements; and by suffix Parquet (``.parquet``, ``.pq``),
-        workbooks (``.xlsx``, ``.ods``), TDMS and MATLAB files. A ``record.toml`` holds the options for
-        another file.
+        dates and times of day; LabVIEW measurements; by suffix Parquet (``.parquet``, ``.pq``), workbooks
+        (``.xlsx``, ``.ods``), TDMS and MATLAB files. A ``record.toml`` holds the options for a file.
 
         The roles of columns follow from their names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
         ``displacement``, ``angle``, ...) and units (``height [mm]``, ``height_mm``, ...); without a unit,

@@ -1,4 +1,4 @@
-"""Types of arrays with their shapes: jaxtyping's for checkers of types alone, as its import takes time."""
+"""Types of arrays with shapes, by jaxtyping; only for type checkers, since its import takes time."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,4 +1,4 @@
-"""Blocks by which results are shown: plain data, rendered for a page, a terminal, a notebook and LaTeX."""
+"""Blocks for the display of results: plain data, rendered as page, terminal text, notebook and LaTeX."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Text(NamedTuple):
 
 
 class Caution(NamedTuple):
-    """A paragraph that must not be overlooked."""
+    """A highlighted warning."""
 
     words: str
 
@@ -40,7 +40,7 @@ class Items(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Rows of cells below a header; rows of another width than the header raise ValueError."""
+    """Rows of cells below a header; rows whose width differs from the header raise ValueError."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[object]]
@@ -51,7 +51,7 @@ class Table:
 
     @property
     def has_header(self) -> bool:
-        """Return true if a column has a name."""
+        """True if a column has a name."""
         return any(self.header)
 
     def __str__(self) -> str:
@@ -60,27 +60,27 @@ class Table:
 
 
 class Printout(NamedTuple):
-    """Lines in letters of one width, such as a scene's text."""
+    """Lines in a fixed-width font, such as a scene's text."""
 
     words: str
 
 
 class Equation(NamedTuple):
-    """A formula as MathML, and as a terminal writes it."""
+    """A formula as MathML, and as plain text for a terminal."""
 
     mathml: str
     words: str = ""
 
 
 class Picture(NamedTuple):
-    """A figure, drawn when a page needs it."""
+    """A figure, drawn on demand."""
 
     draw: Callable[[], Figure]
     caption: str
 
 
 class OwnBlock(Protocol):
-    """A block of another kind: its HTML for pages and notebooks; `str` is its text for a terminal."""
+    """A custom block, with HTML for pages and notebooks; `str` gives its text for a terminal."""
 
     def _repr_html_(self) -> str: ...
 
@@ -92,7 +92,7 @@ _BLOCKS = (Heading, Text, Caution, Items, Table, Printout, Equation, Picture)
 ADDED_BLOCKS = Registry[Callable[[Any], Iterable[Block]]](
     "report block", "granular.blocks", {}, lambda _, make: callable(make), "a function of a result"
 )
-"""Functions by which packages add blocks to the page of a result; they return () for other results."""
+"""Functions by which packages add blocks to the page of a result; they return () if not applicable."""
 
 
 def added_blocks(result: object) -> Iterator[Block]:
@@ -111,7 +111,7 @@ def added_blocks(result: object) -> Iterator[Block]:
 
 
 def align_columns(rows: Sequence[Sequence[str]]) -> str:
-    """Align rows of texts in columns that are as wide as their widest text."""
+    """Align rows of texts in columns of sufficient width."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
     return "\n".join(line.rstrip() for line in lines)
@@ -128,17 +128,17 @@ def format_number(value: float, digits: int = 4) -> str:
 
 
 COLUMNS = 100
-"""Letters of a line."""
+"""Maximum number of characters of a line."""
 _SIGNS = {sign: f"\\{sign}" for sign in "{}$&#%_"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
 
 
 def blocks_text(blocks: Iterable[Block]) -> str:
-    """Write blocks as plain text; pictures are left to pages."""
+    """Write blocks as plain text, without pictures."""
     return "\n".join(text for text in map(block_text, _filled_sections(blocks)) if text)
 
 
 def _filled_sections(blocks: Iterable[Block]) -> Iterator[Block]:
-    """Leave away headings behind which nothing can be written."""
+    """Drop headings of sections without text."""
     heading: Heading | None = None
     for block in blocks:
         if isinstance(block, Heading):
@@ -174,7 +174,7 @@ def block_text(block: Block) -> str:
 
 
 def wrap(words: str, later: str = "") -> str:
-    """Break lines at spaces, after at most `COLUMNS` letters."""
+    """Break lines at spaces, to at most `COLUMNS` characters."""
     lines = (
         textwrap.fill(line, COLUMNS, subsequent_indent=later, break_long_words=False, break_on_hyphens=False)
         for line in words.split("\n")
@@ -183,7 +183,7 @@ def wrap(words: str, later: str = "") -> str:
 
 
 def print_blocks(blocks: Iterable[Block], stream: TextIO) -> None:
-    """Print blocks; on a terminal their tables are ruled, and broken to its width."""
+    """Print blocks; on a terminal, tables are ruled and wrapped to its width."""
     for block in _filled_sections(blocks):
         if isinstance(block, Table) and stream.isatty():
             _print_table(block, stream)
@@ -206,7 +206,7 @@ def _print_table(table: Table, stream: TextIO) -> None:
 
 
 def latex_inline_text(text: object) -> str:
-    """Format a text for use inside of a formula."""
+    """Format a text for use inside a formula."""
     return r"\text{" + "".join(_SIGNS.get(sign, sign) for sign in printable(text)) + "}"
 
 
@@ -221,5 +221,5 @@ def latex_array(table: Table) -> str:
 
 
 def latex_lines(lines: str) -> str:
-    """Format a text of a few lines as a displayed LaTeX array."""
+    """Format lines of text as a displayed LaTeX array."""
     return latex_array(Table(("",), [[line] for line in lines.splitlines()]))

@@ -10,12 +10,12 @@ from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 LONGEST = 200
-"""Signs of a user's value in a message: what is longer shows no more."""
+"""Maximum number of characters of a user's value in a message."""
 MOST = 2000
-"""Signs of a whole message."""
+"""Maximum number of characters of a message."""
 
 _MOST_SHOWN = 30
-"""Known words in a message."""
+"""Maximum number of known words in a message."""
 _MOST_TIMES = 1e6
 
 _SHORT = reprlib.Repr()
@@ -25,18 +25,18 @@ _SHORT.maxlevel = 3
 
 
 def quote(value: object) -> str:
-    """Quote a value as Python would write it, on one line of at most `LONGEST` characters."""
+    """Quote a value in Python's notation, on one line of at most `LONGEST` characters."""
     if isinstance(value, str):
         text = repr(str(value[: LONGEST + 1]))
     elif isinstance(value, int) and value.bit_length() > 1000:
-        text = f"an integer of {value.bit_length()} bits"  # Python refuses to write some
+        text = f"an integer of {value.bit_length()} bits"  # Python refuses to format very large integers
     else:
         text = sanitize(_SHORT.repr(value))
     return _shorten(text, LONGEST)
 
 
 def sanitize(text: object, most: int = LONGEST) -> str:
-    """Cut a text to one line of so many characters, with control characters as escapes."""
+    """Shorten a text to one line of ``most`` characters, with control characters as escapes."""
     return _shorten("".join(map(_escape, str(text)[: most + 1])), most)
 
 
@@ -52,7 +52,7 @@ def one_line(message: object) -> str:
     """Put a message on one line, with control characters as escapes."""
     words = " ".join(str(message).split())
     if len(words) > MOST:
-        # The end stays: it says what to do.
+        # The end is kept, since it contains the remedy.
         words = f"{words[: MOST - 400]} ... {words[-400:]}"
     return "".join(map(_escape, words))
 
@@ -96,26 +96,26 @@ __all__ = [
 
 
 class GranularError(Exception):
-    """Base of every error that the toolkit raises on purpose, but for `Interrupted`; one line of text."""
+    """Base of all errors that the toolkit raises, except `Interrupted`; the text is one line."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(one_line(message))
 
 
 class InputError(GranularError, ValueError):
-    """Something that the user gave cannot be used (the command line exits with 2); also a `ValueError`."""
+    """Invalid input from the user (the command line exits with 2); also a `ValueError`."""
 
 
 class SceneError(InputError):
-    """A scene, or a change to it, is not valid."""
+    """A scene or a change to it is not valid."""
 
 
 class CautionWarning(UserWarning):
-    """Warning that the print-out of a result repeats, as a caution or a line on its record."""
+    """Warning that is repeated in the print-out of a result."""
 
 
 class RecordWarning(CautionWarning):
-    """Guess about a record, or change of its samples."""
+    """Warning of a guess about a record, or of a change to its samples."""
 
 
 class RecordError(InputError):
@@ -127,30 +127,30 @@ class StoreError(InputError):
 
 
 class TimeBudgetError(InputError):
-    """A computation was not done within the time that it was given."""
+    """A computation exceeded its time limit."""
 
 
 class MissingPackageError(InputError, ImportError):
-    """A distribution that is needed is not installed."""
+    """A required distribution is not installed."""
 
 
 class RunError(GranularError, RuntimeError):
-    """A run cannot be trusted from some step on, and was stopped there.
+    """A run was stopped at a step from which on it cannot be trusted.
 
     Attributes
     ----------
     step : int
-        Steps made before the failure was seen.
+        Number of steps before the failure was detected.
     time : float
         Time of the failure [s].
     grain : int or None
-        Index of the grain concerned, where one is.
+        Index of the grain concerned, if any.
     value : float or None
-        The offending value, in the unit that the message names.
+        The offending value, in the unit of the message.
     remedy : str
         Change that avoids the error.
     trajectory : Trajectory or None
-        Everything that was recorded before; a copy that crossed to another process has none.
+        Records up to the failure; None in a copy sent to another process.
     """
 
     def __init__(
@@ -170,18 +170,18 @@ class RunError(GranularError, RuntimeError):
         self.value = value
         self.remedy = remedy
         self.trajectory: object = None
-        where = f"step {step}, t = {time:.9g} s" + ("" if grain is None else f", grain {grain}")
-        super().__init__(f"{where}: {cause}; {remedy}")
+        location = f"step {step}, t = {time:.9g} s" + ("" if grain is None else f", grain {grain}")
+        super().__init__(f"{location}: {cause}; {remedy}")
 
     def with_context(self, words: str, remedy: str = "") -> Self:
-        """Make the same error with words before its cause that say what is to blame.
+        """Make the same error with a likely reason before its cause.
 
         Parameters
         ----------
         words : str
-            What is to blame, such as a law of the user's own.
+            Likely reason, such as a custom law.
         remedy : str
-            Change that avoids the error; the one that it has where this is empty.
+            Change that avoids the error; the present one if empty.
 
         Returns
         -------
@@ -211,26 +211,26 @@ class EnergyError(RunError):
 
 
 class NotAtRestError(RunError):
-    """A stage that was to end at rest did not come to rest in time."""
+    """A stage that ends at rest did not come to rest in time."""
 
 
 class StepCountError(RunError):
-    """A run takes more steps than can be made, or counted."""
+    """A run needs more steps than the limit."""
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM, where a command ends as after Ctrl-C."""
+    """SIGTERM, which ends a command like Ctrl-C."""
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C, or SIGTERM where a command takes it, during a run. What was computed is kept.
+    """Ctrl-C (or SIGTERM for a command) during a run. Results up to then are kept.
 
     Attributes
     ----------
     trajectory : Trajectory
-        Everything up to the interruption.
+        Results up to the interruption.
     terminated : bool
-        Whether it was SIGTERM.
+        True for SIGTERM.
     """
 
     def __init__(self, trajectory: object, terminated: bool = False) -> None:
@@ -242,33 +242,33 @@ class Interrupted(KeyboardInterrupt):
 _FITS = "diffrax equinox jax jaxlib mpmath sympy"
 _SIMULATION = "PIL llvmlite loky numba numcodecs pandas tomli_w xarray zarr"
 NEEDED_BY = dict.fromkeys(_FITS.split(), "fits") | dict.fromkeys(_SIMULATION.split(), "simulation")
-"""Modules that an installation of one half lacks, with the group of `pyproject.toml` for each."""
+"""Modules that a partial installation lacks, with the group of `pyproject.toml` for each."""
 
 
 def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | None:
-    """Turn the error of a missing module into one that says what to install."""
+    """Convert the error of a missing module to one with the command to install it."""
     module = (error.name or "").partition(".")[0]
     if module not in NEEDED_BY:
         return None
     return MissingPackageError(
-        f"{module} is not installed; it belongs to the group {NEEDED_BY[module]!r} of what the "
-        "toolkit needs: pip install granular-damper brings all of it"
+        f"{module} is not installed; it belongs to the group {NEEDED_BY[module]!r} of the toolkit's "
+        "dependencies: pip install granular-damper installs all of them"
     )
 
 
-def import_extra(module: str, what: str, extra: str) -> Any:
-    """Import a module for what needs it, or say how to install it with an extra of the toolkit."""
+def import_extra(module: str, feature: str, extra: str) -> Any:
+    """Import a module for a feature; if it is missing, name the extra to install."""
     try:
         return importlib.import_module(module)
     except ImportError:
         raise MissingPackageError(
-            f"{what} needs the library {module.partition('.')[0].replace('_', '-')}; install it with: "
+            f"{feature} needs the library {module.partition('.')[0].replace('_', '-')}; install it with: "
             f"pip install 'granular-damper[{extra}]'"
         ) from None
 
 
 def with_missing_package_advice(attribute: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Wrap a package's ``__getattr__``, so that a missing module is reported with what to install."""
+    """Wrap a package's ``__getattr__`` to report how to install a missing module."""
 
     def get(name: str) -> Any:
         try:

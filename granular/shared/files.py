@@ -1,10 +1,10 @@
-"""Files: read within limits, written atomically by a temporary file next to the path, and kept by keys.
+"""Files: reading with limits, atomic writing by a temporary file next to the path, and result caches.
 
-Sealed files hold compiled code. It is loaded only from folders and files that belong to the user and that
-nobody else may write to, and only if it is what was written.
+Sealed files contain compiled code. It is loaded only from folders and files that belong to the user, that
+nobody else may write to, and whose digest is correct.
 
-A result cache holds plain data, each in a file named by its key. A key holds all that determines its result,
-for instance as a `digest`: results never go stale, and are the same whoever made them.
+A result cache stores plain data, one file per key. A key contains everything that determines its result, for
+instance as a `digest`: results never become outdated, and do not depend on who computed them.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from typing import Any
 from granular.shared.errors import InputError, StoreError, quote, sanitize
 
 MOST_TOML_BYTES = 16 * 2**20
-"""Largest file: the positions of 400 000 grains, which are read in half a minute."""
+"""Maximum size of a TOML file: the positions of 400 000 grains, which are read in half a minute."""
 MOST_KEY_PARTS = 20
-"""Most parts of a dotted key; a scene's have up to four, and the time grows with the square of them."""
+"""Maximum number of parts of a dotted key; scenes use up to four, and the time is quadratic in it."""
 
 _PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
 _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
@@ -40,9 +40,9 @@ _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
 
 @contextlib.contextmanager
 def write_atomically(path: Path, overwrite: bool) -> Iterator[Path]:
-    """Give a temporary path to write to, which takes the file's name when all went well."""
+    """Yield a temporary path to write to, which is renamed to the file after success."""
     check_output_file(path, overwrite)
-    # A device or a pipe is written to as it is; a link stays, and what it leads to is replaced.
+    # A device or a pipe is written to directly; a link is kept, and its target is replaced.
     if path.exists() and not path.is_file():
         try:
             yield path
@@ -52,10 +52,10 @@ def write_atomically(path: Path, overwrite: bool) -> Iterator[Path]:
             raise _unwritable_error(path, error) from None
         return
     target = Path(os.path.realpath(path))
-    # Two that write the same file simultaneously, also from two machines or as two threads, must
-    # not write into each other's part.
-    own = f"{os.getpid()}-{secrets.token_hex(4)}"
-    part = target.with_name(f".{target.stem}.{own}.part{target.suffix}")
+    # Simultaneous writers of the same file, also on different machines or in threads, need separate
+    # temporary files.
+    unique = f"{os.getpid()}-{secrets.token_hex(4)}"
+    part = target.with_name(f".{target.stem}.{unique}.part{target.suffix}")
     try:
         part.touch()
     except OSError as error:
@@ -73,7 +73,7 @@ def write_atomically(path: Path, overwrite: bool) -> Iterator[Path]:
 def write_files_atomically(
     directory: Path, names: Sequence[str], overwrite: bool
 ) -> Iterator[Callable[[str], Path]]:
-    """Give temporary paths to write several files of a directory to, which take their names together."""
+    """Yield temporary paths for several files of a directory, which are renamed together."""
     make_directory(directory)
     for name in names:
         check_output_file(directory / name, overwrite)
@@ -84,7 +84,7 @@ def write_files_atomically(
 def write_line_files(
     directory: Path, files: Mapping[str, Iterable[str]], overwrite: bool
 ) -> tuple[Path, ...]:
-    """Write text files of a directory by their names and lines, which take these names together."""
+    """Write text files of a directory, given by names and lines; they are renamed together."""
     with write_files_atomically(directory, list(files), overwrite) as place_of:
         for name, lines in files.items():
             with place_of(name).open("w", encoding="utf-8") as file:
@@ -96,7 +96,7 @@ def read_bytes(path: Path, most_bytes: int, error_type: type[InputError] = Input
     """Read a file of limited length."""
     with report_read_errors(path, most_bytes, error_type), path.open("rb") as file:
         content = file.read(most_bytes + 1)
-    if len(content) > most_bytes:  # of a file that says that it is empty, as in /proc
+    if len(content) > most_bytes:  # for files with a reported size of 0, as in /proc
         raise _too_long_error(path, most_bytes, error_type)
     return content
 
@@ -114,14 +114,14 @@ def read_text(path: Path, most_bytes: int, error_type: type[InputError] = InputE
 def report_read_errors(
     path: Path, most_bytes: int, error_type: type[InputError] = InputError
 ) -> Iterator[None]:
-    """Report errors within the block, which reads a file, in one line."""
+    """Report errors of the block, which reads a file, in one line."""
     name = sanitize(path)
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            raise error_type(f"{name}: cannot be read: it is a directory; name a file in it")
+            raise error_type(f"{name}: cannot be read: it is a directory; give a file in it")
         if not stat.S_ISREG(status.st_mode):
-            raise error_type(f"{name}: cannot be read: it is a pipe or a device; make a file of it first")
+            raise error_type(f"{name}: cannot be read: it is a pipe or a device; write it to a file first")
         if status.st_size > most_bytes:
             raise _too_long_error(path, most_bytes, error_type)
         yield
@@ -134,24 +134,24 @@ def report_read_errors(
             raise
         raise error_type(f"{name}: cannot be read: {error.strerror}; check the path") from None
     except ValueError as error:
-        # Of a path that holds a null character, or one that no file system can write.
+        # For a path with a null character, or one that the file system cannot encode.
         if "null" not in str(error) and not isinstance(error, UnicodeEncodeError):
             raise
         raise error_type(f"{name}: cannot be read: {error}; check the path") from None
 
 
 def _too_long_error(path: Path, most_bytes: int, error_type: type[InputError]) -> InputError:
-    return error_type(f"{sanitize(path)}: is too long; at most {most_bytes // 2**20} MB are read: shorten it")
+    return error_type(f"{sanitize(path)}: is too long; the limit is {most_bytes // 2**20} MB: shorten it")
 
 
 def parse_toml(text: str) -> dict[str, Any]:
     """Parse a TOML text."""
     if _DOTTED.search(text):
-        raise ValueError(f"a key of more than {MOST_KEY_PARTS} parts; write fewer dots")
+        raise ValueError(f"a key has more than {MOST_KEY_PARTS} parts; use fewer dots")
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise ValueError("tables or lists too deep within each other") from None
+        raise ValueError("tables or lists are nested too deeply") from None
 
 
 def read_toml(path: Path, error_type: type[InputError] = InputError) -> dict[str, Any]:
@@ -164,7 +164,7 @@ def read_toml(path: Path, error_type: type[InputError] = InputError) -> dict[str
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8 in one step; one of that name is replaced."""
+    """Write a text file in UTF-8 atomically; an existing file is replaced."""
     with write_atomically(path, overwrite=True) as part:
         part.write_text(text, encoding="utf-8")
 
@@ -175,7 +175,7 @@ def write_json(path: Path, plain: object) -> None:
 
 
 def replace_non_finite_by_none(plain: Any) -> Any:
-    """Copy plain data, with None in place of every number that is infinite or NaN."""
+    """Copy plain data, with None in place of infinite and NaN numbers."""
     if isinstance(plain, dict):
         return {key: replace_non_finite_by_none(value) for key, value in plain.items()}
     if isinstance(plain, list | tuple):
@@ -188,10 +188,10 @@ def replace_non_finite_by_none(plain: Any) -> Any:
 def check_output_file(path: Path, overwrite: bool) -> None:
     """Refuse a path that cannot be written to, or a file that may not be replaced."""
     if not path.name:
-        raise InputError(f"{str(path)!r} names no file; give one, such as out/bed.gsd")
+        raise InputError(f"{str(path)!r} is not a file name; give one, such as out/bed.gsd")
     try:
         if path.is_dir():
-            raise InputError(f"{path} is a directory; name a file in it")
+            raise InputError(f"{path} is a directory; give a file in it")
         if path.exists() and not overwrite:
             raise InputError(f"{path} exists; give another name, or overwrite it (--force)")
         if not path.parent.is_dir():
@@ -202,22 +202,21 @@ def check_output_file(path: Path, overwrite: bool) -> None:
 
 def _unwritable_error(path: Path, error: OSError) -> StoreError:
     return StoreError(
-        f"{path} cannot be written: {error.strerror or error}; make room, or give another place"
+        f"{path} cannot be written: {error.strerror or error}; free space, or give another path"
     )
 
 
 def make_directory(path: Path) -> None:
-    """Make a directory, and those above it, where there is none."""
+    """Make a directory and its parents, if missing."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StoreError(f"{path} cannot be made: {error.strerror}; give another place") from None
+        raise StoreError(f"{path} cannot be made: {error.strerror}; give another path") from None
 
 
 def toolkit_cache_folder() -> Path | None:
     """Folder of the toolkit among the user's caches."""
-    # An empty or relative one is ignored, as its specification says: it would be another folder in every
-    # working directory.
+    # An empty or relative path is ignored, as specified: it would depend on the working directory.
     home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if not home.is_absolute():
         try:
@@ -228,7 +227,7 @@ def toolkit_cache_folder() -> Path | None:
 
 
 def trusted_cache_folder(folder: Path | None, variable: str) -> Path | None:
-    """Folder for compiled code, made where there is none, if it can be trusted and written to."""
+    """Folder for compiled code, made if missing; None if it cannot be trusted or written to."""
     try:
         if folder is None:
             raise OSError("there is no home directory")
@@ -238,10 +237,10 @@ def trusted_cache_folder(folder: Path | None, variable: str) -> Path | None:
             raise PermissionError(f"{folder} belongs to others, or others may write to it (chmod go-w)")
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        why = f"{folder} cannot be used: {error.strerror}" if error.strerror else str(error)
+        reason = f"{folder} cannot be used: {error.strerror}" if error.strerror else str(error)
         warnings.warn(
-            f"compiled code is not kept, and every start compiles anew: {why}; set {variable} to a "
-            "folder of your own",
+            f"compiled code is not cached, and every start compiles again: {reason}; set {variable} to a "
+            "folder of yours",
             stacklevel=2,
         )
         return None
@@ -249,14 +248,14 @@ def trusted_cache_folder(folder: Path | None, variable: str) -> Path | None:
 
 
 def _belongs_to_user_alone(status: os.stat_result) -> bool:
-    """Return True where something belongs to the user, and only the user may write to it."""
+    """Return True if a file or folder belongs to the user, and only the user may write to it."""
     if not hasattr(os, "geteuid"):
-        return True  # elsewhere other rules hold, and a user's folders are private
+        return True  # on other systems a user's folders are private
     return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 def read_sealed_file(path: Path, label: str) -> bytes | None:
-    """Read what `write_sealed_file` wrote; None: no file, not the user's own, or damaged."""
+    """Read a file of `write_sealed_file`; None if it is missing, not the user's, or damaged."""
     try:
         with path.open("rb") as file:
             content = file.read() if _belongs_to_user_alone(os.fstat(file.fileno())) else b""
@@ -267,7 +266,7 @@ def read_sealed_file(path: Path, label: str) -> bytes | None:
 
 
 def write_sealed_file(path: Path, label: str, body: bytes) -> None:
-    """Write a file with a digest before its content, in one step."""
+    """Write a file with a digest before its content, atomically."""
     handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
@@ -288,7 +287,7 @@ _SEAL = hashlib.sha256().digest_size
 
 
 HAS_LOCKS = importlib.util.find_spec("fcntl") is not None
-"""False on systems without file locks, where nothing keeps two processes apart."""
+"""False on systems without file locks, where processes are not protected from each other."""
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
@@ -306,12 +305,12 @@ def lock_file(path: Path, wait: bool) -> Iterator[bool]:
     try:
         yield True
     finally:
-        path.unlink(missing_ok=True)  # before others have it, who look whether it is still there
+        path.unlink(missing_ok=True)  # before others lock it, since they check that it still exists
         os.close(held)
 
 
 def lock_open_file(opened: int, wait: bool) -> None:
-    """Lock an open file or directory until it is closed; only where `HAS_LOCKS` is True."""
+    """Lock an open file or directory until it is closed; needs `HAS_LOCKS`."""
     import fcntl
 
     fcntl.flock(opened, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -328,7 +327,7 @@ def _try_lock(path: Path, wait: bool) -> int | None:
             os.close(held)
             return None
         except OSError as error:
-            # Some network file systems know no locks; refusing would shut their users out of every run.
+            # Some network file systems do not support locks; refusing would prevent all runs there.
             if error.errno in WITHOUT_LOCKS:
                 return held
             os.close(held)
@@ -337,7 +336,7 @@ def _try_lock(path: Path, wait: bool) -> int | None:
 
 
 def _is_current_lock(held: int, path: Path) -> bool:
-    """Return False where the file was taken away, by who held it before, and made anew."""
+    """Return False if the previous holder removed the file and it was made again."""
     try:
         return os.path.samestat(os.fstat(held), path.stat())
     except FileNotFoundError:
@@ -345,7 +344,7 @@ def _is_current_lock(held: int, path: Path) -> bool:
 
 
 def digest(content: object, length: int) -> str:
-    """Digest plain data: equal data have the same one, other data another one."""
+    """Digest plain data: equal data have equal digests."""
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:length]
 
@@ -357,24 +356,24 @@ class ResultCache:
     directory: Path
 
     def path(self, key: str) -> Path:
-        """Path of the file that keeps a result."""
+        """Path of the file with a result."""
         return self.directory / f"{key}.json"
 
     def read(self, key: str, *, warn: bool = True) -> Any:
-        """Read the result under a key."""
+        """Read the result for a key; None if missing."""
         path = self.path(key)
         try:
             return json.loads(path.read_text(encoding="utf-8"))
         except (FileNotFoundError, NotADirectoryError):
             return None
         except OSError as error:
-            raise StoreError(f"{path} cannot be read: {error.strerror}; remove it to make it anew") from None
+            raise StoreError(f"{path} cannot be read: {error.strerror}; remove it to repeat it") from None
         except ValueError:
             if warn:
-                warnings.warn(f"{path} is damaged; what it held is made anew", stacklevel=2)
+                warnings.warn(f"{path} is damaged; its result is computed again", stacklevel=2)
             return None
 
     def keep(self, key: str, plain: object) -> None:
-        """Keep a result under a key, in one step; its numbers keep every bit, NaN included."""
+        """Store a result under a key atomically; numbers keep every bit, including NaN."""
         make_directory(self.directory)
         write_text(self.path(key), json.dumps(plain))

@@ -1,9 +1,9 @@
-"""Digest of functions and of all that they use: other code, or other values, give another one.
+"""Digest of functions and of everything that they use; it changes with code and values.
 
-Followed are a function's code, defaults and closure, and the variables of its file that it names: numbers,
-tables to their last entry, and further functions, classes and modules, those included. A module that is
-imported while a function runs counts by its file. Of the standard library, of installed packages and of
-this toolkit the names count alone; whoever keeps results for long adds versions to their key.
+The digest includes a function's code, defaults and closure, and the variables of its file that it uses:
+numbers, complete tables, and recursively functions, classes and modules. A module that is imported during
+a call counts by its file. Objects of the standard library, of installed packages and of this toolkit count
+only by name; keys of long-lived results should also include versions.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from typing import Any
 import numpy as np
 
 DIGITS = 24
-"""Hexadecimal digits of a digest: 96 bits, by which no two of a billion functions agree by chance."""
+"""Hexadecimal digits of a digest: 96 bits, without accidental collisions among a billion functions."""
 
 TOOLKIT = frozenset({"granular", "reduced_models", "validation"})
 
 _PLAIN = frozenset({type(None), bool, int, float, complex, str, bytes, type(...)})
-"""Types whose `repr` holds all of a value."""
+"""Types whose `repr` contains the complete value."""
 
 _LIBRARY_FOLDERS = tuple(
     Path(path) for path in {sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")}
 )
 
 Content = tuple[str, Iterable[Any]]
-"""Words on an object, and further objects that it consists of."""
+"""Description of an object, and further objects that it consists of."""
 
 
 def functions_digest(functions: Mapping[str, Callable[..., Any]], parameters: Sequence[str] = ()) -> str:
-    """Compute the digest of functions, by their names, of all that they use, and of names of parameters."""
+    """Compute the digest of named functions, of everything they use, and of parameter names."""
     homes = {_top_package(function.__module__) for function in functions.values()}
     walk = _Walk(homes - TOOLKIT - sys.stdlib_module_names)
     digest = hashlib.sha256(repr(list(parameters)).encode())
@@ -47,14 +47,14 @@ def functions_digest(functions: Mapping[str, Callable[..., Any]], parameters: Se
 
 
 class _Walk:
-    """One pass over objects, each of which is digested once."""
+    """One pass over objects, each digested once."""
 
     def __init__(self, followed_packages: set[str]) -> None:
         self._followed_packages = followed_packages
         self._seen: dict[int, tuple[object, bytes]] = {}
 
     def digest_of_root(self, function: Callable[..., Any]) -> bytes:
-        """Digest of a function by its code, also of one of a library."""
+        """Digest of a function by its code, also for library functions."""
         plain = getattr(function, "py_func", function)
         content = _function_content(plain) if isinstance(plain, FunctionType) else self._content(plain)
         return self._digest_of_content(content)
@@ -62,7 +62,7 @@ class _Walk:
     def _digest(self, value: object) -> bytes:
         if id(value) in self._seen:
             return self._seen[id(value)][1]
-        # The object itself is kept, so that no other one gets its number.
+        # The object itself is kept, so that its id is not reused.
         self._seen[id(value)] = value, b"within itself"
         result = self._digest_of_content(self._content(value))
         self._seen[id(value)] = value, result
@@ -103,7 +103,7 @@ class _Walk:
         if isinstance(value, np.ndarray) and not value.dtype.hasobject:
             numbers = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
             return f"{name} {value.dtype.descr} {value.shape} {numbers}", ()
-        if isinstance(value, set | frozenset):  # whose order differs from process to process
+        if isinstance(value, set | frozenset):  # the order differs between processes
             return name, sorted(map(self._digest, value))
         if isinstance(value, property):
             return name, (value.fget, value.fset, value.fdel)
@@ -113,7 +113,7 @@ class _Walk:
             return f"{name} {len(value)}", (part for item in value.items() for part in item)
         try:
             made = value.__reduce_ex__(4)  # as for a copy
-        except Exception:  # a file, a lock: what it is, and not what it holds
+        except Exception:  # for example a file or a lock: only its type counts
             return name, ()
         if isinstance(made, str):
             return f"{name} {made}", ()
@@ -180,7 +180,7 @@ def _iterate_nested_code(code: CodeType) -> Iterator[CodeType]:
 
 
 def _module_file(name: str) -> bytes | None:
-    """Content of the file of a module that a function imports when it is called; None of a library."""
+    """Content of the file of a module that a function imports when called; None for a library."""
     try:
         origin = getattr(importlib.util.find_spec(name), "origin", None)
     except (ImportError, ValueError):

@@ -1,4 +1,4 @@
-"""Rare collection of garbage: compilers make objects by the million, and hardly any cycle of them."""
+"""Less frequent garbage collection: compilers make millions of objects, with hardly any cycles."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import threading
 from collections.abc import Iterator
 
 RARE = (50_000, 20, 50)
-"""Thresholds of `gc.set_threshold`; Python's own take an eighth of the time of compiling."""
+"""Thresholds of `gc.set_threshold`; Python's defaults take an eighth of the compile time."""
 
 _lock = threading.Lock()
 _before: list[tuple[int, int, int]] = []
-"""Thresholds that each thread within it found."""
+"""Thresholds found by each thread in the block."""
 
 
 @contextlib.contextmanager
 def rare_garbage_collection() -> Iterator[None]:
-    """Look for garbage seldom until the last thread has left, unless the program looks less often still."""
+    """Collect garbage rarely until the last thread leaves, or as rarely as the program already does."""
     with _lock:
         _before.append(gc.get_threshold())
         if 0 < _before[0][0] < RARE[0]:
@@ -26,7 +26,7 @@ def rare_garbage_collection() -> Iterator[None]:
         yield
     finally:
         with _lock:
-            # Whoever leaves last gives back what the first one found.
+            # The last thread restores the thresholds that the first one found.
             thresholds = _before.pop()
             if not _before:
                 gc.set_threshold(*thresholds)

@@ -1,4 +1,4 @@
-"""Pages: one HTML file with everything in it, readable on a wide screen and on a phone."""
+"""Pages: self-contained HTML files, readable on a wide screen and on a phone."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _HERE = Path(__file__).parent
-LEAST_LETTERS = 9.0
-"""Size of letters that can be read [pixels]."""
+MIN_FONT_SIZE = 9.0
+"""Minimum readable font size [pixels]."""
 LONGEST_NUMBER = 16
-"""Letters of a number with its unit; longer cells are words."""
+"""Maximum length of a number with its unit; longer cells are treated as text."""
 
 
 def made_with(libraries: Sequence[str] = ()) -> str:
-    """Return the sentence at a page's end: date, versions of the toolkit and of some libraries."""
+    """Return the footer of a page: date, and versions of the toolkit and of libraries."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in versions(libraries).items())
 
 
 class Shown:
-    """A result that is shown by its blocks, as text and in a notebook."""
+    """A result that is displayed by its blocks, as text and in a notebook."""
 
     def blocks(self) -> Iterable[Block]:
-        """Blocks that show the result."""
+        """Blocks that display the result."""
         raise NotImplementedError
 
     def __str__(self) -> str:
@@ -60,20 +60,20 @@ class Shown:
 
 @dataclasses.dataclass(frozen=True)
 class Page:
-    """A page of blocks: a notebook shows it, and `save` writes it as one HTML file."""
+    """A page of blocks, for display in a notebook or as one HTML file by `save`."""
 
     title: str
     lead: str = ""
     blocks: Sequence[Block] = ()
     footer: str = dataclasses.field(default_factory=made_with)
-    result: dataclasses.InitVar[object] = None  # shown here; packages may add blocks to it
+    result: dataclasses.InitVar[object] = None  # result on this page, to which packages may add blocks
 
     def __post_init__(self, result: object) -> None:
         if result is not None:
             object.__setattr__(self, "blocks", (*self.blocks, *added_blocks(result)))
 
     def to_html(self) -> str:
-        """HTML of the whole page, with everything in it."""
+        """HTML of the complete page."""
         lead = f'<p class="lead">{_escape(self.lead)}</p>' if self.lead else ""
         body = "\n".join([f"<h1>{_escape(self.title)}</h1>", lead, *map(_block_html, self.blocks)])
         names = ("page.css", "page.js")
@@ -98,7 +98,7 @@ class Page:
 
 
 def _escape(words: object) -> str:
-    """Text as HTML, also between quotes, and without control characters."""
+    """Escape a text for HTML, also within quotes, and remove control characters."""
     return html.escape(printable(words), quote=True)
 
 
@@ -130,7 +130,7 @@ def _block_html(block: Block) -> str:
 
 
 def _table_html(table: Table) -> str:
-    """Table that scrolls if it is wider than the page."""
+    """HTML of a table that scrolls if it is wider than the page."""
     head = "".join(f"<th>{_escape(cell)}</th>" for cell in table.header)
     body = "".join(f"<tr>{''.join(map(_cell_html, row))}</tr>" for row in table.rows)
     head = f"<thead><tr>{head}</tr></thead>" if table.has_header else ""
@@ -138,27 +138,27 @@ def _table_html(table: Table) -> str:
 
 
 def _cell_html(cell: object) -> str:
-    """Cell of a table; a number stays on one line with its unit and its sign."""
+    """HTML of a cell; a number is kept on one line with its unit and sign."""
     words = str(cell)
     is_number = words.lstrip("+-±<")[:1].isdigit() and len(words) <= LONGEST_NUMBER and "," not in words
     return f"<td{' class=number' if is_number else ''}>{_escape(words)}</td>"
 
 
 def _picture_html(picture: Picture) -> str:
-    """Figure as SVG, whose lines stay sharp at any size."""
+    """HTML of a figure as SVG, sharp at any size."""
     drawing = picture.draw()
     svg = svg_text(drawing)
     caption = _escape(picture.caption)
-    # On a phone the figure keeps a width at which its letters can be read, and scrolls.
-    look = f"--least:{_least_readable_width(drawing):.0f}px"
-    svg = svg.replace("<svg", f'<svg role="img" aria-label="{caption}" style="{look}"', 1)
+    # On a phone the figure keeps a readable width, and scrolls.
+    style = f"--least:{_minimum_readable_width(drawing):.0f}px"
+    svg = svg.replace("<svg", f'<svg role="img" aria-label="{caption}" style="{style}"', 1)
     return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
 
 
-def _least_readable_width(drawing: Figure) -> float:
-    """Least width of a figure whose smallest letters can be read [pixels]."""
+def _minimum_readable_width(drawing: Figure) -> float:
+    """Minimum width of a figure with readable smallest letters [pixels]."""
     from matplotlib.text import Text
 
     texts = [text for text in drawing.findobj(Text) if isinstance(text, Text) and text.get_text()]
     smallest = min((float(text.get_fontsize()) for text in texts), default=math.inf)
-    return LEAST_LETTERS * 72.0 * drawing.get_figwidth() / smallest
+    return MIN_FONT_SIZE * 72.0 * drawing.get_figwidth() / smallest

@@ -1,4 +1,4 @@
-"""Colours, line styles and letters of all figures."""
+"""Colours, line styles and fonts of all figures."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#20639b", "#c94c54", "#75a97e", "#b88407", "#8778d0", "#289d8e", "#855020", "#54585e")
-"""Line colours, told apart by colour-blind eyes of all three kinds too."""
+"""Line colours that are also distinguishable with all three types of colour blindness."""
 SIDES = {"4 or fewer": "#b35806", "5": "#f1a340", "6": "#e4e2da", "7": "#998ec3", "8 or more": "#542788"}
 """Colours of Voronoi cells by their number of sides, from orange to purple."""
 READABLE = 13.5
-"""Size of letters [pt] that can be read on a phone, where a figure is half as wide."""
+"""Font size [pt] that is readable on a phone, where a figure is half as wide."""
 ARROWS_TO_SCALE: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "color": "#333333"}
-"""Look of arrows whose length is to scale."""
+"""Style of arrows with lengths to scale."""
 STYLES = ("-", "--", "-.", ":")
 GREY = "#9aa5b1"
 _LONGEST_LABEL = 60
@@ -31,13 +31,13 @@ _LOOKS: WeakKeyDictionary[Figure, Any] = WeakKeyDictionary()
 
 
 def line_style(index: int) -> dict[str, Any]:
-    """Choose colour and style of one of up to 32 lines, of which no two are alike."""
+    """Choose colour and style of one of up to 32 distinct lines."""
     turn, colour = divmod(index, len(COLOURS))
     return {"color": COLOURS[colour], "linestyle": STYLES[(index + turn) % len(STYLES)]}
 
 
 def figure_label(words: object) -> str:
-    """Shorten a user's words for a figure, so that they are no formula to be set."""
+    """Shorten a user's text for a figure, and escape it against formula markup."""
     return sanitize(words, _LONGEST_LABEL).replace("$", r"\$")
 
 
@@ -64,7 +64,7 @@ def figure(
     make: Callable[..., Figure] | None = None,
     **options: Any,
 ) -> Iterator[tuple[Figure, Any]]:
-    """Make a figure and its axes in the common look; width, height [inches], size [pt]."""
+    """Make a figure and its axes in the common style; width, height [inches], size [pt]."""
     import matplotlib as mpl
     from cycler import cycler
     from matplotlib.figure import Figure as Plain
@@ -88,7 +88,7 @@ def figure(
 
 
 def svg_text(drawing: Figure) -> str:
-    """SVG of a figure in the look in which it was made, which sets its ticks too."""
+    """SVG of a figure in its original style, which also determines the ticks."""
     import matplotlib as mpl
 
     buffer = io.StringIO()
@@ -99,15 +99,15 @@ def svg_text(drawing: Figure) -> str:
 
 
 def axes_or_new(ax: Axes | None, width: float = 7.2, height: float = 3.4) -> Axes:
-    """Return the axes, or those of a new figure; width, height [inches]."""
+    """Return the given axes, or axes of a new figure; width, height [inches]."""
     chosen: Axes = ax or new_axes(width=width, height=height)
     return chosen
 
 
 def new_axes(rows: int = 1, **options: Any) -> Any:
-    """Make a figure in the common look, and return its axes."""
+    """Make a figure in the common style, and return its axes."""
     make = None
-    # A notebook, or a program that uses pyplot, shows the figure; elsewhere it has no window.
+    # Notebooks and programs that use pyplot show the figure; otherwise it has no window.
     if "matplotlib.pyplot" in sys.modules or "ipykernel" in sys.modules:
         from matplotlib import pyplot
 

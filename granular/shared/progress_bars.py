@@ -1,4 +1,4 @@
-"""Progress of long work on standard error: a bar where somebody looks, sparse lines in a log."""
+"""Progress of long work on standard error: a bar on a terminal or in a notebook, sparse lines in a log."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 LINES_EVERY = 60.0
-"""Least time between two lines in a log [s]; the first and the last stand there in any case."""
+"""Minimum time between two lines in a log [s]; the first and the last are always written."""
 
 
 def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
@@ -22,12 +22,12 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
     options["bar_format"] = form.replace(" {bar:20}", "")
     options |= {"file": _ProgressLinesInLog(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
     bar = tqdm(**options)
-    bar.refresh = _call_seldom(bar.refresh)  # which words that are set call every time
+    bar.refresh = _call_seldom(bar.refresh)  # called each time that a text is set
     return bar
 
 
 def _call_seldom(function: Callable[..., Any]) -> Callable[..., None]:
-    """Let calls of a function pass as often as a log may have a line."""
+    """Limit calls of a function to the rate of lines in a log."""
     last = time.monotonic()
 
     def call(*args: Any, **keywords: Any) -> None:
@@ -47,19 +47,19 @@ def stage_reporter(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]
 
 
 def print_above_bar(words: str) -> None:
-    """Print a line on standard error, above a bar that may stand there."""
+    """Print a line on standard error, above a progress bar if there is one."""
     _import_tqdm().write(words, file=sys.stderr)
 
 
 def _import_tqdm() -> Any:
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="IProgress not found")  # no widgets: a plain line
+        warnings.filterwarnings("ignore", message="IProgress not found")  # without widgets: a plain line
         from tqdm.auto import tqdm
     return tqdm
 
 
 class _ProgressLinesInLog:
-    """A file whose states of a bar stand below each other; the same one twice is one."""
+    """A file that prints each new state of a bar on a separate line."""
 
     def __init__(self) -> None:
         self._last = ""

@@ -1,8 +1,8 @@
-"""Things of one kind by their names: built in, a user's own, and those of installed packages.
+"""Registries of named parts (effects, laws, methods, ...): built-in, custom, and from installed packages.
 
-A kind has one `Registry`. A built-in thing may be named as "module:attribute", and is imported when it is
-used; without its module it is not offered. An installed package brings things by entry points of the kind's
-group. One that fails is named with its package and version, and hinders no other.
+Each kind of part has a `Registry`. A built-in part may be given as "module:attribute" and is then imported
+on use; it is not offered if the module is missing. Installed packages add parts by entry points of the
+kind's group. A part that fails is reported with package and version, and does not affect the others.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ Named = TypeVar("Named")
 
 
 class Registry(Mapping[str, Named]):
-    """Things of one kind by their names; printed, each has a line with its description."""
+    """Parts of one kind by name; the print-out has a line with a description for each."""
 
     def __init__(
         self,
-        kind: str,  # word for one of them in messages
-        group: str,  # of the entry points by which installed packages bring more
-        built_in: Mapping[str, Named | str],  # or "module:attribute"
-        accepts: Callable[[str, Any], bool],  # whether a package's object can have a name here
-        wanted: str,  # words for what is accepted
+        kind: str,  # noun for messages
+        group: str,  # group of entry points of installed packages
+        built_in: Mapping[str, Named | str],  # objects, or "module:attribute"
+        accepts: Callable[[str, Any], bool],  # returns True for a valid name and object of a package
+        wanted: str,  # description of an accepted object
         describe: Callable[[Named], str] = str,
-        from_files: bool = False,  # whether the files of --import bring some too
+        from_files: bool = False,  # True if files of --import can also add parts
     ) -> None:
         self.kind, self.group = kind, group
         self._built_in, self._own = dict(built_in), dict[str, Named]()
@@ -41,7 +41,7 @@ class Registry(Mapping[str, Named]):
 
     @property
     def built_in(self) -> tuple[str, ...]:
-        """Names of those of the toolkit whose modules are here."""
+        """Names of the toolkit's parts whose modules are installed."""
         return tuple(name for name, thing in self._built_in.items() if _is_here(thing))
 
     def __iter__(self) -> Iterator[str]:
@@ -69,27 +69,27 @@ class Registry(Mapping[str, Named]):
         return "\n".join(f"{name:{width}}  {words}" for name, words in self.descriptions().items())
 
     def find(self, name: str) -> Named:
-        """Return the one of that name; InputError, with the nearest name or all, if there is none."""
+        """Return the part with this name; InputError with the nearest name or all names if there is none."""
         return self[self.require(name)]
 
     def require(self, name: str) -> str:
-        """Return a name of one, which is not loaded; else InputError, with the nearest name or all."""
+        """Return the name if it exists, without loading the part; else InputError as in `find`."""
         if name not in self:
             files = "by --import FILE, or " if self._from_files else ""
             raise InputError(
-                f"{unknown_word_message(name, tuple(self), self.kind)}; one of your own comes {files}"
+                f"{unknown_word_message(name, tuple(self), self.kind)}; a custom one can be added {files}"
                 f"by an installed entry point of the group {self.group!r}"
             )
         return name
 
     def register(self, name: str, thing: Named) -> None:
-        """Add a user's own, for as long as the process lives; an own one of that name is replaced."""
+        """Add a custom part for the life of the process; a custom part of the same name is replaced."""
         if name in self._built_in:
             raise InputError(f"{self.kind} {quote(name)} is built in; give yours another name")
         self._own[name] = thing
 
     def load(self) -> tuple[dict[str, Named], dict[str, InputError]]:
-        """Load all: those that work, and the errors of the others, by their names."""
+        """Load all parts; return the working ones and the errors of the others, by name."""
         working, errors = dict[str, Named](), dict[str, InputError]()
         for name in self:
             try:
@@ -99,18 +99,18 @@ class Registry(Mapping[str, Named]):
         return working, errors
 
     def working(self) -> dict[str, Named]:
-        """Load all by their names; a warning names one that fails."""
+        """Load all working parts by name; warn of each that fails."""
         working, errors = self.load()
         for error in errors.values():
-            warnings.warn(f"{error}; it is left out", stacklevel=2)
+            warnings.warn(f"{error}; it is not used", stacklevel=2)
         return working
 
     def registered(self, name: str) -> Named | None:
-        """Return the built-in or own one of that name; packages are not asked."""
+        """Return the built-in or custom part with this name, without packages; None if there is none."""
         return self[name] if name in self._own or name in self.built_in else None
 
     def descriptions(self) -> dict[str, str]:
-        """Describe each in a line: a dict by its name; a warning names packages that take a built-in name."""
+        """Describe each part in a line, a dict by name; warn of packages that use a built-in name."""
         for name in self._built_in.keys() & _installed_points(self.group).keys():
             who = f"{self.kind} {quote(name)}{_package_of(_installed_points(self.group)[name])}"
             warnings.warn(f"{who} is not used: that name is built in", stacklevel=2)
@@ -119,7 +119,7 @@ class Registry(Mapping[str, Named]):
         return {name: described.get(name, str(errors.get(name))) for name in self}
 
     def origin(self, name: str) -> str:
-        """Kind and name of one in words, with the installed package that brings it."""
+        """Kind and name of a part, with the installed package that provides it."""
         point = None if name in self._built_in or name in self._own else _installed_points(self.group)[name]
         return f"{self.kind} {quote(name)}{'' if point is None else _package_of(point)}"
 
@@ -151,12 +151,12 @@ class Registry(Mapping[str, Named]):
 
 
 def _package_of(point: EntryPoint) -> str:
-    """Words for the package that brings an entry point."""
+    """Name and version of the package of an entry point."""
     return "" if point.dist is None else f" of {point.dist.name} {point.dist.version}"
 
 
 def _is_here(thing: object) -> bool:
-    """Return whether a thing's module can be found, if it is named by it."""
+    """Return True unless a part is given as "module:attribute" and the module is missing."""
     try:
         return not isinstance(thing, str) or importlib.util.find_spec(thing.partition(":")[0]) is not None
     except ModuleNotFoundError:
@@ -164,7 +164,7 @@ def _is_here(thing: object) -> bool:
 
 
 def _installed_points(group: str) -> dict[str, EntryPoint]:
-    """Entry points of a group by name, of the packages in the folders that Python imports from now."""
+    """Entry points of a group by name, of the packages on the present import path."""
     return _points_in_folders(tuple(sys.path), group)
 
 

@@ -1,6 +1,6 @@
-"""Stops from outside: Ctrl-C, and SIGTERM where a command takes it for one.
+"""Stop signals: Ctrl-C, and SIGTERM for commands.
 
-A library leaves SIGTERM to the program that uses it; the command line takes it by `handle_sigterm`.
+As a library the toolkit does not handle SIGTERM; the command line does so by `handle_sigterm`.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 AGAIN = 0.05
-"""Seconds after which a stop that was swallowed comes again."""
+"""Delay [s] after which a suppressed stop signal is repeated."""
 
 
 class StopRequest:
-    """A stop that waits to be looked at."""
+    """A pending stop signal."""
 
     def __init__(self) -> None:
         self.number: int | None = None
@@ -33,11 +33,11 @@ class StopRequest:
 
     @property
     def is_requested(self) -> bool:
-        """True once a signal has come."""
+        """True once a signal has arrived."""
         return self.number is not None
 
     def stop_exception(self) -> KeyboardInterrupt:
-        """Make the error that the signal would have raised, with the run that is kept."""
+        """Make the exception of the signal, with the results of the run."""
         terminated = self.number == signal.SIGTERM
         if self.trajectory is not None:
             return Interrupted(self.trajectory, terminated)
@@ -45,20 +45,20 @@ class StopRequest:
 
     def _record_signal(self, number: int, _: FrameType | None) -> None:
         self.number = number
-        # Numba may be of no use after that, which matters where the process goes on: in a notebook.
+        # Numba may be unusable afterwards, which matters if the process continues, as in a notebook.
         if signal.getsignal(signal.SIGTERM) == self._record_signal and _is_compiling():
             _raise_stop(self.stop_exception())
 
 
 @contextlib.contextmanager
 def defer_stop_signals() -> Iterator[StopRequest]:
-    """Defer stop signals to the end of the block, instead of breaking off in the middle of something."""
+    """Defer stop signals to the end of the block."""
     stop = StopRequest()
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return
     former = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    if former[signal.SIGINT] in (signal.SIG_IGN, None):  # as in the background of a shell's script
+    if former[signal.SIGINT] in (signal.SIG_IGN, None):  # as for background jobs of a shell script
         del former[signal.SIGINT]
     if former[signal.SIGTERM] is not _terminate:
         del former[signal.SIGTERM]
@@ -70,38 +70,38 @@ def defer_stop_signals() -> Iterator[StopRequest]:
         for number, handler in former.items():
             signal.signal(number, handler)
         if stop.is_requested:
-            # Also in place of an error that ends the block: whoever goes on after that error would lose the
+            # Also in place of an error that ends the block, since a handler of that error would lose the
             # stop.
             raise stop.stop_exception()
 
 
 def _raise_stop(error: KeyboardInterrupt) -> NoReturn:
-    """Raise a stop where the command line is, also from the midst of a compilation."""
+    """Raise a stop exception, also during a compilation."""
     if _is_compiling():
-        # Broken off, an object of LLVM may belong to two owners; freed with the frames that the
-        # error holds, it ended one command in twenty in a segmentation fault. So nothing is.
+        # After an interrupted compilation an LLVM object may have two owners. Freeing it with the frames
+        # of the error caused a segmentation fault in one command of twenty, so the error is never freed.
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(error))
     raise error
 
 
 def _is_compiling() -> bool:
-    """Return True where this thread compiles: it then holds the lock of Numba's compiler."""
+    """Return True if this thread compiles: it then holds the lock of Numba's compiler."""
     module = sys.modules.get("numba.core.compiler_lock")
     return module is not None and module.global_compiler_lock.is_locked()
 
 
 @contextlib.contextmanager
 def handle_sigterm(*, last: bool = False) -> Iterator[None]:
-    """Raise `Terminated` for SIGTERM while the block runs, and let no stop be lost.
+    """Raise `Terminated` for SIGTERM while the block runs, without losing any stop.
 
-    The ``last`` block of a process leaves both signals ignored: to end takes JAX a second or more, in which
-    a stop would change the status of a command that is done.
+    The ``last`` block of a process leaves both signals ignored: the shutdown of JAX takes a second or more,
+    during which a stop would change the exit status of a finished command.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    # Python drops what is raised in a destructor or a callback of the garbage collector: such a stop comes
-    # again, at the latest when the block ends.
+    # Python drops exceptions in destructors and callbacks of the garbage collector: such a stop is repeated,
+    # at the latest at the end of the block.
     repeats: dict[threading.Timer, type[KeyboardInterrupt]] = {}
 
     def repeat(dropped: UnraisableHookArgs) -> None:

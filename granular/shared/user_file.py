@@ -1,4 +1,4 @@
-"""A Python file of the user's own, named on the command line: the only text that is run."""
+"""A user's Python file, given on the command line: the only text that is executed."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from granular.shared.errors import InputError, sanitize
 from granular.shared.files import read_text
 
 LONGEST_FILE = 2**20
-"""Bytes: a file that is longer is a mistake."""
+"""Maximum size of a user's file [bytes]."""
 
 
 class UserFile(NamedTuple):
-    """A file and its text, so that any other process can have the same."""
+    """A file and its text, for use in other processes."""
 
     path: str
     text: str
 
     @property
     def module_name(self) -> str:
-        """Name of the module that the file is run as."""
+        """Module name of the file."""
         return f"imported_{Path(self.path).stem}"
 
 
 def run_user_file(path: str | Path) -> UserFile:
-    """Read a Python file of the user's own, and run it once."""
+    """Read a user's Python file, and run it once."""
     file = UserFile(str(path), read_text(Path(path), LONGEST_FILE))
     try:
         user_definitions(file)
-    except (Exception, SystemExit) as error:  # a file that ends the process is no success
+    except (Exception, SystemExit) as error:  # a file that exits is an error
         raise InputError(
             f"{sanitize(path)} cannot be imported: {type(error).__name__}: {error}; correct it"
         ) from None
@@ -41,9 +41,9 @@ def run_user_file(path: str | Path) -> UserFile:
 
 @functools.lru_cache
 def user_definitions(file: UserFile) -> dict[str, Any]:
-    """Definitions in a user's file, which is run once in a process."""
+    """Definitions in a user's file, which is run once per process."""
     module = ModuleType(file.module_name)
     module.__file__ = file.path
-    sys.modules[module.__name__] = module  # data classes in the file look it up there
+    sys.modules[module.__name__] = module  # needed by data classes in the file
     exec(compile(file.text, file.path, "exec"), vars(module))
     return vars(module)

@@ -1,4 +1,4 @@
-"""Version of the toolkit, and the command that is being carried out."""
+"""Version of the toolkit, and the present command line."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ __version__ = "0.1.0"
 
 
 def versions(more: Sequence[str] = ()) -> dict[str, str]:
-    """Versions of the toolkit and of what it computes with, and the kind of machine."""
+    """Versions of the toolkit and its numerical libraries, and the type of machine."""
     import importlib.metadata
     from platform import machine, python_version
 
     result = {"python": python_version(), "machine": machine(), "granular-damper": __version__}
-    for name in ("numpy", "numba", *more):  # numba may be missing where nothing is simulated
+    for name in ("numpy", "numba", *more):  # numba may be missing without simulations
         try:
             result[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
@@ -27,10 +27,10 @@ _COMMAND: ContextVar[str] = ContextVar("command", default="")
 
 
 def set_command(program: str, arguments: Sequence[str]) -> None:
-    """Keep the command line that is carried out from now on."""
+    """Store the present command line."""
     _COMMAND.set(shlex.join([*program.split(), *arguments]))
 
 
 def current_command() -> str:
-    """Return the command line that is being carried out; empty where Python calls the functions itself."""
+    """Return the present command line; empty for calls from Python."""
     return _COMMAND.get()

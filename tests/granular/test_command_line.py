@@ -57,7 +57,7 @@ def test_a_step_that_is_too_long_is_to_blame(command: Command, words: tuple[str,
 def test_run_says_that_nothing_is_kept(command: Command) -> None:
     done = command("granular", "run", "bed", *SMALL, "--t-end", "5 ms", "--quiet")
     assert "0 to 0.005 s" in done.stdout
-    assert "nothing is kept of the run; -o DIR keeps it" in done.stdout.splitlines()
+    assert "the run is not stored; -o DIR stores it" in done.stdout.splitlines()
 
 
 def test_run_writes_and_resumes(command: Command, tmp_path: Path) -> None:
@@ -69,7 +69,7 @@ def test_run_writes_and_resumes(command: Command, tmp_path: Path) -> None:
     again = command("granular", "run", "bed", *SMALL, "--t-end", "0.02", "-o", out, "--resume", "--quiet")
     assert again.returncode == 0
     assert "0 to 0.02 s" in again.stdout
-    assert "nothing is kept" not in again.stdout
+    assert "the run is not stored" not in again.stdout
     assert "settle" not in again.stderr  # no progress bar
 
 

@@ -138,7 +138,7 @@ def test_fit_compare_and_simulate(command: Callable[..., Any]) -> None:
         ("fit lab.csv --test-fraction '2 s'", "a pure number or a fraction in % is wanted"),
         ("compare lab.csv --test-records nothing.csv", "there is no file"),
         ("fit", "required: SOURCE; see python -m reduced_models fit --help"),
-        ("compare lab.csv --response out", "SOURCE does not go with --response"),
+        ("compare lab.csv --response out", "SOURCE cannot be combined with --response"),
         ("design --damping 0.1", "required: --frequency"),
         ("design --frequency 3.3 --damping 0.9", "reach a damping ratio of 0.023 to 0.27"),
     ],

@@ -41,7 +41,7 @@ def test_a_cut_piece_is_measured_again(tmp_path: Path) -> None:
     measured(lambda: {"value": 1}, tmp_path)
     (kept,) = (tmp_path / "pieces").iterdir()
     kept.write_text(kept.read_text(encoding="utf-8")[:-3], encoding="utf-8")
-    with pytest.warns(UserWarning, match="damaged; what it held is made anew"):
+    with pytest.warns(UserWarning, match="damaged; its result is computed again"):
         assert measured(lambda: {"value": 2}, tmp_path)[0].result == {"value": 2}
 
 
@@ -59,7 +59,7 @@ def test_a_failure_is_a_result(tmp_path: Path) -> None:
 
 def test_a_directory_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(InputError, match="give another place"):
+    with pytest.raises(InputError, match="give another path"):
         measured(dict, tmp_path / "file")
 
 

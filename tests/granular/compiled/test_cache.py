@@ -153,7 +153,7 @@ def test_a_full_disk_stops_nothing(workshop: Any) -> None:
         path.unlink()
     found, said = workshop.run(FULL + workshop.code)
     assert found == wanted
-    assert said.count("UserWarning: compiled code is not kept") == 1
+    assert said.count("UserWarning: compiled code is not cached") == 1
     assert str(workshop.cache) in said
     assert not workshop.kernels()
     assert not list(workshop.cache.rglob("*.part"))

@@ -48,7 +48,7 @@ READ = {
 
 
 @pytest.mark.parametrize("text", READ)
-def test_formulas_have_the_values_that_they_mean(text: str) -> None:
+def test_formulas_have_the_expected_values(text: str) -> None:
     assert value(text) == pytest.approx(READ[text], rel=1e-14)
 
 
@@ -60,12 +60,12 @@ def test_names_keep_their_order_and_primes() -> None:
     assert parse("k*0.10") == Operation("*", (Name("k"), Number("0.10")))
 
 
-def test_twins_of_greek_letters_are_one_name() -> None:
+def test_unicode_variants_of_greek_letters_are_one_name() -> None:
     """Micro sign and mu look alike, and so do the two forms of phi."""
     assert parse("\u00b5*\u03d5") == parse("\u03bc*\u03c6")
 
 
-def test_names_of_python_s_are_names() -> None:
+def test_python_keywords_are_valid_names() -> None:
     """A compiled function has none of them in its source."""
     names = ("lambda", "def", "numpy", "exit", "open", "a0000", "x0", "None", "class", "math")
     assert value(" + ".join(names), **dict.fromkeys(names, 1.5)) == 15.0
@@ -142,7 +142,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_all_else_is_refused_in_one_line(name: str) -> None:
+def test_invalid_formulas_are_refused_in_one_line(name: str) -> None:
     with pytest.raises(FormulaError) as caught:
         sympy_expression(parse(HOSTILE[name]))
     message = str(caught.value)
@@ -166,13 +166,13 @@ def test_all_else_is_refused_in_one_line(name: str) -> None:
         ("1e200*z", "a number of magnitude 1e+200 at '1e200*z'; it must be from 1e-100 to 1e+100"),
     ],
 )
-def test_a_refusal_says_what_and_where_and_what_to_write(text: str, words: str) -> None:
+def test_error_gives_problem_position_and_remedy(text: str, words: str) -> None:
     with pytest.raises(FormulaError) as caught:
         parse(text)
     assert words in str(caught.value)
 
 
-def test_a_caller_may_know_more_functions() -> None:
+def test_caller_can_add_functions() -> None:
     more = {**formulas.FUNCTIONS, "cube": formulas.FormulaFunction(lambda x: x**3)}
     assert parse("cube(z)", more) == Operation("cube", (Name("z"),))
     with pytest.raises(FormulaError, match="'cube' is not a function"):
@@ -180,7 +180,7 @@ def test_a_caller_may_know_more_functions() -> None:
 
 
 @pytest.mark.parametrize("text", ["(a + b + c + z)**9", "max(k, " * 10 + "z" + ")" * 10])
-def test_a_formula_as_large_as_allowed_is_soon_ready(text: str) -> None:
+def test_formula_of_maximum_size_is_expanded_quickly(text: str) -> None:
     """Whatever can be expanded within the limits is, and compiles."""
     import sympy
 
@@ -196,14 +196,14 @@ def test_every_function_compiles() -> None:
 
     x, y = sympy.symbols("x y")
     for name, function in formulas.FUNCTIONS.items():
-        text = f"{name}(0.3*x)" if function.most == 1 else f"{name}(x, 0.2, y)"
+        text = f"{name}(0.3*x)" if function.max_operands == 1 else f"{name}(x, 0.2, y)"
         compiled = compile_function([x, y], [sympy_expression(parse(text))])
-        operands = (0.15,) if function.most == 1 else (0.5, 0.2, 0.1)
+        operands = (0.15,) if function.max_operands == 1 else (0.5, 0.2, 0.1)
         found = compiled(np.array([0.5, 0.5]), np.array([0.1, 0.1]))[0]
         np.testing.assert_allclose(found, function.value(*operands), rtol=1e-12)
 
 
-def test_the_greater_of_two_has_the_slope_of_the_greater() -> None:
+def test_maximum_has_the_slope_of_the_larger_operand() -> None:
     import sympy
 
     x, y = sympy.symbols("x y", real=True)

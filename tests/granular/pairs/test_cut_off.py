@@ -60,7 +60,7 @@ class Bed:
     radius=st.floats(0.5, 12.0),
     stretch=st.sampled_from([(1.0, 1.0), (30.0, 0.1), (0.05, 20.0)]),
 )
-def test_sum_is_its_slow_twin_while_grains_move(
+def test_cut_off_sum_equals_the_plain_python_sum_while_grains_move(
     count: int, seed: int, radius: float, stretch: tuple[float, float]
 ) -> None:
     """Slow grains, one fast grain that crosses many skins in a step, and a bed that jumps."""
@@ -75,7 +75,7 @@ def test_sum_is_its_slow_twin_while_grains_move(
         np.testing.assert_allclose(fast, slow, rtol=0, atol=1e-12 * scale + 1e-150)
 
 
-def test_lists_last_while_grains_stay() -> None:
+def test_lists_are_rebuilt_only_after_grains_move() -> None:
     """They are made again only where a grain has moved by half the skin."""
     bed = Bed(scattered(150, 4), 6.0, differing=True)
     for _ in range(20):
@@ -86,7 +86,7 @@ def test_lists_last_while_grains_stay() -> None:
     assert bed.stripes.memory[BUILDS] == 2.0
 
 
-def test_lists_made_again_give_the_same_bits() -> None:
+def test_sums_have_the_same_bits_with_rebuilt_lists() -> None:
     """What a checkpoint keeps of them fixes the order of the sums."""
     bed = Bed(scattered(300, 9), 6.0, differing=True)
     random = np.random.default_rng(1)
@@ -112,13 +112,13 @@ def test_lists_made_again_give_the_same_bits() -> None:
         np.testing.assert_array_equal(bed.sums(), wanted)
 
 
-def test_no_number_gives_no_number() -> None:
+def test_nan_positions_give_nan_forces() -> None:
     bed = Bed(scattered(30, 9), 6.0, differing=True)
     bed.y[3] = np.nan
     assert np.isnan(bed.sums()[:60]).all()
 
 
-def test_scene_chooses_the_method(bed: Scene) -> None:
+def test_scene_selects_the_summation_method(bed: Scene) -> None:
     assert bed.pair_method == "direct"
     assert bed.pairs.near_pair_radius("direct", 0.006) is None
     assert bed.replace(**{"pairs.method": "cut-off"}).pair_method == "cut-off"

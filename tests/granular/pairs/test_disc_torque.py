@@ -70,7 +70,7 @@ def test_torque_of_two_equally_tilted_discs(r: float, known: float) -> None:
 
 
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (SMALL, COIN), (THIN, TALL), (TALL, THIN)])
-def test_small_tilts_have_the_law_at_each_distance(pair: tuple[Disc, Disc]) -> None:
+def test_torque_law_of_small_tilts_holds_at_each_distance(pair: tuple[Disc, Disc]) -> None:
     tilt = 1e-4
     for r in contact_distance(*pair) * np.array([1.01, 1.03, 1.1, 1.3, 1.8, 3.0, 6.0]):
         known = torque_of_fields(r, *pair, along(tilt, tilt))[1] * r**3 / (3.0 * tilt)
@@ -85,7 +85,7 @@ def test_far_away_the_torque_has_the_next_multipole(pair: tuple[Disc, Disc]) -> 
     assert (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2) == pytest.approx(kappa, abs=1e-3)
 
 
-def test_discs_have_the_parts_of_the_bound_that_dipoles_have() -> None:
+def test_discs_reach_the_same_fractions_of_the_load_bound_as_dipoles() -> None:
     """Half of it for aligned tilts, exactly; a third within 2 % for independent ones from 1.2 D on."""
     tilt = 1e-4
     for pair, r in itertools.product([(COIN, COIN), (COIN, SMALL)], (1.2, 1.375, 2.0)):
@@ -104,7 +104,7 @@ def test_discs_have_the_parts_of_the_bound_that_dipoles_have() -> None:
 
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [COIN, Disc(0.5 * 5.0 / 6.0, 0.5)], [THIN], [TALL]])
-def test_load_of_all_pairs_is_close_where_the_tables_end(discs: list[Disc]) -> None:
+def test_load_law_of_all_pairs_is_accurate_beyond_the_tables(discs: list[Disc]) -> None:
     """Within 1e-4 of the load at contact, and 2e-3 of itself."""
     series, law = make_disc_laws(discs, np.zeros(1, dtype=np.int64))
     c, pairs = series.coefficients[TERM], list(itertools.product(discs, discs))
@@ -119,7 +119,7 @@ def test_load_of_all_pairs_is_close_where_the_tables_end(discs: list[Disc]) -> N
         assert far[0] == pytest.approx(1.0, abs=3e-8)
 
 
-def test_load_is_a_magnitude_that_is_held_below_contact() -> None:
+def test_load_is_positive_and_constant_below_contact() -> None:
     assert disc_torque_over_dipoles(np.array([1.1]), TALL, THIN)[0] < 0.0
     assert disc_load(np.array([1.1]), TALL, THIN)[0] > 0.0
     below, touching = disc_load(np.array([0.98, 1.0]), COIN, COIN)

@@ -64,7 +64,7 @@ def from_fields(r: float, first: Disc, second: Disc) -> tuple[float, float]:
     return energy / unit, force / unit
 
 
-def test_law_is_that_of_magpylibs_fields() -> None:
+def test_disc_law_agrees_with_magpylib_fields() -> None:
     random = np.random.default_rng(51)
     for k in range(24):
         first, second = (Disc(random.uniform(0.2, 0.5), random.uniform(0.1, 0.6)) for _ in range(2))
@@ -78,7 +78,7 @@ def test_law_is_that_of_magpylibs_fields() -> None:
 
 
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (THIN, TALL)])
-def test_far_away_discs_are_dipoles_with_a_second_multipole(pair: tuple[Disc, Disc]) -> None:
+def test_distant_discs_are_dipoles_plus_the_next_multipole(pair: tuple[Disc, Disc]) -> None:
     r = np.array([60.0, 120.0])
     excess = disc_energy_and_force(r, *pair)[0] * r**3 - 1.0
     slope = (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2)
@@ -121,7 +121,7 @@ class Bed:
 
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [Disc(0.5, 0.5), Disc(0.4, 0.495)], [THIN]])
-def test_kernels_hold_the_law_from_contact_on(discs: list[Disc]) -> None:
+def test_kernels_reproduce_the_disc_law_beyond_contact(discs: list[Disc]) -> None:
     """Within 1e-6 of force and energy at contact, or 1e-5 of themselves."""
     pair = discs[0], discs[-1]
     contact = contact_distance(*pair)
@@ -136,7 +136,7 @@ def test_kernels_hold_the_law_from_contact_on(discs: list[Disc]) -> None:
 
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL]])
-def test_kernels_force_is_the_slope_of_their_energy(discs: list[Disc]) -> None:
+def test_kernel_force_is_minus_the_slope_of_the_energy(discs: list[Disc]) -> None:
     """Also below contact, where the force goes on with its value and slope."""
     contact, step = contact_distance(discs[0], discs[-1]), 2e-4
 
@@ -156,7 +156,7 @@ def test_kernels_force_is_the_slope_of_their_energy(discs: list[Disc]) -> None:
     )
 
 
-def test_grains_that_are_too_near_are_counted() -> None:
+def test_overlapping_grains_are_counted() -> None:
     for ratio, many in ((CLOSEST - 1e-6, 1), (CLOSEST + 1e-6, 0), (0.1, 1)):
         assert Bed(np.array([[0.0, 0.0], [ratio, 0.0]]), [COIN]).sums()[3] == many
 
@@ -180,7 +180,7 @@ def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.985, 1.05, 1.3, 2.0, 5.0])
-def test_discs_that_meet_head_on_are_as_stiff_as_where_they_turn(ratio: float) -> None:
+def test_stiffness_in_a_head_on_collision_is_the_value_at_the_turning_point(ratio: float) -> None:
     """Two of mass m and speed v turn where their energy is m v^2; the reduced mass is m/2."""
     step = 1e-4
     energy, force = disc_law_continued_below_contact(ratio + step * np.array([-1.0, 0.0, 1.0]), (COIN, COIN))

@@ -50,7 +50,7 @@ def test_force_is_the_slope_of_the_energy(ratio: float, radius: float) -> None:
     np.testing.assert_allclose(slope, -3.0 * r * far_part_of_inverse_fifth(r**2, radius), rtol=1e-5)
 
 
-def test_far_part_is_the_law_outside_and_smooth_at_the_radius() -> None:
+def test_far_part_equals_the_law_outside_and_is_smooth_at_the_radius() -> None:
     r = np.array([RADIUS, 8.0, 100.0])
     np.testing.assert_allclose(far_part_of_inverse_cube(r**2, RADIUS), r**-3.0, rtol=1e-14)
     np.testing.assert_allclose(far_part_of_inverse_fifth(r**2, RADIUS), r**-5.0, rtol=1e-14)
@@ -127,7 +127,7 @@ class Bed:
 
 @pytest.mark.parametrize("differing", [False, True])
 @pytest.mark.parametrize("count", [30, 92, 1472])
-def test_mesh_is_the_sum_over_all_pairs(count: int, differing: bool) -> None:
+def test_mesh_agrees_with_the_sum_over_all_pairs(count: int, differing: bool) -> None:
     """Forces to the tolerance that the packaged radius stands for."""
     bed = Bed(count, differing=differing)
     far, n = bed.far(), bed.count
@@ -139,7 +139,7 @@ def test_mesh_is_the_sum_over_all_pairs(count: int, differing: bool) -> None:
     np.testing.assert_allclose(far.load[:n], load, atol=1e-3 * load.max())
 
 
-def test_direct_sum_less_the_near_part_is_the_sum_over_all_pairs() -> None:
+def test_direct_far_field_agrees_with_the_sum_over_all_pairs() -> None:
     bed = Bed(150, differing=True)
     fx, fy, load, energy = (np.zeros_like(bed.x) for _ in range(4))
     compute_direct_far_field(
@@ -161,7 +161,7 @@ def test_direct_sum_less_the_near_part_is_the_sum_over_all_pairs() -> None:
 
 
 @pytest.mark.parametrize("differing", [False, True])
-def test_force_is_the_exact_gradient_of_the_mesh_s_energy(differing: bool) -> None:
+def test_mesh_force_is_the_exact_gradient_of_the_mesh_energy(differing: bool) -> None:
     """To the rounding of the difference: energy is conserved whatever the mesh's own error is."""
     bed = Bed(92, differing=differing)
     far, step = bed.far(), 1e-4
@@ -176,7 +176,7 @@ def test_force_is_the_exact_gradient_of_the_mesh_s_energy(differing: bool) -> No
             assert slope == pytest.approx(-force[grain], abs=1e-9)
 
 
-def test_lattice_stands_still() -> None:
+def test_mesh_result_is_invariant_under_a_shift_by_the_coarsest_spacing() -> None:
     """A bed that moves by a whole spacing of the coarsest mesh feels the same."""
     bed = Bed(368)
     far = bed.far()
@@ -188,7 +188,7 @@ def test_lattice_stands_still() -> None:
     np.testing.assert_allclose(moved.fy, far.fy, atol=1e-13)
 
 
-def test_no_room_and_no_number() -> None:
+def test_grains_outside_the_mesh_and_nan_positions_are_detected() -> None:
     bed = Bed(92)
     workspace = bed.workspace()
     bed.y[3] += 1e3
@@ -200,7 +200,7 @@ def test_no_room_and_no_number() -> None:
     assert compute_mesh_far_field(workspace.mesh, workspace, None, 0, arrays, np.arange(1)) == 0
 
 
-def test_one_grain_feels_nothing_but_the_mesh_s_error() -> None:
+def test_single_grain_feels_only_the_mesh_error() -> None:
     x, y = pad_coordinates(np.array([[3.3, 4.4]]))
     far = far_field_state(FarFieldSettings(RADIUS, (20.0, 20.0), None), x.size, with_loads=True)
     arrays = far_arrays(far, x, y, None, pad_values(np.ones(1)))
@@ -209,7 +209,7 @@ def test_one_grain_feels_nothing_but_the_mesh_s_error() -> None:
     assert np.hypot(far.fx[0], far.fy[0]) < 1e-3 * neighbour
 
 
-def test_room_is_linear_in_the_cell() -> None:
+def test_mesh_memory_is_linear_in_the_cell_area() -> None:
     sizes = []
     for count in (10_000, 1_000_000):
         side = (count / 0.3) ** 0.5
@@ -228,7 +228,7 @@ def rubbing(scene: Scene) -> Scene:
     return scene.replace(**{"effects.friction": {}})
 
 
-def test_scene_chooses_the_mesh(bed: Scene, small_bed: Scene) -> None:
+def test_scene_selects_the_mesh(bed: Scene, small_bed: Scene) -> None:
     assert bed.pair_method == "direct"
     large = mono_bed(1500)
     assert large.pair_method == "mesh"
@@ -253,14 +253,14 @@ def test_a_cell_for_too_large_a_mesh_is_refused(bed: Scene) -> None:
         simulate(high, t_end=0.01, progress=False)
 
 
-def test_impulses_are_refused_where_they_cannot_be(small_damper: Scene) -> None:
+def test_impulses_are_refused_for_unsuitable_methods(small_damper: Scene) -> None:
     with pytest.raises(InputError, match=r"pairs\.far_every = 4: 'pefrl' cannot"):
         simulate(on_mesh(small_damper, far_every=4), t_end=0.01, method="pefrl", progress=False)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("pairs", [{"method": "mesh", "cut_off": "3 D"}, {"method": "direct"}], ids=str)
-def test_order_with_impulses(pairs: dict[str, str], small_damper: Scene) -> None:
+def test_order_two_with_impulses(pairs: dict[str, str], small_damper: Scene) -> None:
     """Second order in the step, for impulses at a fixed number of steps."""
     scene = small_damper.replace(**{"effects.drag": None}, pairs={**pairs, "far_every": 4})
     ends = [
@@ -274,7 +274,9 @@ def test_order_with_impulses(pairs: dict[str, str], small_damper: Scene) -> None
 
 @pytest.mark.long
 @pytest.mark.parametrize("method", ["stormer-verlet", "blanes-moan-4"])
-def test_run_with_friction_or_another_method(small_bed: Scene, small_damper: Scene, method: str) -> None:
+def test_far_field_is_part_of_every_force_with_friction_or_another_method(
+    small_bed: Scene, small_damper: Scene, method: str
+) -> None:
     """The far field is then a part of every force, and of the load."""
     scene = rubbing(small_bed) if method == "stormer-verlet" else small_damper
     meshed = simulate(on_mesh(scene), t_end=0.1, method=method, progress=False)
@@ -303,7 +305,7 @@ def moving(scene: Scene) -> Scene:
 
 
 @pytest.mark.long
-def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> None:
+def test_far_field_is_reused_while_grains_with_friction_hardly_move(small_bed: Scene) -> None:
     """It is found again for a grain that moves on, whichever and however it moves."""
     method = method_named("stormer-verlet")
     scene = on_mesh(rubbing(small_bed))
@@ -336,7 +338,7 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
 
 
 @pytest.mark.long
-def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) -> None:
+def test_far_field_is_extrapolated_while_grains_slide(small_bed: Scene) -> None:
     """Forces and loads to second order, in `EXTRAPOLATION_STEPS` steps at most; then they are found again."""
     dt, speed = 0.02, 0.3
 
@@ -374,7 +376,7 @@ def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) ->
 
 @both
 @pytest.mark.long  # quick: how the far field goes on
-def test_order_where_grains_slide(far: Far, small_bed: Scene) -> None:
+def test_order_two_with_extrapolation_while_grains_slide(far: Far, small_bed: Scene) -> None:
     """Second order in the step also where the far field goes on for some steps."""
     scene = moving(far(rubbing(small_bed)))
     ends = [
@@ -388,7 +390,7 @@ def test_order_where_grains_slide(far: Far, small_bed: Scene) -> None:
 
 @both
 @pytest.mark.long  # quick: when the far field is found again
-def test_bed_that_rubs_rests_under_the_same_force(far: Far, small_bed: Scene) -> None:
+def test_bed_with_friction_rests_under_the_same_force(far: Far, small_bed: Scene) -> None:
     """As with the far field found at every step, and grains that stick stand still exactly."""
     runs = [
         simulate(far(rubbing(small_bed), **keys), t_end=0.6, progress=False).dataset
@@ -402,7 +404,7 @@ def test_bed_that_rubs_rests_under_the_same_force(far: Far, small_bed: Scene) ->
 
 @both
 @pytest.mark.long
-def test_a_resumed_run_has_the_bits_of_one_in_a_piece(far: Far, small_bed: Scene, tmp_path: Path) -> None:
+def test_resumed_run_has_the_bits_of_an_uninterrupted_one(far: Far, small_bed: Scene, tmp_path: Path) -> None:
     """What the far field goes on from is made of the state alone, wherever a run is cut."""
     scene = moving(far(rubbing(small_bed)))
     integer = simulate(scene, t_end=0.05, progress=False).dataset

@@ -37,7 +37,7 @@ def listed_pairs(near: NearList, x: np.ndarray, y: np.ndarray, count: int, reach
     reach=st.floats(0.1, 3.0),
     width=st.floats(0.5, 50.0),
 )
-def test_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, width: float) -> None:
+def test_listed_pairs_agree_with_a_tree_search(count: int, seed: int, reach: float, width: float) -> None:
     place = np.random.default_rng(seed).uniform(0.0, 1.0, (count, 2)) * [width, 12.0]
     near = near_list_workspace(count, reach)
     near = near._replace(partners=np.zeros(max(1, count * count), dtype=np.uint32))
@@ -64,7 +64,7 @@ def images_within(place: np.ndarray, periods: tuple[float, float], reach: float)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_images_at_any_reach_while_grains_move(seed: int) -> None:
+def test_images_are_listed_for_any_reach_while_grains_move(seed: int) -> None:
     """Reaches beyond the cell meet several images of one grain; grains may be many periods apart."""
     random = np.random.default_rng(seed)
     count, periods = int(random.integers(2, 30)), tuple(random.uniform(2.0, 9.0, 2))
@@ -79,7 +79,7 @@ def test_images_at_any_reach_while_grains_move(seed: int) -> None:
         assert listed_pairs(near, x, y, count, reach) == images_within(place, periods, reach)
 
 
-def test_list_is_made_again_once_a_grain_has_moved_by_half_the_skin() -> None:
+def test_list_is_rebuilt_after_a_grain_moved_by_half_the_skin() -> None:
     near = near_list_workspace(2, 1.0, skin=0.2)
     builds = []
     for place in (1.25, 1.16, 1.149, 1.051, 1.048):
@@ -89,7 +89,7 @@ def test_list_is_made_again_once_a_grain_has_moved_by_half_the_skin() -> None:
 
 
 @pytest.mark.parametrize("far", [1.0, 1e4, 1e12, 1e15, 1e100])
-def test_pairs_in_far_larger_cells_than_grains(far: float) -> None:
+def test_pairs_are_listed_in_cells_far_larger_than_the_grains(far: float) -> None:
     """Cells of the grains' size would be more than integers count."""
     random = np.random.default_rng(3)
     places = far * random.integers(1, 5, (2, 10)) + random.uniform(0.0, 0.8, (2, 10))
@@ -103,9 +103,7 @@ def test_pairs_in_far_larger_cells_than_grains(far: float) -> None:
 
 @pytest.mark.parametrize("slot", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("periods", [None, (4.0, 4.0)])
-def test_places_that_are_none_are_refused_until_they_are_mended(
-    slot: float, periods: tuple[float, float] | None
-) -> None:
+def test_nan_positions_are_refused_until_corrected(slot: float, periods: tuple[float, float] | None) -> None:
     near = near_list_workspace(3, 1.0, periods=periods)
     assert not refresh_near_list(near, np.array([0.0, slot, 2.0]), np.zeros(3), 3)
     assert not refresh_near_list(near, np.array([0.0, slot, 2.0]), np.zeros(3), 3)
@@ -113,13 +111,13 @@ def test_places_that_are_none_are_refused_until_they_are_mended(
     assert near.starts[3] == 1
 
 
-def test_more_pairs_than_there_is_room_for_are_an_error_not_silence() -> None:
+def test_too_many_pairs_for_the_list_raise_an_error() -> None:
     near = near_list_workspace(40, 1.0)._replace(partners=np.zeros(40 * 39 // 2 - 1, dtype=np.uint32))
     assert not refresh_near_list(near, *np.zeros((2, 40)), 40)
     assert not refresh_near_list(near, *np.zeros((2, 40)), 40)
 
 
-def test_small_grains_about_a_big_one_have_room() -> None:
+def test_list_capacity_suffices_for_small_grains_around_a_big_one() -> None:
     """Hundreds of them lie within the big one's diameter of each other, and three touch."""
     place = 0.11 * np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2)
     radius = np.full(400, 0.056)

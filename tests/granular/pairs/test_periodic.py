@@ -87,7 +87,7 @@ def ewald_energy(places: np.ndarray, sides: np.ndarray, moments: np.ndarray | No
     return 0.125 * (total - (q * q).sum() * 4.0 / (3.0 * np.sqrt(np.pi)) * sharp**3)
 
 
-def test_energy_with_all_images_is_that_of_a_sum_image_by_image() -> None:
+def test_ewald_energy_agrees_with_a_sum_image_by_image() -> None:
     """The judge of the others: 14 grains, with what lies beyond a circle as an integral."""
     scene = crystal(7, 2)
     places, sides, *_ = natural(scene)
@@ -116,7 +116,7 @@ def held_by_images(scene: Scene, force_error: float, energy_error: float) -> Non
     ("columns", "rows", "tolerance", "force_error", "energy_error"),
     [(24, 22, 3e-5, 3e-6, 1e-6), (48, 56, 1e-6, 1e-7, 1e-6), (50, 56, 1e-6, 1e-7, 1e-6)],
 )
-def test_mesh_takes_all_images_to_a_tolerance(
+def test_mesh_includes_all_images_to_a_tolerance(
     columns: int, rows: int, tolerance: float, force_error: float, energy_error: float
 ) -> None:
     changes = {"pairs.method": "mesh", "pairs.tolerance": tolerance}
@@ -125,7 +125,7 @@ def test_mesh_takes_all_images_to_a_tolerance(
 
 @pytest.mark.long
 @pytest.mark.parametrize("method", ["direct", "cut-off", "mesh"])
-def test_energy_momentum_and_threads(method: str) -> None:
+def test_energy_and_momentum_are_conserved_and_bits_independent_of_threads(method: str) -> None:
     """Grains that cross the sides: energy to second order in the step, momentum, the same bits."""
     scene = crystal(
         32,
@@ -152,7 +152,7 @@ def test_energy_momentum_and_threads(method: str) -> None:
     np.testing.assert_array_equal(ends[1], ends[2])
 
 
-def test_a_perfect_lattice_is_at_rest() -> None:
+def test_perfect_lattice_stays_at_rest() -> None:
     scene = crystal(12, 12, **{"arrangement.jitter": 0.0, "pairs": {"method": "direct", "cut_off": "9 D"}})
     found = evaluate(scene, scene.initial_positions_and_velocities()[0]).force
     assert abs(found).max() < 1e-12 * Scales.from_grains(scene.grains).force
@@ -174,17 +174,17 @@ def test_a_perfect_lattice_is_at_rest() -> None:
         ({"arrangement.height": "0.1 m"}, "a periodic cell is filled"),
     ],
 )
-def test_what_a_periodic_cell_cannot_have(changes: dict[str, Any], words: str) -> None:
+def test_unsuitable_parts_are_refused_in_a_periodic_cell(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(SceneError, match=words):
         crystal(12, 12).replace(**changes)
 
 
-def test_variable_steps_know_no_images() -> None:
+def test_variable_steps_are_refused_in_a_periodic_cell() -> None:
     with pytest.raises(InputError, match="cannot run a periodic cell"):
         simulate(crystal(6, 4), method="adaptive-verlet", t_end=0.1, progress=False)
 
 
-def test_places_are_brought_back_into_the_cell() -> None:
+def test_positions_are_wrapped_into_the_cell() -> None:
     cell = crystal(6, 4).cell
     assert cell.periods is not None
     width, height = cell.periods
@@ -194,7 +194,7 @@ def test_places_are_brought_back_into_the_cell() -> None:
     assert (cell.wrap_positions(places[:3]) < cell.periods).all()
 
 
-def test_a_scene_says_that_it_is_periodic_and_others_do_not() -> None:
+def test_scene_text_reports_a_periodic_cell() -> None:
     scene = crystal(12, 12)
     assert Scene.from_plain(scene.to_plain()) == scene
     assert scene.pair_method == "mesh"

@@ -43,7 +43,7 @@ def table_of(energy: Callable[[Samples], Samples]) -> PiecewiseTable:
 @pytest.mark.parametrize(
     ("energy", "force", "tolerance"), [(yukawa, yukawa_force, 3e-11), (cubic_end, cubic_end_force, 1e-9)]
 )
-def test_energy_and_force_are_those_of_the_law(
+def test_tabulated_energy_and_force_agree_with_the_law(
     energy: Callable[[Samples], Samples], force: Callable[[Samples], Samples], tolerance: float
 ) -> None:
     table, r = table_of(energy), np.geomspace(0.05, 8.5, 700)
@@ -53,7 +53,7 @@ def test_energy_and_force_are_those_of_the_law(
     assert (np.abs(found[:, 1] - force(r)) <= tolerance * scale).all()
 
 
-def test_jump_of_the_force_is_where_it_should_be() -> None:
+def test_jump_of_the_force_is_located_accurately() -> None:
     def truncated(r: Samples) -> Samples:
         return np.where(r < 3.0, 1.0 / r - 1.0 / 3.0, 0.0)
 
@@ -63,7 +63,7 @@ def test_jump_of_the_force_is_where_it_should_be() -> None:
     assert (table.halves > 0).sum() < 60
 
 
-def test_beyond_its_ends_a_table_goes_on() -> None:
+def test_table_is_extrapolated_beyond_its_ends() -> None:
     """Below with its first polynomial, and above with its last, which is zero where the law is."""
     table = table_of(cubic_end)
     assert tabulated_ratio(table, 0, 1e6) == tabulated_energy(table, 0, 1e6) == 0.0

@@ -26,7 +26,7 @@ def sums(function, near: NearList, count: int, x: np.ndarray, y: np.ndarray) -> 
     return np.concatenate([out[:, :count].ravel(), extremes])
 
 
-def test_fresh_list_is_the_cut_off() -> None:
+def test_fresh_verlet_list_equals_the_cut_off_sum() -> None:
     x, y = pad_coordinates(scattered(150, 3))
     found = sums(verlet_list_sum, verlet_list_workspace(x.size, LISTING), 150, x, y)
 
@@ -37,7 +37,7 @@ def test_fresh_list_is_the_cut_off() -> None:
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
-def test_pairs_are_those_of_the_list_until_a_grain_has_moved_by_the_skin() -> None:
+def test_verlet_list_pairs_are_fixed_until_a_grain_moved_by_the_skin() -> None:
     x, y = pad_coordinates(np.array([[0.0, 0.0], [5.9, 0.0], [0.0, 6.1]]))
     known = verlet_list_workspace(x.size, LISTING)
     sums(verlet_list_sum, known, 3, x, y)
@@ -52,7 +52,7 @@ def test_pairs_are_those_of_the_list_until_a_grain_has_moved_by_the_skin() -> No
     assert known.memory[BUILDS] == 2.0
 
 
-def test_list_made_again_gives_the_same_bits() -> None:
+def test_rebuilt_verlet_list_gives_the_same_bits() -> None:
     x, y = pad_coordinates(scattered(150, 5))
     known = verlet_list_workspace(x.size, LISTING)
     sums(verlet_list_sum, known, 150, x, y)
@@ -64,14 +64,14 @@ def test_list_made_again_gives_the_same_bits() -> None:
     np.testing.assert_array_equal(sums(verlet_list_sum, again, 150, x, y), wanted)
 
 
-def test_full_list_gives_no_numbers() -> None:
+def test_full_verlet_list_gives_nan() -> None:
     x, y = pad_coordinates(scattered(60, 5))
     workspace = verlet_list_workspace(x.size, LISTING)
     full = workspace._replace(partners=np.zeros(9, dtype=np.uint32))
     assert np.isnan(sums(verlet_list_sum, full, 60, x, y)[:120]).all()
 
 
-def test_scene_names_the_source_s_list(bed: Scene) -> None:
+def test_scene_selects_the_verlet_list(bed: Scene) -> None:
     source = bed.replace(**{"pairs.method": "verlet-list"})
     assert source.pairs.verlet_list_settings(0.006) == (11.26, 4.13)
     assert source.pairs.near_pair_radius("verlet-list", 0.006) is None

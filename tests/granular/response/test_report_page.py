@@ -117,7 +117,7 @@ SWEEP = ("response", "machine", "--from", "2Hz", "--to", "4Hz", "--sweep")
 STRUCK = ("response", "--impulse")
 REFUSED = [
     ((*SWEEP, "0s"), "a sweep of 0 s is shorter than 12 periods of its lowest frequency"),
-    ((*SWEEP, "60s", "--workers", "2"), "--workers does not go with a sweep"),
+    ((*SWEEP, "60s", "--workers", "2"), "--workers cannot be combined with a sweep"),
     ((*SWEEP, "60s", "--force", "0N"), "the force of the host's drive is 0"),
     (
         ("response", "machine", "--from", "4Hz", "--to", "2Hz", "--sweep", "60s"),
@@ -140,11 +140,11 @@ REFUSED = [
         "give --force, --acceleration or --displacement",
     ),
     (("response", "machine", "--to", "4Hz"), "required: --from; see "),
-    ((*SWEEP, "60s", "--fraction", "0.1"), "--fraction does not go with sines"),
+    ((*SWEEP, "60s", "--fraction", "0.1"), "--fraction cannot be combined with sines"),
     ((*STRUCK, "machine"), "required: --force"),
     ((*STRUCK, "machine", "--force", "5N", "--force", "9N"), "an impulse has one"),
-    ((*STRUCK, "machine", "--force", "5N", "--sweep", "9s"), "--sweep does not go with --impulse"),
-    ((*STRUCK, "machine", "--force", "5N", "--from", "2Hz"), "--from does not go with --impulse"),
+    ((*STRUCK, "machine", "--force", "5N", "--sweep", "9s"), "--sweep cannot be combined with --impulse"),
+    ((*STRUCK, "machine", "--force", "5N", "--from", "2Hz"), "--from cannot be combined with --impulse"),
     ((*STRUCK, "bed", "--force", "5N"), "has no host of bodies"),
     ((*STRUCK, "machine", "--force", "0N"), "give a force that is not 0"),
     ((*STRUCK, "machine", "--force", "5N", "--fraction", "1.5"), "above 0 and below 1"),

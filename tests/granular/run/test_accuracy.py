@@ -48,7 +48,7 @@ def promises() -> Iterator[object]:
 
 
 @pytest.mark.parametrize(("costs", "quantity"), promises())
-def test_what_is_chosen_holds_and_is_not_dear(costs: SceneWorkPrecision, quantity: str) -> None:
+def test_chosen_settings_meet_the_tolerance_at_low_cost(costs: SceneWorkPrecision, quantity: str) -> None:
     """At most 1.5 times dearer than the cheapest of the table that holds the tolerance."""
     scene = of_table(costs)
     assert most_similar_measured_scene(scene, quantity) == costs
@@ -74,7 +74,7 @@ def test_what_is_chosen_holds_and_is_not_dear(costs: SceneWorkPrecision, quantit
     assert chosen
 
 
-def test_accuracies_are_read() -> None:
+def test_accuracies_are_parsed() -> None:
     assert parse_accuracy("1e-4 rest height") == (1e-4, "rest height")
     assert parse_accuracy(" 1 %  piston force") == (0.01, "piston force")
     for text, said in (
@@ -91,7 +91,7 @@ def test_accuracies_are_read() -> None:
         plan(damper(), accuracy="1e-3 rest heigth")
 
 
-def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
+def test_accuracies_without_guarantee_are_refused(bed: Scene) -> None:
     with pytest.raises(InputError, match=r"spread over random packings is .*average \d+ packings"):
         plan(damper(), accuracy="1e-7 rest height")
     with pytest.raises(InputError, match="has no scene like 'bed' with this quantity"):
@@ -105,7 +105,7 @@ def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
         simulate(bed, dt="auto/2", accuracy="10 % piston force", progress=False)
 
 
-def test_what_the_user_has_measured_is_looked_up_after_the_package_s_table(bed: Scene) -> None:
+def test_user_measurements_are_used_after_the_packaged_table(bed: Scene) -> None:
     """The same scene with any start is answered, to the bound that was measured, and no other scene."""
     touching = bed.replace(**{"effects.contact": {"modulus": "1 MPa"}})
     entry = WorkPrecisionEntry(VERLET, "auto*2", 0.2, 0.15, 1.0, {"piston force": 2e-3}, ["piston force"])
@@ -126,7 +126,7 @@ def test_what_the_user_has_measured_is_looked_up_after_the_package_s_table(bed: 
     assert plan(bed, accuracy="2e-3 piston force").words.endswith("(mine, 4 starts, 2026-11-28)")
 
 
-def test_a_table_that_cannot_be_written_costs_no_measurement(
+def test_unwritable_user_table_only_warns(
     bed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -135,7 +135,7 @@ def test_a_table_that_cannot_be_written_costs_no_measurement(
         store_measured_scene(bed, "energy", None, load_work_precision_scenes()[0])
 
 
-def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -> None:
+def test_direct_sum_replaces_the_mesh_for_small_tolerances(bed: Scene) -> None:
     large = bed.replace(
         **{"grains.count": 2000, "cell.width": "150 D", "piston.height": "60 D", "arrangement.height": "58 D"}
     )
@@ -146,7 +146,7 @@ def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -
     assert "direct sum" in fine.words
 
 
-def test_a_run_says_what_was_chosen_and_its_price(small_bed: Scene) -> None:
+def test_run_reports_chosen_settings_and_cost(small_bed: Scene) -> None:
     scene = small_bed.replace(**{"grains.count": 22})
     run = simulate(scene, t_end=0.002, accuracy="1e-3 energy", progress=False)
     words = run.settings()["accuracy"]
@@ -157,7 +157,7 @@ def test_a_run_says_what_was_chosen_and_its_price(small_bed: Scene) -> None:
     assert "half the step" in work_precision_text(run)
 
 
-def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cost_excludes_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
     plain, made = granular.run.engines.advance_ticks, iter(range(100))
 
     def advance(*known: Any) -> Any:
@@ -176,7 +176,7 @@ def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None
     assert f"{settings['compile_seconds']:.2g} s of compiling" in run_text(run)
 
 
-def test_the_price_of_a_resumed_run_is_without_what_compiled_before_it(
+def test_cost_of_a_resumed_run_excludes_earlier_compilation(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """It was below zero, where the run was shorter than that."""
@@ -194,7 +194,7 @@ def test_the_price_of_a_resumed_run_is_without_what_compiled_before_it(
     assert not work_precision_text(run).startswith("cost: -")
 
 
-def test_price_without_a_like_scene_is_the_energy_s() -> None:
+def test_cost_line_reports_the_energy_residual_without_a_similar_scene() -> None:
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     error = run.settings()["ledger_residual"]
     assert f"energy to {error:.1g} by the step" in work_precision_text(run)
@@ -202,12 +202,12 @@ def test_price_without_a_like_scene_is_the_energy_s() -> None:
 
 
 @pytest.mark.parametrize(("count", "dt"), [(368, "auto*4"), (92, "auto*2")])
-def test_steps_are_as_long_as_random_starts_hide(count: int, dt: str) -> None:
+def test_scatter_accuracy_selects_steps_with_errors_below_the_spread(count: int, dt: str) -> None:
     """By the table, the damping of 92 grains shows four times the step, and 368 show none."""
     assert plan(damper(count=count), accuracy=SCATTER).dt == dt
 
 
-def test_what_the_table_does_not_hold_keeps_the_automatic_step() -> None:
+def test_scenes_without_a_table_keep_the_automatic_step() -> None:
     touching = damper().replace(**{"effects.contact": {"modulus": "1 MPa"}})
     assert plan(touching, accuracy=SCATTER).dt == "auto"
     assert plan(damper(), method="explicit-euler", accuracy=SCATTER).dt == "auto"
@@ -226,7 +226,7 @@ COPPER = {"conductivity": "58 MS/m", "thickness": "1 mm", "distance": "4 mm"}
     [{}, {"grains.species": MIXTURE}, {"cell.width": "70 D"}],
     ids=["damper", "two species", "another cell"],
 )
-def test_the_mesh_sums_where_it_is_faster_and_random_starts_hide_it(changes: dict[str, Any]) -> None:
+def test_scatter_accuracy_selects_the_mesh_if_faster_and_within_the_spread(changes: dict[str, Any]) -> None:
     scene = damper(count=MESH_PAYS_FROM).replace(**changes)
     summed = plan(scene, accuracy=SCATTER, runs=2)
     assert summed.pair_sum == "mesh"
@@ -253,7 +253,7 @@ def test_the_mesh_sums_where_it_is_faster_and_random_starts_hide_it(changes: dic
     ],
     ids=str,
 )
-def test_other_scenes_and_methods_keep_their_sum(
+def test_unsuitable_scenes_and_methods_keep_their_pair_sum(
     made: dict[str, Any], changes: dict[str, Any], method: str
 ) -> None:
     scene = damper(**({"count": MESH_PAYS_FROM} | made)).replace(**changes)
@@ -261,5 +261,5 @@ def test_other_scenes_and_methods_keep_their_sum(
 
 
 @pytest.mark.parametrize(("count", "method"), [(700, "mesh"), (800, "direct")])
-def test_many_grains_scatter_less_than_the_mesh_errs(count: int, method: str) -> None:
+def test_spread_of_many_grains_is_below_the_mesh_error(count: int, method: str) -> None:
     assert plan(damper(count=count), accuracy=SCATTER, runs=2).pair_sum == method

@@ -41,7 +41,7 @@ def parts(path: Path) -> list[Path]:
 
 
 @pytest.mark.parametrize("name", ["whole", "dangling", "relative"])
-def test_output_goes_through_a_link(scene: Scene, tmp_path: Path, name: str) -> None:
+def test_output_is_written_through_a_link(scene: Scene, tmp_path: Path, name: str) -> None:
     (tmp_path / "real").mkdir()
     link = tmp_path / name
     where = {"whole": tmp_path / "real", "dangling": tmp_path / "later", "relative": "real"}
@@ -54,7 +54,7 @@ def test_output_goes_through_a_link(scene: Scene, tmp_path: Path, name: str) -> 
     assert not parts(tmp_path)
 
 
-def test_links_that_lead_nowhere_are_refused(scene: Scene, tmp_path: Path) -> None:
+def test_broken_links_are_refused(scene: Scene, tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "there").symlink_to("back")
     (tmp_path / "back").symlink_to("there")
@@ -72,7 +72,7 @@ def test_links_that_lead_nowhere_are_refused(scene: Scene, tmp_path: Path) -> No
     assert not parts(tmp_path)
 
 
-def test_the_first_of_two_gets_the_place(tmp_path: Path) -> None:
+def test_first_of_two_processes_gets_the_run_directory(tmp_path: Path) -> None:
     path = tmp_path / "run"
     first, held = create_partial_directory(path)
     second, other = create_partial_directory(path)
@@ -90,7 +90,7 @@ def test_the_first_of_two_gets_the_place(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_several_processes_begin_at_once(scene: Scene, tmp_path: Path) -> None:
+def test_one_of_several_simultaneous_processes_gets_the_run_directory(scene: Scene, tmp_path: Path) -> None:
     scene.save(tmp_path / "scene.toml")
     words = ("granular", "run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "run"))
     for _ in range(3):
@@ -114,7 +114,7 @@ def test_several_processes_begin_at_once(scene: Scene, tmp_path: Path) -> None:
         (tmp_path / "run").rename(tmp_path / f"run{_}")
 
 
-def test_remains_of_a_killed_run_are_removed(scene: Scene, tmp_path: Path) -> None:
+def test_partial_directories_of_killed_runs_are_removed(scene: Scene, tmp_path: Path) -> None:
     """But neither what another process makes, nor what is no part of a run."""
     remains, kept = tmp_path / ".run.0123abcd.part", tmp_path / ".run.0123abce.part"
     former, other = tmp_path / ".run.part", tmp_path / ".run.more.0123abcd.part"
@@ -139,14 +139,14 @@ def full_disk(workspace: int) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("workspace", [100, 5000])
-def test_a_disk_that_is_full_at_the_start(scene: Scene, tmp_path: Path, workspace: int) -> None:
+def test_full_disk_at_the_start_is_reported(scene: Scene, tmp_path: Path, workspace: int) -> None:
     started(scene, tmp_path / "other")  # loads what is compiled
     with full_disk(workspace), pytest.raises(StoreError, match="run cannot be made: File too large"):
         started(scene, tmp_path / "run")
     assert [one.name for one in tmp_path.iterdir()] == ["other"]
 
 
-def test_a_disk_that_fills_up_is_resumed_from(
+def test_run_resumes_after_the_disk_was_full(
     small_bed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = small_bed.replace(**{"protocol.settle.duration": 0.1, "output.frames": 1e-3})
@@ -180,7 +180,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", DIGESTS)
-def test_the_bits_are_those_that_were_written(name: str, folder: Path) -> None:
+def test_runs_of_earlier_versions_are_read_bit_by_bit(name: str, folder: Path) -> None:
     data = load_trajectory(folder / name).dataset.load()
     digest = hashlib.sha256()
     for variable in sorted(map(str, data.variables)):
@@ -193,7 +193,7 @@ def test_the_bits_are_those_that_were_written(name: str, folder: Path) -> None:
 @pytest.mark.parametrize(
     "name", [pytest.param(one, marks=() if one == "plain" else pytest.mark.long) for one in DIGESTS]
 )
-def test_a_run_goes_on(name: str, folder: Path) -> None:
+def test_runs_of_earlier_versions_are_resumed(name: str, folder: Path) -> None:
     scene = load_trajectory(folder / name).scene
     simulate(scene, dt=STEP, t_end=END, out=folder / name, resume=True, progress=False)
     found = load_trajectory(folder / name).dataset
@@ -203,7 +203,7 @@ def test_a_run_goes_on(name: str, folder: Path) -> None:
         np.testing.assert_allclose(found[variable], known[variable], rtol=0.0, atol=size)
 
 
-def test_each_array_of_a_checkpoint_is_there_once(folder: Path) -> None:
+def test_duplicate_arrays_in_a_checkpoint_are_detected(folder: Path) -> None:
     """A bit that turns the name of one into that of another hides it."""
     file = folder / "plain" / "checkpoint.npz"
     content = bytearray(file.read_bytes())

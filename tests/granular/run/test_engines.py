@@ -68,7 +68,7 @@ def scene() -> Scene:
     )
 
 
-def test_an_installed_engine_makes_the_run(
+def test_installed_engine_reproduces_the_compiled_loop(
     scene: Scene, installed: Callable[..., None], tmp_path: Path
 ) -> None:
     """To rounding that of the compiled loop, through records, frames, ledger and a resumed run."""
@@ -88,7 +88,7 @@ def test_an_installed_engine_makes_the_run(
     np.testing.assert_array_equal(resumed.dataset["position"][-1], made.dataset["position"][-1])
 
 
-def test_a_run_of_before_engines_had_names_is_resumed_by_the_first(
+def test_run_without_an_engine_name_is_resumed_by_numba(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plain = simulation._run_settings
@@ -106,18 +106,18 @@ def test_a_run_of_before_engines_had_names_is_resumed_by_the_first(
     np.testing.assert_array_equal(resumed.dataset["position"], at_once.dataset["position"])
 
 
-def test_an_unknown_engine_is_refused_in_a_line_with_the_known_ones(
+def test_unknown_engine_is_refused_with_a_list_of_engines(
     scene: Scene, installed: Callable[..., None]
 ) -> None:
     installed("engines", PLAIN, {"plain": "advance"})
     with pytest.raises(
-        InputError, match=r"unknown engine 'cuda'; known are numba, plain; one of your own comes by an"
+        InputError, match=r"unknown engine 'cuda'; known are numba, plain; a custom one can be added by an"
     ):
         simulate(scene, engine="cuda", progress=False)
     with pytest.raises(InputError, match="did you mean 'numba'"):
         simulate(scene, engine="nunba", progress=False)
 
 
-def test_the_first_engine_is_registered() -> None:
+def test_numba_engine_is_registered() -> None:
     assert ENGINES.built_in == (NUMBA,)
     assert ENGINES.find(NUMBA) is engines.advance

@@ -42,7 +42,9 @@ CONTACT = {"effects.contact": {"modulus": 1e7}}
         ({"piston": None, "effects.walls.top": None, "arrangement.height": 0.03}, ()),
     ],
 )
-def test_what_is_dry(small_bed: Scene, changes: dict[str, Any], dry: tuple[str, ...]) -> None:
+def test_dry_friction_parts_are_listed(
+    small_bed: Scene, changes: dict[str, Any], dry: tuple[str, ...]
+) -> None:
     assert dry_friction_parts(small_bed.replace(**changes)) == dry
 
 
@@ -56,7 +58,7 @@ def test_what_is_dry(small_bed: Scene, changes: dict[str, Any], dry: tuple[str, 
         {"effects.walls.top": {"law": "slab"}},
     ],
 )
-def test_simulate_refuses_what_is_not_allowed(small_bed: Scene, changes: dict[str, Any]) -> None:
+def test_simulate_refuses_invalid_plans_before_compilation(small_bed: Scene, changes: dict[str, Any]) -> None:
     """Before anything is compiled: a scene without an end is refused last."""
     endless = small_bed.replace(**changes, protocol=[{"kind": "hold", "name": "wait"}])
     seen = set()
@@ -94,7 +96,9 @@ BODY = {"mass": 1.0, "stiffness": 100.0}
         ({**FREE_PISTON, "effects.host": {"bodies": [{**BODY, "damping": 1.0}]}}, "host"),
     ],
 )
-def test_runge_kutta_is_for_forces_alone(small_bed: Scene, changes: dict[str, Any], part: str | None) -> None:
+def test_runge_kutta_supports_only_forces(
+    small_bed: Scene, changes: dict[str, Any], part: str | None
+) -> None:
     scene = small_bed.replace(**changes)
     for method in ("explicit-euler", "runge-kutta-4"):
         assert can_run(scene, "auto", method) == (part is None)
@@ -105,7 +109,7 @@ def test_runge_kutta_is_for_forces_alone(small_bed: Scene, changes: dict[str, An
             assert "use 'stormer-verlet'" in str(refused.value)
 
 
-def test_longer_steps_are_allowed_as_far_as_they_are_stable(small_bed: Scene) -> None:
+def test_multiples_of_the_automatic_step_are_limited_by_stability(small_bed: Scene) -> None:
     """Where grains rub by themselves the automatic step is four times longer already."""
     rubbing = small_bed.replace(**{"effects.friction": {}})
     assert can_run(small_bed, "auto*8", "stormer-verlet")
@@ -117,7 +121,7 @@ def test_longer_steps_are_allowed_as_far_as_they_are_stable(small_bed: Scene) ->
 
 
 @pytest.mark.parametrize("dt", ["auto", "auto*2", "auto/3", "auto*1.5", 1e-5])
-def test_twice_half_a_step_is_the_step(dt: float | str) -> None:
+def test_multiples_of_the_automatic_step_compose(dt: float | str) -> None:
     step, back = parse_time_step(dt), parse_time_step(multiply_time_step(multiply_time_step(dt, 0.5), 2.0))
     assert back.seconds == step.seconds
     assert back.factor == pytest.approx(step.factor, rel=1e-15)
@@ -135,13 +139,13 @@ def test_twice_half_a_step_is_the_step(dt: float | str) -> None:
         ({"t_end": 1e308}, "up to 1e+30 s"),
     ],
 )
-def test_steps_longer_or_shorter_than_makes_sense(arguments: dict[str, Any], words: str) -> None:
+def test_unreasonable_steps_are_refused(arguments: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError) as caught:
         simulate(load_scene("single-particle"), progress=False, **arguments)
     assert words in str(caught.value)
 
 
-def test_a_step_is_no_longer_than_any_stage(small_bed: Scene) -> None:
+def test_steps_longer_than_a_stage_are_refused(small_bed: Scene) -> None:
     """Also than a stage whose duration follows from heights and a speed."""
     hold = {"kind": "hold", "name": "wait", "duration": 0.01}
     for short in (
@@ -167,16 +171,14 @@ def test_a_step_is_no_longer_than_any_stage(small_bed: Scene) -> None:
         ({}, {"t_end": 1e30}),
     ],
 )
-def test_more_steps_than_can_be_counted_are_refused(
-    changes: dict[str, Any], arguments: dict[str, Any]
-) -> None:
+def test_too_many_steps_are_refused(changes: dict[str, Any], arguments: dict[str, Any]) -> None:
     with pytest.raises(StepCountError, match="is the limit") as caught:
         simulate(load_scene("single-particle").replace(**changes), progress=False, **arguments)
     assert caught.value.step == 0
 
 
 @pytest.mark.parametrize("end", [1e-12, 1e-300])
-def test_an_end_within_the_first_step_is_reached(end: float) -> None:
+def test_end_within_the_first_step_is_reached(end: float) -> None:
     """Whether the run ends there, or its stage."""
     scene = load_scene("single-particle")
     run = simulate(scene, t_end=end, progress=False)
@@ -186,7 +188,7 @@ def test_an_end_within_the_first_step_is_reached(end: float) -> None:
     assert run.stages[-1].end == pytest.approx(1e-12, rel=1e-12)
 
 
-def test_ticks_of_many_steps_stay_exact() -> None:
+def test_tick_counts_beyond_64_bit_products_are_exact() -> None:
     """Where the product of a tick's number and the steps from record to record passes 64 bits."""
     from granular.compiled import entry
     from granular.engine.step_size import StepRequest, steps_in_tick, tick_start_time
@@ -199,7 +201,7 @@ def test_ticks_of_many_steps_stay_exact() -> None:
         assert steps(schedule, tick) == (tick + 1) * schedule.given // schedule.every - exact
 
 
-def test_a_plan_is_run_as_it_stands_and_again_to_the_same_bits(small_bed: Scene) -> None:
+def test_plan_gives_the_same_bits_when_run_again(small_bed: Scene) -> None:
     chosen = plan(small_bed, 1e-4, t_end=0.01, threads=1)
     runs = [simulate(chosen, progress=False), simulate(chosen, progress=False)]
     runs.append(simulate(small_bed, 1e-4, 0.01, threads=1, progress=False))
@@ -225,7 +227,7 @@ def heard(found: ThreadCountTuner, seconds: dict[int, float], calls: int) -> lis
 
 @TWO
 @pytest.mark.parametrize(("slow", "quick"), [(1, 2), (2, 1)])
-def test_the_quicker_number_is_taken(slow: int, quick: int) -> None:
+def test_faster_number_of_threads_is_chosen(slow: int, quick: int) -> None:
     """Both are tried, in short calls, and then the quicker one is kept."""
     found = ThreadCountTuner(2)
     assert found.trying
@@ -236,7 +238,7 @@ def test_the_quicker_number_is_taken(slow: int, quick: int) -> None:
     assert numba.get_num_threads() == quick
 
 
-def test_one_thread_stays_one() -> None:
+def test_single_thread_is_kept() -> None:
     found = ThreadCountTuner(1)
     assert heard(found, {1: 1.0}, 3) == [1, 1, 1]
     assert not found.trying
@@ -249,7 +251,7 @@ def large(bed: Scene) -> Scene:
     )
 
 
-def test_small_beds_and_the_source_s_list_take_one(bed: Scene, large: Scene) -> None:
+def test_small_beds_and_verlet_lists_use_one_thread(bed: Scene, large: Scene) -> None:
     assert choose_thread_count(bed, None) == 1
     assert choose_thread_count(large.replace(**{"pairs.method": "verlet-list"}), None) == 1
     assert choose_thread_count(large, 1) == 1
@@ -257,6 +259,6 @@ def test_small_beds_and_the_source_s_list_take_one(bed: Scene, large: Scene) -> 
 
 @TWO
 @pytest.mark.parametrize("method", ["cut-off", "mesh", "direct"])
-def test_large_beds_take_several(large: Scene, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_beds_use_several_threads(large: Scene, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numba.config, "THREADING_LAYER", "workqueue")
     assert (choose_thread_count(large.replace(**{"pairs.method": method}), None) > 1) == (method == "direct")

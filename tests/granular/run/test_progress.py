@@ -21,14 +21,14 @@ from granular.run.run_progress_bar import RestApproach, RunProgressBar, remainin
 ROOT = Path(__file__).parents[3]
 
 
-def test_the_outlook_of_a_long_run() -> None:
+def test_duration_of_a_long_run_is_announced() -> None:
     assert remaining_time_text(1e12, 1e6) == "up to 1e+12 steps, 12 days at 1e+06 steps a second"
     assert remaining_time_text(2e9, 1e6) == "up to 2e+09 steps, 33 minutes at 1e+06 steps a second"
     assert remaining_time_text(1e20, 1e6) == "up to 1e+20 steps, 3.2e+06 years at 1e+06 steps a second"
     assert remaining_time_text(5e6, 1e6) is None
 
 
-def test_steps_ahead_are_those_of_all_stages() -> None:
+def test_remaining_steps_include_all_stages() -> None:
     scene = load_scene("single-particle").replace(
         **{"protocol": [{"kind": "hold", "name": name, "duration": 0.01} for name in "abc"]}
     )
@@ -39,7 +39,7 @@ def test_steps_ahead_are_those_of_all_stages() -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGTERM"), reason="needs signals")
-def test_a_run_of_weeks_says_so_and_ends_on_sigterm(tmp_path: Path) -> None:
+def test_run_of_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None:
     out = tmp_path / "run"
     words = ("granular", "run", "single-particle", "--dt", "1e-12", "-o", str(out))
     process = subprocess.Popen(
@@ -56,7 +56,7 @@ def test_a_run_of_weeks_says_so_and_ends_on_sigterm(tmp_path: Path) -> None:
     rest = process.communicate(timeout=60)[1]
     assert process.returncode == 143
     assert (
-        rest.splitlines()[-1] == f"error: terminated: what was done is in {out}; the same command "
+        rest.splitlines()[-1] == f"error: terminated: results up to now are in {out}; the same command "
         "goes on (run with --resume)"
     )
     part = load_trajectory(out)
@@ -64,7 +64,7 @@ def test_a_run_of_weeks_says_so_and_ends_on_sigterm(tmp_path: Path) -> None:
     assert part.settings()["steps"] > 0
 
 
-def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit(small_bed: Scene) -> None:
+def test_bar_of_a_settling_bed_shows_motion_and_limit(small_bed: Scene) -> None:
     """One grain swings in drag: it moves less and less, down to the limit."""
     stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
     changes = {"protocol": [stage], "effects.drag.coefficient": "5 g/s"}
@@ -102,7 +102,7 @@ def test_kernels_are_counted_while_they_are_compiled(
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_what_was_warmed_up_is_kept_and_compiled_no_more(
+def test_warmed_up_kernels_are_not_compiled_again(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The loop in a file of its own: for the types that the run gives it."""

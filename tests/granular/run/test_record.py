@@ -73,7 +73,7 @@ GOOD = [
 
 
 @pytest.mark.parametrize("text", GOOD)
-def test_odd_headers_and_further_columns(tmp_path: Path, text: str) -> None:
+def test_unusual_headers_and_further_columns_are_read(tmp_path: Path, text: str) -> None:
     (tmp_path / "lab.csv").write_text(text, encoding="utf-8")
     record = PistonRecord.from_csv(tmp_path / "lab.csv")
     assert record.time.tolist() == [0.0, 1.0]
@@ -81,7 +81,7 @@ def test_odd_headers_and_further_columns(tmp_path: Path, text: str) -> None:
     assert set(record.extra) <= {"load, in percent", "remark (see page 3) of (4)"}
 
 
-def test_further_columns_are_kept_where_they_hold_numbers(tmp_path: Path) -> None:
+def test_numeric_further_columns_are_kept(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", 'time,"load, in percent",who,height\n0,7,a,1\n1,8,b,2\n')
     record = PistonRecord.from_csv(path)
     assert {name: column.tolist() for name, column in record.extra.items()} == {
@@ -114,7 +114,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("text", "words"), BAD)
-def test_bad_files(tmp_path: Path, text: str, words: str) -> None:
+def test_invalid_files_are_refused(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(RecordError) as caught:
         PistonRecord.from_csv(write(tmp_path / "bad.csv", text))
     assert words in str(caught.value)
@@ -172,7 +172,9 @@ BAD_TABLES = [
 
 
 @pytest.mark.parametrize(("columns", "units", "words"), BAD_TABLES)
-def test_bad_parquet(tmp_path: Path, columns: dict[str, object], units: dict[str, str], words: str) -> None:
+def test_invalid_parquet_columns_are_refused(
+    tmp_path: Path, columns: dict[str, object], units: dict[str, str], words: str
+) -> None:
     path = parquet(tmp_path / "bad.parquet", columns, units)
     with pytest.raises(RecordError) as caught:
         PistonRecord.from_parquet(path)
@@ -180,7 +182,7 @@ def test_bad_parquet(tmp_path: Path, columns: dict[str, object], units: dict[str
     assert "\n" not in str(caught.value)
 
 
-def test_files_that_are_no_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_other_than_parquet_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(RecordError, match="there is no file"):
         PistonRecord.from_file(tmp_path / "nothing.parquet")
     (tmp_path / "folder.pq").mkdir()
@@ -235,7 +237,7 @@ def acceleration(time: np.ndarray, height: np.ndarray) -> np.ndarray:
     return np.diff(height, 2) / np.diff(time)[0] ** 2
 
 
-def test_a_shaken_cell_lends_its_motion() -> None:
+def test_record_of_a_shaken_cell_contains_the_base_motion() -> None:
     """Seen from the base, the piston falls and the base's motion is taken away: z'' = -g - b''."""
     angle = 0.6
     scene = empty(
@@ -255,7 +257,7 @@ def test_a_shaken_cell_lends_its_motion() -> None:
         assert slope == pytest.approx(record.extra[rate][2:-2], abs=2e-4 * np.ptp(slope))
 
 
-def test_a_push_lends_its_force() -> None:
+def test_record_of_a_pushed_piston_contains_the_force() -> None:
     """M z'' = -M g + F, with a phase that counts from the stage's start; 0 in other stages."""
     scene = empty(
         {"kind": "hold", "name": "wait", "duration": 0.0123},
@@ -285,7 +287,7 @@ class Tug:
         return float(p.size * math.exp(-100.0 * time))
 
 
-def test_a_force_formula_and_an_own_stage_lend_their_force() -> None:
+def test_records_contain_forces_of_formulas_and_custom_stages() -> None:
     """M z'' = -M g + F in either stage, and 0 before them."""
     scene = empty(
         {"kind": "hold", "name": "wait", "duration": 0.01},
@@ -313,7 +315,7 @@ def test_a_force_formula_and_an_own_stage_lend_their_force() -> None:
 
 
 @quick_in_plain_python
-def test_a_shaken_base_lends_its_acceleration() -> None:
+def test_record_on_a_shaken_host_contains_the_base_acceleration() -> None:
     """Seen from the base that carries the cell: z'' = -g - b''."""
     drive = {"displacement": "2 mm", "frequency": "25 Hz"}
     scene = empty(
@@ -326,6 +328,6 @@ def test_a_shaken_base_lends_its_acceleration() -> None:
     assert found == pytest.approx(-GRAVITY - record.extra["base_acceleration"][1:-1], abs=2e-3)
 
 
-def test_a_piston_that_is_not_driven_has_no_further_columns() -> None:
+def test_record_of_an_undriven_piston_has_no_further_columns() -> None:
     run = simulate(empty({"kind": "free", "name": "fall", "duration": 0.01}), progress=False)
     assert run.piston().extra == {}

@@ -144,7 +144,7 @@ def test_piston_record(scene: Scene, tmp_path: Path) -> None:
         assert np.array_equal(getattr(record, name), getattr(back, name))
 
 
-def test_a_run_is_at_home_in_xarray_and_pandas(scene: Scene, tmp_path: Path) -> None:
+def test_dataset_works_with_xarray_and_pandas(scene: Scene, tmp_path: Path) -> None:
     """Although the piston jumps, so that one time has two records."""
     import xarray
 
@@ -185,7 +185,7 @@ def test_rest_is_detected(small_damper: Scene) -> None:
     assert np.ptp(window[1:-2]) <= 1e-4 * 0.006 * 1.0001
 
 
-def test_rest_that_does_not_come(small_damper: Scene) -> None:
+def test_missing_rest_raises_an_error(small_damper: Scene) -> None:
     scene = small_damper.replace(**{"protocol.drop.duration": 1.2})
     with pytest.raises(
         NotAtRestError, match=r"'drop' did not come to rest within 1\.2 s: the piston still moves at .* m/s"
@@ -196,7 +196,7 @@ def test_rest_that_does_not_come(small_damper: Scene) -> None:
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_interrupted_run_keeps_what_was_done(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_run_keeps_its_results(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     from granular.run.protocol_runner import ProtocolRunner
 
     plain, calls = ProtocolRunner.advance, []
@@ -259,7 +259,7 @@ s.simulate(load_scene({str(tmp_path / "scene.toml")!r}), t_end=3.0, dt=1e-5,
         ({"resume": True}, "needs out"),
     ],
 )
-def test_bad_arguments(scene: Scene, arguments: dict, words: str) -> None:
+def test_invalid_arguments_are_refused(scene: Scene, arguments: dict, words: str) -> None:
     with pytest.raises(InputError, match=words.replace("(", r"\(")):
         simulate(scene, progress=False, **arguments)
 
@@ -321,7 +321,7 @@ print(memory(30), memory(150))
 
 
 @pytest.mark.long
-def test_runs_leave_nothing_in_memory() -> None:
+def test_runs_do_not_leak_memory() -> None:
     said = subprocess.run([sys.executable, "-c", PROGRAM], check=True, capture_output=True, text=True).stdout
     print(said)
     first, second = map(float, said.split())  # MB
@@ -329,7 +329,7 @@ def test_runs_leave_nothing_in_memory() -> None:
 
 
 @pytest.mark.parametrize("times", [[0.0], [0.0, 0.1, 0.2], [0.0, 0.1, 0.1, 0.2], [0.0, 0.0, 0.0, 1e-3, 1e-3]])
-def test_times_that_are_parted_grow_and_can_be_joined(times: list[float]) -> None:
+def test_equal_times_are_separated_and_merged_again(times: list[float]) -> None:
     found = separate_equal_times(np.array(times))
     assert (np.diff(found) > 0.0).all()
     assert np.abs(found - times).max() < 1e-15
@@ -373,7 +373,7 @@ def bed_with(name: str) -> Scene:
 
 
 @pytest.mark.parametrize("name", TAKEN)
-def test_an_own_effect_cannot_take_the_name_of_a_record(
+def test_custom_effect_cannot_use_the_name_of_a_variable(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(EFFECTS, "_own", dict(EFFECTS._own))
@@ -384,7 +384,7 @@ def test_an_own_effect_cannot_take_the_name_of_a_record(
     assert not out.exists()
 
 
-def test_another_name_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_custom_effect_with_another_name_is_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(EFFECTS, "_own", dict(EFFECTS._own))
     scene = bed_with("Tether")
     check_variable_names(scene)

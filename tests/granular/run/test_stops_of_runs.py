@@ -64,7 +64,7 @@ def seconds_until_the_end(one: Callable[[], None], delay: float) -> float:
 
 
 @pytest.mark.parametrize("kept", ["memory", "disk"])
-def test_some_ctrl_c_end_a_loop_of_short_runs(
+def test_ctrl_c_ends_a_loop_of_short_runs(
     scene: Scene, tmp_path: Path, random: np.random.Generator, kept: str
 ) -> None:
     one = short_runs(scene, tmp_path if kept == "disk" else None)
@@ -73,7 +73,7 @@ def test_some_ctrl_c_end_a_loop_of_short_runs(
 
 
 @pytest.mark.parametrize("kept", ["memory", "disk"])
-def test_a_stop_after_the_last_step_is_raised_with_the_whole_run(
+def test_stop_after_the_last_step_carries_the_whole_run(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: str
 ) -> None:
     plain = granular.run.simulation.make_trajectory
@@ -96,7 +96,7 @@ def test_a_stop_after_the_last_step_is_raised_with_the_whole_run(
 
 
 @pytest.mark.parametrize("calls", [0, 1])
-def test_a_stop_breaks_off_a_compilation(
+def test_stop_interrupts_a_compilation(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
 ) -> None:
     """To compile a set of effects takes long, up to a minute; the run goes on from its disk."""
@@ -121,7 +121,7 @@ def test_a_stop_breaks_off_a_compilation(
     assert resumed.complete
 
 
-def test_what_a_compilation_held_is_not_freed_after_a_stop() -> None:
+def test_interrupted_compilation_is_not_freed() -> None:
     """LLVM's objects may have two owners then: freeing one ends the process."""
     freed = []
 
@@ -145,7 +145,7 @@ def test_what_a_compilation_held_is_not_freed_after_a_stop() -> None:
     assert not freed
 
 
-def test_a_stop_is_not_lost_to_a_run_that_fails(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stop_is_not_lost_in_a_failing_run(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop that goes on after a failed run ends all the same."""
     from granular.run.protocol_runner import ProtocolRunner
 

@@ -125,7 +125,7 @@ def damage(path: Path, how: str, random: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize(("bits", "others"), [(6, 1), pytest.param(200, 17, marks=pytest.mark.long)])
-def test_damages_are_noticed(
+def test_damage_is_detected(
     runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator, bits: int, others: int
 ) -> None:
     """Files are drawn by chance, so that each kind of file is among many."""
@@ -144,7 +144,7 @@ MAIN_FILES = ("scene.toml", "run.json", "checkpoint.npz", "trajectory.zarr/zarr.
 @pytest.mark.parametrize(
     "file", [*MAIN_FILES, "trajectory.zarr/position/zarr.json", "trajectory.zarr/time/c/3"]
 )
-def test_each_kind_of_file_is_named(
+def test_error_names_the_damaged_file(
     runs: Runs, tmp_path: Path, random: np.random.Generator, file: str, how: str
 ) -> None:
     copy = copied(runs, tmp_path / "run")
@@ -158,7 +158,7 @@ def test_each_kind_of_file_is_named(
     ("file", "size", "end"),
     [*((file, 3 * 2**30, b"") for file in MAIN_FILES), ("checkpoint.npz", 2**28, b"0" * 64)],
 )
-def test_a_file_of_gigabytes_is_not_read_whole(
+def test_huge_files_are_refused_without_reading(
     runs: Runs, tmp_path: Path, file: str, size: int, end: bytes
 ) -> None:
     copy = copied(runs, tmp_path / "run")
@@ -177,7 +177,7 @@ def test_a_file_of_gigabytes_is_not_read_whole(
     assert most < 2**26
 
 
-def test_a_run_without_positions_is_none(runs: Runs, tmp_path: Path) -> None:
+def test_directory_without_positions_is_refused(runs: Runs, tmp_path: Path) -> None:
     copy = copied(runs, tmp_path / "run")
     shutil.rmtree(copy / "trajectory.zarr" / "position")
     with pytest.raises(StoreError, match=r"position/zarr\.json is missing; restore it"):
@@ -192,7 +192,7 @@ def test_a_run_without_positions_is_none(runs: Runs, tmp_path: Path) -> None:
     ("name", "old", "new"),
     [("scene.toml", "density = 7368.0", "density = 7369.0"), ("run.json", '"dt": "auto"', '"dt": "auto/2"')],
 )
-def test_an_edited_file_is_noticed(runs: Runs, tmp_path: Path, name: str, old: str, new: str) -> None:
+def test_edited_file_is_detected(runs: Runs, tmp_path: Path, name: str, old: str, new: str) -> None:
     file = copied(runs, tmp_path / "run") / name
     text = file.read_text(encoding="utf-8")
     assert old in text
@@ -201,13 +201,13 @@ def test_an_edited_file_is_noticed(runs: Runs, tmp_path: Path, name: str, old: s
         load_trajectory(file.parent)
 
 
-def test_a_chunk_of_nothing_but_the_fill_value_is_written(runs: Runs) -> None:
+def test_chunk_of_fill_values_is_written(runs: Runs) -> None:
     """All stages are number 0, which is the fill value: only what was lost is not there."""
     chunks = runs.run / "trajectory.zarr" / "stage" / "c"
     assert len(list(chunks.iterdir())) == len(list((chunks.parents[1] / "time" / "c").iterdir()))
 
 
-def test_other_programs_check_the_sums_too(runs: Runs, tmp_path: Path) -> None:
+def test_zarr_verifies_checksums(runs: Runs, tmp_path: Path) -> None:
     copy = copied(runs, tmp_path / "run")
     plain = xarray.open_zarr(copy / "trajectory.zarr", chunks=None)
     found = load_trajectory(runs.run).dataset["greatest_speed"]
@@ -227,9 +227,7 @@ class Trap:
         return Path.touch, (Path("sprung"),)
 
 
-def test_nothing_in_a_checkpoint_is_executed(
-    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_checkpoint_code_is_not_executed(runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     copy = copied(runs, tmp_path / "run")
     kept, manifest = read_checkpoint(copy)
@@ -240,7 +238,7 @@ def test_nothing_in_a_checkpoint_is_executed(
     assert not (tmp_path / "sprung").exists()
 
 
-def test_what_is_read_does_not_grow_while_the_run_does(scene: Scene, runs: Runs, tmp_path: Path) -> None:
+def test_open_trajectory_of_a_live_run_does_not_grow(scene: Scene, runs: Runs, tmp_path: Path) -> None:
     """A reader of a live run keeps the part that was complete when it opened it."""
     copy = copied(runs, tmp_path / "run")
     early = load_trajectory(copy)
@@ -252,7 +250,7 @@ def test_what_is_read_does_not_grow_while_the_run_does(scene: Scene, runs: Runs,
     )
 
 
-def test_an_older_chunk_is_not_taken_for_a_newer_one(runs: Runs, scene: Scene, tmp_path: Path) -> None:
+def test_older_chunk_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
     """Behind what it held when it was copied there are fill values, which are no records."""
     assert "trajectory.zarr/position/c/1/0/0" in chunks(runs.early)
     for name in ("time/c/1", "piston_height/c/1", "position/c/1/0/0", "kinetic_energy/c/1"):
@@ -276,7 +274,7 @@ def test_an_older_chunk_is_not_taken_for_a_newer_one(runs: Runs, scene: Scene, t
         ("position/c/0/0/0", "kinetic_energy/c/0"),
     ],
 )
-def test_a_chunk_of_another_place_is_noticed(
+def test_chunk_of_another_index_is_detected(
     runs: Runs, scene: Scene, tmp_path: Path, chunk: str, donor: str
 ) -> None:
     place = copied(runs, tmp_path / "run")
@@ -284,7 +282,7 @@ def test_a_chunk_of_another_place_is_noticed(
     assert len(check(runs, scene, place, f"trajectory.zarr/{chunk}", donor)) == 2
 
 
-def test_a_chunk_of_another_run_is_noticed(runs: Runs, scene: Scene, tmp_path: Path) -> None:
+def test_chunk_of_another_run_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
     for chunk in ("trajectory.zarr/position/c/0/0/0", "trajectory.zarr/kinetic_energy/c/3"):
         place = copied(runs, tmp_path / "run")
         shutil.copyfile(runs.other / chunk, place / chunk)
@@ -293,7 +291,7 @@ def test_a_chunk_of_another_run_is_noticed(runs: Runs, scene: Scene, tmp_path: P
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
 @pytest.mark.parametrize("name", [*MAIN_FILES, "trajectory.zarr/time/c/3"])
-def test_a_pipe_in_place_of_a_file_is_named(runs: Runs, scene: Scene, tmp_path: Path, name: str) -> None:
+def test_pipe_in_place_of_a_file_is_reported(runs: Runs, scene: Scene, tmp_path: Path, name: str) -> None:
     place = copied(runs, tmp_path / "run")
     (place / name).unlink()
     os.mkfifo(place / name)
@@ -317,7 +315,7 @@ def exchange(runs: Runs, place: Path, random: np.random.Generator) -> tuple[str,
 
 
 @pytest.mark.parametrize("count", [20, pytest.param(200, marks=pytest.mark.long)])
-def test_exchanges_are_noticed(
+def test_exchanged_files_are_detected(
     runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator, count: int
 ) -> None:
     noticed = 0
@@ -327,7 +325,7 @@ def test_exchanges_are_noticed(
     assert noticed > count // 2
 
 
-def test_a_checkpoint_of_an_earlier_time_is_noticed(runs: Runs, tmp_path: Path) -> None:
+def test_checkpoint_of_an_earlier_time_is_detected(runs: Runs, tmp_path: Path) -> None:
     """The last record that it knows, which lay on no whole tick, was written anew since."""
     place = copied(runs, tmp_path / "run")
     shutil.copyfile(runs.early / "checkpoint.npz", place / "checkpoint.npz")
@@ -336,7 +334,7 @@ def test_a_checkpoint_of_an_earlier_time_is_noticed(runs: Runs, tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("length", "noticed"), [(b"7", False), (b"07", True), (b"-7", True)])
-def test_a_length_in_metadata_is_a_number_or_noticed(
+def test_invalid_length_in_metadata_is_detected(
     runs: Runs, tmp_path: Path, length: bytes, noticed: bool
 ) -> None:
     """It is for other programs: how much is complete stands in the checkpoint."""

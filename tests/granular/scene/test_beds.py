@@ -42,7 +42,7 @@ ROWS = [
 
 
 @pytest.mark.parametrize(("aspect", "big", "ratio", "height", "way"), ROWS)
-def test_table_of_the_source(
+def test_bidisperse_beds_agree_with_the_published_table(
     aspect: float, big: float, ratio: Decimal, height: Decimal, way: Decimal
 ) -> None:
     scene = bidisperse(aspect, float(ratio), big=big)
@@ -74,13 +74,13 @@ def test_table_of_the_source(
         (1.0, 1.0),
     ],
 )
-def test_rule_of_the_source_makes_other_shares(fraction: float, made: float) -> None:
+def test_every_kth_mixing_gives_other_fractions(fraction: float, made: float) -> None:
     grains = bidisperse(0.6, fraction, mixing="every-kth").grains
     assert grains.species_fractions()[1] == made
     assert grains.species_counts()[1] == round(400 * made)
 
 
-def test_rule_of_the_source_by_its_own_examples() -> None:
+def test_every_kth_mixing_agrees_with_published_examples() -> None:
     def species(fraction: float) -> list[int]:
         return bidisperse(0.6, fraction, mixing="every-kth").grains.species_indices()[:6].tolist()
 
@@ -91,7 +91,7 @@ def test_rule_of_the_source_by_its_own_examples() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.0, 1.0), st.integers(1, 60))
-def test_interspersed_rule_is_exact_and_even(fraction: float, count: int) -> None:
+def test_interspersed_mixing_is_exact_and_even(fraction: float, count: int) -> None:
     grains = bidisperse(0.6, fraction).replace(**{"grains.count": count}).grains
     counts = grains.species_counts()
     assert sum(counts) == count
@@ -104,7 +104,7 @@ def test_interspersed_rule_is_exact_and_even(fraction: float, count: int) -> Non
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.2, 1.0), st.integers(1, 9)), min_size=1, max_size=5))
-def test_final_height_keeps_the_packing(kinds: list[tuple[float, int]]) -> None:
+def test_final_height_keeps_the_packing_fraction(kinds: list[tuple[float, int]]) -> None:
     total = sum(weight for _, weight in kinds)
     count = 100 * total
     species = [
@@ -128,7 +128,7 @@ def test_mono_bed_scales_with_its_number_of_grains() -> None:
     assert mono_bed(92).protocol[0].to_plain()["to"] > 37.5 * 0.006
 
 
-def test_damper_is_the_packaged_one() -> None:
+def test_default_damper_equals_the_packaged_scene() -> None:
     assert damper() == load_scene("damper")
     source = load_scene("damper-source")
     assert damper(6.24, drag=1.0).replace(name="damper-source") == source
@@ -150,6 +150,6 @@ def test_damper_is_the_packaged_one() -> None:
         lambda: damper(lift="high"),
     ],
 )
-def test_bad_arguments_are_named(make: Callable[[], object]) -> None:
+def test_errors_name_the_invalid_argument(make: Callable[[], object]) -> None:
     with pytest.raises(InputError):
         make()

@@ -70,12 +70,12 @@ def test_any_scene_round_trips(
 
 @settings(max_examples=200, deadline=None)
 @given(value=st.floats(-1e6, 1e6, allow_nan=False), unit=st.sampled_from(["m", "mm", "cm", "um", "km", "nm"]))
-def test_lengths_with_units(value: float, unit: str) -> None:
+def test_lengths_with_units_are_converted(value: float, unit: str) -> None:
     size = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "km": 1e3, "nm": 1e-9}[unit]
     assert si_value(f"{value!r} {unit}", "m") == pytest.approx(value * size, rel=1e-15, abs=1e-300)
 
 
-def test_units() -> None:
+def test_quantities_with_units_are_converted() -> None:
     assert si_value("5 mm", "m") == 0.005
     assert si_value("8.33 mm/s", "m/s") == 0.00833
     assert si_value("20 D", "m", 0.006) == 0.12
@@ -96,7 +96,7 @@ def test_replace_returns_a_new_scene(damper: Scene) -> None:
         damper.piston.mass = 3.0
 
 
-def test_replace_adds_and_takes_away(damper: Scene) -> None:
+def test_replace_adds_and_removes_parts(damper: Scene) -> None:
     bare = damper.replace(**{"effects.drag": None, "effects.gravity": "none"})
     assert bare.effects.drag is None
     assert bare.effects.gravity is None
@@ -104,13 +104,13 @@ def test_replace_adds_and_takes_away(damper: Scene) -> None:
     assert back == damper
 
 
-def test_items_are_named_or_numbered(damper: Scene) -> None:
+def test_list_items_are_given_by_name_or_index(damper: Scene) -> None:
     by_name = damper.replace(**{"protocol.release.duration": 3})
     assert by_name == damper.replace(**{"protocol.2.duration": "3 s"})
     assert by_name.protocol[2].duration == 3.0
 
 
-def test_species_are_shared_out_evenly() -> None:
+def test_species_are_distributed_evenly() -> None:
     species = [
         {"name": "big", "diameter": 0.005, "share": 0.7},
         {"name": "small", "diameter": 0.003, "share": 0.3},
@@ -177,7 +177,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("changes", "words"), BAD, ids=[next(iter(one[0])) for one in BAD])
-def test_bad_scenes(damper: Scene, changes: dict, words: str) -> None:
+def test_invalid_scenes_are_refused(damper: Scene, changes: dict, words: str) -> None:
     with pytest.raises(SceneError) as caught:
         damper.replace(**changes)
     assert words in str(caught.value)
@@ -209,18 +209,18 @@ def test_keys_of_the_grid_are_refused_together_with_positions(
     [
         ([[0.1, 0.05], [0.104, 0.05]], "grains 0 and 1 overlap"),
         ([[0.1, 0.05], [0.1, 0.05]], "grains 0 and 1 overlap"),
-        ([[0.001, 0.05], [0.1, 0.05]], "grain 0 reaches 0.002 m into the left wall"),
-        ([[0.1, 0.05], [0.5, 0.05]], "grain 1 reaches"),
+        ([[0.001, 0.05], [0.1, 0.05]], "grain 0 extends 0.002 m into the left wall"),
+        ([[0.1, 0.05], [0.5, 0.05]], "grain 1 extends"),
         ([[0.1, 0.05], [0.2, -0.01]], "into the bottom"),
         ([[0.1, 0.05], [0.2, 0.3]], "into the piston"),
     ],
 )
-def test_bad_positions(damper: Scene, positions: list, words: str) -> None:
+def test_invalid_positions_are_refused(damper: Scene, positions: list, words: str) -> None:
     with pytest.raises(SceneError, match=words):
         damper.replace(**{"grains.count": 2, "arrangement.positions": positions})
 
 
-def test_bad_files(tmp_path: Path) -> None:
+def test_invalid_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="did you mean 'damper'"):
         load_scene("dampr")
     with pytest.raises(SceneError, match="there is no scene file"):
@@ -234,7 +234,7 @@ def test_bad_files(tmp_path: Path) -> None:
         load_scene(broken)
 
 
-def test_a_scene_shows_itself_in_a_few_lines() -> None:
+def test_scene_repr_has_a_few_lines() -> None:
     scene = load_scene("damper")
     assert repr(scene).splitlines() == [
         "Scene 'damper': 368 of 6 mm, cell 360 mm wide, piston at 120 mm, 7.5 kg",
@@ -250,7 +250,7 @@ CELL = Cell(width=0.09)
 PISTON = Piston(height=0.036)
 
 
-def test_grains_stand_in_the_cell_and_move_at_the_speed_asked_for() -> None:
+def test_grains_start_in_the_cell_with_the_given_speed() -> None:
     plan = Arrangement(seed=3, speed=0.2)
     places, velocities = initial_positions_and_velocities(plan, GRAINS, CELL, PISTON, overlapping=False)
     assert places.shape == velocities.shape == (23, 2)
@@ -281,10 +281,10 @@ def test_a_grid_without_height_needs_a_piston() -> None:
 
 @pytest.mark.parametrize("few", [0, 1000])
 @pytest.mark.parametrize("height", [None, 0.03])
-def test_overlaps_are_those_of_all_pairs(
+def test_overlap_check_covers_all_pairs(
     height: float | None, few: int, random: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("granular.scene.arrangement.FEW", few)
+    monkeypatch.setattr("granular.scene.arrangement.MAX_GRAINS_WITHOUT_TREE", few)
     cell = Cell(width=0.03) if height is None else Cell(width=0.03, sides="periodic", height=height)
     five, overlapping = dataclasses.replace(GRAINS, count=5), 0
     for _ in range(300):

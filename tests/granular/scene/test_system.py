@@ -35,14 +35,14 @@ def every(scene: Scene, wanted: int | None, method: str = "stormer-verlet") -> i
     return far.every
 
 
-def test_the_far_field_is_met_as_often_as_is_asked_for(small_bed: Scene) -> None:
+def test_far_field_interval_follows_far_every(small_bed: Scene) -> None:
     free = small_bed.replace(**{"effects.friction": None})
     assert every(free, None) == FAR_EVERY
     assert every(free, 4) == 4
     assert every(free, 1) is None  # a part of every force
 
 
-def test_the_direct_sum_is_split_where_that_is_asked_for(small_bed: Scene) -> None:
+def test_direct_sum_is_split_for_far_every(small_bed: Scene) -> None:
     def far_every(scene: Scene, method: str = "stormer-verlet") -> int | None:
         far = scene_in_natural_units(scene, method=METHODS[method]).constants.acting.far
         return None if far is None else far.every
@@ -57,7 +57,7 @@ def test_the_direct_sum_is_split_where_that_is_asked_for(small_bed: Scene) -> No
         far_every(asked, "pefrl")
 
 
-def test_a_method_without_impulses_meets_it_at_every_force(small_bed: Scene) -> None:
+def test_methods_without_impulses_include_the_far_field_in_every_force(small_bed: Scene) -> None:
     free = small_bed.replace(**{"effects.friction": None})
     assert every(free, None, "pefrl") is None
     assert every(free, 1, "pefrl") is None
@@ -89,7 +89,7 @@ def mixed(**changes: Any) -> Scene:
     )
 
 
-def test_what_is_said_of_each_species_alike_changes_no_bit() -> None:
+def test_equal_values_for_each_species_change_no_bit() -> None:
     scene = load_scene("bed").replace(**{"grains.count": 9})
     place = scene.initial_positions_and_velocities()[0]
     told = scene.replace(
@@ -102,7 +102,7 @@ def test_what_is_said_of_each_species_alike_changes_no_bit() -> None:
     np.testing.assert_array_equal(evaluate(told, place).force, evaluate(scene, place).force)
 
 
-def test_masses_and_moments_are_those_of_the_material() -> None:
+def test_masses_and_moments_follow_from_the_material() -> None:
     grains = mixed().grains
     sheet = math.pi / 4.0 * 0.004**2 * 0.0029
     assert grains.masses()[grains.species_indices() == 1] == pytest.approx(5000.0 * sheet, rel=1e-14)
@@ -126,7 +126,7 @@ def test_masses_and_moments_are_those_of_the_material() -> None:
     "changes",
     [{}, pytest.param({"grains.magnets": "cylinders", "effects.walls": True}, marks=pytest.mark.long)],
 )
-def test_one_bed_in_five_widths(changes: dict[str, Any]) -> None:
+def test_rescaled_beds_have_equal_groups_and_results(changes: dict[str, Any]) -> None:
     """Rest over the width, the frequency by sqrt(W/g), and the damping ratio, without a run."""
     rest = at_rest(small_damper(**changes))
     width, root = rest.scene.cell.width, piston_roots(rest)[0]
@@ -143,7 +143,7 @@ def test_one_bed_in_five_widths(changes: dict[str, Any]) -> None:
         assert figures == pytest.approx(expected, rel=1e-9)
 
 
-def test_kappa_by_hand() -> None:
+def test_kappa_agrees_with_its_definition() -> None:
     """The packaged damper has mu0 m^2/(pi M g W^4), m = Br V/mu0."""
     volume = math.pi / 4.0 * 6e-3**2 * 3e-3
     mu0 = 4e-7 * math.pi
@@ -156,7 +156,7 @@ def test_kappa_by_hand() -> None:
     assert dimensionless_groups(load_scene("bed")) == {}
 
 
-def test_the_rest_of_a_lattice() -> None:
+def test_lattice_pressure_carries_the_weight() -> None:
     """The lattice's pressure times the width carries the weight."""
     scene = load_scene("damper")
     groups, width = dimensionless_groups(scene), scene.cell.width
@@ -166,7 +166,7 @@ def test_the_rest_of_a_lattice() -> None:
     assert pressure * width == pytest.approx(7.5 * 9.8, rel=1e-6)  # of the lattice sum
 
 
-def test_parts_and_a_machine_in_another_size() -> None:
+def test_parts_and_machine_are_rescaled() -> None:
     """A liquid's drag becomes a number; springs go as the size, a moment as its cube."""
     oil = load_scene("damper").replace(
         **{"effects.drag.liquid": "silicone oil 100 cSt", "grains.moment": 0.0877, "cell.separation": "4 mm"}
@@ -189,7 +189,7 @@ def test_parts_and_a_machine_in_another_size() -> None:
         rescale(load_scene("bed").replace(**{"effects.field": [{"energy": "f*y", "f": "1 mN"}]}), 1.0)
 
 
-def test_published_scales() -> None:
+def test_scales_agree_with_the_published_table() -> None:
     """Masses, moments and units of the table of scales [D, Tables 2.1 and 4.3]."""
     expected = {
         0.006: (6.2498e-4, 0.08775, 2.37656, 1.25612e-3, 2.57715e-3, 4.1303),

@@ -41,7 +41,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
 
 
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
-def test_files_are_replaced_whole(write: Callable[[Path], None], tmp_path: Path) -> None:
+def test_files_are_replaced_atomically(write: Callable[[Path], None], tmp_path: Path) -> None:
     path = tmp_path / "file"
     write(path)
     first = path.read_bytes()
@@ -53,13 +53,13 @@ def test_files_are_replaced_whole(write: Callable[[Path], None], tmp_path: Path)
     for place, words in (
         (tmp_path / "nowhere" / "file", "there is no directory"),
         (tmp_path, "is a directory"),
-        (tmp_path / ("x" * 300), "cannot be written: .*; make room, or give another place"),
+        (tmp_path / ("x" * 300), "cannot be written: .*; free space, or give another path"),
     ):
         with pytest.raises(InputError, match=words):
             write(place)
 
 
-def test_what_stops_half_way_changes_nothing(tmp_path: Path) -> None:
+def test_interrupted_writing_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / "file"
     write_text(path, "before")
 
@@ -74,13 +74,13 @@ def test_what_stops_half_way_changes_nothing(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["file"]
 
 
-def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
+def test_full_disk_keeps_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "file"
     write_text(path, "before")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))  # as on a disk with so much room
     try:
-        with pytest.raises(StoreError, match="cannot be written: File too large; make room"):
+        with pytest.raises(StoreError, match="cannot be written: File too large; free space"):
             write_text(path, "words " * 1000)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -92,7 +92,7 @@ FULL = Path("/dev/full")
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no device is always full here")
-def test_a_device_that_is_full_is_told() -> None:
+def test_full_device_is_reported() -> None:
     with pytest.raises(StoreError, match="/dev/full cannot be written: No space left on device"):
         write_text(FULL, "words")
     with FULL.open("w") as full:
@@ -107,12 +107,12 @@ def test_a_device_that_is_full_is_told() -> None:
     assert "standard output or a file: No space left on device" in done.stderr
 
 
-def test_numbers_that_json_lacks_are_null(tmp_path: Path) -> None:
+def test_non_finite_numbers_are_null_in_json(tmp_path: Path) -> None:
     write_json(tmp_path / "file", {"a": [1.0, math.nan, (math.inf, 2)]})
     assert json.loads((tmp_path / "file").read_text()) == {"a": [1.0, None, [None, 2]]}
 
 
-def test_a_link_stays_a_link(tmp_path: Path) -> None:
+def test_link_is_kept_and_its_target_replaced(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("file")
     for words in ("first", "second"):  # the first time it leads nowhere
         write_text(tmp_path / "link", words)
@@ -120,7 +120,7 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
         assert (tmp_path / "file").read_text(encoding="utf-8") == words
 
 
-def test_a_pipe_is_written_to(tmp_path: Path) -> None:
+def test_pipe_is_written_directly(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     writer = threading.Thread(target=write_text, args=(tmp_path / "pipe", "words"))
     writer.start()
@@ -142,7 +142,7 @@ def test_relative_caches_are_not_used(
     assert toolkit_cache_folder() == tmp_path / "caches" / "granular-damper"
 
 
-def test_no_home_directory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_home_directory_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def homeless() -> Path:
         raise RuntimeError("Could not determine home directory.")
 
@@ -153,7 +153,7 @@ def test_no_home_directory(monkeypatch: pytest.MonkeyPatch) -> None:
         assert trusted_cache_folder(None, "MY_CACHE") is None
 
 
-def test_a_folder_is_made_for_the_user_alone(tmp_path: Path) -> None:
+def test_cache_folder_is_private(tmp_path: Path) -> None:
     folder = trusted_cache_folder(tmp_path / "a" / "b", "MY_CACHE")
     assert folder == tmp_path / "a" / "b"
     assert folder.stat().st_mode & 0o777 == 0o700
@@ -162,14 +162,14 @@ def test_a_folder_is_made_for_the_user_alone(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="other rules hold")
 @pytest.mark.parametrize("mode", [0o720, 0o702, 0o777])
-def test_a_folder_that_others_may_write_to_is_not_used(mode: int, tmp_path: Path) -> None:
+def test_folder_writable_by_others_is_not_used(mode: int, tmp_path: Path) -> None:
     tmp_path.chmod(mode)
     with pytest.warns(UserWarning, match="others may write to it"):
         assert trusted_cache_folder(tmp_path, "MY_CACHE") is None
 
 
 @pytest.mark.skipif(getattr(os, "geteuid", lambda: 1)() != 0, reason="only root can give away")
-def test_what_belongs_to_others_is_not_used(tmp_path: Path) -> None:
+def test_files_of_other_users_are_not_used(tmp_path: Path) -> None:
     write_sealed_file(tmp_path / "file", "label", b"content")
     os.chown(tmp_path / "file", 12345, -1)
     assert read_sealed_file(tmp_path / "file", "label") is None
@@ -178,7 +178,7 @@ def test_what_belongs_to_others_is_not_used(tmp_path: Path) -> None:
         assert trusted_cache_folder(tmp_path, "MY_CACHE") is None
 
 
-def test_a_sealed_file_is_whole_or_absent(tmp_path: Path) -> None:
+def test_sealed_file_is_complete_or_absent(tmp_path: Path) -> None:
     path, body = tmp_path / "file", bytes(range(40))
     assert read_sealed_file(path, "label") is None
     write_sealed_file(path, "label", body)
@@ -213,7 +213,7 @@ LOCKS = pytest.mark.skipif(importlib.util.find_spec("fcntl") is None, reason="no
 
 
 @LOCKS
-def test_who_does_not_wait_is_told(tmp_path: Path) -> None:
+def test_lock_without_waiting_reports_failure(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     with lock_file(path, wait=False) as first:
         with lock_file(path, wait=False) as second:
@@ -225,7 +225,7 @@ def test_who_does_not_wait_is_told(tmp_path: Path) -> None:
 
 
 @LOCKS
-def test_only_one_at_a_time_of_many_that_wait(tmp_path: Path) -> None:
+def test_waiting_processes_hold_the_lock_one_at_a_time(tmp_path: Path) -> None:
     inside: list[int] = []
     most = []
 
@@ -244,7 +244,7 @@ def test_only_one_at_a_time_of_many_that_wait(tmp_path: Path) -> None:
 
 
 @LOCKS
-def test_the_lock_of_a_process_that_is_killed_is_free(tmp_path: Path) -> None:
+def test_lock_of_a_killed_process_is_released(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     words = (
         "import sys, time; from pathlib import Path; from granular.shared.files import lock_file\n"

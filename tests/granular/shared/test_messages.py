@@ -64,11 +64,11 @@ def test_values_are_quoted_on_a_short_line(value: object) -> None:
     assert 0 < len(text) <= LONGEST
 
 
-def test_a_figure_keeps_its_mark_on_the_line() -> None:
+def test_number_stays_on_the_line_of_its_unit() -> None:
     assert printable("3.326\xa0(!)") == "3.326\xa0(!)"
 
 
-def test_a_factor_is_one_that_people_use() -> None:
+def test_factors_are_formatted_without_powers_of_ten() -> None:
     """No power of ten, no row of zeros."""
     said = {3.14159: "3.1", 29.7: "30", 12345.0: "12,000", 9.9e5: "990,000", 0.0: "0"}
     for value, words in said.items():
@@ -134,7 +134,7 @@ BAD = {
 
 @pytest.mark.parametrize("words", ["z" * 10**5, STEERING * 100], ids=["long", "steering"])
 @pytest.mark.parametrize("place", BAD)
-def test_nothing_that_a_user_gave_floods_a_message(place: str, words: str, tmp_path: Path) -> None:
+def test_long_user_values_are_shortened_in_messages(place: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         BAD[place](words, tmp_path)
     message = str(caught.value)
@@ -142,7 +142,7 @@ def test_nothing_that_a_user_gave_floods_a_message(place: str, words: str, tmp_p
     assert len(message) < 1200  # with paths, known words and remedies next to what is quoted
 
 
-def test_the_terminal_gets_no_control_signs(
+def test_control_characters_are_not_printed(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def command(_: object) -> None:
@@ -159,7 +159,7 @@ def test_the_terminal_gets_no_control_signs(
         assert all(sign.isprintable() or sign == "\n" for sign in stream)
 
 
-def test_long_notes_are_printed_in_several_lines(capsys: pytest.CaptureFixture[str]) -> None:
+def test_long_notes_are_wrapped(capsys: pytest.CaptureFixture[str]) -> None:
     note, table = "  note: " + "fit with --drift " * 20, "0.123 " * 40
     print_result({}, f"{note}\n{table}", as_json=False)
     *lines, last = capsys.readouterr().out.splitlines()
@@ -169,7 +169,7 @@ def test_long_notes_are_printed_in_several_lines(capsys: pytest.CaptureFixture[s
     assert " ".join(lines).split() == note.split()
 
 
-def test_a_terminal_that_knows_few_letters(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_characters_that_a_terminal_lacks_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
     """What it cannot show is escaped, as with LANG=C."""
     buffers = [io.BytesIO(), io.BytesIO()]
     streams = [io.TextIOWrapper(buffer, encoding="ascii") for buffer in buffers]
@@ -188,7 +188,7 @@ def test_a_terminal_that_knows_few_letters(monkeypatch: pytest.MonkeyPatch) -> N
         assert buffer.getvalue() == words
 
 
-def test_pages_hold_no_control_signs() -> None:
+def test_pages_contain_no_control_characters() -> None:
     texts = [make(STEERING) for make in (Heading, Text, Caution, Printout)]
     tables = [Items([STEERING]), Table([STEERING], [[STEERING], ["<b>"]])]
     text = Page(STEERING, STEERING, [*texts, *tables], STEERING).to_html()
@@ -204,7 +204,7 @@ def test_lines_and_labels_of_figures() -> None:
     assert len(figure_label("x" * 1000)) == 60
 
 
-def test_signs_of_latex_are_letters() -> None:
+def test_latex_special_characters_are_escaped() -> None:
     found = latex_array(Table(["law", "C:\\"], [["a_1 & 50 %", "{x}^2"]]))
     assert r"\text{a\_1 \& 50 \%} & \text{\{x\}\^{}2} \\" in found
     assert r"\text{law} & \text{C:\textbackslash{}} \\ \hline" in found
@@ -249,7 +249,7 @@ def test_blocks_as_plain_text() -> None:
     ]
 
 
-def test_a_table_is_broken_to_the_width_of_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_table_is_wrapped_to_the_terminal_width(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "40")
     stream = Terminal()
     print_blocks([Table(["law", "what it says"], [["[bold]x[/]", "many words " * 8]])], stream)
@@ -269,7 +269,7 @@ def test_a_narrow_terminal_shows_every_digit(monkeypatch: pytest.MonkeyPatch) ->
     assert all("".join(column).endswith("1.124372e-12") for column in columns)
 
 
-def test_rows_are_as_wide_as_their_header() -> None:
+def test_rows_must_have_the_width_of_the_header() -> None:
     with pytest.raises(ValueError, match="other widths"):
         Table(["a", "b"], [["1"], ["1", "2", "3"]])
     assert str(Table(["", ""], [["a\nb", "c"]])) == "a b  c"
@@ -286,7 +286,7 @@ def test_a_notebook_shows_a_result_as_text_and_html() -> None:
 
 
 @pytest.mark.parametrize(("size", "fits"), [(READABLE, True), (7.0, False)])
-def test_the_smallest_letters_are_nine_pixels(size: float, fits: bool) -> None:
+def test_smallest_font_is_nine_pixels(size: float, fits: bool) -> None:
     with figure(width=7.2, size=size) as (drawing, axes):
         axes.set_xlabel("time [s]")
     page = Page("report", "", [Picture(lambda: drawing, "a motion")])

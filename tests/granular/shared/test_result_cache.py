@@ -16,7 +16,7 @@ from granular.shared.function_digest import functions_digest
 PLAIN = {"figures": {"a": 0.1 + 0.2, "b": 5e-324, "list": [1, 2.5, -0.0]}, "error": None}
 
 
-def test_what_is_kept_is_found_again_to_the_bit(tmp_path: Path) -> None:
+def test_cached_results_keep_all_bits(tmp_path: Path) -> None:
     cache = ResultCache(tmp_path / "a" / "cache")
     assert cache.read("key") is None
     cache.keep("key", PLAIN)
@@ -36,21 +36,21 @@ def test_equal_content_has_equal_keys() -> None:
     assert digest(PLAIN, 24).startswith(digest(PLAIN, 20))
 
 
-def test_a_damaged_file_is_said_to_be_and_counts_as_nothing(tmp_path: Path) -> None:
+def test_damaged_cache_file_is_reported_and_ignored(tmp_path: Path) -> None:
     cache = ResultCache(tmp_path)
     cache.keep("key", PLAIN)
     integer = cache.path("key").read_bytes()
     for damaged in (b"", integer[:-3], b"\xff\xfe" + integer):
         cache.path("key").write_bytes(damaged)
-        with pytest.warns(UserWarning, match="key.json is damaged; what it held is made anew"):
+        with pytest.warns(UserWarning, match="key.json is damaged; its result is computed again"):
             assert cache.read("key") is None
     cache.keep("key", PLAIN)
     assert cache.read("key") == PLAIN
 
 
-def test_a_place_that_cannot_be_read_or_written_is_named(tmp_path: Path) -> None:
+def test_unreadable_or_unwritable_cache_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here", encoding="utf-8")
-    with pytest.raises(InputError, match=r"file cannot be made: .*; give another place"):
+    with pytest.raises(InputError, match=r"file cannot be made: .*; give another path"):
         ResultCache(tmp_path / "file").keep("key", PLAIN)
     assert ResultCache(tmp_path / "file").read("key") is None
     (tmp_path / "key.json").mkdir()
@@ -106,14 +106,14 @@ def digests(folder: Path, factor: float, order: str) -> list[str]:
     return subprocess.check_output(words, env=surroundings, text=True).split()
 
 
-def test_a_digest_is_that_of_any_process_and_of_a_helpers_file(tmp_path: Path) -> None:
+def test_digest_is_equal_in_any_process_and_covers_helper_files(tmp_path: Path) -> None:
     first, again, edited = (digests(tmp_path, *given) for given in ((2.0, "1"), (2.0, "2"), (3.0, "1")))
     assert first == again
     assert [one != other for one, other in zip(first, edited, strict=True)] == [True, True, True, False]
 
 
 @pytest.mark.parametrize("where", [0, 1500, 2999])
-def test_a_table_counts_to_its_last_entry(where: int) -> None:
+def test_digest_covers_complete_tables(where: int) -> None:
     def digest_with(value: float) -> str:
         table = np.arange(3000.0)
         table[where] = value
@@ -123,5 +123,5 @@ def test_a_table_counts_to_its_last_entry(where: int) -> None:
     assert digest_with(-1.0) == digest_with(-1.0) != digest_with(-2.0)
 
 
-def test_names_of_parameters_count() -> None:
+def test_digest_covers_parameter_names() -> None:
     assert functions_digest({"f": abs}, ["k"]) != functions_digest({"f": abs}, ["k", "l"])

@@ -103,13 +103,13 @@ def test_a_stop_among_the_causes_of_an_error_ends_a_command(
     ("path", "saved", "words"),
     [
         (None, "", ""),
-        ("run", "", ": what was done is in run; the same command goes on (run with --resume)"),
+        ("run", "", ": results up to now are in run; the same command continues (run with --resume)"),
         (None, "simulations are kept in out", ": simulations are kept in out"),
         ("out/runs/1", "simulations are kept in out", ": simulations are kept in out"),
     ],
 )
 @pytest.mark.parametrize("terminated", [False, True])
-def test_the_line_of_a_stop_says_what_is_kept_and_no_more(
+def test_message_of_a_stop_reports_only_stored_results(
     path: str | None, saved: str, words: str, terminated: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A report that is stopped has written pieces, of which a run in it knows nothing."""
@@ -123,7 +123,7 @@ def test_the_line_of_a_stop_says_what_is_kept_and_no_more(
     assert capsys.readouterr().err == f"error: {'terminated' if terminated else 'interrupted'}{words}\n"
 
 
-def test_a_stop_that_was_swallowed_at_the_very_end_ends_the_command() -> None:
+def test_suppressed_stop_at_the_end_still_ends_the_command() -> None:
     """It comes before the end, and not in the interpreter's shutdown."""
     assert launch(lambda _: stop_in_a_callback(signal.SIGINT, then=lambda: None), []) == 130
     time.sleep(3 * AGAIN)
@@ -139,7 +139,7 @@ def stopped(number: int, seen: list[bool], error: Exception | None = None) -> No
             raise error
 
 
-def test_a_stop_waits_to_be_looked_at() -> None:
+def test_stop_is_deferred_to_the_end_of_the_block() -> None:
     seen: list[bool] = []
     with pytest.raises(KeyboardInterrupt) as caught:
         stopped(signal.SIGINT, seen)
@@ -149,7 +149,7 @@ def test_a_stop_waits_to_be_looked_at() -> None:
     assert seen == [False, True, False, True]
 
 
-def test_a_stop_is_not_lost_to_an_error() -> None:
+def test_stop_is_raised_in_place_of_an_error() -> None:
     """Whoever goes on after the error still stops."""
     failure = ValueError("something else")
     with pytest.raises(KeyboardInterrupt) as caught:
@@ -157,7 +157,7 @@ def test_a_stop_is_not_lost_to_an_error() -> None:
     assert caught.value.__context__ is failure
 
 
-def test_a_library_leaves_sigterm_alone() -> None:
+def test_library_does_not_handle_sigterm() -> None:
     before = signal.getsignal(signal.SIGTERM)
     with defer_stop_signals():
         assert signal.getsignal(signal.SIGTERM) is before
@@ -195,7 +195,7 @@ def test_a_stop_after_the_end_of_a_command_changes_nothing() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
 
 
-def test_other_threads_have_no_signals() -> None:
+def test_other_threads_do_not_handle_signals() -> None:
     seen = []
 
     def other() -> None:

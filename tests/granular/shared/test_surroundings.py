@@ -29,7 +29,7 @@ def propagate_error(done: subprocess.CompletedProcess[str]) -> str:
     return done.stderr
 
 
-def test_a_working_directory_that_was_deleted(
+def test_deleted_working_directory_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     gone = tmp_path / "gone"
@@ -38,40 +38,40 @@ def test_a_working_directory_that_was_deleted(
     gone.rmdir()
     assert launch(main, ["show", "bed"]) == 2
     said = capsys.readouterr().err
-    assert said == "error: the working directory is not there any more; change to one that is\n"
+    assert said == "error: the working directory no longer exists; change to another one\n"
 
 
 @pytest.mark.parametrize(
     ("words", "code"), [("show bed >&-", 0), ("show bed --json >&- 2>&-", 0), ("show bedd >&-", 2)]
 )
-def test_an_output_that_the_shell_has_closed(words: str, code: int) -> None:
+def test_closed_output_is_tolerated(words: str, code: int) -> None:
     line = f"{shlex.quote(sys.executable)} -m granular {words}"
     done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == code
     assert done.stderr.count("\n") == (code != 0)
 
 
-def test_messages_stay_out_of_the_results_where_errors_have_no_output() -> None:
+def test_messages_do_not_mix_with_results_if_stderr_is_closed() -> None:
     line = f"{shlex.quote(sys.executable)} -m granular show bedd 2>&-"
     done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "")
 
 
 @pytest.mark.parametrize("number", ["0", "-3"])
-def test_no_threads_at_all(process: Command, number: str) -> None:
+def test_zero_numba_threads_are_refused(process: Command, number: str) -> None:
     done = process("granular", "run", "single-particle", NUMBA_NUM_THREADS=number)
     assert done.returncode == 2
-    assert f"NUMBA_NUM_THREADS = '{number}'; give at least 1" in propagate_error(done)
+    assert f"NUMBA_NUM_THREADS = '{number}'; give 1 or more" in propagate_error(done)
 
 
-def test_threads_by_a_library_that_is_not_there(process: Command) -> None:
+def test_missing_threading_layer_is_reported(process: Command) -> None:
     words = ("granular", "run", "single-particle", "--t-end", "1e-3", "--quiet")
     done = process(*words, NUMBA_THREADING_LAYER="none such")
     assert done.returncode == 2
     assert "NUMBA_THREADING_LAYER = 'none such' cannot be used" in propagate_error(done)
 
 
-def test_signs_that_the_terminal_lacks(process: Command, tmp_path: Path) -> None:
+def test_output_escapes_characters_that_the_terminal_lacks(process: Command, tmp_path: Path) -> None:
     file = tmp_path / "dämpfer.toml"
     load_scene("single-particle").replace(name="Dämpfer – 磁").save(file)
     done = process("granular", "show", str(file), **PLAIN)
@@ -79,11 +79,11 @@ def test_signs_that_the_terminal_lacks(process: Command, tmp_path: Path) -> None
     assert r"D\xe4mpfer \u2013 \u78c1" in done.stdout
 
 
-def test_warnings_taken_for_errors(process: Command) -> None:
+def test_warnings_as_errors_are_reported_in_one_line(process: Command) -> None:
     words = ("granular", "run", "single-particle", "--t-end", "0.01", "--dt", "7e-4", "--quiet")
     done = process(*words, PYTHONWARNINGS="error")
     assert done.returncode == 1
-    assert "warning taken for an error: records come every 0.0007 s" in propagate_error(done)
+    assert "warning treated as an error: records come every 0.0007 s" in propagate_error(done)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,12 +157,12 @@ def test_texts_are_read_by_their_types() -> None:
         ("bed -o o --kind c", "argument --kind: invalid choice"),
     ],
 )
-def test_wrong_words_are_one_line_that_names_the_option(words: str, message: str) -> None:
+def test_error_for_an_invalid_value_names_the_option(words: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         parsed(*words.split())
 
 
-def test_help_holds_the_words_of_the_signature() -> None:
+def test_help_contains_the_texts_of_the_signature() -> None:
     program = Program("p", "d", "e", command_registry("", {"carry-out": command("x")(carry_out)}))
     parser = program.parser().parsers["carry-out"]
     text = " ".join(parser.format_help().split())
@@ -182,7 +182,7 @@ def test_a_log_has_a_line_at_the_start_and_one_at_the_end(
     assert said == "cases 0\ncases 500\n"
 
 
-def test_a_log_has_no_line_for_every_word(
+def test_log_lines_are_limited_in_rate(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
@@ -220,7 +220,7 @@ def test_a_terminal_has_a_bar(capsys: pytest.CaptureFixture[str], monkeypatch: p
     assert "cases: 100%|###" in said
 
 
-def test_nothing_is_said_where_it_is_not_wanted(capsys: pytest.CaptureFixture[str]) -> None:
+def test_disabled_progress_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     for _ in progress_bar(iterable=range(5), desc="cases", wanted=False):
         pass
     assert capsys.readouterr().err == ""

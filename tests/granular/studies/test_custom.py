@@ -29,7 +29,7 @@ def answer(run) -> dict:
 """
 
 WAYS = (
-    r"unknown measure '.*'; known are last-values; one of your own comes by --import FILE, or by an "
+    r"unknown measure '.*'; known are last-values; a custom one can be added by --import FILE, or by an "
     r"installed entry point of the group 'granular.measures'"
 )
 

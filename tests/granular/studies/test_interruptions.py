@@ -103,7 +103,7 @@ def test_an_outcome_that_cannot_be_written_is_written_again_later(
     """The worker, the sweep and a final attempt may write it; only if all fail is the case unfinished."""
     simulate = Failing(granular.run.simulation.simulate, OSError(), 0)
     monkeypatch.setattr(granular.run.simulation, "simulate", simulate)
-    write, full = granular.shared.files.write_text, StoreError("no space left; make room")
+    write, full = granular.shared.files.write_text, StoreError("no space left; free space")
     for times in (1, 5, 10, 12):
         out = tmp_path / str(times)
         monkeypatch.setattr(granular.shared.files, "write_text", Failing(write, full, times))
@@ -173,7 +173,7 @@ def test_the_command_reports_cases_that_failed_because_of_the_machine(
     assert told.out.startswith("2 cases, 0 of them done before, 1 failed")
     assert told.err == (
         "error: 1 of 2 cases could not be computed, the first because of OSError: no space left; "
-        "correct that, and the same command goes on with them\n"
+        "correct that, and the same command continues with them\n"
     )
 
 

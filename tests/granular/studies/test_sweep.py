@@ -140,7 +140,7 @@ def test_a_damaged_outcome_is_computed_again(tmp_path: Path, here: Executor) -> 
     (kept,) = (tmp_path / "cases").iterdir()
     integer = kept.read_bytes()
     kept.write_bytes(integer[:-5])
-    with pytest.warns(UserWarning, match="damaged; what it held is made anew"):
+    with pytest.warns(UserWarning, match="damaged; its result is computed again"):
         again = sweep(falling(), **arguments, progress=False)
     assert again.reused == 0
     assert again.outcomes == first.outcomes

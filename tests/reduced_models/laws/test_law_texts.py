@@ -60,9 +60,9 @@ def test_every_function_in_jax() -> None:
     """As scenes and laws know it: the value, and a slope by automatic differentiation."""
     fields, wanted = [], []
     for name, function in formulas.FUNCTIONS.items():
-        call = f"{name}(0.3*z + k)" if function.most == 1 else f"{name}(z, 0.2, k)"
+        call = f"{name}(0.3*z + k)" if function.max_operands == 1 else f"{name}(z, 0.2, k)"
         fields.append(compile_rates(f"z'' = {call}"))
-        wanted.append(function.value(*((0.25,) if function.most == 1 else (0.5, 0.2, 0.1))))
+        wanted.append(function.value(*((0.25,) if function.max_operands == 1 else (0.5, 0.2, 0.1))))
 
     def rates(z: jax.Array) -> jax.Array:
         return jax.numpy.stack([jax.numpy.asarray(field(z, 0.0, 0.1)[0], float) for field in fields])

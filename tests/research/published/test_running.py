@@ -279,7 +279,7 @@ def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     file = tmp_path / "file"
     file.write_text("", encoding="utf-8")
     assert launch(CAMPAIGN.main, ["-o", str(file / "below")]) == 2
-    assert "give another place" in capsys.readouterr().err
+    assert "give another path" in capsys.readouterr().err
 
 
 def test_an_unknown_entry_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
