@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 1. A first bed
 #
-# Small magnets, all of them upright between two glass plates, repel each other. Here 92 of them
-# settle under a piston that stands still. The notebook goes once from a scene to a run, a picture,
-# an energy ledger, and a run that is kept on disk.
+# Small magnets, all upright between two glass plates, repel each other. Here 92 of them settle
+# under a fixed piston. The notebook leads from a scene to a run, a picture, an energy ledger, and a
+# run stored on disk.
 
 # %%
 # %matplotlib inline
@@ -32,16 +32,16 @@ import numpy as np
 from granular import evaluate, load_scene, load_trajectory, run_text, scene_text, simulate
 from granular.render import still
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
 
 QUICK = True  # False: the full bed of 368 grains
 
 # %% [markdown]
 # ## The scene
 #
-# A scene says everything about a bed. The package has some; any of their keys can be changed, with
-# or without a unit (`D` is the diameter of a grain). A quarter of the grains need half the width
-# and half the height to be packed as tightly.
+# A scene describes a bed completely. The package contains several; each of their keys can be
+# changed, with or without a unit (`D` is the diameter of a grain). A quarter of the grains needs
+# half the width and half the height for the same packing.
 
 # %%
 scene = load_scene("bed")
@@ -54,35 +54,35 @@ print(scene_text(scene))
 # %% [markdown]
 # ## The run
 #
-# `simulate` chooses a time step from the stiffest motion that the bed can meet. The first run of a
-# kind compiles first; what was compiled is kept on disk.
+# `simulate` chooses the time step from the stiffest motion that can occur in the bed. The first run
+# of each kind is compiled first; the compiled code is cached on disk.
 
 # %%
 run = simulate(scene, progress=False)
 print(run_text(run))
 
 # %% [markdown]
-# ## Look at it
+# ## Picture of the bed
 #
-# At the start the grains lie on a jittered grid. Colour shows the force that grains and walls
-# exert on each of them: where two are too near to each other it is large.
+# At the start the grains lie on a jittered grid. Colour shows the force of grains and walls on each
+# grain: it is large for grains that are too close to each other.
 
 # %%
 still(run, 0, colour="force")
 
 # %% [markdown]
-# At the end they have found places where these forces carry the grain's weight and do nothing else,
-# so that all have one colour. Mind the scale, which is another one now.
+# At the end this force on each grain balances its weight, so all grains have the same colour. Note
+# that the colour scale has changed.
 
 # %%
 still(run, -1, colour="force")
 
 # %% [markdown]
-# ## Where the energy goes
+# ## Energy balance
 #
-# The bed starts with more energy between its grains than it needs. Some of it becomes motion, and
-# drag takes that away. The ledger, kinetic + potential + lost energy less the work from outside,
-# must stay what it was: to see it move at all it is drawn on a scale of its own.
+# The grains start with excess potential energy. Some of it becomes kinetic energy, which drag
+# dissipates. The ledger (kinetic + potential + dissipated energy minus external work) must be
+# constant: its deviation is so small that it needs a separate scale.
 
 # %%
 data = run.dataset
@@ -102,15 +102,15 @@ below.set(xlabel="time [s]", ylabel="ledger, less its start [µJ]")
 plt.show()
 
 # %%
-print(f"energy that the bed gave away: {1e3 * released:.3g} mJ")
-print(f"lost to drag:                  {1e3 * float(data['drag_loss'][-1]):.3g} mJ")
-print(f"the ledger is off by at most {ledger_error:.1e} of it")
+print(f"energy that the bed lost:      {1e3 * released:.3g} mJ")
+print(f"dissipated by drag:            {1e3 * float(data['drag_loss'][-1]):.3g} mJ")
+print(f"maximum deviation of the ledger: {ledger_error:.1e} of it")
 
 # %% [markdown]
-# ## What was computed, and what was not
+# ## Recorded quantities
 #
-# A scene computes only the effects that it names. What does not act leaves no column: this bed has
-# drag, and so a `drag_loss`; it has no dry friction, and so no `friction_loss`.
+# A run computes only the effects listed in its scene. Other effects have no column: this bed has
+# drag, and therefore a `drag_loss`; it has no dry friction, and therefore no `friction_loss`.
 
 # %%
 for name in data.data_vars:
@@ -120,9 +120,9 @@ for name in data.data_vars:
 # %% [markdown]
 # ## Forces of one arrangement
 #
-# `evaluate` gives the forces on the grains and on the walls for any places, without time. For the
-# last frame it must say what the run said. At rest the bottom carries what the piston pushes down,
-# and the weight of all grains.
+# `evaluate` computes the forces on grains and walls for given positions, without time stepping. For
+# the last frame it must agree with the run. At rest the bottom carries the piston force and the
+# weight of all grains.
 
 # %%
 last = evaluate(scene, data["position"].values[-1], piston_height=scene.piston.height)
@@ -132,15 +132,15 @@ carried = last.wall_forces["bottom"] - last.piston_force
 same_force = abs(last.piston_force / float(data["piston_force"][-1]) - 1.0)
 weight_error = abs(carried / weight - 1.0)
 largest_force = float(np.abs(last.force).max())
-print(f"force on the piston: {last.piston_force:.4f} N; of the run: {data['piston_force'][-1]:.4f} N")
-print(f"bottom less piston:  {carried:.5f} N; weight of the grains: {weight:.5f} N")
-print(f"greatest force that is left on a grain: {largest_force:.1e} N")
+print(f"force on the piston: {last.piston_force:.4f} N; in the run: {data['piston_force'][-1]:.4f} N")
+print(f"bottom minus piston: {carried:.5f} N; weight of the grains: {weight:.5f} N")
+print(f"maximum residual force on a grain: {largest_force:.1e} N")
 
 # %% [markdown]
-# ## Keeping a run
+# ## Storing a run
 #
-# With `out` a run is written while it goes on, and can be read at any time. Here it is stopped
-# halfway, and resumed: the result has the same bits as the run in one piece.
+# With `out` a run is written to disk while it is running, and can be read at any time. Here it is
+# stopped halfway and resumed: the result is identical to the uninterrupted run, bit by bit.
 
 # %%
 folder = Path(tempfile.mkdtemp()) / "bed"
@@ -150,21 +150,21 @@ loaded = load_trajectory(folder)
 same_bits = all(np.array_equal(loaded.dataset[name], data[name]) for name in data.data_vars)
 print(f"stopped at {float(half.dataset['time'][-1]):g} s, then {loaded.stages[-1].end:g} s")
 print(f"files: {', '.join(sorted(one.name for one in folder.iterdir()))}")
-print(f"the same bits as in one piece: {same_bits}")
+print(f"identical to the uninterrupted run: {same_bits}")
 
 # %% [markdown]
-# ## What came out
+# ## Results
 
 # %%
 piston_force = float(data["piston_force"][-1])
 print(f"{scene.grains.count} grains push the piston with {piston_force:.2f} N.")
-print(f"The ledger of energies is closed to {ledger_error:.1e} of the energy turned over;")
+print(f"The energy ledger closes to {ledger_error:.1e} of the energy turned over;")
 print(f"the walls carry the grains' weight to {weight_error:.1e}.")
 
 # %% [markdown]
 # ## Exercises
 #
-# 1. Give the bed another random start (`"arrangement.seed": 2`). By how much does the force on
-#    the piston change, and by how much do the final places of the grains?
-# 2. Halve the drag (`"effects.drag.coefficient": "0.05 kg/s"`). How long does the bed now need
-#    to come to rest? Read it off the kinetic energy.
+# 1. Give the bed another random start (`"arrangement.seed": 2`). By how much does the force on the
+#    piston change, and by how much do the final positions of the grains?
+# 2. Halve the drag (`"effects.drag.coefficient": "0.05 kg/s"`). How long does the bed now take to
+#    come to rest? Use the kinetic energy.

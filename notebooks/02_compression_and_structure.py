@@ -18,7 +18,7 @@
 # De Paula (2025) compresses beds of equal grains under dry friction: relaxation, compression at
 # constant speed, expansion, relaxation. The force on the piston, the distances of the grains and
 # their order are measured. Here the same is done, with a shorter protocol in the quick mode, and
-# set beside the numbers that the thesis prints.
+# compared with the numbers printed in the thesis.
 
 # %%
 # %matplotlib inline
@@ -40,9 +40,9 @@ from granular.observables import (
 from granular.observables.plots import plot_cells, plot_hysteresis, plot_series
 from validation.measured_quantities import compression_duration, published_value
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
 
-QUICK = True  # False: 368 grains by the published protocol, three starts; some minutes
+QUICK = True  # False: 368 grains with the published protocol, three starts; takes some minutes
 
 COUNT = 92 if QUICK else 368
 STARTS = (1,) if QUICK else (1, 2, 3)
@@ -55,13 +55,13 @@ DIAMETER = 6e-3
 # ## The protocol
 #
 # De Paula relaxes for 5 T and compresses at 8.33 mm/s. The quick mode here relaxes for 5 s and
-# compresses at 33 mm/s. The thesis prints forces and shares of 368 grains and more, so that bed is
-# run too, from one start.
+# compresses at 33 mm/s. The thesis prints forces and fractions for 368 grains and more, so that bed
+# is also run, from one start.
 
 
 # %%
 def compressed(count: int, seed: int) -> Trajectory:
-    """The whole cycle of a bed."""
+    """Run the full cycle of a bed."""
     relaxation = 5.0 if RELAXATION is None else RELAXATION / compression_duration(count, SPEED)
     scene = mono_bed(count, speed=SPEED, relaxation=relaxation, seed=seed)
     often = {"output.scalars": 20 * STEP, "output.frames": 200 * STEP}
@@ -69,7 +69,7 @@ def compressed(count: int, seed: int) -> Trajectory:
 
 
 def full_compression(run: Trajectory) -> int:
-    """The frame at which the piston is lowest."""
+    """Return the frame with the lowest piston."""
     return int(run.dataset["frame_height"].values.argmin())
 
 
@@ -82,8 +82,8 @@ for stage in run.stages:
 # %% [markdown]
 # ## Force over height
 #
-# On its way down the piston needs more force than on its way up: dry friction keeps a part of the
-# work. The area between both branches is what the cycle cost.
+# The piston needs more force on its way down than on its way up: dry friction dissipates part of
+# the work. The area between the branches is the energy lost in the cycle.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.4), layout="constrained")
@@ -97,14 +97,14 @@ cycle_loss = float(hysteresis_cycles(run)["energy"][0])
 lowest = int(run.dataset["piston_height"].values.argmin())
 force_at_full = float(run.dataset["piston_force"][lowest])
 print(f"force at full compression: {force_at_full:.2f} N")
-print(f"work that the cycle kept:  {1e3 * cycle_loss:.1f} mJ")
+print(f"work lost in the cycle:    {1e3 * cycle_loss:.1f} mJ")
 
 # %% [markdown]
 # ## Distances
 #
 # The published mean distance is half of the mean over all pairs (its formula counts every pair
-# once and divides by twice their number). It falls while the bed is compressed (solid), and does
-# not come back entirely (dashed).
+# once and divides by twice their number). It falls during compression (solid), and does not recover
+# completely during expansion (dashed).
 
 # %%
 half_distance = np.array([depaula_pair_distance(one) for one in run.dataset["position"].values])
@@ -119,9 +119,9 @@ plt.show()
 # %% [markdown]
 # ## Order
 #
-# Each grain has a Voronoi cell; only cells inside the box of the outermost grains count. In perfect
-# order all are hexagons: light grey here. A cell of five sides (orange) beside one of seven
-# (purple) is a dislocation. Left: before the compression. Right: at full compression.
+# Each grain has a Voronoi cell; only cells inside the bounding box of the outermost grains count.
+# In perfect order all are hexagons: light grey here. A cell with five sides (orange) next to a cell
+# with seven (purple) is a dislocation. Left: before the compression. Right: at full compression.
 
 # %%
 figure, pair = plt.subplots(1, 2, figsize=(7, 4.6), sharex=True, sharey=True, layout="constrained")
@@ -132,9 +132,8 @@ for axes, frame, title in zip(pair, (before, full), ("before", "compressed"), st
 plt.show()
 
 # %% [markdown]
-# Fractions of the cells, and Ψ₆ (1 in perfect hexagonal order), in the course of time. The
-# compression lies between the lines. A small bed has few cells, so that every defect makes the
-# curves jump.
+# Fractions of the cells, and Ψ₆ (1 in perfect hexagonal order), over time. The compression lies
+# between the vertical lines. A small bed has few cells, so every defect makes the curves jump.
 
 # %%
 figure, (above, below) = plt.subplots(2, 1, figsize=(7, 5), sharex=True, layout="constrained")
@@ -151,8 +150,8 @@ plt.show()
 # %% [markdown]
 # ## g(r)
 #
-# The pair correlation of 368 grains at full compression: peaks near the shells of neighbours, at 1,
-# √3, 2 and √7 spacings of the lattice that the bed nearly is (dashed).
+# The pair correlation of 368 grains at full compression: peaks near the neighbour shells at 1, √3,
+# 2 and √7 spacings of a perfect lattice of the same density (dashed).
 
 # %%
 places = large[0].dataset["position"].values[full_compression(large[0])]
@@ -170,14 +169,14 @@ first_peak = float(middle[np.argmax(g.values)]) / spacing
 print(f"first peak at {first_peak:.2f} spacings, a spacing being {spacing / DIAMETER:.2f} D")
 
 # %% [markdown]
-# ## Beside the published values
+# ## Comparison with the published values
 #
-# A published force is a mean over three starts, which scatter; the quick mode has one start.
+# A published force is a mean over three starts, which scatter; the quick mode has only one start.
 
 
 # %%
 def figures(run: Trajectory) -> tuple[float, float, float]:
-    """Force [N], half mean distance [D] and share of hexagons at full compression."""
+    """Return force [N], half mean distance [D] and fraction of hexagons at full compression."""
     data = run.dataset
     places = data["position"].values[full_compression(run)]
     force = float(data["piston_force"][data["piston_height"].values.argmin()])
@@ -208,7 +207,7 @@ for what, here, printed in rows:
     print(f"{what:36} {here:>8}   {printed}")
 
 # %% [markdown]
-# ## What came out
+# ## Results
 
 # %%
 places = large[0].dataset["position"].values
@@ -224,7 +223,7 @@ print(f"Ψ₆ of 368 grains rises from {order_before:.2f} to {order_full:.2f} in
 # %% [markdown]
 # ## Exercises
 #
-# 1. Compress ten times faster (`speed=0.33`). What happens to the loop of force over height,
-#    and why?
+# 1. Compress ten times faster (`speed=0.33`). How does the loop of force over height change, and
+#    why?
 # 2. Use `local_psi6` to colour the grains of the last frame. Where does the order begin: at the
 #    walls, or in the middle?

@@ -16,9 +16,9 @@
 # # 3. Two sizes of grains
 #
 # Half of the grains are small: 0.6 times the diameter of the big ones, and of the same material. A
-# bed of both (R = 0.5, R being the share of small grains) is compressed beside one of big grains
-# alone (R = 0), as in chapter 4 of de Paula (2025). The questions are the same: how much harder
-# does the mixture push, which grains come nearest to the piston, and what becomes of the order?
+# mixed bed (R = 0.5, where R is the fraction of small grains) and a bed of big grains only (R = 0)
+# are compressed, as in chapter 4 of de Paula (2025). The questions are the same: how much harder
+# does the mixture push, which grains come nearest to the piston, and how does the order change?
 
 # %%
 # %matplotlib inline
@@ -40,9 +40,9 @@ from granular.observables.plots import plot_cells
 from granular.render import still
 from validation.measured_quantities import published_value
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
 
-QUICK = True  # False: the published protocol, 1 mm/s after 5 T; far longer
+QUICK = True  # False: the published protocol, 1 mm/s after 5 T; takes much longer
 
 ASPECT = 0.6
 SPEED = 33e-3 if QUICK else 1e-3
@@ -52,16 +52,16 @@ BIG = 5e-3
 # %% [markdown]
 # ## Two beds
 #
-# 400 grains each, in the published cell. The final height of the piston is lower where grains are
-# smaller, so that both beds are packed alike. The quick mode compresses at 33 mm/s after 2 T of
-# relaxation; de Paula at 1 mm/s after 5 T. One start each.
+# 400 grains each, in the published cell. The final height of the piston is lower for smaller
+# grains, so that both beds have the same packing fraction. The quick mode compresses at 33 mm/s
+# after 2 T of relaxation; de Paula at 1 mm/s after 5 T. One start each.
 
 
 # %%
 def compressed(ratio: float) -> Trajectory:
-    """A bed with that share of small grains at full compression."""
+    """Run a bed with a given fraction of small grains up to full compression."""
     scene = bidisperse(ASPECT, ratio, speed=SPEED, relaxation=RELAXATION)
-    kinds = ("descend", "move")  # the expansion is left out
+    kinds = ("descend", "move")  # without the expansion
     stages = [{**one.to_plain(), "kind": kind} for one, kind in zip(scene.protocol, kinds, strict=False)]
     return simulate(scene.replace(protocol=stages), "auto*1.5", progress=False)
 
@@ -73,7 +73,7 @@ for ratio, run in runs.items():
     print(f"R = {ratio}: {counts}, piston at {height / BIG:.2f} D")
 
 # %% [markdown]
-# ## Look at them
+# ## Pictures of the beds
 #
 # The mixture first. Small grains sit between big ones, and no long rows form.
 
@@ -82,7 +82,7 @@ still(runs[0.5])
 
 # %% [markdown]
 # The Voronoi cells of both beds: hexagons are light grey, cells with fewer sides orange, with more
-# sides purple. Without small grains large parts are regular.
+# sides purple. Large parts of the bed without small grains are regular.
 
 # %%
 figure, pair = plt.subplots(2, 1, figsize=(8, 3.8), sharex=True, layout="constrained")
@@ -95,9 +95,9 @@ plt.show()
 # %% [markdown]
 # ## Force
 #
-# Force over packing, the share of the cell below the piston that grains cover: where both beds are
-# packed alike, the mixture pushes harder. The thesis prints its forces as curves over R; their
-# ratio at R = 0.5 and 0 is what can be compared.
+# Force over packing fraction (the fraction of the cell below the piston covered by grains): at
+# equal packing the mixture pushes harder. The thesis prints its forces as curves over R; their
+# ratio at R = 0.5 and 0 can be compared.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -122,8 +122,8 @@ print(f"force at R = 0.5 over that at R = 0: {force_ratio:.3f}; published {publi
 # %% [markdown]
 # ## Which grains come nearest to the piston?
 #
-# A small grain is a weak magnet, and the piston pushes it away less. The distance of the nearest
-# grain of each kind, in diameters of a big grain:
+# A small grain is a weaker magnet, so the piston repels it less. The distance of the nearest grain
+# of each kind, in diameters of a big grain:
 
 # %%
 nearest = {}
@@ -146,14 +146,14 @@ nearest_kind = min(("big", "small"), key=lambda name: nearest[0.5, name])
 aspects = published_value("bidisperse_r_half.aspect_ratio")
 published_least = published_value("bidisperse_r_half.least_piston_distance")[aspects.index(ASPECT)]
 print(f"mixture: big {nearest[0.5, 'big']:.2f} D, small {nearest[0.5, 'small']:.2f} D")
-print(f"least distance of the mixture: {least_distance:.2f} D; published {published_least} D")
+print(f"smallest distance in the mixture: {least_distance:.2f} D; published {published_least} D")
 
 # %% [markdown]
 # ## Order
 #
-# Ψ₆ and the regularity of the hexagons (1 for a perfect one) at full compression. The regularity
-# counts hexagonal cells only; the ± is its deviation over the cells. Starts scatter: six of big
-# grains alone came to 0.920 to 0.944, all below the published 0.98.
+# Ψ₆ and the regularity of the hexagons (1 for a perfect one) at full compression. The regularity is
+# averaged over hexagonal cells only; the ± is its standard deviation over the cells. Starts
+# scatter: six beds of big grains only gave 0.920 to 0.944, all below the published 0.98.
 
 # %%
 orders, regularities, deviations, hexagons = {}, {}, {}, {}
@@ -178,7 +178,7 @@ for ratio in runs:
     )
 
 # %% [markdown]
-# How the regularity is distributed over the hexagons of each bed:
+# Distribution of the regularity over the hexagons of each bed:
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.0), layout="constrained")
@@ -191,10 +191,10 @@ axes.legend()
 plt.show()
 
 # %% [markdown]
-# ## What came out
+# ## Results
 #
-# The least distance is below the published one; `docs/results/misprints.md` and the report on the
-# published values name what moves it (the regularised friction law, and the width of the cell).
+# The smallest distance is below the published one; `docs/results/misprints.md` and the report on
+# the published values name the causes (the regularised friction law, and the width of the cell).
 
 # %%
 print(f"The mixture pushes {force_ratio:.2f} times as hard as the big grains alone,")
@@ -205,5 +205,5 @@ print(f"Ψ₆ is {orders[0.5]:.2f} in the mixture and {orders[0.0]:.2f} without 
 # ## Exercises
 #
 # 1. Repeat the run with `aspect=0.8`. Do small grains still come nearest to the piston?
-# 2. Plot the force on the piston over the share of small grains, from 0 to 1 in steps of 0.25.
+# 2. Plot the force on the piston over the fraction of small grains, from 0 to 1 in steps of 0.25.
 #    Is it a straight line between the two pure beds?

@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 4. From a damper to its equation
 #
-# A piston falls on a bed of magnets, comes to rest, is lifted a little and let go. Its motion
-# after that is what a law is fitted to. Which law describes it, which law predicts what it has not
-# seen, and where do all of them fail?
+# A piston falls on a bed of magnets, comes to rest, is lifted a little and released. Laws are
+# fitted to its motion after the release. Which law describes it, which law predicts a record that
+# it was not fitted to, and when do all of them fail?
 
 # %%
 # %matplotlib inline
@@ -34,10 +34,10 @@ from granular import Trajectory, damper, simulate
 from granular.render import movie, still
 from reduced_models import compare, discover, fit, roll_out
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
-warnings.simplefilter("ignore")  # what they say is printed where it matters
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
+warnings.simplefilter("ignore")  # relevant notes are printed below
 
-QUICK = True  # False: the full damper of 368 grains; far longer
+QUICK = True  # False: the full damper of 368 grains; takes much longer
 
 COUNT = 92 if QUICK else 368
 DIAMETER = 6e-3
@@ -45,15 +45,15 @@ DIAMETER = 6e-3
 # %% [markdown]
 # ## The damper
 #
-# `damper(count=92)` is the packaged damper at a quarter of its grains: half as wide, with half the
-# mass on it, dropped from half the height. Three of them are simulated, which differ in the height
-# of the lift only: two to learn from, one to be judged on. The fall squeezes some grains to less
-# than a diameter, which point dipoles allow and real grains would not; the run says so.
+# `damper(count=92)` is the packaged damper with a quarter of its grains: half the width, half the
+# piston mass, dropped from half the height. Three runs differ only in the height of the lift: two
+# for fitting, one for testing. The fall pushes some grains closer than a diameter, which is
+# possible for point dipoles but not for real grains; the run warns of it.
 
 
 # %%
 def lifted(lift: float) -> tuple[Trajectory, list[str]]:
-    """The damper with a lift [D], and what the run warned of."""
+    """Run the damper with a lift [D], and return the run with its warnings."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         run = simulate(damper(count=COUNT, lift=lift), progress=False)
@@ -73,7 +73,7 @@ print("\n".join(said))
 still(runs[0.2], time=runs[0.2].stage("drop").end)
 
 # %% [markdown]
-# The same as a movie, in real time: the first 1.2 seconds of the fall, with the piston's curve.
+# A movie in real time: the first 1.2 seconds of the fall, with the piston's height.
 
 # %%
 short = simulate(damper(count=COUNT).replace(**{"output.frames": "5 ms"}), t_end=1.2, progress=False)
@@ -81,8 +81,8 @@ folder = Path(tempfile.mkdtemp())
 Image(movie(short, folder / "fall.gif", colour="speed", fps=20.0, width=760, progress=False))
 
 # %% [markdown]
-# The whole course: the fall with its rebounds, a long settling until nothing moves any more, the
-# lift, and the release (behind the line).
+# The whole run: the fall with its rebounds, a long settling until nothing moves, the lift, and the
+# release (after the line).
 
 # %%
 run = runs[0.2]
@@ -103,8 +103,8 @@ print(f"rest: after {run.stage('drop').end:.1f} s, at {rest_height:.3f} D")
 # ## The published law, and others
 #
 # De Paula (2025) fits a Van der Pol-like law, z″ + 2α(z² − 2z)z′ + ω²z = g₀. Here it is fitted to
-# the small lift, beside three others. `fit` says how well the law describes the record, how well it
-# predicts the last third, which it has not seen, and what the data leave open.
+# the small lift, together with three others. `fit` reports how well the law describes the record,
+# how well it predicts the held-out last third, and which parameters the data do not determine.
 
 # %%
 record = run.piston()
@@ -118,8 +118,8 @@ print(models["van-der-pol-like"])
 print(models["polynomial-spring"])
 
 # %% [markdown]
-# The Van der Pol-like law has so much freedom that one small swing cannot fix its numbers: its
-# intervals are endless. What all laws agree on is the small swing itself.
+# One small oscillation does not determine the parameters of the Van der Pol-like law: its intervals
+# are unbounded. All laws agree on the small oscillation itself.
 
 # %%
 print(f"{'law':18} {'period [s]':>10} {'damping ratio':>14} {'residual':>9}")
@@ -131,9 +131,9 @@ period = models["polynomial-spring"].at_rest.period
 damping_ratio = models["polynomial-spring"].at_rest.damping_ratio
 
 # %% [markdown]
-# The residuals tell more than their size: what the Van der Pol-like law leaves over lies above
-# zero, and swings with twice the frequency of the piston, the sign of a spring that is stiffer
-# below than above.
+# The shape of the residuals is informative: those of the Van der Pol-like law lie above zero and
+# oscillate with twice the frequency of the piston, the signature of a spring that is stiffer below
+# than above.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -148,8 +148,8 @@ plt.show()
 # ## Which law predicts?
 #
 # All laws are now fitted to the lifts of 0.2 D and 1 D together, and predict the lift of 0.75 D,
-# of which the first period alone tells where it starts. `compare` ranks them, and says whether the
-# data can tell them apart.
+# whose initial state comes from its first period alone. `compare` ranks them, and reports whether
+# the data can distinguish them.
 
 # %%
 training = [runs[lift].piston() for lift in TRAINING]
@@ -158,10 +158,10 @@ table = compare(training, laws, test_records=[judged])
 print(table)
 
 # %% [markdown]
-# ## A law that nobody wrote down
+# ## A discovered law
 #
-# `discover` searches sums of physical terms. The star marks what it chooses; the note below is
-# meant seriously: none of the searched equations is the true one, and the chosen one sums up these
+# `discover` searches sums of physical terms. The star marks the chosen equation. Note the warning
+# below: none of the searched equations is the true one; the chosen one only summarises these
 # records.
 
 # %%
@@ -169,10 +169,10 @@ found = discover(training, method="sindy", library="physical")
 print(found)
 
 # %% [markdown]
-# ## Prediction of what no law has seen
+# ## Prediction of the held-out lift
 #
-# Errors over the whole test record, over its rms swing. A piston that simply stays at rest
-# scores 100 %.
+# Prediction errors over the whole test record, in % of its rms displacement. A piston that stays at
+# rest scores 100 %.
 
 # %%
 errors = {row.name: row.records[0].relative for row in table.rows}
@@ -186,8 +186,7 @@ for name in ranked:
     print(f"{name:18} {100 * errors[name]:7.3f} %")
 
 # %% [markdown]
-# What the predictions are off by in the course of time, of a swing that is several millimetres
-# wide:
+# Errors of the predictions over time, for an oscillation with an amplitude of several millimetres:
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -201,14 +200,14 @@ axes.legend()
 plt.show()
 
 # %% [markdown]
-# ## Where all of them fail
+# ## Failure of all laws
 #
-# The fall goes far outside of the lifts, above and below. The models say so before anybody is
-# misled by them, and their predictions of it are as bad as they warn.
+# The fall goes far beyond the lifts, above and below. The models warn of this extrapolation, and
+# their predictions of the fall are indeed wrong.
 
 # %%
 fall = run.piston("drop").between(0.0, 5.0)
-best = by_name["polynomial-spring"].models[-1]  # with the heights of the higher lift
+best = by_name["polynomial-spring"].models[-1]  # with the range of heights of the higher lift
 print(best.outside_range_text(fall))
 fall_errors = {row.name: roll_out(row.models[0], fall).relative for row in table.rows}
 for name, error in fall_errors.items():
@@ -222,10 +221,10 @@ winner = ranked[0]
 source_error = errors["van-der-pol-like"]
 gain = source_error / errors["polynomial-spring"]
 print(f"The test lift is predicted best by {winner}, to {100 * errors[winner]:.2g} %.")
-print(f"The published Van der Pol-like law is off by {100 * source_error:.3g} %, the linear")
+print(f"The published Van der Pol-like law errs by {100 * source_error:.3g} %, the linear")
 print(f"oscillator by {100 * errors['linear']:.3g} %; a spring that stiffens as the bed is")
 print(f"squeezed, polynomial with drag, is {gain:.0f} times better.")
-print(f"None of them predicts the fall: the best is off by {100 * min(fall_errors.values()):.0f} %.")
+print(f"None of them predicts the fall: the best errs by {100 * min(fall_errors.values()):.0f} %.")
 
 # %% [markdown]
 # ## Exercises
@@ -233,5 +232,5 @@ print(f"None of them predicts the fall: the best is off by {100 * min(fall_error
 # 1. Fit the Van der Pol-like law to a damper with ten times the drag
 #    (`damper(count=92).replace(**{"effects.drag.coefficient": "1 kg/s"})`). Is it still no
 #    better than the linear law?
-# 2. Fit `power-law-spring` to the fall itself instead of the lift. Which exponent comes out,
-#    and how large is the error on a fall from another height?
+# 2. Fit `power-law-spring` to the fall instead of the lift. Which exponent results, and how large
+#    is the error on a fall from another height?

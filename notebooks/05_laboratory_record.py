@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 5. A laboratory record
 #
-# A record of a real damper is a table of times and heights, with a sensor's noise, an offset that
-# nobody measured, and a gap where the sensor lost the piston. Such a table is made here from a law
-# that is known, so that every answer can be checked; then it is treated as if it came from a lab.
+# A record of a real damper is a table of times and heights, with sensor noise, an unknown offset,
+# and a gap while the sensor lost the piston. Here such a table is made from a known law, so that
+# every result can be checked; then it is treated as laboratory data.
 
 # %%
 # %matplotlib inline
@@ -35,8 +35,8 @@ from granular import GranularError
 from reduced_models import PistonRecord, fit, load_model
 from reduced_models.records.envelope import envelope
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
-warnings.simplefilter("ignore")  # what they say is printed where it matters
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
+warnings.simplefilter("ignore")  # relevant notes are printed below
 
 QUICK = True  # False: a record four times as long
 
@@ -45,10 +45,10 @@ folder = Path(tempfile.mkdtemp())
 # %% [markdown]
 # ## The table
 #
-# The law is that of a bed which re-packs as it is squeezed: a power-law spring with drag, z″ +
-# 2λz′ = w((r/z)ⁿ − 1). The piston is let go 4 mm above its level of rest. Samples come
-# irregularly, 400 a second on average; the sensor's noise is 20 µm, its offset 4 mm. The file is
-# what LabVIEW writes (`.lvm`): a header in two parts, tabs, and a column of times.
+# The law describes a bed that rearranges under compression: a power-law spring with drag, z″ + 2λz′
+# = w((r/z)ⁿ − 1). The piston is released 4 mm above its equilibrium. Samples are irregular, 400 per
+# second on average; the sensor's noise is 20 µm, its offset 4 mm. The file has the format of
+# LabVIEW (`.lvm`): a header in two parts, tabs, and a column of times.
 
 # %%
 TRUTH = {"lam": 0.6, "weight": 9.8, "rest": 0.059, "power": 2.5}
@@ -57,13 +57,13 @@ DURATION = 5.0 if QUICK else 20.0
 
 
 def acceleration(z: float, v: float) -> float:
-    """The true law."""
+    """Return the acceleration of the true law."""
     spring = TRUTH["weight"] * ((TRUTH["rest"] / z) ** TRUTH["power"] - 1.0)
     return spring - 2.0 * TRUTH["lam"] * v
 
 
 def true_height(times: np.ndarray, lift: float) -> np.ndarray:
-    """The true motion after a lift [m]."""
+    """Return the true motion after a lift [m]."""
     start = [TRUTH["rest"] + lift, 0.0]
     solved = solve_ivp(
         lambda _, y: (y[1], acceleration(*y)), (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12
@@ -97,10 +97,10 @@ lab.write_text("\n".join([HEADER, *rows]) + "\n")
 print(*lab.read_text().splitlines()[9:18], sep="\n")
 
 # %% [markdown]
-# ## Read it
+# ## Reading the record
 #
-# The unit of the height stands in the header, times are in seconds. The gap and the uneven samples
-# need nothing done.
+# The unit of the height is in the header, times are in seconds. The gap and the irregular samples
+# need no treatment.
 
 # %%
 record = PistonRecord.from_file(lab)
@@ -114,10 +114,10 @@ print(f"the longest gap is {np.diff(record.time).max():.2f} s")
 # %% [markdown]
 # ## Before any law: the envelope
 #
-# Amplitude, frequency and damping, cycle by cycle, need neither a law nor a level of rest. The
-# amplitude falls along a straight line in the logarithm: the damping is viscous. Within its errors
-# the frequency is the same at all amplitudes: the curvature of the spring shows elsewhere. A gap
-# may hide an extreme, so the envelope begins behind it.
+# Amplitude, frequency and damping, cycle by cycle, need neither a law nor an equilibrium. The
+# logarithm of the amplitude falls linearly: the damping is viscous. Within its errors the frequency
+# does not depend on amplitude: the curvature of the spring shows elsewhere. A gap may hide an
+# extremum, so the envelope begins after it.
 
 # %%
 swing = record.between(1.3, record.time[-1])
@@ -135,7 +135,7 @@ print(f"decay of the amplitude: {envelope_decay:.3f} 1/s (true: {TRUTH['lam']} 1
 # %% [markdown]
 # ## Fit
 #
-# The polynomial spring about its level of rest does not care where height is counted from.
+# The polynomial spring about its equilibrium does not depend on the origin of the height.
 
 # %%
 about_rest = fit(record, law="polynomial-spring")
@@ -144,8 +144,8 @@ print(about_rest)
 # %% [markdown]
 # ## Residuals
 #
-# What is left over should be the sensor's noise: as large, and without any swing. The noise that
-# `fit` sees in the record itself is printed beside it.
+# The residuals should be the sensor's noise: of the same size, and without oscillation. The noise
+# that `fit` estimates from the record itself is printed for comparison.
 
 # %%
 left_over = record.height - about_rest.simulate_record(record).height
@@ -158,12 +158,12 @@ print(f"residual {1e6 * residual:.1f} µm, noise in the record {1e6 * noise_seen
 print(f"put in {1e6 * NOISE:g} µm")
 
 # %% [markdown]
-# ## What the offset does
+# ## Effect of the offset
 #
-# The power law says that the bed's force goes to zero far away and to infinity at height zero: it
-# needs the height above the bottom. Fitted to what the sensor reads, the exponent is wrong, with
-# an interval that does not hold the true value, and nothing in the residuals gives it away. With
-# the offset measured (here: known) it comes out right.
+# In the power law the bed's force vanishes at large heights and diverges at height zero: the law
+# needs the height above the bottom. Fitted to the sensor's readings, the exponent is wrong, its
+# interval does not contain the true value, and the residuals do not reveal it. With the offset
+# measured (here: known) it is correct.
 
 # %%
 as_read = fit(record, law="power-law-spring")
@@ -176,11 +176,11 @@ for what, model in (("as read", as_read), ("corrected", corrected)):
 print(f"true       power {TRUTH['power']}")
 
 # %% [markdown]
-# ## Are the intervals honest?
+# ## Do the intervals contain the truth?
 #
-# Of the corrected fit every parameter is known. An interval of 95 % misses the truth once in
-# twenty times, so a miss would be no surprise; weight and power trade places, and would miss
-# together. An interval twice as wide should hold the truth nearly always.
+# The true value of every parameter of the corrected fit is known. A 95 % interval misses the truth
+# in one case out of twenty, so a miss would not be surprising; weight and power are correlated, and
+# would miss together. An interval twice as wide should contain the truth nearly always.
 
 # %%
 inside, far = {}, []
@@ -193,12 +193,12 @@ for name, value in TRUTH.items():
     print(f"{name:7} {found:9.5f}  [{low:9.5f}, {high:9.5f}]  true {value:7}  {inside[name]}")
 
 # %% [markdown]
-# ## Where the usual interval is wrong
+# ## When the usual interval is wrong
 #
-# The first half second holds hardly two swings, and with sixty times the noise the damping all but
-# drowns. The interval of the linearisation is that of a positive number which the data bound
-# below. The profile holds the damping at one value after the other, fits all else again, and sees
-# that none at all would do nearly as well.
+# The first half second has hardly two cycles, and with sixty times the noise the damping is hardly
+# measurable. The linearised interval of this positive parameter has a lower bound above zero. The
+# profile fixes the damping at successive values, fits all other parameters again, and shows that no
+# damping fits nearly as well.
 
 # %%
 short = record.between(0.0, 0.5)
@@ -216,8 +216,8 @@ print(f"true      lam = {TRUTH['lam']}")
 # %% [markdown]
 # ## Predict
 #
-# A lift of 6 mm, which is half as high again as the record's. The model says that it is asked for
-# more than it has seen; the true law tells how far off it is.
+# A lift of 6 mm, 1.5 times the lift of the record. The model warns of extrapolation; the true law
+# gives its error.
 
 # %%
 ahead = np.linspace(0.0, 2.0, 800)
@@ -231,13 +231,12 @@ axes.set(xlabel="time [s]", ylabel="height [mm]")
 axes.legend()
 plt.show()
 print(corrected.outside_range_text(predicted))
-print(f"greatest error of the prediction: {1e6 * prediction_error:.0f} µm")
+print(f"maximum error of the prediction: {1e6 * prediction_error:.0f} µm")
 
 # %% [markdown]
-# ## Keep the model
+# ## Saving the model
 #
-# A model is a small text file, which another session, or another person, reads back to the same
-# bits.
+# A model is saved as a small text file, from which it is restored exactly, bit by bit.
 
 # %%
 corrected.save(folder / "model.json")
@@ -247,9 +246,9 @@ print(f"the same prediction: {same_prediction}")
 print(again.fitted_equation)
 
 # %% [markdown]
-# ## What a bad record says
+# ## Bad records
 #
-# What cannot be used is refused in one line that names the place.
+# Unusable records are refused in one line that names the position of the fault.
 
 # %%
 lines = ["time [s];height [mm]", *(row.replace("\t", ";") for row in rows)]
@@ -271,8 +270,8 @@ for what, text in bad.items():
         print(f"{what}: {refused[what]}")
 
 # %% [markdown]
-# What can be used but should be doubted is fitted, and the doubt is said: here noise alone, and a
-# height in millimetres without its unit.
+# Doubtful records are fitted with a note: here pure noise, and a height in millimetres without its
+# unit.
 
 # %%
 alone = PistonRecord(record.time, TRUTH["rest"] + random.normal(0.0, 1e-4, len(record)))
@@ -287,20 +286,20 @@ for what, odd in (("noise alone", alone), ("millimetres", metres)):
         print(f"  {note}")
 
 # %% [markdown]
-# ## What came out
+# ## Results
 
 # %%
 power_as_read, power_corrected = as_read.parameters["power"], corrected.parameters["power"]
 missed = [name for name, holds in inside.items() if not holds]
-print(f"Of {len(inside)} true parameters {len(inside) - len(missed)} lie in their intervals.")
-print(f"An offset of {1e3 * OFFSET:g} mm makes an exponent of {power_as_read:.2f} out of ", end="")
+print(f"Of {len(inside)} true parameters {len(inside) - len(missed)} are inside their intervals.")
+print(f"An offset of {1e3 * OFFSET:g} mm gives an exponent of {power_as_read:.2f} instead of ", end="")
 print(f"{TRUTH['power']}; corrected it is {power_corrected:.2f}.")
-print(f"A swing half as high again is predicted to {1e6 * prediction_error:.0f} µm.")
+print(f"An amplitude 1.5 times as large is predicted to {1e6 * prediction_error:.0f} µm.")
 
 # %% [markdown]
 # ## Exercises
 #
-# 1. Multiply the noise by ten. Which interval grows most, and which parameter can no longer be
-#    told from zero?
-# 2. Take every tenth sample only. At which sampling rate does the fit begin to fail, and what
-#    do its notes say?
+# 1. Multiply the noise by ten. Which interval grows most, and which parameter is no longer
+#    distinguishable from zero?
+# 2. Take every tenth sample only. At which sampling rate does the fit begin to fail, and which
+#    notes does it give?

@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 6. What accuracy costs
 #
-# A time step may be short or long, a method of low or high order, a sum over pairs whole or cut
-# off. What does each choice cost, and what does it buy? First on a problem that is known exactly,
-# then on a small bed, then on sums over pairs.
+# A time step may be short or long, a method of low or high order, a pair sum complete or cut off.
+# What are the cost and the accuracy of each choice? The notebook compares them on a problem with a
+# known solution, on a small bed, and for pair sums.
 
 # %%
 # %matplotlib inline
@@ -30,16 +30,16 @@ from granular import load_scene, simulate
 from granular.methods import METHODS
 from validation import SolverSettings, convergence, convergence_table, exact_problem, work_precision
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
 
-QUICK = True  # False: shorter steps too, and sums over pairs of up to 5888 grains
+QUICK = True  # False: also shorter steps, and pair sums of up to 5888 grains
 
 # %% [markdown]
 # ## Orders on an exact problem
 #
-# A single grain swings where the magnetic bottom wall carries it. Its motion is known to thirty
-# digits. Halving the step of a method of order p should divide the error by 2ᵖ: the slope in
-# logarithmic axes is the order.
+# A single grain oscillates about its equilibrium above the magnetic bottom wall. Its motion is
+# known to thirty digits. Halving the step of a method of order p should divide the error by 2ᵖ: the
+# slope on logarithmic axes is the order.
 
 # %%
 problem = exact_problem("oscillation")
@@ -53,8 +53,9 @@ axes.legend(loc="lower left", fontsize=8)
 plt.show()
 
 # %% [markdown]
-# The slopes, with the interval of the straight line's fit. Thick parts of the lines above are what
-# was fitted: below, rounding bends the line; above, the step is too long to show the order.
+# The slopes, with the interval from the fit of the straight line. The thick parts of the lines
+# above were fitted: at smaller errors rounding bends the line; at larger errors the step is too
+# long to show the order.
 
 # %%
 slopes = {name: result.fit.value for name, result in results.items()}
@@ -64,7 +65,7 @@ for name, result in results.items():
     print(f"{name:18} {result.order:5} {slopes[name]:8.4f}   {low:.3f} to {high:.3f}")
 
 # %% [markdown]
-# The same table as the toolkit prints it, with the steps of the fit and what rounding does:
+# The same table as printed by the toolkit, with the steps of the fit and the rounding error:
 
 # %%
 print(convergence_table([results["stormer-verlet"], results["kahan-li-8"]]))
@@ -72,8 +73,8 @@ print(convergence_table([results["stormer-verlet"], results["kahan-li-8"]]))
 # %% [markdown]
 # ## Work and precision on the problem
 #
-# Steps of high order cost more. Force calls are what costs time in a bed; error over force calls
-# shows from which accuracy on a high order pays.
+# Steps of high order cost more. In a bed force calls take most of the time; error over force calls
+# shows the accuracy from which a high order pays.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.6), layout="constrained")
@@ -88,9 +89,9 @@ plt.show()
 # %% [markdown]
 # ## A small bed
 #
-# The packaged bed of 368 grains for 20 ms, while it is moving most. `auto` is the automatic step.
-# The error is the greatest of all grains' places, in diameters, against a much finer run. Times
-# are those of this machine, and differ from run to run.
+# The packaged bed of 368 grains for 20 ms, during its fastest motion. `auto` is the automatic step.
+# The error is the maximum error of all grains' positions, in diameters, against a much finer run.
+# Times depend on the machine and differ from run to run.
 
 # %%
 bed = load_scene("bed").replace(**{"output.frames": "5 ms"})
@@ -111,10 +112,10 @@ for one in failed:
     print(f"{one.setting.method}, {one.setting.dt}: {one.failure}")
 
 # %% [markdown]
-# ## The cheapest way to a wanted error
+# ## The cheapest setting for a given error
 #
-# `cheapest` names the fastest setting that reaches a tolerance, if all finer ones of its method do
-# as well.
+# `cheapest` gives the fastest setting that reaches a tolerance, if all finer steps of its method
+# also reach it.
 
 # %%
 choices = {tolerance: study.cheapest_point(tolerance) for tolerance in (1e-2, 1e-4, 1e-6, 1e-9)}
@@ -126,13 +127,13 @@ for tolerance, choice in choices.items():
     )
 
 # %% [markdown]
-# As `granular-damper validate cheapest bed positions 1e-6` the same is done from the command line.
+# On the command line: `granular-damper validate cheapest bed positions 1e-6`.
 #
-# ## Sums over pairs
+# ## Pair sums
 #
-# Every pair costs N² a step. A cut-off at 11.26 D is cheaper, and takes pressure off the bed: in
-# two dimensions what lies beyond it is not little. The mesh sums the far part smoothly. A bed
-# settles under each of them; what does the piston feel?
+# Summing all pairs costs N² per step. A cut-off at 11.26 D is cheaper, but lowers the pressure of
+# the bed: in two dimensions the part beyond the cut-off is not small. The mesh sums the far part
+# smoothly. A bed settles with each of them, and the force on the piston is compared.
 
 # %%
 COUNT = 736 if QUICK else 1472
@@ -140,7 +141,7 @@ LARGER = (736, 1472, 2944) if QUICK else (1472, 2944, 5888)
 
 
 def sized(count: int, pairs: str) -> object:
-    """The packaged bed with another number of grains, at the same packing."""
+    """Return the packaged bed with another number of grains, at the same packing."""
     size = np.sqrt(count / 368)
     return load_scene("bed").replace(
         **{
@@ -163,8 +164,9 @@ for way in ways:
     print(f"{way:8} piston force {forces[way]:.3f} N, {100 * biases[way]:+.2f} %")
 
 # %% [markdown]
-# What a step takes, for three sizes (the shortest of three runs of 400 steps, on one thread). The
-# direct sum grows with the square of the number of grains, the others about in proportion to it.
+# Time per step for three sizes (minimum over three runs of 400 steps, on one thread). The time of
+# the direct sum grows with the square of the number of grains, the others roughly in proportion to
+# it.
 
 # %%
 took = {way: [] for way in ways}
@@ -189,13 +191,13 @@ for way in ways:
     print(f"{way:8} time of a step ~ N^{exponents[way]:.2f}")
 
 # %% [markdown]
-# ## What came out
+# ## Results
 
 # %%
-print(f"All {len(slopes)} methods have the order that they claim.")
+print(f"All {len(slopes)} methods have their declared order.")
 print(f"For an error of 0.01 D {choices[1e-2].setting.method} was cheapest, for 1e-9 D ", end="")
 print(f"{choices[1e-9].setting.method}.")
-print(f"The cut-off takes {-100 * biases['cut-off']:.1f} % off the piston's force, ", end="")
+print(f"The cut-off lowers the piston's force by {-100 * biases['cut-off']:.1f} %, ", end="")
 print(f"the mesh changes it by {100 * biases['mesh']:+.2f} %.")
 
 # %% [markdown]

@@ -15,10 +15,9 @@
 # %% [markdown]
 # # 7. Hard cases
 #
-# What is meant to break a simulation should either run accurately, or end in an error that says
-# why. This notebook takes some cases of the toolkit's catalogue: a head-on collision, a heavy
-# piston, steps beyond the stability limit, starts that cannot be; and it tests whether an energy
-# drifts.
+# A hard case should either run accurately, or end in an error that gives the reason. This notebook
+# takes some cases of the toolkit's catalogue: a head-on collision, a heavy piston, steps beyond the
+# stability limit, impossible starts; and it tests whether an energy drifts.
 
 # %%
 # %matplotlib inline
@@ -41,23 +40,23 @@ from validation import (
 from validation.exact_solution import harmonic_period
 from validation.exact_solution import oscillation_problem as wide_swing
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
 
 QUICK = True  # False: longer runs, and the whole catalogue
 
 # %% [markdown]
 # ## A head-on collision
 #
-# Two grains fly at each other and turn back when they are 0.02 D apart. Between far and near the
-# stiffness of their repulsion changes by twelve powers of ten. What was kinetic energy must be so
-# again afterwards.
+# Two grains approach each other and turn back at a distance of 0.02 D. The stiffness of their
+# repulsion changes by twelve powers of ten. Afterwards the kinetic energy must have its initial
+# value again.
 
 # %%
 CLOSEST = 0.02
 collision = head_on_collision(CLOSEST)
 often = {"output.scalars": collision.time / 2000, "output.frames": collision.time / 20}
 with warnings.catch_warnings(record=True) as said:
-    warnings.simplefilter("always")  # that they overlap, without contact
+    warnings.simplefilter("always")  # the warning that they overlap, without contact
     run = simulate(
         collision.scene.replace(**often), t_end=collision.time, method="adaptive-verlet", progress=False
     )
@@ -70,16 +69,16 @@ nearest = float(gap.min())
 print(f"closest distance on record: {nearest:.4f} D")
 
 # %% [markdown]
-# ## Variable against equal steps
+# ## Variable and equal steps
 #
-# Equal steps must be short enough for the closest approach, and then are so all the time. Variable
-# steps, of the time-reversible kind, are short there only. The error is the relative change of the
-# energy. Equal steps that are too long are stopped by the energy ledger, and missing.
+# Equal steps must be short enough for the closest approach, and are then short all the time.
+# Variable steps (time-reversible) are short only there. The error is the relative change of the
+# energy. Runs with too long equal steps are stopped by the energy ledger, and are missing.
 
 
 # %%
 def energy_error(**options: object) -> tuple[int, float]:
-    """Steps, and the change of the energy; NaN where the run was stopped."""
+    """Return the number of steps, and the change of the energy; NaN if the run was stopped."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the error is measured here
         try:
@@ -113,9 +112,9 @@ equal_steps = min(steps for steps, error in equal if steps and error < 1e-6)
 # %% [markdown]
 # ## A heavy piston
 #
-# Thirteen times the damper's mass falls on the bed. Grains are pushed to a fraction of a diameter
-# (they are points here, and have no contact), so that the bed is very stiff for a moment. The
-# automatic step follows the stiffness: it is shortened while the bed is squeezed.
+# A piston of thirteen times the damper's mass falls on the bed. Grains come as close as a fraction
+# of a diameter (they are points here, without contact), so the bed is very stiff for a moment. The
+# automatic step follows the stiffness: it is shortened during compression.
 
 # %%
 with warnings.catch_warnings(record=True) as said:
@@ -135,7 +134,7 @@ below.set(xlabel="time [ms]", ylabel="highest frequency [rad/s]")
 plt.show()
 heavy_settings = heavy.settings()
 heavy_ledger = heavy_settings["ledger_residual"]
-print(f"least height {1e3 * float(data['piston_height'].min()):.1f} mm")
+print(f"minimum height {1e3 * float(data['piston_height'].min()):.1f} mm")
 print(f"steps from {1e6 * heavy_settings['shortest_step']:.2g} to ", end="")
 print(f"{1e6 * heavy_settings['longest_step']:.2g} µs")
 print(f"energy ledger closed to {heavy_ledger:.1e} of the energy turned over")
@@ -143,10 +142,10 @@ print(f"energy ledger closed to {heavy_ledger:.1e} of the energy turned over")
 # %% [markdown]
 # ## Steps beyond the stability limit
 #
-# A grain swings where the wall carries it. Verlet's method follows any such swing up to a step of
-# 2/ω, and none beyond. At 0.95 of the limit the swing stays as wide as it was; at 1.05 it grows
-# with every step, until the energy ledger stops the run with an error that names step, time, grain
-# and remedy. What was computed before is not lost.
+# A grain oscillates about its equilibrium above the wall. Verlet's method is stable for such an
+# oscillation up to a step of 2/ω. At 0.95 of the limit the amplitude is constant; at 1.05 it grows
+# with every step, until the energy ledger stops the run with an error that gives step, time, grain
+# and remedy. Results up to that time are not lost.
 
 # %%
 below_limit, short = scene_near_stability_limit(0.95)
@@ -154,7 +153,7 @@ beyond_limit, long = scene_near_stability_limit(1.05)
 
 
 def every_step(scene: Scene, step: float) -> Scene:
-    """The scene with a record and a frame of each step."""
+    """Return the scene with a record and a frame of each step."""
     return scene.replace(**{"output.scalars": step, "output.frames": step})
 
 
@@ -178,9 +177,9 @@ axes.legend()
 plt.show()
 
 # %% [markdown]
-# ## Starts that cannot be
+# ## Impossible starts
 #
-# These never begin: the scene itself is refused, in one line that says what to change.
+# These runs do not start: the scene is refused, in one line that gives the remedy.
 
 # %%
 bed = {"grains.count": 92, "cell.width": "30 D", "piston.height": "10 D"}
@@ -188,7 +187,7 @@ impossible = {
     "piston inside the bed": lambda: load_scene("bed").replace(**bed, **{"arrangement.height": "12 D"}),
     "a height in kilograms": lambda: load_scene("bed").replace(**{"piston.height": "3 kg"}),
     "a misspelt key": lambda: load_scene("bed").replace(**{"grains.cuont": 92}),
-    "a place that is no number": lambda: load_scene("single-particle").replace(
+    "a position that is not a number": lambda: load_scene("single-particle").replace(
         **{"arrangement.positions": [[0.15, float("nan")]]}
     ),
     "dry friction, order four": lambda: simulate(
@@ -206,9 +205,9 @@ for what, attempt in impossible.items():
 # %% [markdown]
 # ## From the catalogue
 #
-# `validation.hard_cases` holds many more; `run_hard_case` runs one and judges it. Accurate: the error is
-# below the limit. Stopped: a typed error that the case may end with. There must be no silent
-# failure, whose figures are wrong without a word.
+# `validation.hard_cases` holds many more; `run_hard_case` runs one and classifies its ending.
+# Accurate: the error is below the limit. Stopped: the run ended in a typed error that the case
+# allows. There must be no silent failure, that is, wrong figures without a warning.
 
 # %%
 chosen = (
@@ -233,10 +232,10 @@ silent = [one.case for one in outcomes if not one.allowed]
 # %% [markdown]
 # ## Does the energy drift?
 #
-# The energy of a symplectic method swings with the motion, for ever, but has no trend. A bound
-# would not show a slow trend, so it is tested, against noise of two kinds. The control is the
-# classical method of Runge and Kutta, which has order four and is not symplectic. Both follow a
-# grain on the wall over many wide swings.
+# The energy of a symplectic method oscillates with the motion indefinitely, but has no trend. A
+# bound would not reveal a slow trend, so a trend is tested statistically, against two kinds of
+# noise. The control is the classical method of Runge and Kutta, which has order four and is not
+# symplectic. Both follow a grain above the wall over many large oscillations.
 
 # %%
 swing = wide_swing(0.5)
@@ -244,9 +243,9 @@ period = harmonic_period(swing.scene, 0.5)
 SWINGS, STEPS = (400, 60) if QUICK else (4000, 120)
 
 
-def energy_course(method: str, steps_a_swing: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times, and the energy less its start over the greatest kinetic energy."""
-    dt = period / steps_a_swing
+def energy_course(method: str, steps_per_period: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return times, and the change of the energy over the maximum kinetic energy."""
+    dt = period / steps_per_period
     often = {"output.scalars": 7 * dt, "output.frames": 7000 * dt}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the drift is measured here
@@ -266,26 +265,28 @@ for axes, (name, (times, share)) in zip(pair, courses.items(), strict=True):
     axes.set(xlabel="time [s]", ylabel="energy, relative change", title=name)
 plt.show()
 for name, trend in trends.items():
-    print(f"{name:15} {trend.verdict():6} drift {trend.total_drift:+.1e}, swing {trend.swing:.1e}, ", end="")
+    print(
+        f"{name:15} {trend.verdict():6} drift {trend.total_drift:+.1e}, amplitude {trend.swing:.1e}, ", end=""
+    )
     print(f"p = {trend.p_value:.2g}")
 
 # %% [markdown]
-# ## What came out
+# ## Results
 
 # %%
 step_saving = equal_steps / variable_steps
 stop_error = type(stopped).__name__
 verlet_verdict = trends["stormer-verlet"].verdict()
 control_verdict = trends["runge-kutta-4"].verdict()
-print(f"A collision down to {CLOSEST} D keeps its energy to 1e-6 with {variable_steps} variable ")
+print(f"A collision down to {CLOSEST} D conserves energy to 1e-6 with {variable_steps} variable ")
 print(f"steps, and with {equal_steps} equal ones. Of {len(outcomes)} hard cases none failed silently.")
 print(f"Beyond the stability limit the run ends in an {stop_error}. Verlet's energy has no trend;")
-print(f"that of Runge and Kutta {control_verdict} {-trends['runge-kutta-4'].total_drift:.1e} of itself.")
+print(f"Runge and Kutta's method {control_verdict} {-trends['runge-kutta-4'].total_drift:.1e} of its energy.")
 
 # %% [markdown]
 # ## Exercises
 #
-# 1. Let the two grains collide ten times faster. How near do they come, and how many variable
+# 1. Let the two grains collide ten times faster. How close do they come, and how many variable
 #    steps does it take?
-# 2. Find the longest step with which `stormer-verlet` keeps the energy of the small bed, to 10
-#    %. Compare it with the step that `auto` chooses.
+# 2. Find, to 10 %, the longest step with which `stormer-verlet` conserves the energy of the small
+#    bed. Compare it with the step of `auto`.

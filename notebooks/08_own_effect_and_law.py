@@ -13,13 +13,13 @@
 # ---
 
 # %% [markdown]
-# # 8. An effect and a law of one's own
+# # 8. A custom effect and a custom law
 #
 # A second magnet below the cell pulls every grain down with a spring's force, and a film of mud on
-# the plates slows grains down the more, the deeper they are. Neither is in the package. Here both
-# are added, as a formula and as classes of a few lines, and it is checked that they do what they
-# should. Then the piston's motion is given a law of one's own. Walls, stages, methods and pair
-# laws are added in the same manner: see the guide, "How do I add a law, a force or a wall of my own?".
+# the plates slows grains more strongly the deeper they are. Neither is in the package. Here both
+# are added, as a formula and as classes of a few lines, and tested. Then a custom law is fitted to
+# the piston's motion. Walls, stages, methods and pair laws are added in the same manner: see the
+# guide, "How do I add a law, a force or a wall of my own?".
 
 # %%
 # %matplotlib inline
@@ -34,15 +34,15 @@ import numpy as np
 from granular import GranularError, damper, effect, evaluate, load_scene, quantity, simulate
 from reduced_models import Parameter, compare, fit
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
 
-QUICK = True  # False: the damper of 368 grains, and longer runs of the own effects
+QUICK = True  # False: the damper of 368 grains, and longer runs of the custom effects
 SPAN, LENGTH = (0.1, 1.0) if QUICK else (1.0, 5.0)
 
 # %% [markdown]
 # ## A force as a formula
 #
-# A scene says by the energy of a grain what pulls at it; force and stiffness are derived from it.
+# A scene gives the energy of a grain as a formula; force and stiffness are derived from it.
 
 # %%
 scene = load_scene("bed").replace(
@@ -59,7 +59,8 @@ as_formula = scene.replace(**{"effects.field": [{"energy": "k*y**2/2", "k": "10 
 # %% [markdown]
 # ## The same as a class
 #
-# What is no formula is a class: parameters with units and limits, and functions that the loop takes in.
+# An effect that is not a formula is a class: parameters with units and limits, and functions that
+# are compiled into the loop.
 
 
 # %%
@@ -98,17 +99,17 @@ axes.plot([0, 33], [0, -0.33], linewidth=0.8, label="−k y")
 axes.set(xlabel="height of the grain [mm]", ylabel="pull [N]")
 axes.legend()
 plt.show()
-print(f"the two differ by {ways_differ:.1e} N, and from −k y by {pull_error:.1e} N")
+print(f"the two effects differ by {ways_differ:.1e} N, and from −k y by {pull_error:.1e} N")
 
 # %% [markdown]
-# Before a run the functions are tried against each other. A force that is no gradient of its
-# energy is refused:
+# Before a run the functions are checked against each other. A force that is not the negative
+# gradient of its energy is refused:
 
 
 # %%
 @effect
 class WrongSpring:
-    """Its force is twice too large."""
+    """A spring whose force is twice as large as its energy implies."""
 
     k: float = quantity("N/m", default=10.0)
 
@@ -129,9 +130,9 @@ except GranularError as error:
 print(wrong_force)
 
 # %% [markdown]
-# ## What it does to the bed
+# ## Effect on the bed
 #
-# With drag both beds come to rest: under their weight alone, and pulled down by the springs.
+# With drag both beds come to rest: one under its weight alone, one also pulled down by the springs.
 
 # %%
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
@@ -156,13 +157,13 @@ lifted = float(last["bottom_force"] - last["piston_force"])
 pulled = 10.0 * float(last["position"].values[:, 1].sum())
 weight = 9.8 * float(scene.grains.masses().sum())
 balance = abs(lifted / (weight + pulled) - 1.0)
-print(f"weight {weight:.4f} N, pull of the springs {pulled:.4f} N: carried to {balance:.1e}")
+print(f"weight {weight:.4f} N, pull of the springs {pulled:.4f} N: balanced by the walls to {balance:.1e}")
 
 # %% [markdown]
-# ## What takes energy
+# ## A dissipative effect
 #
-# Such an effect is a flow: the velocity after a span in which it acts alone, solved exactly. What
-# it takes is booked, so that the energies still add up.
+# A dissipative effect is a flow: the exact velocity after a time interval in which only this effect
+# acts. The dissipated energy is recorded, so the energy ledger still closes.
 
 
 # %%
@@ -196,8 +197,8 @@ plt.show()
 print(f"lost to the mud: {1e6 * mud_loss:.1f} µJ; the ledger closes to {mud_residual:.1e}")
 
 # %% [markdown]
-# The mud is exact, and so a method of order two keeps its order: its error of the energy falls by
-# four where the step is halved.
+# The flow of the mud is exact, so a method of order two keeps its order: its energy error falls by
+# a factor of four when the step is halved.
 
 # %%
 residuals = {
@@ -212,13 +213,13 @@ print(
 # %% [markdown]
 # ## A law of the piston
 #
-# The record is the release of a damper after a lift of 1 D. The law says: the piston alone moves
-# under the known weight g, on a spring with a free exponent, (r/z)ⁿ. The names that stand for no
-# column of the record (`lam`, `rest`, `power`) are the parameters.
+# The record is the release of a damper after a lift of 1 D. In the law the piston moves under the
+# known weight g on a spring with a free exponent, (r/z)ⁿ. Names that are not columns of the record
+# (`lam`, `rest`, `power`) are the parameters.
 
 # %%
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # the fall squeezes grains below a diameter; see notebook 4
+    warnings.simplefilter("ignore")  # the fall pushes grains closer than a diameter; see notebook 4
     record = simulate(damper(count=92 if QUICK else 368, lift=1.0), progress=False).piston()
 KNOWN_WEIGHT = "z'' + 2*lam*z' = 9.8*((rest/z)**power - 1)"
 parameters = {
@@ -234,8 +235,8 @@ known_weight.plot(record)
 plt.show()
 
 # %% [markdown]
-# Own laws take part in `compare` like any other. They are ranked by how they predict every third
-# swing, which their fits have not seen.
+# Custom laws take part in `compare` like any other. They are ranked by their prediction errors on
+# every third cycle, which is held out from the fits.
 
 # %%
 with warnings.catch_warnings():
@@ -246,18 +247,18 @@ print(table)
 own_error = errors[KNOWN_WEIGHT]
 
 # %% [markdown]
-# ## What came out
+# ## Results
 
 # %%
-print(f"The own law predicts to {100 * own_error:.2g} %, with three numbers; the linear one to ", end="")
+print(f"The custom law predicts to {100 * own_error:.2g} %, with 3 parameters; the linear one to ", end="")
 print(f"{100 * errors['linear']:.2g} %.")
-print(f"The springs are carried by the walls to {balance:.0e}, the mud's energy is accounted for to ", end="")
+print(f"The walls balance the springs to {balance:.0e}, the energy ledger with mud closes to ", end="")
 print(f"{mud_residual:.0e}.")
 
 # %% [markdown]
 # ## Exercises
 #
 # 1. Write the law of a pendulum that rubs, `theta'' + 2*c*theta' + f*tanh(20*theta') +
-#    k*sin(theta) = 0`, and fit it to a record that you make yourself.
-# 2. Give the effect of this notebook a parameter of your own, with a unit and a limit, and try
-#    a value beyond the limit. What does the error say?
+#    k*sin(theta) = 0`, and fit it to a simulated record.
+# 2. Give the effect of this notebook another parameter, with a unit and a limit, and try a value
+#    beyond the limit. Which error results?

@@ -15,8 +15,9 @@
 # %% [markdown]
 # # 9. Designing a damper
 #
-# A machine wants a damper of a certain frequency and damping. Which piston, how many grains, what
-# liquid? Scaling laws propose one; its own fall corrects them, and the fall of the next one confirms it.
+# A machine needs a damper of a given frequency and damping ratio. Which piston, how many grains,
+# which liquid? Scaling laws propose a design; its simulated fall corrects the laws, and the fall of
+# the next design confirms it.
 
 # %%
 # %matplotlib inline
@@ -32,8 +33,9 @@ QUICK = True  # False: 368 grains for the first design, the published number
 # %% [markdown]
 # ## A design
 #
-# A frequency and a damping ratio are wished for. Scaling laws propose a damper, which falls; its figures
-# correct the laws, and the next proposal falls, until one is within 1 % in frequency and 3 % in damping.
+# Frequency and damping ratio are given. Scaling laws propose a damper, whose fall is simulated; its
+# results correct the laws for the next proposal, until one is within 1 % in frequency and 3 % in
+# damping.
 
 # %%
 wanted_frequency, wanted_damping = (3.9, 0.12) if QUICK else (3.3, 0.12)
@@ -44,11 +46,11 @@ print(found)
 found.plot()
 
 # %% [markdown]
-# ## Checked once more, by hand
+# ## An independent check
 #
-# The scene of the design is a scene as any other: it can be run, looked at, changed and saved. From
-# one more random start, with the law fitted here. (That grains come close in the fall is said once
-# more, as a warning, which is not shown again.)
+# The scene of the design is an ordinary scene: it can be run, inspected, changed and saved. Here it
+# runs from another random start, and the law is fitted to that run. (The repeated warning that
+# grains come close during the fall is suppressed.)
 
 # %%
 warnings.simplefilter("ignore")
@@ -62,9 +64,9 @@ print(f"damping ratio {own_damping:.4g} ({100 * damping_error:+.2g} %)")
 still(run, colour="force")
 
 # %% [markdown]
-# ## Where the load is given
+# ## A given load
 #
-# With the mass fixed, the number of grains is what is free. Only the proposal, without a check:
+# With a given mass the number of grains is free. Only the proposal is made, without a check:
 
 # %%
 loaded = propose_design(DesignTarget(frequency=3.6, damping=0.1, mass=4.0))
@@ -72,9 +74,9 @@ print(f"{loaded.mass:g} kg on {loaded.grains} grains, {loaded.drag:.3g} kg/s eac
 print(f"a liquid of {loaded.viscosity:.2g} Pa s, by Stokes's law")
 
 # %% [markdown]
-# ## What cannot be had
+# ## Impossible designs
 #
-# Outside of the limits `design` says no, and what can be had instead.
+# Outside the limits `design` refuses, and gives the nearest possible values.
 
 # %%
 refusals = []
@@ -86,17 +88,16 @@ for wish in ({"frequency": 9.0, "damping": 0.1}, {"frequency": 3.3, "damping": 0
         print(error)
 
 # %% [markdown]
-# ## What came out
+# ## Results
 
 # %%
 one = found.damper
-print(f"A piston of {one.mass:.3g} kg on {one.grains} grains of {one.drag:.3g} kg/s each swings at")
-print(f"{own_frequency:.3g} Hz with a damping ratio of {own_damping:.3g}, as was wished.")
+print(f"A piston of {one.mass:.3g} kg on {one.grains} grains of {one.drag:.3g} kg/s each oscillates at")
+print(f"{own_frequency:.3g} Hz with a damping ratio of {own_damping:.3g}, as required.")
 
 # %% [markdown]
 # ## Exercises
 #
-# 1. Ask for a damping ratio of 0.3. What does the answer say, and what would have to change in
-#    the cell?
+# 1. Require a damping ratio of 0.3. What is the answer, and what would have to change in the cell?
 # 2. Design the same damper with a mixture (`small_share=0.3`). What changes: the mass, the
 #    drag, or both?

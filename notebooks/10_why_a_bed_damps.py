@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 10. Why a magnetic bed damps, in five pictures
 #
-# A heavy piston falls on magnets that repel each other, swings, and comes to rest. The forces
-# between magnets lose nothing. So where does the energy go, and how? One simulated fall answers,
-# picture by picture; the last one is a law of two lines that tells the fall before it happens.
+# A heavy piston falls on magnets that repel each other, oscillates, and comes to rest. The forces
+# between magnets are conservative. How is the energy dissipated? One simulated fall answers,
+# picture by picture; the last picture shows a law of two lines that predicts the fall.
 
 # %%
 # %matplotlib inline
@@ -30,18 +30,18 @@ import numpy as np
 from granular import damper, simulate
 from reduced_models import predict
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
-warnings.simplefilter("ignore")  # grains come close as the piston hits the bed: it is said once
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
+warnings.simplefilter("ignore")  # grains come close as the piston hits the bed; one warning is enough
 
-QUICK = True  # False: six seconds, to see the last swings
+QUICK = True  # False: six seconds, to see the last oscillations
 SECONDS = 2.0 if QUICK else 6.0
 DIAMETER, GRAVITY = 0.006, 9.80665  # m, m/s²
 
 # %% [markdown]
 # ## The fall
 #
-# The packaged damper: 368 grains of 6 mm, a piston of 7.5 kg, let go at 20 D. The grains move in
-# air or a liquid, whose drag is 0.1 kg/s times a grain's velocity. Nothing else takes energy.
+# The packaged damper: 368 grains of 6 mm, a piston of 7.5 kg, released at 20 D. The grains move in
+# air or a liquid, whose drag is 0.1 kg/s times a grain's velocity. Nothing else dissipates energy.
 
 # %%
 scene = damper().replace(**{"output.frames": "5 ms"})
@@ -52,11 +52,11 @@ mass = scene.piston.mass
 grains, drag = scene.grains.count, scene.effects.drag.coefficient
 
 # %% [markdown]
-# ## Picture 1: where the energy goes
+# ## Picture 1: energy balance
 #
-# The piston's fall is paid into the bed, which gives most of it back, again and again. All that is
-# missing at the end was lost by drag on the grains. The grains' own motion (kinetic energy) holds
-# next to nothing at any time: they are light, and drag stops them at once.
+# The energy of the falling piston goes into the bed, which returns most of it, again and again. All
+# the energy missing at the end was dissipated by drag on the grains. The kinetic energy of the
+# grains is negligible at all times: they are light, and drag stops them immediately.
 
 # %%
 falling = mass * GRAVITY * (height - height.min()) + 0.5 * mass * speed**2
@@ -74,16 +74,16 @@ axes.legend(loc="upper right")
 plt.show()
 greatest_share = float(moving.max() / lost[-1])
 print(
-    f"lost: {lost[-1]:.3g} J; the grains' motion never holds more than {100 * greatest_share:.2g} % of that"
+    f"lost: {lost[-1]:.3g} J; the grains' kinetic energy never exceeds {100 * greatest_share:.2g} % of that"
 )
 
 # %% [markdown]
 # ## Picture 2: more force on the way down than on the way up
 #
 # The piston feels the bed as a spring whose force is nearly a power of the height: the pressure of
-# a triangular lattice of dipoles grows with its density to the power 5/2. Yet the force runs around
-# that line: above it while the bed is squeezed, below it while the bed swells. The area between is
-# the energy that the piston does not get back.
+# a triangular lattice of dipoles grows with its density to the power 5/2. Yet the force forms a
+# loop around that line: above it during compression, below it during expansion. The area of the
+# loop is the energy lost by the piston.
 
 # %%
 force = data["piston_force"].values
@@ -109,12 +109,12 @@ axes.legend(markerscale=3)
 plt.show()
 
 # %% [markdown]
-# ## Picture 3: grains change places
+# ## Picture 3: grains rearrange
 #
-# While the piston goes down by a third, a lattice that is squeezed from above alone would become
-# flat. Each arrow is what a grain of the middle of the bed moves beside the even squeeze, at its
-# true length: half a diameter and more, and neighbours often go opposite ways. They slip past each
-# other, and the lattice keeps its three directions.
+# While the piston descends by a third, a lattice under purely affine compression would become flat.
+# Each arrow is the non-affine displacement of a grain in the middle of the bed, at its true length:
+# half a diameter or more, often in opposite directions for neighbours. They slip past each other,
+# and the lattice keeps its three directions.
 
 # %%
 lowest = float(time[np.argmin(height)])
@@ -141,16 +141,16 @@ axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", xlim=(100, 220))
 figure.colorbar(arrows, label="beside the even squeeze [D]")
 plt.show()
 typical = float(np.sqrt(np.mean(size**2)))
-print(f"squeezed to {squeeze:.2f} of the height; {typical:.2g} D beside it on the average")
+print(f"compressed to {squeeze:.2f} of the height; average non-affine displacement {typical:.2g} D")
 
 # %% [markdown]
 # ## Picture 4: the bed resists shear, and yields
 #
-# The bed presses harder on the piston than on the side walls while it is squeezed, and less while
-# it swells. Half of that difference over the mean pressure is the shear stress w (less the drag of
-# even motion, a third of N γ z'). It grows like that of an elastic body, and stops growing where
-# grains change places: the bed *yields*. The law has it as its hidden state, w' = -(B/z)(z' + |z'|
-# |w| w/y²), here followed along the measured motion with B and y from other beds.
+# The bed presses harder on the piston than on the side walls during compression, and less during
+# expansion. Half of that difference over the mean pressure is the shear stress w (minus the drag of
+# affine motion, a third of N γ z'). It grows like the stress of an elastic body, and stops growing
+# when grains rearrange: the bed *yields*. In the law w is a hidden state, w' = -(B/z)(z' + |z'| |w|
+# w/y²), integrated here along the measured motion with B and y from other beds.
 
 # %%
 down = (force + grains * drag / 3.0 * speed) / scene.cell.width
@@ -162,7 +162,7 @@ for k, step in enumerate(np.diff(time)):
     w, flow = stress[k], abs(speed[k]) * abs(stress[k]) * stress[k] / strength**2
     stress[k + 1] = w - step * modulus / height[k] * (speed[k] + flow)
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
-later = early & (time > 0.02)  # before, the bed leaves the arrangement it began with
+later = early & (time > 0.02)  # earlier, the bed leaves its initial arrangement
 axes.plot(time[later], measured[later], label="simulated: walls")
 axes.plot(time[early], stress[early], label="law")
 axes.axhline(0.0, color="#999999", linewidth=0.8)
@@ -173,12 +173,13 @@ likeness = float(np.corrcoef(measured[early][100:], stress[early][100:])[0, 1])
 print(f"correlation of the two after the first 0.1 s: {likeness:.2f}")
 
 # %% [markdown]
-# ## Picture 5: large swings lose more, and a law that knows it
+# ## Picture 5: large oscillations lose more, and a law that includes it
 #
-# If all grains followed the piston evenly, drag would take a third of N γ z'² (a grain half way up
-# moves at half the piston's speed). Left: what each swing loses, over that. The first swings
-# rearrange the bed and lose half as much again and more; the small ones at the end do not. Right:
-# the law that has drag, pressure and yield, from the scene alone, beside the simulated fall.
+# If all grains followed the piston affinely, drag would dissipate a third of N γ z'² (a grain at
+# half height moves at half the piston's speed). Left: energy loss per cycle relative to affine
+# motion. The first cycles rearrange the bed and lose 1.5 times as much or more; the small cycles at
+# the end do not. Right: the law with drag, pressure and yield, from the scene alone, and the
+# simulated fall.
 
 # %%
 even = np.concatenate([[0.0], np.cumsum(grains * drag / 3.0 * speed[:-1] ** 2 * np.diff(time))])
@@ -198,21 +199,21 @@ right.plot(time, 1e3 * told.height, linewidth=1.2, color="C1", label="law, nothi
 right.set(xlabel="time [s]", ylabel="piston height [mm]")
 right.legend()
 plt.show()
-print(f"first swing: {first_loss:.2f} of even motion, last: {last_loss:.2f}")
+print(f"first cycle: {first_loss:.2f} of affine motion, last: {last_loss:.2f}")
 print(f"the law errs by {100 * error:.2g} % of the drop")
 
 # %% [markdown]
-# ## So why does it damp?
+# ## Why does it damp?
 #
-# Magnets give back what they take; drag on moving grains does not. A piston on a bed drags all
-# grains along, which is the affine part. Beyond that, a bed that is squeezed far must change its
-# neighbours, and every slip is a fast motion that drag ends. That is hysteresis: it damps
-# large swings and leaves small ones alone, with no friction anywhere.
+# Magnetic forces are conservative; drag on moving grains is not. A piston on a bed moves all grains
+# along, which is the affine part. In addition, the grains of a strongly compressed bed must change
+# neighbours, and every slip is a fast motion that is stopped by drag. That is hysteresis: it damps
+# large oscillations but not small ones, without any friction.
 
 # %% [markdown]
 # ## Exercises
 #
 # 1. Double the drag (`damper(drag=0.2)`). Which of the five pictures change, and does the area of
 #    the loop in picture 2 double?
-# 2. Let the piston go from 11 D instead of 20 D (`piston.height`, with `arrangement.height` one D
-#    less). Does the bed still yield in picture 4? What does picture 5 say of the loss then?
+# 2. Release the piston at 11 D instead of 20 D (`piston.height`, with `arrangement.height` one D
+#    less). Does the bed still yield in picture 4? What is the loss in picture 5 then?

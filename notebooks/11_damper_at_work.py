@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 11. A damper at work
 #
-# A machine on springs is shaken near its natural frequency. A bed of magnets under a loose piston
-# stands on it: the piston moves against the machine, and the grains turn that motion into heat.
-# How much of the vibration is left, where does the energy go, and which damper would be better?
+# A machine on springs is shaken near its natural frequency. It carries a bed of magnets under a
+# free piston: the piston moves relative to the machine, and the grains dissipate that motion. How
+# large is the remaining vibration, how is the energy dissipated, and which damper would be better?
 
 # %%
 # %matplotlib inline
@@ -36,8 +36,8 @@ from granular.render import movie
 from granular.response import frequency_response
 from reduced_models.machines import design_for, predicted_response
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
-warnings.simplefilter("ignore")  # that grains come close is known; see notebook 4
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
+warnings.simplefilter("ignore")  # the warning that grains come close is expected; see notebook 4
 
 QUICK = True  # False: the packaged machine, whose damper has 368 grains, and more frequencies
 
@@ -46,10 +46,11 @@ folder = Path(tempfile.mkdtemp())
 # %% [markdown]
 # ## The machine
 #
-# The effect `host` says what carries the cell: here one body on a spring and a dashpot, and a
-# sinusoidal force on it. The packaged scene `machine` has 100 kg at 3.25 Hz and a damper of 368
-# grains. The quick mode takes a quarter of the grains: they are half as high, swing faster, and
-# carry half the piston, so the machine is half as heavy and its frequency higher.
+# The effect `host` defines the structure that carries the cell: here one body on a spring and a
+# dashpot, with a sinusoidal force on it. The packaged scene `machine` has 100 kg at 3.25 Hz and a
+# damper of 368 grains. The quick mode takes a quarter of the grains: the bed is half as high,
+# oscillates faster, and carries half the piston mass, so the machine is half as heavy and its
+# frequency higher.
 
 # %%
 SCENE = load_scene("machine")
@@ -76,7 +77,7 @@ print(f"the machine alone: {own_frequency:.2f} Hz, force {host.excitation.force:
 # ## One run
 #
 # The bed settles for three seconds, then the force begins. The displacement of the machine is
-# counted from its rest with the damper aboard.
+# measured from its equilibrium with the damper on it.
 
 # %%
 run = simulate(SCENE, "auto*4", progress=False)
@@ -91,10 +92,10 @@ axes[0].legend(loc="upper left")
 plt.show()
 
 # %% [markdown]
-# ## Where the energy goes
+# ## Energy balance
 #
-# What the force puts in is taken by the drag of the grains and by the machine's own dashpot. The
-# ledger counts both, so that their shares can be read off the run.
+# The work of the force is dissipated by the drag of the grains and by the machine's dashpot. The
+# ledger records both, so the run gives their fractions.
 
 # %%
 late = data.isel(time=[int(0.7 * data.sizes["time"]), -1])
@@ -104,7 +105,7 @@ taken = {
 }
 grains_share = taken["the grains"] / sum(taken.values())
 for name, energy in taken.items():
-    print(f"{name} took {1e3 * energy:.0f} mJ, {100 * energy / sum(taken.values()):.0f} %")
+    print(f"{name} dissipated {1e3 * energy:.0f} mJ, {100 * energy / sum(taken.values()):.0f} %")
 
 # %% [markdown]
 # ## In motion
@@ -124,9 +125,9 @@ Image(folder / "bed.gif")
 # %% [markdown]
 # ## The frequency response
 #
-# One run for each frequency of the force, and for two forces. Beside them, for the stronger force,
-# stand the machine without a damper, and with an ideal tuned mass of the same weight (Den Hartog),
-# which has a spring and a dashpot and no grains. Both are known in closed form.
+# One run for each frequency of the force, and for two forces. For comparison, at the stronger
+# force: the machine without a damper, and with an ideal tuned mass damper of the same weight (Den
+# Hartog), with a spring and a dashpot instead of grains. Both are known in closed form.
 
 # %%
 FORCES = (10.0, 30.0)
@@ -139,14 +140,14 @@ found = frequency_response(
 )
 figure, axes = plt.subplots(figsize=(7, 3.4), layout="constrained")
 found.plot(axes)
-axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))  # beside the curves
+axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))  # next to the curves
 plt.show()
 print(found.table)
 
 # %% [markdown]
-# The last two columns: how many times lower the peak is than without the damper, and how many times
-# higher than with the ideal tuned mass. The steady swing is what counts; `unsteady` says how much
-# it still changed in the part that was measured. Where it is large, runs should be longer.
+# The last two columns: the peak without the damper over the peak with it, and the peak with it over
+# the peak with the ideal tuned mass damper. Amplitudes are steady-state amplitudes; `unsteady` is
+# their change within the measured part of a run. If it is large, runs should be longer.
 
 # %%
 weak, strong = found.peaks()
@@ -156,9 +157,10 @@ print(dict(zip(frequencies, unsteady.tolist(), strict=True)))
 # %% [markdown]
 # ## Three times the force
 #
-# A linear damper would answer with three times the motion at every frequency. A bed stiffens as it
-# is squeezed, and loses more as its grains change places: over the force, the peak below the
-# machine's own frequency is far lower, and the one above it is the higher of the two.
+# With a linear damper the displacement would be three times as large at every frequency. A bed
+# stiffens under compression, and dissipates more as its grains rearrange. Per unit force, the peak
+# below the machine's natural frequency is much lower, and the peak above it is the higher of the
+# two.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.0), layout="constrained")
@@ -173,10 +175,10 @@ plt.show()
 # %% [markdown]
 # ## The law in place of the bed
 #
-# For beds from 250 grains on a law of the bed stands in for the grains: an ordinary differential
-# equation, milliseconds a frequency. It is within some 10 % of simulations at moderate forces, and
-# not at strong ones (the table of the guide's page on machines, `python docs/pictures.py
-# machine-law`). Here it is asked for the packaged machine.
+# For beds of 250 grains or more a law of the bed can replace the grains: an ordinary differential
+# equation, milliseconds per frequency. It is within about 10 % of simulations at moderate forces,
+# but not at strong ones (the table of the guide's page on machines, `python docs/pictures.py
+# machine-law`). Here it is computed for the packaged machine.
 
 # %%
 packaged = load_scene("machine")
@@ -193,7 +195,7 @@ plt.show()
 # ## A better damper
 #
 # With the law, all dampers of a given mass can be tried within a second: `design_for` searches
-# the number of grains, the piston and the drag. What it proposes is a scene, to be simulated.
+# number of grains, piston mass and drag. Its proposal is a scene, ready to be simulated.
 
 # %%
 better = design_for(packaged.effects.host, packaged.effects.host.excitation, limit=7.75)
@@ -201,18 +203,18 @@ is_worthwhile = better.is_worthwhile
 print(better)
 
 # %% [markdown]
-# ## What came out
+# ## Results
 
 # %%
-print(f"Of {1e3 * weak['alone']:.1f} mm the damper leaves {1e3 * weak['peak']:.2f} mm; ", end="")
-print(f"the grains took {100 * grains_share:.0f} % of the energy.")
+print(f"The damper reduces {1e3 * weak['alone']:.1f} mm to {1e3 * weak['peak']:.2f} mm; ", end="")
+print(f"the grains dissipated {100 * grains_share:.0f} % of the energy.")
 print("Under three times the force the peak is ", end="")
 print(f"{strong['peak'] / weak['peak']:.2f} times as high, at {strong['frequency']:g} Hz.")
 
 # %% [markdown]
 # ## Exercises
 #
-# 1. Double the drag of the grains, and halve it. For which of the three is the peak least, and
-#    why is there a best one?
+# 1. Double the drag of the grains, and halve it. For which of the three is the peak lowest, and why
+#    is there a best one?
 # 2. Hang the piston on the machine instead (`"effects.host.mount": "piston"`, with a
 #    `"effects.host.cell_mass"` of your choice). Which frequency must the bed have now?

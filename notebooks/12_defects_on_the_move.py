@@ -15,10 +15,10 @@
 # %% [markdown]
 # # 12. Defects on the move
 #
-# Magnets that repel each other order into a triangular lattice, but never quite: somewhere a grain
-# has five neighbours, and another one seven. Such defects move, meet and vanish. This notebook
-# follows them, asks what heat is in such a bed, looks at the forces where defects are, and counts
-# how much of a bed's yielding they carry.
+# Magnets that repel each other order into a triangular lattice, but not perfectly: some grains have
+# five neighbours, others seven. Such defects move, meet and annihilate. This notebook tracks them,
+# measures temperatures of such a bed and the forces at defects, and determines the fraction of
+# plastic strain that defects carry.
 
 # %%
 # %matplotlib inline
@@ -43,8 +43,8 @@ from granular.observables import (
 )
 from granular.observables.plots import plot_defect_paths
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
-# Hot grains come nearer than a diameter, where no contact is in these scenes: dipoles are points.
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
+# Hot grains come closer than a diameter, which has no contact force in these scenes: dipoles are points.
 warnings.filterwarnings("ignore", message="two grains came as close")
 warnings.filterwarnings("ignore", message="the energy ledger is off")
 
@@ -52,11 +52,11 @@ QUICK = True
 COUNT = 184 if QUICK else 368
 
 # %% [markdown]
-# ## Following them
+# ## Tracking defects
 #
-# A bed is pressed together, and every hundredth of a second each cluster of grains without six
-# neighbours is named by a circuit around it: where the circuit does not close, it is a dislocation,
-# and what is missing is its Burgers vector. Clusters are then linked from frame to frame.
+# A bed is compressed, and every hundredth of a second each cluster of grains without six neighbours
+# is classified by a circuit around it. If the circuit does not close, the cluster is a dislocation,
+# and the closure failure is its Burgers vector. Clusters are then linked from frame to frame.
 
 # %%
 scene = mono_bed(COUNT, speed=33e-3, relaxation=1.0)
@@ -74,15 +74,15 @@ print("tracks of the last second:", tracks)
 # %% [markdown]
 # ## What is temperature here?
 #
-# In a bath of heat the answer is known, and two thermometers can be tried: kinetic (how fast grains
-# move) and configurational (how far forces are from balance, over how stiff the bed is). A bed that
-# is shaken has no temperature that anybody set; does it lie on the curve of the bath? All is told
-# in the energy of a pair at the mean spacing.
+# In a heat bath the temperature is known, and two thermometers can be tested: kinetic (speeds of
+# the grains) and configurational (imbalance of forces over the stiffness of the bed). The
+# temperature of a shaken bed is not imposed; does it lie on the curve of the bath? Temperatures are
+# in units of the energy of a pair at the mean spacing.
 
 
 # %%
 def confined(**changes):
-    """A bed under a piston that stands still."""
+    """Return a bed under a fixed piston."""
     size = math.sqrt(92 / 368)
     scene = load_scene("bed").replace(
         **{
@@ -98,7 +98,7 @@ def confined(**changes):
 
 
 def looked_at(run, start=3.0):
-    """Both temperatures over the energy of a pair, and how ordered the bed is."""
+    """Return both temperatures over the energy of a pair, and the order of the bed."""
     data = run.dataset.isel(frame=run.dataset["frame_time"].values >= start)
     frames = data["position"].values
     cells = [voronoi_cells(one) for one in frames]
@@ -146,7 +146,7 @@ for axes, name in zip(rows, ("defects", "order", "lindemann"), strict=True):
             fillstyle="none",
             label=words,
         )
-    axes.axvline(0.100, color="#999999", linestyle=":")  # where a large crystal melts
+    axes.axvline(0.100, color="#999999", linestyle=":")  # melting point of a large crystal
     axes.set(xscale="log", xlabel="configurational temperature", ylabel=name)
 rows[2].set_yscale("symlog", linthresh=1e-3)
 rows[2].set_ylim(-3e-4, 10.0)
@@ -156,17 +156,16 @@ bath_error = max(abs(one["configurational"] / one["kinetic"] - 1) for one in hea
 frozen = min(one["defects"] for one in settled)
 settled_heat = max(one["configurational"] for one in settled)
 print(f"in the baths both thermometers agree to {100 * bath_error:.0f} %")
-print(f"settled beds hold {100 * frozen:.0f} % of defects and more, at {settled_heat:.2g}")
+print(f"settled beds hold {100 * frozen:.0f} % or more of defects, at {settled_heat:.2g}")
 
 # %% [markdown]
-# What is heated and what is shaken lie on one curve. A settled bed does not: its temperature is
-# next to nothing, and its defects are what is left of how it was filled. No temperature tells that.
+# Heated and shaken beds lie on one curve. A settled bed does not: its temperature is almost zero,
+# and its defects remain from filling. They cannot be predicted from a temperature.
 #
 # ## Forces at defects
 #
-# How hard a grain is pressed is the sum of the magnitudes of all that presses on it. Around a
-# defect these sums should differ more from grain to grain. The spread over a grain and its
-# neighbours says whether they do.
+# The load on a grain is the sum of the magnitudes of all forces on it. Around a defect these sums
+# should differ more from grain to grain. The spread over a grain and its neighbours tests this.
 
 # %%
 times = pressed.dataset["frame_time"].values
@@ -190,14 +189,14 @@ axes.plot(*(1e3 * places[deep & odd].T), "o", color="C1", markersize=13, fillsty
 figure.colorbar(points, label="spread of forces over their mean")
 axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
 plt.show()
-print(f"the spread at defects is {uneven:.2f} times that elsewhere")
+print(f"the spread at defects is {uneven:.2f} times the spread elsewhere")
 
 # %% [markdown]
-# ## Do they carry the yielding?
+# ## Do defects carry the plastic strain?
 #
-# A bed that was kept warm for a while is nearly one crystal. It is cooled, pressed by 30 % and let
-# go again. Its bonds say how much of the strain is elastic; the rest is plastic. Orowan's rule says
-# what the dislocations make of it: each that moves by d shears an area A by b d/A.
+# An annealed bed is nearly a single crystal. It is cooled, compressed by 30 % and decompressed. Its
+# bonds give the elastic strain; the rest is plastic. Orowan's rule gives the contribution of
+# dislocations: each one that moves by d shears an area A by b d/A.
 
 # %%
 size = math.sqrt(COUNT / 368)
@@ -247,16 +246,16 @@ plt.show()
 steps = np.diff(plastic[::40]), np.diff(carried[::40])
 share = float((steps[0] * steps[1]).sum() / (steps[0] ** 2).sum())
 conserved = float(slip.conserved)
-print(f"dislocations that were followed carry {share:.2f} of it")
+print(f"tracked dislocations carry {share:.2f} of it")
 print(f"{len(slip.tracks)} tracks; Burgers vectors add up in {100 * conserved:.0f} % of the events")
 
 # %% [markdown]
-# They carry a good part, and in a bed this small much of the rest goes by within two grains of a
-# wall, where no circuit closes. The guide has the same with several starts, larger beds and
-# intervals (`python -m research.disorder slip`).
+# They carry a large part. In a bed this small much of the rest occurs within two grains of a wall,
+# too close for closed circuits. The guide has the same with several starts, larger beds and
+# confidence intervals (`python -m research.disorder slip`).
 #
 # ## Exercises
 #
 # 1. Shake at 40 Hz instead, at three amplitudes. Do the points stay on the curve of the bath?
-# 2. Anneal at 0.02 instead of 0.07 of the energy of a pair. Is the bed still one crystal, and what
-#    does the cycle look like then?
+# 2. Anneal at 0.02 instead of 0.07 of the energy of a pair. Is the bed still a single crystal, and
+#    how does the cycle change?

@@ -13,10 +13,11 @@
 # ---
 
 # %% [markdown]
-# # 13. Magnets that one can buy
+# # 13. Real magnets
 #
-# A point dipole is what a magnet looks like from afar. Two discs of 6 x 3 mm that touch repel twice as
-# much. What changes in a damper if its grains are discs, and what would one see on the bench?
+# From afar a magnet acts as a point dipole. Two touching discs of 6 x 3 mm repel each other twice
+# as strongly. How does a damper change if its grains are discs, and which differences are visible
+# on the bench?
 
 # %%
 # %matplotlib inline
@@ -32,10 +33,10 @@ from granular.schema import Scales
 from reduced_models import fit, predict
 from reduced_models.falls.predicted_law import lattice_pressure
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
-warnings.simplefilter("ignore")  # the fit says that a linear law leaves something over
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
+warnings.simplefilter("ignore")  # the fit notes that a linear law has systematic residuals
 
-QUICK = True  # False: the drag of the packaged scene, 0.1 kg/s, with which the bed swings for ten seconds
+QUICK = True  # False: the drag of the packaged scene, 0.1 kg/s, with which the bed oscillates for ten seconds
 CHANGES = {"effects.drag.coefficient": 0.4, "protocol.release.duration": 1.5} if QUICK else {}
 STEP = "auto*2"
 DIAMETER = 0.006  # m
@@ -45,7 +46,8 @@ KINDS = {"discs": "cylinders", "dipoles": "dipoles"}
 # ## Two magnets
 #
 # The scene `magnets` is the packaged damper with 368 discs of the grade N42, whose tables give a remanence
-# of 1.28 to 1.32 T. Far away the factor between both laws is 1 + (15/4) (R² - h²/3)/r², nearby it is more.
+# of 1.28 to 1.32 T. At large distance the ratio of both laws is 1 + (15/4) (R² - h²/3)/r²; nearby
+# it is larger.
 
 # %%
 packaged = load_scene("magnets").replace(**CHANGES)
@@ -59,10 +61,10 @@ plt.show()
 print(f"at contact {factor[0]:.3f}, at 1.37 D {np.interp(1.37, r, factor):.3f}")
 
 # %% [markdown]
-# ## The fall, the rest, and the swing
+# ## Fall, equilibrium, and oscillation
 #
-# The piston is let go at 20 D, comes to rest, is lifted by 0.2 D and released. Nothing of the dashed lines
-# is fitted: `predict` takes the pressure of the lattice of these magnets, and what follows from it.
+# The piston is released at 20 D, comes to rest, is lifted by 0.2 D and released again. The dashed
+# lines are not fitted: `predict` computes them from the pressure of the lattice of these magnets.
 
 # %%
 runs = {name: simulate(scene, dt=STEP, progress=False) for name, scene in scenes.items()}
@@ -96,9 +98,10 @@ faster = rests["dipoles"].period / rests["discs"].period
 # %% [markdown]
 # ## Compression
 #
-# A piston that is pushed down at 10 cm/s, and the lattice of each kind of magnets: its pressure times the
-# width of the cell. Both beds push more than their lattice, by 9 and 15 %: one that is squeezed in one
-# direction resists shear as well. Most of what discs have beyond dipoles is what their lattices say.
+# A piston pushed down at 10 cm/s, and the lattice of each kind of magnet: its pressure times the
+# width of the cell. Both beds push harder than their lattice, by 9 and 15 %: a bed compressed in
+# one direction also resists shear. Most of the difference between discs and dipoles is given by
+# their lattices.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -129,12 +132,13 @@ print({name: f"{ratio:.3f} of the lattice at the end" for name, ratio in over_la
 # %% [markdown]
 # ## On the bench
 #
-# - The same discs hold the piston some 4 mm higher than dipoles of their moment say, which is easily seen.
-# - It swings more slowly, by 6 % here: the walls are rows of the same discs, next to which the bed is softer.
-# - Where the piston hits the bed hard, discs touch; dipoles pass through each other.
+# - Discs hold the piston about 4 mm higher than dipoles of the same moment, which is easily seen.
+# - The piston oscillates more slowly, by 6 % here: the walls are rows of the same discs, and the
+#   bed is softer next to them.
+# - When the piston hits the bed hard, discs touch; dipoles pass through each other.
 #
-# Left out of both: tilt as a motion, and walls of other things than magnets. What coating and permeability
-# take from the moment can be named: see the guide to parts.
+# Not included in either: tilting motion, and walls other than magnets. The reduction of the moment
+# by coating and permeability can be specified: see the guide to parts.
 
 # %%
 print(f"higher by {100 * (higher - 1):.1f} %, faster by {100 * (faster - 1):.1f} %")

@@ -15,8 +15,8 @@
 # %% [markdown]
 # # 14. Small motions without a time step
 #
-# A settled bed is an elastic body. Its equilibrium, its roots and its slopes follow from forces alone. How
-# small must a motion be for that to hold?
+# A settled bed is an elastic body. Its equilibrium, complex roots and parameter slopes follow from
+# forces alone. How small must a motion be for that to hold?
 
 # %%
 # %matplotlib inline
@@ -35,8 +35,8 @@ from granular.linear.page import (
     plot_transmissibility,
 )
 
-plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
-warnings.simplefilter("ignore")  # grains of this scene may touch in the fall, and have no contact
+plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
+warnings.simplefilter("ignore")  # grains of this scene may overlap in the fall, without contact forces
 
 QUICK = True  # False: the packaged damper of 368 magnets
 CHANGES = {"grains.count": 92, "cell.width": "30 D", "piston.mass": 3.75} if QUICK else {}
@@ -45,7 +45,7 @@ LIFTS = np.array([0.02, 0.2, 0.6, 1.2, 2.4, 3.6])  # [mm]
 # %% [markdown]
 # ## From the forces
 #
-# The scene runs until it is at rest; then Newton's method finds the equilibrium, and linear algebra all else.
+# The scene runs until it is at rest; then Newton's method finds the equilibrium, and linear algebra the rest.
 
 # %%
 scene = load_scene("damper").replace(**CHANGES)
@@ -74,10 +74,10 @@ plot_dynamic_stiffness(frequencies, dynamic_stiffness(rest, frequencies), panels
 plt.show()
 
 # %% [markdown]
-# ## What linear means
+# ## Range of linearity
 #
-# The piston is lifted from the equilibrium and released. Frequency and damping ratio are those of three
-# cycles, from the heights and times of four minima.
+# The piston is lifted from the equilibrium and released. Frequency and damping ratio are averages
+# over three cycles, from the heights and times of four minima.
 
 
 # %%
@@ -85,7 +85,7 @@ AT_REST = {"arrangement.positions": rest.positions.tolist(), "piston.height": re
 
 
 def released(lift):
-    """Amplitude, frequency and damping ratio after a release, by the run."""
+    """Return amplitude, frequency and damping ratio after a release, from the run."""
     stages = [
         {"kind": "lift", "name": "lift", "by": lift},
         {"kind": "free", "name": "release", "duration": 5.0 / root.frequency},
@@ -106,7 +106,7 @@ def released(lift):
 measured = np.array([released(1e-3 * lift) for lift in LIFTS])
 frequency_errors = (measured[:, 1] / root.frequency - 1.0).tolist()
 damping_errors = (measured[:, 2] / root.damping_ratio - 1.0).tolist()
-print("lift [mm]   amplitude [mm]   frequency [Hz]   damping [%]   off by [%]")
+print("lift [mm]   amplitude [mm]   frequency [Hz]   damping [%]    error [%]")
 for lift, (size, frequency, ratio), f, zeta in zip(
     LIFTS, measured, frequency_errors, damping_errors, strict=True
 ):
@@ -122,9 +122,9 @@ axes.legend()
 plt.show()
 
 # %% [markdown]
-# ## Slopes are not fitted
+# ## Slopes without a fit
 #
-# A piston that is 1 % heavier, settled from the same packing, against the slopes.
+# A run with a 1 % heavier piston, settled from the same packing, compared with the computed slopes.
 
 # %%
 heavier = {"piston.mass": 1.01 * scene.piston.mass}
@@ -134,10 +134,11 @@ exact_slope = float(found.slopes.of("piston.mass")[0])
 print(f"d ln rest / d ln mass {mass_slope:+.4f}, by the slopes {exact_slope:+.4f}")
 
 # %% [markdown]
-# ## What a step costs in the root
+# ## Error of a root from the time step
 #
-# Each method has a root of its own at its step. With half the step, the error falls by two to the power of
-# the order. In a root, the symplectic Euler method is as good as Verlet's: both have the same multipliers.
+# With a finite time step each method has a slightly different root. When the step is halved, the
+# error falls by two to the power of the order. For a root the symplectic Euler method is as good as
+# Verlet's: both have the same multipliers.
 
 # %%
 errors = {}

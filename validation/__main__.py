@@ -26,31 +26,30 @@ if TYPE_CHECKING:
     from validation.report_tasks import Section
 
 REPORT = "out/validation"
-"""Directory of the report if none is given."""
+"""Default directory of the report."""
 
 METHOD_REPORT = "out/method"
-"""The same, of a user's own methods."""
+"""Default directory of the report on user-defined methods."""
 
 EndTime = Annotated[Seconds | None, Option("stop each run at this time [s]", "T")]
 
 
 @dataclasses.dataclass(frozen=True)
 class Measuring:
-    """Extent of the measurements, and the directory that keeps them."""
+    """Extent of the measurements (quick or full), and the directory that stores them."""
 
     out: Annotated[
-        str | None,
-        Option("directory for the report; what is measured is kept there and found again", "DIR", "-o"),
+        str | None, Option("directory for the report; results are stored there and reused", "DIR", "-o")
     ] = None
     quick: Annotated[bool, Option("within a few minutes (default)")] = False
-    full: Annotated[bool, Option("everything, an hour or so")] = False
+    full: Annotated[bool, Option("everything, about an hour")] = False
 
     def __post_init__(self) -> None:
         if self.quick and self.full:
-            raise InputError("--quick does not go with --full; leave one out")
+            raise InputError("--quick and --full exclude each other; give only one")
 
     def print_sections(self, sections: Iterable[Section], output: Output, default: str | None = None) -> None:
-        """Measure sections of the report, and print them."""
+        """Measure sections of the report and print them."""
         from validation.report import report
 
         out = self.out or default
@@ -60,13 +59,12 @@ class Measuring:
 
 @dataclasses.dataclass(frozen=True)
 class ReportMeasuring(Measuring):
-    """Extent of the measurements of the whole report, and the directory that keeps them."""
+    """Extent of the measurements of the whole report, and the directory that stores them."""
 
     out: Annotated[
         str | None,
         Option(
-            f"directory for the report; what is measured is kept there and found again ({REPORT} if not "
-            "given)",
+            f"directory for the report; results are stored there and reused ({REPORT} if not given)",
             "DIR",
             "-o",
         ),
@@ -82,38 +80,38 @@ def _print_report(result: dict[str, Any], out: str | None, output: Output) -> No
 
 @command("""\
 examples:
-  %(prog)s damper --quick                # what accuracy and effects cost in one scene
+  %(prog)s damper --quick                # cost of accuracy and of effects in one scene
   %(prog)s mine.toml bed -o out/mine
-  %(prog)s --full -o out/validation      # goes on where it was stopped""")
+  %(prog)s --full -o out/validation      # resumes an interrupted report""")
 def report(
     scenes: Annotated[
         tuple[str, ...],
         Option(
-            "only what accuracy and effects cost, in these scenes: packaged names, or TOML files", "SCENE"
+            "only the cost of accuracy and of effects, in these scenes: packaged names or TOML files", "SCENE"
         ),
     ] = (),
     *,
     overview: Annotated[
         bool,
         Option(
-            "only what accuracy and effects cost, in the packaged damper and in a compression; printed, and "
-            "written where -o says so"
+            "only the cost of accuracy and of effects, in the packaged damper and in a compression; "
+            "printed, and written with -o"
         ),
     ] = False,
     changes: Changes,
     measuring: ReportMeasuring,
     output: Output,
 ) -> None:
-    """All parts: report.html, and report.json next to it."""
+    """All sections: report.html, and report.json next to it."""
     from granular.scene.named_scenes import load_scene
     from validation.overview import OVERVIEW, overview_section_for
     from validation.report import SECTIONS
 
     changes.run()
     if changes.changes and not scenes:
-        raise InputError(f"--set changes a scene; name one, such as: {current_program()} damper")
+        raise InputError(f"--set changes a scene; give one, such as: {current_program()} damper")
     if overview:
-        refuse_options("--overview, which is of packaged scenes", SCENE=scenes)
+        refuse_options("--overview, which uses packaged scenes", SCENE=scenes)
         measuring.print_sections([OVERVIEW], output)
     elif scenes:
         section = overview_section_for([changes.apply(load_scene(name)) for name in scenes])
@@ -126,7 +124,7 @@ def report(
 def convergence(
     *,
     depaula: Annotated[
-        bool, Option("instead, de Paula's test of its method, with and without rounding")
+        bool, Option("run de Paula's test of its method instead, with and without rounding")
     ] = False,
     measuring: Measuring,
     output: Output,
@@ -157,15 +155,13 @@ mine.py:
   z = 0.1931833275037836
   method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""")
 def method(
-    names: Annotated[tuple[str, ...], Option("of a method, also of a built-in one", "NAME")],
+    names: Annotated[tuple[str, ...], Option("name of a method, user-defined or built-in", "NAME")],
     *,
-    scene: Annotated[
-        str | None, Option("measure errors over wall time on it: a name, or a TOML file")
-    ] = None,
+    scene: Annotated[str | None, Option("scene for errors over wall time: a name or a TOML file")] = None,
     changes: Changes,
     quantities: Annotated[
         tuple[str, ...],
-        Option("what the error is in, such as energy or 'rest height' (repeatable)", "Q", name="--quantity"),
+        Option("quantity whose error is measured, such as energy (repeatable)", "Q", name="--quantity"),
     ] = (),
     t_end: EndTime = None,
     out: Annotated[
@@ -173,7 +169,7 @@ def method(
     ] = METHOD_REPORT,
     output: Output,
 ) -> None:
-    """Methods of your own: order, energy, and error against wall time."""
+    """Test user-defined methods: order, energy, and error against wall time."""
     from validation.report import method_report
 
     changes.run()
@@ -194,13 +190,13 @@ def method(
 def cheapest(
     scene: SceneName,
     quantity: Annotated[str, Option("such as energy, positions, 'rest height', period")],
-    tolerance: Annotated[Fraction, Option("error that is allowed, such as 0.01 or '1 %%'")],
+    tolerance: Annotated[Fraction, Option("allowed error, such as 0.01 or '1 %%'")],
     *,
     changes: Changes,
     t_end: EndTime = None,
     output: Output,
 ) -> None:
-    """Find the setting that reaches a tolerance in the least time."""
+    """Find the setting that reaches a tolerance in the shortest time."""
     from validation.recommendation import recommend_settings
 
     loaded = changes.load(scene)
@@ -210,9 +206,9 @@ def cheapest(
 
 PROGRAM = Program(
     "python -m validation",
-    "Prove the toolkit's numbers.",
+    "Check the toolkit's numbers.",
     """\
-how far to trust it, and what accuracy costs:
+reliability of the numbers, and cost of accuracy:
   %(prog)s report
   %(prog)s cheapest damper "rest height" 0.01""",
     command_registry(

@@ -26,21 +26,21 @@ from validation.measured_quantities import MeasuredQuantity, quantity_named
 from validation.report_tasks import PlainData, Section, Task, picture, scene_key
 from validation.work_precision_result import LEVELS, USUAL, SolverSettings, WorkPrecision, WorkPrecisionPoint
 
-# The least time of two counts: whatever disturbs a run makes it longer.
+# The shorter of two times counts: disturbances only make a run longer.
 REPEATS = 2
 LONG = 1.0
-"""A run of this length is timed well enough, and not repeated [s]."""
+"""Runs of this duration or longer are timed once, not repeated [s]."""
 
 Value = float | np.ndarray
 Reference = SolverSettings | float | np.ndarray | None
-"""A setting to take the true value from, the value, or None for the finest or the exact one."""
+"""Setting that gives the reference value, the value itself, or None for the exact value or a finer run."""
 
 
 class ReferenceValue(NamedTuple):
-    """Values that a quantity is measured against."""
+    """Reference values of a quantity."""
 
     words: str
-    values: tuple[Value, ...]  # one for each start
+    values: tuple[Value, ...]  # one for each random start
     floor: float  # scatter of the quantity over the starts, as an error
 
 
@@ -61,36 +61,36 @@ def work_precision(
     scene : Scene
         Scene to run.
     quantity : str or MeasuredQuantity
-        One of `validation.measured_quantities.QUANTITIES`, or one's own.
+        Name of one of `validation.measured_quantities.QUANTITIES`, or a custom quantity.
     settings : iterable of SolverSettings
-        Settings to try. Outside integrators are tried for the positions alone, where ``until`` is given,
-        and left out otherwise.
+        Settings to try. External integrators are tried for the positions only, and only if ``until`` is
+        given.
     reference : SolverSettings or float or ndarray, optional
-        A setting to take the true value from, or the value in the quantity's unit; without, the
-        quantity's exact value, or what `reference_setting` gives.
+        Setting that gives the reference value, or the value in the quantity's unit. Default: the quantity's
+        exact value, or a run with `reference_setting`.
     until : float, optional
-        Stop each run at this time [s]; the position error of a chaotic bed means something over a
-        short horizon only.
+        Stop each run at this time [s]; the position error of a chaotic bed is meaningful only over a short
+        time.
     seeds : int
-        Further random starts, from each of which every setting and the reference are run too: the
-        error is then the mean of the deviations, with its standard error. None are made where the
-        start does not depend on the seed.
+        Number of further random starts. Every setting and the reference are run from each of them: the error
+        is then the mean deviation, with its standard error. Ignored if the start does not depend on the seed.
     repeats : int
-        Runs of each setting from a start, from 1; the fastest is timed, and no more follow one of 1 s.
+        Runs of each setting from one start, 1 or more; the shortest time counts. A run of 1 s or longer is
+        not repeated.
 
     Returns
     -------
     WorkPrecision
         Error (relative, or in the quantity's unit) and wall time [s] of each setting; NaN, with the error's
-        text, where the setting could not be run, as one of an unknown method.
+        text, if the setting could not be run, for example if its method is unknown.
 
     Raises
     ------
     InputError
-        If the quantity is unknown, no setting is given, ``repeats`` is below 1, or the scene cannot be
-        run by the reference.
+        If the quantity is unknown, no setting is given, ``repeats`` is below 1, or the reference cannot run
+        the scene.
     RunError
-        If the reference itself fails.
+        If the reference run fails.
     """
     return work_precision_of_quantities(
         scene, [quantity], settings, references=[reference], until=until, seeds=seeds, repeats=repeats
@@ -111,9 +111,9 @@ def work_precision_of_quantities(
     chosen = [quantity_named(quantity) for quantity in quantities]
     wanted = tuple(settings)
     if not wanted:
-        raise InputError("no settings are given; give at least one method and step")
+        raise InputError("no settings are given; give one or more methods and steps")
     if repeats < 1:
-        raise InputError(f"repeats = {repeats}; give a number of runs from 1")
+        raise InputError(f"repeats = {repeats}; give 1 or more runs")
     given = references or [None] * len(chosen)
     comparison = compare_with_references(scenes_with_other_seeds(scene, seeds), chosen, given, until)
     return comparison.studies([comparison.points(setting, repeats) for setting in wanted])
@@ -124,12 +124,12 @@ CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan
 
 
 def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
-    """Return the settings to try on a scene: methods, each with steps from ``auto*8`` to ``auto/8``."""
+    """Return the settings to try on a scene: each method with steps from ``auto*8`` to ``auto/8``."""
     return tuple(SolverSettings(name, dt) for name in methods for dt in STEPS if can_run(scene, dt, name))
 
 
 def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
-    """Scene, and copies of it from further random starts."""
+    """Return the scene, and copies of it with other random starts."""
     first = scene.arrangement.seed
     count = seeds if seeds and depends_on_seed(scene) else 0
     more = (scene.replace(**{"arrangement.seed": first + k}) for k in range(1, count + 1))
@@ -137,8 +137,8 @@ def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
 
 
 def depends_on_seed(scene: Scene) -> bool:
-    """Tell if another seed gives a scene another start."""
-    if scene.arrangement.positions is not None:  # which take no seed
+    """Return True if the start of a scene depends on its seed."""
+    if scene.arrangement.positions is not None:  # these take no seed
         return False
     other = scene.replace(**{"arrangement.seed": scene.arrangement.seed + 1})
     return any(
@@ -151,15 +151,15 @@ def depends_on_seed(scene: Scene) -> bool:
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Starts of a scene, and the true values that quantities of its runs are compared with."""
+    """Random starts of a scene, and the reference values of the quantities measured in its runs."""
 
     scenes: Sequence[Scene]
     quantities: Sequence[MeasuredQuantity]
     until: float | None  # [s]
-    truth: Sequence[ReferenceValue]  # of each quantity
+    truth: Sequence[ReferenceValue]  # one for each quantity
 
     def points(self, setting: SolverSettings, repeats: int = 1) -> list[WorkPrecisionPoint | None]:
-        """Measure error and time of a setting, for each quantity from the same runs."""
+        """Measure error and time of a setting for all quantities from the same runs."""
         if setting.is_external:
             return self._external_points(setting)
         try:
@@ -175,7 +175,7 @@ class Comparison:
         ]
 
     def _external_points(self, setting: SolverSettings) -> list[WorkPrecisionPoint | None]:
-        """Points of an outside reference, which gives positions only; compiled before it counts."""
+        """Points of an external integrator, which gives positions only; it is compiled before it is timed."""
         return [
             _external_point(self.scenes[0], quantity, setting, item.values[0], self.until)
             if quantity.name == "positions" and self.until is not None
@@ -184,7 +184,7 @@ class Comparison:
         ]
 
     def studies(self, rows: Sequence[Sequence[WorkPrecisionPoint | None]]) -> tuple[WorkPrecision, ...]:
-        """Make a study for each quantity, of the points of each setting."""
+        """Make one study per quantity from the points of all settings."""
         return tuple(
             WorkPrecision(
                 self.scenes[0].name,
@@ -205,7 +205,7 @@ def compare_with_references(
     given: Sequence[Reference],
     until: float | None,
 ) -> Comparison:
-    """Find the true values of quantities, from runs, given numbers or exact solutions; until [s]."""
+    """Determine the reference values of quantities from runs, numbers or exact solutions; until [s]."""
     runs: dict[str, list[Trajectory]] = {}
     truth = []
     for quantity, reference in zip(quantities, given, strict=True):
@@ -225,7 +225,7 @@ def compare_with_references(
 
 
 def reference_setting(scene: Scene) -> SolverSettings:
-    """Return a setting far more accurate than any that is worth while."""
+    """Return a setting far more accurate than the settings that are compared with it."""
     best = SolverSettings("blanes-moan-6", "auto/2")
     if can_run(scene, best.dt, best.method):
         return best
@@ -233,7 +233,7 @@ def reference_setting(scene: Scene) -> SolverSettings:
 
 
 def run_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
-    """Run a scene with a setting, without its warnings: its error is measured anyway; until [s]."""
+    """Run a scene with a setting and suppress warnings, since its error is measured anyway; until [s]."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings(action="ignore"):
@@ -266,9 +266,9 @@ def _point_of_runs(
 def deviation_over_starts(
     quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
 ) -> tuple[float, float]:
-    """Error of a quantity over the starts, and its standard error."""
-    # Single starts that are off to either side are scatter, which no setting corrects: the mean counts. A
-    # quantity with a value of its own in each start has the greatest error.
+    """Return the error of a quantity over the random starts, and its standard error."""
+    # Deviations of single starts scatter around zero whatever the setting, so the mean deviation counts. A
+    # quantity whose value differs by start gets its largest error.
     if quantity.differs_by_start or len(values) == 1:
         errors = [quantity.error(*pair) for pair in zip(values, references, strict=True)]
         return max(errors), float(np.std(errors, ddof=1)) if len(errors) > 1 else 0.0
@@ -294,7 +294,7 @@ def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) ->
 def run_and_time(
     scene: Scene, setting: SolverSettings, until: float | None, repeats: int = 1
 ) -> tuple[Trajectory, float]:
-    """Run with a setting, and the least time of its repeats [s]; until [s]."""
+    """Run with a setting, and return the shortest time of its repeats [s]; until [s]."""
     seconds = math.inf
     for _ in range(repeats):
         start = time.perf_counter()
@@ -310,7 +310,7 @@ def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecision
 
 
 def compile_setting(scene: Scene, setting: SolverSettings) -> None:
-    """Compile, by a run so short that it costs nothing; a long step may not even fit into it."""
+    """Compile the setting by a run of negligible length; a long step may not fit into that run."""
     with contextlib.suppress(GranularError):
         run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 
@@ -330,7 +330,7 @@ def _external_point(
 
 
 def compression_scene() -> Scene:
-    """Quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
+    """Return a quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
     return load_scene("bed").replace(
         **{
             "name": "compression",
@@ -351,12 +351,12 @@ def compression_scene() -> Scene:
 
 
 def frictionless_bed() -> Scene:
-    """Return the packaged bed without drag: it keeps its energy."""
+    """Return the packaged bed without drag: its energy is conserved."""
     return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
 
 
 def disturbed_lattice(count: int) -> Scene:
-    """Scene of a disturbed hexagonal lattice at the packing of the packaged bed."""
+    """Return a scene of a disturbed hexagonal lattice at the packing of the packaged bed."""
     scale = math.sqrt(count / 368.0)
     width, height = 60.0 * scale, 20.0 * scale
     apart = math.sqrt(2.0 / math.sqrt(3.0) * width * height / count)
@@ -389,28 +389,29 @@ def disturbed_lattice(count: int) -> Scene:
 
 @dataclasses.dataclass(frozen=True)
 class Studies(PlainData):
-    """Studies of one task: a quantity each."""
+    """Studies of one task, one per quantity."""
 
     studies: tuple[WorkPrecision, ...]
 
 
 class Plan(NamedTuple):
-    """A row of the table of studies: what is run, and how."""
+    """A row of the table of studies: scene, quantities, settings and options."""
 
     scene: Scene
     quantities: Sequence[str]
     settings: Sequence[SolverSettings]
-    options: dict[str, Any]  # of `work_precision_of_quantities`
+    options: dict[str, Any]  # keyword arguments of `work_precision_of_quantities`
 
 
 OUTSIDE_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-"""Tolerances of the outside references; for the bed the first and the third, which take seconds."""
+"""Tolerances of the external integrators; for the bed only the first and the third, which take seconds."""
 
 DAMPER_STEPS = {
     "stormer-verlet": ("auto*8", "auto*4", "auto*2", "auto", "auto/2"),
     "blanes-moan-4": ("auto*8", "auto*4", "auto*2"),
 }
-"""Fewer than for the others: the damper's runs are long, and soon within the scatter of starts."""
+"""Fewer than for other scenes: the damper's runs are long, and the scatter of starts soon exceeds their
+errors."""
 
 
 SUMS: tuple[dict[str, Any], ...] = (
@@ -420,11 +421,11 @@ SUMS: tuple[dict[str, Any], ...] = (
     *({"pairs.method": "cut-off", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
     *({"pairs.method": "verlet-list", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
 )
-"""Ways of summing pairs, and the radii of de Paula's list about its own 11.26 D [D, 5.2]."""
+"""Methods of summing pairs, and radii of de Paula's list around its printed 11.26 D [D, 5.2]."""
 
 
 def report_plans(full: bool) -> list[Plan]:
-    """Plans of the report: lone grain, frictionless bed and compression; damper and sums over pairs."""
+    """Return the plans of the report: lone grain, frictionless bed, compression, damper, pair sums."""
     grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
     saved = ("energy", "positions")
     outside = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
@@ -442,19 +443,19 @@ def report_plans(full: bool) -> list[Plan]:
     damper = [SolverSettings(name, dt) for name, steps in DAMPER_STEPS.items() for dt in steps]
     quantities = ("rest height", "period", "damping ratio")
     finer = [SolverSettings("stormer-verlet", "auto/8")] * len(quantities)
-    lattice = disturbed_lattice(1472).replace(name="1472 grains, by sum over pairs")
+    lattice = disturbed_lattice(1472).replace(name="1472 grains, by pair sum")
     sums = [SolverSettings("stormer-verlet", "auto", changes) for changes in SUMS]
     direct = [SolverSettings("stormer-verlet", "auto/2", SUMS[0])]
     return [
         *plans,
         Plan(load_scene("damper"), quantities, damper, {"seeds": 4, "repeats": 1, "references": finer}),
-        # The piston's force as the grains settle, by method of summing pairs.
+        # The piston's force while the grains settle, by pair sum.
         Plan(lattice, ("piston force",), sums, {"until": 0.3, "references": direct, "repeats": 1}),
     ]
 
 
 def work_precision_task(plan: Plan, **more: Any) -> Task:
-    """Task that runs one scene with many settings."""
+    """Make the task that runs one scene with many settings."""
     key = {
         **scene_key(plan.scene),
         "quantities": plan.quantities,
@@ -470,22 +471,21 @@ def work_precision_task(plan: Plan, **more: Any) -> Task:
 
 
 def _all_studies(results: Sequence[Studies]) -> list[WorkPrecision]:
-    """Work-precision studies of all tasks in one list."""
+    """Return the work-precision studies of all tasks in one list."""
     return list(chain.from_iterable(result.studies for result in results))
 
 
 def work_precision_blocks(results: Sequence[Studies]) -> list[Block]:
-    """Make the table of settings to take, and a picture for each quantity."""
+    """Make the table of advised settings, and a plot for each quantity."""
     intro = Text(
-        "Error over wall time, warm, the least of the repeats. The broad line joins the settings "
-        "that none beats in both. Where several starts were run, the error is the mean deviation "
-        "over them and a thin bar ends at its bound. What to take for each level is ringed, and "
-        "named at the dotted lines: the fastest setting whose bound is within it, and behind which "
-        "no shorter step is clearly above it. The shaded band is the scatter over random starts; "
-        "below three times that any setting will do, and the mean of more starts is the price. The "
-        "toolkit's seconds hold its records, ledger and start-up; those of SciPy and diffrax "
-        "(thin, dotted) the bare integration. The last column is the time over that of the default "
-        "setting, stormer-verlet at dt = auto."
+        "Error over wall time (compiled code, minimum of the repeats). The broad line is the Pareto front. "
+        "With several random starts the error is the mean deviation over them, and a thin bar ends at its "
+        "upper bound. The advised setting for each tolerance is ringed and named at the dotted line: the "
+        "fastest setting whose bound is within the tolerance, with no shorter step clearly above it. The "
+        "shaded band is the scatter over random starts; for tolerances below three times the band any "
+        "setting will do, but the mean of more starts is needed. The toolkit's times include records, "
+        "energy ledger and start-up; the times of SciPy and diffrax (thin, dotted) are bare integration. "
+        "The last column is the time over the time of the default setting, stormer-verlet at dt = auto."
     )
     pictures = [
         picture(study.plot, f"{study.quantity} of {study.run_words}, against {study.reference}.")
@@ -495,7 +495,7 @@ def work_precision_blocks(results: Sequence[Studies]) -> list[Block]:
 
 
 def advised_setting_table(studies: Sequence[WorkPrecision]) -> Table:
-    """Table of the setting to take for each tolerance, and its time over the default one's."""
+    """Make the table of the advised setting for each tolerance, and its time over the default setting's."""
     rows = []
     for study in studies:
         usual = study.default_point()
@@ -504,7 +504,7 @@ def advised_setting_table(studies: Sequence[WorkPrecision]) -> Table:
             (study.scene, study.quantity, words, *_advised_setting(study, level, seconds))
             for words, level in LEVELS.items()
         ]
-    header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds", "of the default's")
+    header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds", "time / default")
     return Table(header, rows)
 
 
@@ -528,7 +528,7 @@ def _advised_setting(work_precision: WorkPrecision, level: float, usual: float) 
 
 
 def _study_tables(results: Sequence[Studies]) -> list[Block]:
-    title = "Cost of the {0.quantity} of {0.scene}; a star marks the best of all."
+    title = "Cost of the {0.quantity} of {0.scene}; a star marks the Pareto front."
     pairs = [(Text(title.format(study)), study.table()) for study in _all_studies(results)]
     return list(chain.from_iterable(pairs))
 
@@ -546,7 +546,7 @@ def _studies_verdict(results: Sequence[Studies]) -> tuple[str, bool]:
 
 WORK_PRECISION = Section(
     "work-precision",
-    "What accuracy costs",
+    "Cost of accuracy",
     lambda full: [work_precision_task(plan) for plan in report_plans(full)],
     Studies,
     _studies_verdict,

@@ -1,6 +1,6 @@
 """The command ``granular-damper``: the commands of all three packages under one name.
 
-It lives here because imports go in one direction, and only this package knows the other two.
+It is in this package because imports go in one direction, and only this package may import the other two.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ PROG = "granular-damper"
 
 _PACKAGES = {
     "granular": "beds and runs",
-    "reduced_models": "from a motion to its equation",
-    "validation": "proof of the numbers",
+    "reduced_models": "from a motion to its equation of motion",
+    "validation": "checks of the numbers",
 }
 
 _FORMER = {
@@ -41,22 +41,22 @@ _FORMER = {
     "glance": "report --overview",
     "source-experiment": "convergence --depaula",
 }
-"""Commands that are options of others now."""
+"""Former commands that are now options of other commands."""
 
 _VALIDATE = "validate"
-"""Name of the validation's ``report``, and of the way to the commands of that package."""
+"""Name of the validation's ``report``, and prefix of the other commands of that package."""
 
 _FIRST = ("identify", "look", "fit", "design", "run", "render", "sweep", "response")
-"""Commands that are shown where none is given."""
+"""Commands listed if none is given."""
 
 
 def main() -> int:
-    """Run the command line of ``granular-damper`` on the process's arguments."""
+    """Run ``granular-damper`` on the arguments of the process."""
     return launch(dispatch_command)
 
 
 def dispatch_command(arguments: Sequence[str]) -> None:
-    """Hand a command to the package that has it."""
+    """Pass a command to the package that defines it."""
     programs = _load_programs()
     if not arguments:
         print(_first_commands(programs))
@@ -65,8 +65,7 @@ def dispatch_command(arguments: Sequence[str]) -> None:
         parser = Parser(
             prog=PROG,
             usage=f"{PROG} [-h] [--version] COMMAND ...",
-            description="Simulate beds of repelling magnets, find the equation of the damper that they "
-            "make, and prove the numbers.",
+            description="Simulate beds of repelling magnets and identify the equation of their damper.",
             epilog=_list_all_commands(programs),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
@@ -75,7 +74,7 @@ def dispatch_command(arguments: Sequence[str]) -> None:
         parser.parse_args(arguments)
     command, *words = arguments
     if command in _FORMER:
-        raise InputError(f"there is no command '{command}'; did you mean '{_FORMER[command]}'?")
+        raise InputError(f"'{command}' is not a command; did you mean '{_FORMER[command]}'?")
     if command == _VALIDATE:
         program = programs["validation"]
         if words and words[0] in program.commands:
@@ -98,7 +97,7 @@ def _load_programs() -> dict[str, Program]:
 
 
 def _homes_of_commands(programs: dict[str, Program]) -> dict[str, str]:
-    """Program of each command by its name: built-in commands before those of installed packages."""
+    """Return the program of each command; built-in commands take precedence over installed packages."""
     homes: dict[str, str] = {}
     for package, program in programs.items():
         homes = dict.fromkeys(program.commands, package) | homes
@@ -108,7 +107,7 @@ def _homes_of_commands(programs: dict[str, Program]) -> dict[str, str]:
 
 
 def _first_commands(programs: dict[str, Program]) -> str:
-    """Eight commands to begin with, a line each."""
+    """Return eight commands to begin with, one line each."""
     summaries = {
         name: words
         for program in programs.values()
@@ -146,7 +145,7 @@ def cite(
 
 
 def _resolve_cited_name(name: str) -> Any:
-    """Return what a name or a path stands for: a scene, a run, a method, a law or a model."""
+    """Return the scene, run, method, law or model that a name or a path refers to."""
     from granular import load_scene, load_trajectory
     from granular.methods import METHODS, method_named
     from granular.scene.named_scenes import scene_names
@@ -172,9 +171,9 @@ examples:
   eval "$(%(prog)s bash)"                                        # in ~/.bashrc
   %(prog)s fish > ~/.config/fish/completions/granular-damper.fish""")
 def completion(
-    shell: Annotated[Literal["bash", "zsh", "fish"], Option("shell that is to complete them")],
+    shell: Annotated[Literal["bash", "zsh", "fish"], Option("shell that will complete the commands")],
 ) -> None:
-    """Print a script by which a shell completes commands and options."""
+    """Print a script that makes a shell complete commands and options."""
     try:
         import shtab
     except ImportError:
@@ -189,4 +188,4 @@ def completion(
 
 
 OWN = Program(PROG, "About the toolkit.", "", command_registry("", {"cite": cite, "completion": completion}))
-"""Commands of no package."""
+"""Commands that belong to none of the packages."""

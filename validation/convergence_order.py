@@ -1,14 +1,13 @@
 """Order of convergence: the error against the exact solution over the time step.
 
-The slope is fitted, in logarithms, over the finest decade of steps whose error is well above
-rounding. Rounding is not guessed but measured at the finest step: the problem is run again from
-starts that differ by a unit or two in the last place, which shows what the run makes of rounding at
-random; and with one step more and less, where the second difference of the ends shows rounding that
-is the same in every step (truncation is smooth, its second difference less by the number of steps
-squared). Coarser runs take fewer steps and round less.
+The slope is fitted, in logarithms, over the finest decade of steps whose error is well above rounding.
+Rounding is measured at the finest step in two ways. Runs from starts that differ by one or two units in the
+last place show random rounding. Runs with one step more and one less show rounding that is the same in every
+step: it appears in the second difference of their ends (truncation is smooth, so its second difference is
+smaller by the number of steps squared). Coarser runs take fewer steps and have smaller rounding errors.
 
-Where a motion is not smooth, as where friction stops a grain, the error depends on where in its
-step that happens; what counts then is the worst of 21 neighbouring numbers of steps.
+If a motion is not smooth, for example when friction stops a grain, the error depends on the phase of that
+event within its step. The worst error over 21 neighbouring numbers of steps then counts.
 """
 
 from __future__ import annotations
@@ -51,49 +50,50 @@ if TYPE_CHECKING:
 
 COARSE = {1: 1e-2}
 COARSE_OTHERWISE = 1e-3
-"""Steps count from the first one whose error is below this part of a grain's diameter; a method of
-order one gets no nearer at a bearable price."""
+"""Steps count from the first one whose error is below this fraction of a grain's diameter; a smaller error
+would make a method of order one too expensive."""
 
 LONGER = 4.0
-"""Methods of order `HIGH_ORDER` and more start from steps this much longer: a decade of steps takes
-their error through six decades or more, which must lie above rounding."""
+"""Methods of order `HIGH_ORDER` and more start from steps longer by this factor: over a decade of steps their
+error falls by six decades or more, which must lie above rounding."""
 
 LATER = 4.0
-"""Methods of order one begin at steps this much shorter still: their second-order error, which
-falls only one power faster, would bend the line."""
+"""Methods of order one start from steps shorter by this factor: their second-order error, which falls only
+one power faster, would bend the line."""
 
-# Some 15 s for a lone grain under gravity, at 0.2 us a step; a solver that stays coarse up to a sixteenth of
-# it is run there all the same, and its table shows the error.
+# Some 15 s for a lone grain under gravity, at 0.2 us a step; a solver still too coarse at a sixteenth of
+# that number of steps is run there anyway, and its table shows the error.
 MOST_STEPS = 2**26
 NUDGES = (1, -1, 2)
 POINTS = 10
-"""Numbers of steps that a problem is solved with."""
-# A Fibonacci number: the stops after `SLIDING_TIME`, near the golden ratio, then fall evenly into the step.
+"""Numbers of steps used to solve a problem."""
+# A Fibonacci number: with `SLIDING_TIME` near the golden ratio, the stops are then spread evenly over the
+# step.
 NEIGHBOURS = 21
 
 FIRST_ROOT_STEP, MOST_ROOT_STEPS, ROOT_COARSE = 0.7, 20, 1e-2
-"""Longest step in radians of the root, number of steps, and relative error from which steps count."""
+"""Longest step in radians of the root, number of steps, and relative error below which steps count."""
 
 NEAR = 1e-4
-"""Relative change of a step between errors whose second difference is rounding: of a smooth error of order 8
-it is 6e-7, as large as rounding over an error of 2e-4."""
+"""Relative change of the step between errors whose second difference shows rounding: for a smooth error of
+order 8 it is 6e-7, as large as rounding relative to an error of 2e-4."""
 
 ROOT_ORDERS = {"symplectic-euler": 2}
-"""Order in a root where it is not the method's own: the kick and the drift of the symplectic Euler method are
-Verlet's from half a step later on, so both maps have the same multipliers."""
+"""Methods whose order in a root differs from their declared order: the symplectic Euler method is Verlet's
+method shifted by half a step, so both maps have the same multipliers."""
 
 STEEP_IN_ROOT = ("yoshida-6", "kahan-li-6")
-"""Methods that show no order in a root: down to where rounding begins their slopes still fall, at the finest
-steps 6.44, 6.23, 6.12 (kahan-li-6) and 6.13, 6.07, 6.04 (yoshida-6)."""
+"""Methods that do not reach their order in a root before rounding sets in: their slopes still fall, at the
+finest steps 6.44, 6.23, 6.12 (kahan-li-6) and 6.13, 6.07, 6.04 (yoshida-6)."""
 
 Solver = Callable[[ExactProblem, int], GrainStates]
-"""The grains at a problem's time, after that many equal steps."""
+"""States of the grains at a problem's time, after a number of equal steps."""
 
 
 def toolkit_solver(method: str) -> Solver:
-    """Toolkit's own integration by the method of that name."""
-    # A method that chooses its steps is asked for the multiple of its automatic step that makes about as
-    # many.
+    """Make the solver that integrates by a method of the toolkit."""
+    # A variable-step method gets the multiple of its automatic step that gives about the same number of
+    # steps.
     from granular.run.simulation import simulate
 
     variable = method_named(method).variable
@@ -110,7 +110,7 @@ def toolkit_solver(method: str) -> Solver:
         scene = problem.scene
         if not isinstance(dt, str) and dt > scene.output.scalars:
             scene = scene.replace(**{"output.scalars": dt, "output.frames": dt})
-        with warnings.catch_warnings(action="ignore"):  # the error is measured here, and shown
+        with warnings.catch_warnings(action="ignore"):  # the error is measured and shown here
             return simulate(scene, dt=dt, t_end=problem.time, method=method, threads=1, progress=False)
 
     def solve(problem: ExactProblem, count: int) -> GrainStates:
@@ -124,7 +124,7 @@ def toolkit_solver(method: str) -> Solver:
 
 
 def step_counts(problem: ExactProblem, solver: Solver, order: int) -> tuple[int, ...]:
-    """Numbers of steps, a factor sqrt(2) apart, from the first that is not too coarse."""
+    """Return numbers of steps, a factor sqrt(2) apart, from the first that is fine enough."""
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
     start = problem.fewest_steps / (LONGER if order >= HIGH_ORDER else 1.0)
@@ -138,12 +138,12 @@ def _is_resolved(problem: ExactProblem, solver: Solver, count: int, exact: np.nd
     try:
         return bool(np.abs(solver(problem, count).positions - exact).max() < coarse)
     except (RunError, InputError):
-        return False  # too long a step may be refused, or stopped
+        return False  # a run with too long a step may be refused or stopped
 
 
 def method_suits_problem(problem: ExactProblem, method: str) -> bool:
-    """Tell if the method suits the problem."""
-    # Some methods take no dry friction, and variable steps follow distances, so there must be some.
+    """Return True if the method can run the problem."""
+    # Some methods do not support dry friction. Variable steps follow distances, so the scene needs distances.
     from granular.run.plan import can_run
 
     effects = problem.scene.effects
@@ -163,36 +163,36 @@ def convergence(
     """Measure a method's order of convergence on an exact problem.
 
     The order is the slope of the error over the step, in logarithms; see `fit_convergence_slope`. On a
-    problem that is not smooth an error is the greatest of those of 21 neighbouring numbers of steps.
+    problem that is not smooth an error is the maximum over 21 neighbouring numbers of steps.
 
     Parameters
     ----------
     problem : ExactProblem
         Exact problem.
     method : str
-        Name as in `granular.methods.method_named`, or any where solver and order are given.
+        Name as in `granular.methods.method_named`; any name if solver and order are given.
     counts : sequence of int, optional
-        Numbers of equal steps (about as many, of a method that chooses its own) up to the problem's
-        time, integers from 2, in any order; `step_counts` without.
+        Numbers of equal steps up to the problem's time (approximate for variable steps), integers from 2, in
+        any order. Default: `step_counts`.
     solver : callable, optional
-        Another integration than the toolkit's, a control: from a problem and a number of steps to
+        Integration used as a control instead of the toolkit's: maps a problem and a number of steps to
         `GrainStates`.
     order : int, optional
-        The order that the solver declares; the method's own without.
+        Declared order of the solver. Default: the method's order.
 
     Returns
     -------
     ConvergenceResult
         Errors [m] over the steps [s], rounding [m], wall times [s], and the measured order with its
-        interval, without unit: None where fewer than four steps, or less than half a decade, stand clear
-        of rounding.
+        interval, dimensionless: None if fewer than four steps, or less than half a decade, are clear of
+        rounding.
 
     Raises
     ------
     InputError
-        If the method is unknown, cannot run the problem's scene, or there are no counts from 2.
+        If the method is unknown or cannot run the problem's scene, or if ``counts`` holds a number below 2.
     RunError
-        If a run fails; a step that is too coarse for the problem is the caller's choice.
+        If a run fails, for example because the caller's steps are too coarse for the problem.
 
     Examples
     --------
@@ -204,9 +204,9 @@ def convergence(
     solve = toolkit_solver(method) if solver is None else solver
     counts = step_counts(problem, solve, order) if counts is None else tuple(sorted(counts))
     if not counts or min(counts) < 2:
-        raise InputError(f"counts = {counts}; give numbers of steps, each at least 2")
+        raise InputError(f"counts = {counts}; give numbers of steps, each 2 or more")
     exact = problem.exact(problem.time).positions
-    solve(problem, counts[0])  # compiles, so that the wall times do not hold it
+    solve(problem, counts[0])  # compiles, so that wall times exclude compilation
     steps, errors, seconds = [], [], []
     for count in counts:
         started = time.perf_counter()
@@ -236,7 +236,7 @@ def _rounding_error(problem: ExactProblem, solve: Solver, count: int, plain: np.
     if problem.smooth:
         less, more = (solve(problem, count + by).positions for by in (-1, 1))
         differences.append((less - plain) + (more - plain))
-    # The exact place itself can only be told to half a unit in its last place.
+    # The exact position itself is known only to half a unit in its last place.
     return max(
         *(float(np.abs(difference).max()) for difference in differences),
         float(np.spacing(np.abs(plain).max())),
@@ -245,8 +245,8 @@ def _rounding_error(problem: ExactProblem, solve: Solver, count: int, plain: np.
 
 # Roots ----------------------------------------------------------------------------------------
 
-# A piston as light as three magnets has a root near those of the grains: a step that resolves all is then not
-# so short for it that rounding hides its error.
+# A piston as light as three magnets has a root near the grains' roots: a step that resolves them all is
+# then long enough for the piston's error to exceed rounding.
 CHANGES: dict[str, Any] = {
     "grains.count": 3,
     "cell.width": "3 D",
@@ -259,7 +259,7 @@ CHANGES: dict[str, Any] = {
 
 @cache
 def _settled_roots() -> dict[bool, tuple[Equilibrium, Root]]:
-    """Equilibrium and exact root without drag, which Runge-Kutta methods refuse, and with it."""
+    """Return equilibria and exact roots with drag, and without it for Runge-Kutta methods."""
     scene, positions, height = settled_state(load_scene("damper").replace(**CHANGES))
     result = {}
     for drags in (False, True):
@@ -270,21 +270,21 @@ def _settled_roots() -> dict[bool, tuple[Equilibrium, Root]]:
 
 
 def settled_root(method: str) -> tuple[Equilibrium, Root]:
-    """Equilibrium that a method can run from, and its exact root."""
+    """Return an equilibrium that a method can start from, and its exact root."""
     return _settled_roots()[method_named(method).tableau is None]
 
 
 def root_error(method: str, dt: float, exact: complex | None = None) -> float:
-    """Error of a method's root over the exact one, or over another that is given [1/s]; dt [s]."""
+    """Return the error of a method's root relative to the exact root or a given one [1/s]; dt [s]."""
     rest, root = settled_root(method)
     exact = root.s if exact is None else exact
     return abs(root_of_steps(rest, root, dt, method) - exact) / abs(exact)
 
 
 def root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
-    """Measure the order of a method's root by two halvings of the step; exact root, if another one [1/s].
+    """Measure the order of a method's root by two halvings of the step; exact: another exact root [1/s].
 
-    Errors are those of an oscillation of a diameter after a radian [m].
+    Errors [m] refer to an oscillation with an amplitude of one diameter, after one radian.
     """
     rest, root = settled_root(method)
     diameter = rest.scene.grains.species[0].diameter
@@ -318,17 +318,17 @@ def root_convergence(method: str, exact: complex | None = None) -> ConvergenceRe
 # In the report ----------------------------------------------------------------------------------
 
 QUICK_METHODS = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
-"""Methods that run on every problem; they share their compiled code."""
+"""Methods that run on every problem and share compiled code."""
 
 QUICK_PROBLEM = "oscillation"
-"""The problem that all methods are shown on, also quickly."""
+"""Problem used for all methods, also in the quick report."""
 
 OUTSIDE_PROBLEMS = ("oscillation", "bounce", "scattering", "drag")
-"""Problems for the outside references; quickly the first one."""
+"""Problems for the external integrators; the quick report takes the first one."""
 
 
 def convergence_tasks(full: bool) -> list[Task]:
-    """Tasks that measure every method on every exact problem that it suits."""
+    """Make the tasks that measure every method on every exact problem that it can run."""
     return [
         *(
             convergence_task(method_name_to_plot(method), name, full)
@@ -357,22 +357,22 @@ def convergence_tasks(full: bool) -> list[Task]:
 
 
 def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task:
-    """Task that measures one method's order on one exact problem."""
+    """Make the task that measures one method's order on one exact problem."""
     key = {"problem": problem, "method": method, "full": full, **more}
     return Task(f"{method} on {problem}", key, partial(_measure_convergence, problem, method, full))
 
 
 def method_name_to_plot(name: str) -> str:
-    """Name of the method's form that shows its order: high orders with compensated sums."""
-    # Six decades of error fit above rounding only if sums do not add to it.
+    """Return the name of the form of a method that shows its order: compensated sums at high orders."""
+    # Six decades of error fit above rounding only with compensated sums.
     method = method_named(name)
     high = method.order >= HIGH_ORDER and method.tableau is None
     return f"{name}{COMPENSATED}" if high else name
 
 
 def _measure_convergence(name: str, method: str, full: bool) -> ConvergenceResult:
-    # Methods of order one would need too many steps for all of de Paula's 2 s; those of high
-    # order have too few steps that are short enough for every turn and still clear of rounding.
+    # Methods of order one would need too many steps for all of de Paula's 2 s. High-order methods have too
+    # few steps that resolve every turn and are still clear of rounding.
     reference = method in external_integrators.ORDERS
     short = not full or reference or _is_shown_briefly(method)
     problem = exact_problem(name)
@@ -381,7 +381,7 @@ def _measure_convergence(name: str, method: str, full: bool) -> ConvergenceResul
     if not reference:
         return convergence(problem, method)
     solve, order = external_integrators.external_solver(method), external_integrators.ORDERS[method]
-    # A Runge-Kutta method shows its order at shorter steps than a symmetric composition.
+    # A Runge-Kutta method reaches its order only at shorter steps than a symmetric composition.
     finer = dataclasses.replace(problem, fewest_steps=2 * problem.fewest_steps)
     return convergence(problem, method, step_counts(finer, solve, order), solver=solve, order=order)
 

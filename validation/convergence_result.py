@@ -19,28 +19,28 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 HIGH_ORDER = 6
-"""Methods of this order and more have many stages a step; see `validation.convergence_order`."""
+"""Methods of this order or more have many stages per step; see `validation.convergence_order`."""
 
 CLEAR = 7.0
-"""An error this many times the rounding moves the slope of a decade by 0.04 at most, and only where
-the finest steps reach so far down: with methods of order four and more."""
+"""An error this many times the rounding error changes the slope over a decade by 0.04 at most, and only with
+methods of order four or more, whose finest steps come this close to rounding."""
 
 DECADE = 10.0
-LEAST_SPAN = 3.0
-"""Least ratio of the steps in a fit; where rounding leaves no whole decade, the table says so."""
+MINIMUM_SPAN = 3.0
+"""Smallest ratio of the steps in a fit; the table says if rounding leaves less than a decade."""
 
-# Three points would leave the slope one degree of freedom, and Student's t of 95 % is 12.7, not 4.3.
-_LEAST_POINTS = 4
-_SLACK = 0.98  # numbers of steps are whole, so a decade may be a little less
+# With three points the slope has one degree of freedom, for which Student's t at 95 % is 12.7, not 4.3.
+_MINIMUM_POINTS = 4
+_SLACK = 0.98  # numbers of steps are integers, so a decade may be slightly less
 
 
 class FittedSlope(NamedTuple):
     """A fitted slope."""
 
     value: float
-    interval: tuple[float, float]  # 95 %, of a line: errors are not random, it says how straight
-    first: int  # index of the coarsest step of the fit
-    last: int  # and of the finest
+    interval: tuple[float, float]  # 95 % interval; errors are not random: it measures straightness
+    first: int  # index of the coarsest step in the fit
+    last: int  # index of the finest step in the fit
 
 
 def fit_convergence_slope(
@@ -48,10 +48,10 @@ def fit_convergence_slope(
 ) -> FittedSlope | None:
     """Fit the slope over the finest decade of steps [s] whose errors [m] are `CLEAR` of the rounding [m]."""
     clear = [k for k, error in enumerate(errors) if error > CLEAR * rounding]
-    # Behind the first error that does not stand clear, one that does is a matter of luck.
+    # Beyond the first error not clear of rounding, a larger one is a coincidence.
     while clear and clear[-1] != len(clear) - 1:
         clear.pop()
-    if len(clear) < _LEAST_POINTS or steps[0] < LEAST_SPAN * _SLACK * steps[clear[-1]]:
+    if len(clear) < _MINIMUM_POINTS or steps[0] < MINIMUM_SPAN * _SLACK * steps[clear[-1]]:
         return None
     last = clear[-1]
     first = max((k for k in clear if steps[k] >= DECADE * _SLACK * steps[last]), default=0)
@@ -76,17 +76,17 @@ class ConvergenceResult(PlainData):
     ----------
     problem, method : str
     order : int
-        The order that the method declares.
+        Declared order of the method.
     smooth : bool
-        Whether the problem lets a method show its order.
+        True if the motion is smooth enough for a method to show its order.
     steps : tuple of float
         Time steps, from coarse to fine [s].
     errors : tuple of float
-        Greatest error of a coordinate at the problem's time [m].
+        Maximum error of a coordinate at the problem's time [m].
     rounding : float
-        What rounding does at the finest step [m].
+        Rounding error at the finest step [m].
     fit : FittedSlope or None
-        None where too few errors stand clear of rounding, or no step was short enough.
+        None if too few errors are clear of rounding, or no step was short enough.
     seconds : tuple of float
         Wall time of a run with each step.
     """
@@ -103,7 +103,7 @@ class ConvergenceResult(PlainData):
 
     @property
     def local_slopes(self) -> tuple[float, ...]:
-        """Slopes from each step to the next finer one, one fewer than steps; NaN where an error is zero."""
+        """Slopes from each step to the next finer one, one fewer than steps; NaN if an error is zero."""
         return tuple(
             math.log(e0 / e1) / math.log(h0 / h1) if e0 > 0.0 < e1 else math.nan
             for h0, h1, e0, e1 in zip(self.steps, self.steps[1:], self.errors, self.errors[1:], strict=False)
@@ -111,24 +111,24 @@ class ConvergenceResult(PlainData):
 
     @property
     def is_exact(self) -> bool:
-        """True where no error stands clear of rounding: where none is above seven times it."""
+        """True if no error is clear of rounding, that is, above seven times the rounding error."""
         return max(self.errors) <= CLEAR * self.rounding
 
     def shows_declared_order(self, tolerance: float) -> bool:
-        """Tell if the slope is the declared order within a tolerance, or the method is exact."""
+        """Return True if the slope is the declared order within a tolerance, or the method is exact."""
         if self.is_exact:
             return True
         return self.fit is not None and abs(self.fit.value - self.order) <= tolerance
 
     @property
     def decades_of_fit(self) -> float:
-        """Decades of steps over which the slope was fitted; 0 without a fit."""
+        """Decades of steps in the fit of the slope; 0 without a fit."""
         if self.fit is None:
             return 0.0
         return math.log10(self.steps[self.fit.first] / self.steps[self.fit.last])
 
     def table_row(self) -> tuple[str, ...]:
-        """Row of this result in a table of results; see `HEADER`."""
+        """Return the row of this result in a table of results; see `HEADER`."""
         measured = "exact to rounding" if self.is_exact else "too few steps above rounding"
         interval = steps_range = ""
         if self.fit is not None:
@@ -149,7 +149,7 @@ class ConvergenceResult(PlainData):
         )
 
     def table(self) -> Table:
-        """Step [s], error [m], local slope and wall time [s] of each run."""
+        """Return a table of step [s], error [m], local slope and wall time [s] of each run."""
         slopes = ("", *(f"{slope:.3f}" for slope in self.local_slopes))
         rows = [
             (f"{h:.4g}", f"{error:.4g}", slope, f"{seconds:.3g}")
@@ -158,7 +158,7 @@ class ConvergenceResult(PlainData):
         return Table(("step [s]", "error [m]", "slope", "seconds"), rows)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Run a row: step [s], error [m], slope to it from the step before, wall time [s]."""
+        """Return one row per run: step [s], error [m], slope from the previous step, wall time [s]."""
         import pandas
 
         slopes = (math.nan, *self.local_slopes)
@@ -166,7 +166,7 @@ class ConvergenceResult(PlainData):
         return pandas.DataFrame({**columns, "seconds": self.seconds})
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Draw error [m] over step [s], and the fitted line, into logarithmic axes."""
+        """Draw error [m] over step [s], and the fitted line, on logarithmic axes."""
         axes = axes_or_new(ax)
         errors = np.array(self.errors)
         shown = np.where(errors > 0.0, errors, np.nan)
@@ -195,7 +195,7 @@ HEADER = (
 
 
 def convergence_table(results: Sequence[ConvergenceResult]) -> Table:
-    """Make a table of convergence results, one row each.
+    """Make a table of convergence results, one row per result.
 
     Parameters
     ----------
@@ -206,44 +206,44 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> Table:
     -------
     Table
         Texts under `HEADER`: problem, method, its declared order, the measured slope and its 95 % interval
-        (or why there is none), steps of the fit [s], least error [m] and rounding [m].
+        (or the reason why it is missing), steps of the fit [s], least error [m] and rounding error [m].
     """
     return Table(HEADER, [result.table_row() for result in results])
 
 
 # In the report ----------------------------------------------------------------------------------
 
-# An error of order p falls through all sixteen digits in 16/p decades of steps, so that high orders leave few
+# An error of order p falls through all sixteen digits in 16/p decades of steps, so high orders have few
 # points between rounding and the next term of the error.
 TOLERANCES = {2: 0.02, 6: 0.1, 10: 0.3}
-"""Greatest distance of a slope from the declared order, by orders up to which it holds."""
+"""Maximum difference of a slope from the declared order, for orders up to the given ones."""
 
-# Decades of steps that a slope is to span, for orders up to six; numbers of steps are whole.
+# Decades of steps that a slope must span, for orders up to six; numbers of steps are integers.
 FULL = 0.99
 
-# Of a root: two halvings. Its errors are of one step, and rounding cuts them off sooner.
+# For a root: two halvings. Its error is made in one step, so rounding sets in sooner.
 ROOT_SPAN = 0.6
 
 BED_ROOT = "bed-root"
-"""Name of the problem whose error is in a root."""
+"""Name of the problem whose error is the error of a root."""
 
 OUTSIDE_REACH = 1e-12
-"""Distance from the exact place that an outside reference must reach [m]."""
+"""Error of the position that an external integrator must reach [m]."""
 
 
 def convergence_blocks(results: Sequence[ConvergenceResult]) -> list[Block]:
     """Make the table of slopes, and a plot of error over step for each problem."""
     intro = (
         "Error at the end against the exact solution (closed forms, or quadrature of the energy "
-        "integral to thirty digits), over the time step. The slope is fitted over the finest "
-        f"decade of steps whose error is at least {CLEAR:g} times the measured rounding; its "
-        "interval says how straight the line is. A motion that is not smooth (friction stops the "
-        "grain) limits every method to order two. Methods of order six and more run with "
+        "integral to thirty digits), over the time step. The slope is fitted over the finest decade of "
+        f"steps whose error is {CLEAR:g} times the measured rounding error or more; its "
+        "interval measures how straight the line is. A motion that is not smooth (friction stops the grain) "
+        "limits every method to order two. Methods of order six and more run with "
         "compensated sums, so that a decade of steps lies above rounding; SciPy and diffrax are "
-        "outside references, on forces of their own, which must reach the same exact solution. "
-        "On bed-root the error is in the root of small motions of three magnets under a piston at rest, "
-        "which linear algebra gives without a step; the slope is that of two halvings. An empty cell: the "
-        "method does not suit the problem, or was not run on it."
+        "external references with separately written forces, which must reach the same exact solution. "
+        "On bed-root the error is the error of a root of small motions of three magnets under a piston at "
+        "rest, whose exact value comes from linear algebra; its slope comes from two halvings. An empty "
+        "cell: the method cannot run the problem, or was not run on it."
     )
     failed = [
         Caution(f"{result.method} on {result.problem} does not show its order {result.order}.")
@@ -268,7 +268,7 @@ def _picture_of_problem(name: str, results: Sequence[ConvergenceResult]) -> Pict
 
 
 def slope_table(results: Sequence[ConvergenceResult]) -> Table:
-    """Table of measured slopes: a row a method, a column a problem."""
+    """Make the table of measured slopes: one row per method, one column per problem."""
     problems = tuple(dict.fromkeys(result.problem for result in results))
     declared = {result.method: result.order for result in results}
     cells = {(result.method, result.problem): _slope_text(result) for result in results}
@@ -287,14 +287,14 @@ def _slope_text(result: ConvergenceResult) -> str:
 
 
 def convergence_holds(result: ConvergenceResult) -> bool:
-    """Tell if a slope is as declared over a decade, or the method is exact on the problem."""
+    """Return True if the slope over a decade is the declared order, or the method is exact here."""
     if not result.smooth:
         return result.fit is not None and abs(result.fit.value - min(result.order, 2)) <= 0.1
     if result.method in ORDERS:
-        # Their order is not the toolkit's to prove; they must reach the exact solution.
+        # The order of external integrators is not tested; they must reach the exact solution.
         return min(result.errors) <= OUTSIDE_REACH
     if result.fit is None and result.order > HIGH_ORDER:
-        return True  # errors of order eight are rounding before they have fallen for half a decade
+        return True  # errors of order eight reach rounding within half a decade of steps
     clear = (
         result.is_exact
         or result.decades_of_fit >= (ROOT_SPAN if result.problem == BED_ROOT else FULL)
@@ -302,12 +302,12 @@ def convergence_holds(result: ConvergenceResult) -> bool:
     )
     tolerance = next(allowed for highest, allowed in TOLERANCES.items() if result.order <= highest)
     if result.order in (3, 5, 7, 9) and result.fit is not None and result.fit.value > result.order:
-        # On a motion that is symmetric in time the leading error of an odd order may cancel.
+        # On a motion symmetric in time the leading error of an odd order may cancel.
         return clear and result.fit.value < result.order + 1 + tolerance
     return clear and result.shows_declared_order(tolerance)
 
 
 def convergence_verdict(results: Sequence[ConvergenceResult]) -> tuple[str, bool]:
-    """Say how many slopes are as declared, and whether all are."""
+    """Report the number of slopes that agree with the declared order, and whether all do."""
     right = sum(map(convergence_holds, results))
-    return f"{right} of {len(results)} slopes are as declared", right == len(results)
+    return f"{right} of {len(results)} slopes agree with the declared order", right == len(results)

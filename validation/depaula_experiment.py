@@ -1,13 +1,13 @@
-"""De Paula's own test of its method [D, 2.3.4], in full, and what of it is rounding.
+"""De Paula's test of its method [D, 2.3.4] in full, and the part of its errors that is rounding.
 
 One grain of 5 mm falls from 40 D and bounces on the wall for 2 s, with seven steps from 1e-6 to
-1e-8 s. De Paula integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), judges
-the error at the end against its finest step, and prints a greatest difference of two peaks of
-6.8e-9 m. Errors relative to the finest step h_f fall like h^2 - h_f^2, which bends the line a
-little. In the position form h^2 a is added to a number 1e10 times as large, so most of its digits
-are lost. The same sequence in increments, d_n = d_{n-1} + h^2 a(y_n), y_{n+1} = y_n + d_n, both
-sums compensated (Kahan 1965, doi:10.1145/363707.363723), has the truncation without the rounding;
-what the two differ by is rounding. The toolkit's own compensated sums are run next to them.
+1e-8 s. De Paula integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), measures the error
+at the end against its finest step, and prints a maximum difference of two peaks of 6.8e-9 m. Errors relative
+to the finest step h_f fall like h^2 - h_f^2, which bends the line a little. In the position form h^2 a is
+added to a number 1e10 times as large, so most of its digits are lost. The same sequence in increments, d_n =
+d_{n-1} + h^2 a(y_n), y_{n+1} = y_n + d_n, both sums compensated (Kahan 1965, doi:10.1145/363707.363723), has
+the truncation error without the rounding; the difference of the two is rounding. The toolkit's compensated
+sums are run for comparison.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 STEPS = (1e-6, 5e-7, 2e-7, 1e-7, 5e-8, 2e-8, 1e-8)
 PLAIN, COMPENSATED, TOOLKIT = "position form", "compensated increments", "toolkit, compensated"
 PRINTED_PEAKS = 6.8e-9
-"""Greatest difference of two peaks as de Paula prints it [m]."""
+"""Maximum difference of two peaks as printed by de Paula [m]."""
 
 _force = ExperimentalWall.force
 
-# Places for peaks; 2 s hold four, at a period of 0.402 s.
+# Size of the array of peaks; 2 s hold four, at a period of 0.402 s.
 _PEAKS = 16
 _SAMPLES = 200
 
@@ -48,7 +48,7 @@ _SAMPLES = 200
 def _integrate_position_form(
     start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
-    """End, and how many peaks were found, by the position form from rest."""
+    """Return the end and the number of peaks found, by the position form from rest."""
     square = h * h
     every = max(1, steps // path.size)
     before = start
@@ -87,7 +87,7 @@ def _integrate_compensated_form(
             gain_lost = (total - gain) - add
             gain = total
         if rising and gain < 0.0 and result < peaks.size:
-            # What is lost of a sum in compensation is part of its value.
+            # The compensation of a sum is part of its value.
             peaks[result] = now
             result += 1
         rising = gain > 0.0
@@ -100,7 +100,7 @@ def _integrate_compensated_form(
 
 @dataclasses.dataclass(frozen=True)
 class DepaulaRun:
-    """One form at one step."""
+    """Run of one form of the method with one step."""
 
     form: str
     step: float  # [s]
@@ -112,13 +112,13 @@ class DepaulaRun:
 
     @property
     def peak_difference(self) -> float | None:
-        """Greatest difference of two peaks, the start included [m]."""
+        """Return the maximum difference of two peaks, the start included [m]."""
         return float(np.ptp((0.0, *self.peaks))) if self.peaks else None
 
 
 @dataclasses.dataclass(frozen=True)
 class DepaulaStepTest(PlainData):
-    """All forms at all steps."""
+    """Runs of all forms with all steps."""
 
     runs: tuple[DepaulaRun, ...]
 
@@ -127,17 +127,17 @@ class DepaulaStepTest(PlainData):
         return tuple(run for run in self.runs if run.form == form)
 
     def error_slope(self, form: str, finest: float = 5e-8) -> float:
-        """Slope of the error against the exact height over the step, in logarithms; finest [s]."""
+        """Return the logarithmic slope of the error against the exact height over the step; finest [s]."""
         runs = [run for run in self.runs_of_form(form) if run.step >= 0.999 * finest]
         return _slope([run.step for run in runs], [run.error for run in runs])
 
     def slope_relative_to_finest(self, form: str) -> float:
-        """Slope of the error against the height at the finest step: de Paula's figure."""
+        """Return the slope of the error against the height at the finest step, as de Paula takes it."""
         *runs, last = self.runs_of_form(form)
         return _slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
     def scatter_about_slope(self, form: str) -> float:
-        """Largest distance of the errors from their fitted line, over its value."""
+        """Return the maximum relative deviation of the errors from their fitted line."""
         *runs, last = self.runs_of_form(form)
         steps = np.log([run.step for run in runs])
         errors = np.log([abs(run.end - last.end) for run in runs])
@@ -145,19 +145,20 @@ class DepaulaStepTest(PlainData):
         return float(np.expm1(np.abs(away).max()))
 
     def rounding_errors(self) -> dict[float, float]:
-        """Effect of rounding [m] on the height after 2 s in the position form, by the step [s]."""
+        """Return the rounding error [m] of the height after 2 s in the position form, by step [s]."""
         clean = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
         return {run.step: abs(run.end - clean[run.step]) for run in self.runs_of_form(PLAIN)}
 
-    def greatest_form_difference(self) -> float:
-        """Greatest difference of the heights of position form and velocity form, both compensated [m]."""
-        # In exact numbers they are one sequence: y_{n+1} - 2 y_n + y_{n-1} = h^2 a(y_n) follows from two
-        # steps of the velocity form (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144, sec. 1).
+    def maximum_form_difference(self) -> float:
+        """Return the maximum difference of heights between position and velocity form, compensated [m]."""
+        # In exact arithmetic both give the same sequence: y_{n+1} - 2 y_n + y_{n-1} = h^2 a(y_n) follows
+        # from two steps of the velocity form (Hairer, Lubich and Wanner 2003,
+        # doi:10.1017/S0962492902000144, sec. 1).
         ends = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
         return max(abs(run.end - ends[run.step]) for run in self.runs_of_form(TOOLKIT))
 
     def table(self) -> Table:
-        """One row a run: step [s], error, rounding and peak difference [m]."""
+        """Return one row per run: step [s], error, rounding and peak difference [m]."""
         rounding = self.rounding_errors()
         rows = [
             (
@@ -174,7 +175,7 @@ class DepaulaStepTest(PlainData):
         return Table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the errors [m] of each form over the step [s], and those relative to the finest step."""
+        """Draw the errors [m] of each form over the step [s], absolute and relative to the finest step."""
         axes = axes_or_new(ax)
         for k, form in enumerate(dict.fromkeys(run.form for run in self.runs)):
             runs = self.runs_of_form(form)
@@ -190,7 +191,7 @@ class DepaulaStepTest(PlainData):
         return axes
 
     def plot_path(self, ax: Axes | None = None) -> Axes:
-        """Draw the height [mm] over time [s] at the finest step, next to free fall."""
+        """Draw the height [mm] over time [s] at the finest step, with free fall for comparison."""
         axes = axes_or_new(ax)
         run = self.runs_of_form(COMPENSATED)[-1]
         time = np.arange(len(run.path)) * exact_solution.TIME / len(run.path)
@@ -205,7 +206,7 @@ class DepaulaStepTest(PlainData):
         return axes
 
     def plot_peaks(self, ax: Axes | None = None) -> Axes:
-        """Draw how far each peak is from the start's height, at the finest step [m]."""
+        """Draw the difference of each peak from the initial height, at the finest step [m]."""
         axes = axes_or_new(ax)
         for form, colour in ((PLAIN, COLOURS[0]), (COMPENSATED, COLOURS[1])):
             away = np.abs(self.runs_of_form(form)[-1].peaks)
@@ -213,7 +214,7 @@ class DepaulaStepTest(PlainData):
             axes.semilogy(1 + np.arange(len(away)), shown, "o", color=colour, label=form)
         axes.axhline(PRINTED_PEAKS, color="#333333", linewidth=0.8, linestyle=":")
         label_line(axes, "printed by de Paula", PRINTED_PEAKS)
-        axes.set(xlabel="bounce", ylabel="peak off the start [m]")
+        axes.set(xlabel="bounce", ylabel="peak minus start [m]")
         axes.set_xticks(range(1, 1 + len(self.runs_of_form(PLAIN)[-1].peaks)))
         return axes
 
@@ -277,7 +278,7 @@ def _run_toolkit(step: float, exact: float) -> DepaulaRun:
 
 
 def depaula_blocks(experiments: Sequence[DepaulaStepTest]) -> list[Block]:
-    """Make errors over the step, and the peaks, with and without rounding, and the table."""
+    """Make plots of errors over the step and of the peaks, with and without rounding, and the table."""
     return [block for experiment in experiments for block in _experiment_blocks(experiment)]
 
 
@@ -287,24 +288,24 @@ def _experiment_blocks(experiment: DepaulaStepTest) -> list[Block]:
         "A grain of 5 mm bounces for 2 s from 40 D [D, 2.3.4]. With compensated sums the error "
         f"against the exact height falls with the slope {experiment.error_slope(COMPENSATED):.4f}, "
         f"to {clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it "
-        f"is {plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: what a "
-        "plot of it shows below 1e-6 s is rounding. The greatest difference of two peaks is "
+        f"is {plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: below 1e-6 s a plot of "
+        f"it shows only rounding. The maximum difference of two peaks is "
         f"{plain.peak_difference:.1e} m there (de Paula prints {PRINTED_PEAKS:g} m) and "
-        f"{clean.peak_difference:.1e} m compensated. The toolkit's velocity form is the same "
-        "sequence: its heights, compensated, differ from those of the position form by "
-        f"{experiment.greatest_form_difference():.1g} m at most."
+        f"{clean.peak_difference:.1e} m compensated. The toolkit's velocity form is the same sequence: with "
+        f"compensated sums its heights and the heights of the position form differ by "
+        f"{experiment.maximum_form_difference():.1g} m at most."
     )
     scatter = (
-        "De Paula sees its points scatter about the line, and ascribes that to errors that "
-        "are relative to the finest step. That alone makes a slope of "
+        "De Paula sees its points scatter about the line, and attributes that to errors relative to the "
+        "finest step. That alone makes a slope of "
         f"{experiment.slope_relative_to_finest(COMPENSATED):.3f}, with points within "
         f"{experiment.scatter_about_slope(COMPENSATED):.0%} of the line, as the compensated sums "
         "show. In the plain position form rounding makes it "
-        f"{experiment.slope_relative_to_finest(PLAIN):.2f}, with points off the line by up to "
+        f"{experiment.slope_relative_to_finest(PLAIN):.2f}, with points deviating from the line by up to "
         f"{experiment.scatter_about_slope(PLAIN):.0%}."
     )
-    over_step = "Error of the height after 2 s: against the exact one (dots), and the finest step's (rings)."
-    peaks = "Height over time at the finest step, and how far each peak is from the start's height."
+    over_step = "Error of the height after 2 s: against the exact height (dots), and the finest step (rings)."
+    peaks = "Height over time at the finest step, and difference of each peak from the initial height."
     return [
         Text(errors),
         Text(scatter),

@@ -1,16 +1,15 @@
-"""Energy over long runs: drift tested statistically, and phase portraits, next to the controls.
+"""Energy over long runs: statistical test for drift, and phase portraits, with controls.
 
-The energy error is shown over the energy that is turned over (the greatest kinetic energy). A run
-that the ledger stops is tested up to there.
+The energy error is relative to the energy that is turned over (the maximum kinetic energy). A run stopped by
+the energy ledger is tested up to that time.
 
 Trend of an energy: a statistical test, not a bound.
 
-The energy error of a symplectic method swings with the motion, for ever, and rounding lets it
-wander like a random walk (Hairer, McLachlan and Razakarivony 2008, doi:10.1007/s10543-008-0170-3);
-neither is a trend. The series is cut into blocks and each block averaged, which takes out the
-swing; their borders are spread unevenly (by the golden ratio), so that a swing cannot keep step
-with them and pass for something slow. Then a trend is claimed only if it stands out against both
-kinds of noise:
+The energy error of a symplectic method oscillates with the motion indefinitely, and rounding makes it wander
+like a random walk (Hairer, McLachlan and Razakarivony 2008, doi:10.1007/s10543-008-0170-3); neither is a
+trend. The series is cut into blocks and each block is averaged, which removes the oscillation. The block
+borders are spaced unevenly (by the golden ratio), so that an oscillation commensurate with the blocks is not
+aliased into a slow change. A trend is claimed only if it is significant against both kinds of noise:
 
 - stationary noise: a straight line by least squares through the block means, its variance enlarged
   by (1 + a)/(1 - a) for the autocorrelation a of the residuals, a corrected for its bias
@@ -19,8 +18,8 @@ kinds of noise:
   variance enlarged by 3/2, since averaging correlates neighbouring steps by 1/4 (Working 1960,
   doi:10.2307/1907574).
 
-The p-value is the greater of the two, an intersection-union test (Berger 1982,
-doi:10.1080/00401706.1982.10487790), so it is not smaller than it should be under either.
+The p-value is the larger of the two, an intersection-union test (Berger 1982,
+doi:10.1080/00401706.1982.10487790), so it is valid under either kind of noise.
 """
 
 from __future__ import annotations
@@ -49,14 +48,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Leaves thirty degrees of freedom to the line. More blocks hold fewer periods each, and the oscillation stays
-# in their means; fewer see less of a trend (8 at least).
+# Leaves thirty degrees of freedom to the line. More blocks hold fewer periods each, so the oscillation
+# remains in their means; fewer blocks detect less of a trend (minimum 8).
 BLOCKS = 32
-# One run in a hundred that has no trend is said to have one.
+# One run in a hundred without a trend is reported to have one.
 SIGNIFICANCE = 0.01
-# The variance grows by (1 + a)/(1 - a), here 39 times; at a = 1 no trend would ever be seen.
+# The variance grows by (1 + a)/(1 - a), here 39 times; at a = 1 no trend would ever be detected.
 _GREATEST_CORRELATION = 0.95
-# Multiples of it, modulo 1, fill the interval most evenly, so that no period keeps step with the borders.
+# Multiples of it, modulo 1, fill the interval most evenly, so no period is commensurate with the borders.
 _GOLDEN = 0.6180339887498949
 # Averaging leaves 2/3 of the variance of a random walk's steps (Working 1960).
 _WORKING = 1.5
@@ -64,27 +63,27 @@ _WORKING = 1.5
 
 @dataclasses.dataclass(frozen=True)
 class EnergyTrend:
-    """The trend of a series."""
+    """Linear trend of a series, and its significance."""
 
     rate: float  # [unit/s]
     interval: tuple[float, float]  # [unit/s]
-    p_stationary: float  # of such a slope without a trend, in stationary noise
-    p_walk: float  # and in a random walk
+    p_stationary: float  # probability of such a slope without a trend, in stationary noise
+    p_walk: float  # probability of such a slope without a trend, in a random walk
     swing: float  # standard deviation about the line [unit]
     duration: float  # [s]
 
     @property
     def p_value(self) -> float:
-        """Probability of such a slope without a trend, the greater of both tests' p-values."""
+        """Probability of such a slope without a trend: the larger p-value of both tests."""
         return max(self.p_stationary, self.p_walk)
 
     @property
     def total_drift(self) -> float:
-        """Change of the energy along the fitted line over the whole series, in the energy's unit."""
+        """Change of the energy along the fitted line over the whole series, in the unit of the energy."""
         return self.rate * self.duration
 
     def verdict(self, significance: float = SIGNIFICANCE) -> str:
-        """``"gains"``, ``"loses"``, or ``"none"`` where no trend is seen."""
+        """Return ``"gains"``, ``"loses"``, or ``"none"`` without a significant trend."""
         if self.p_value > significance:
             return "none"
         return "gains" if self.rate > 0.0 else "loses"
@@ -93,36 +92,36 @@ class EnergyTrend:
 def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> EnergyTrend:
     """Test the energy of a run for a trend, against stationary noise and against a random walk.
 
-    A straight line through block means, its variance enlarged for autocorrelation (bias: Kendall 1954,
-    doi:10.1093/biomet/41.3-4.403), and Student's t of the steps between them, enlarged for the averaging
-    (Working 1960, doi:10.2307/1907574). The p-value is the greater one of both tests
+    A straight line is fitted through block means, its variance enlarged for autocorrelation (bias: Kendall
+    1954, doi:10.1093/biomet/41.3-4.403), and Student's t tests the steps between them, enlarged for the
+    averaging (Working 1960, doi:10.2307/1907574). The p-value is the larger of both tests
     (intersection-union test; Berger 1982, doi:10.1080/00401706.1982.10487790).
 
     Parameters
     ----------
     time : float (n,)
-        Equidistant times [s], increasing; first and last count.
+        Equidistant, increasing times [s]; only the first and the last are used.
     energy : float (n,)
-        Energy, or its error, in any unit. A block should hold a period of its swing or more.
+        Energy, or its error, in any unit. A block should hold one period of its oscillation or more.
     blocks : int
-        Number of block means that the test is made of, from 8 on.
+        Number of block means in the test, 8 or more.
 
     Returns
     -------
     EnergyTrend
-        Slope over the run with its 99 % interval [unit/s], p-values, and the deviation about the line.
+        Slope over the run with its 99 % interval [unit/s], p-values, and standard deviation about the line.
 
     Raises
     ------
     InputError
-        If there are fewer than four samples a block, fewer than eight blocks, not as many times as
-        energies, an energy that is not finite, or times that do not increase.
+        If there are fewer than 4 samples per block or fewer than 8 blocks, if times and energies differ in
+        number, if an energy is not finite, or if times do not increase.
     """
     energy = np.asarray(energy, dtype=float)
     if energy.ndim != 1 or blocks < 8 or len(energy) < 4 * blocks or len(time) != len(energy):
         raise InputError(
-            f"{energy.size} samples at {len(time)} times in {blocks} blocks; at least 8 blocks and "
-            "4 samples a block are needed: record more often, or run longer"
+            f"{energy.size} samples at {len(time)} times in {blocks} blocks; 8 or more blocks with 4 or "
+            f"more samples each are needed: record more often, or run longer"
         )
     if not np.isfinite(energy).all():
         raise InputError("the energy holds a value that is not finite; a failed run has no trend")
@@ -138,7 +137,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
 
 
 def _block_edges(length: int, blocks: int) -> np.ndarray:
-    """Borders of the blocks (blocks + 1,), each inner one up to a quarter block out of place."""
+    """Return block borders (blocks + 1,), each inner one shifted by up to a quarter of a block."""
     inner = np.arange(1, blocks)
     shift = 0.5 * (np.modf(inner * _GOLDEN)[0] - 0.5)
     edges = np.round((inner + shift) * length / blocks).astype(int)
@@ -168,7 +167,7 @@ def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing:
 
 
 def _variance_inflation(rest: np.ndarray) -> float:
-    """Factor of the slope's variance, for first-order autocorrelation of the residuals."""
+    """Return the factor on the slope's variance for first-order autocorrelation of the residuals."""
     power = float(rest @ rest)
     if power == 0.0:
         return 1.0
@@ -187,15 +186,15 @@ def _two_sided_p_value(value: float, error: float, freedom: int) -> float:
 
 
 SHOWN = 800
-"""Points of a line that are kept."""
+"""Number of points kept for a plotted line."""
 
-# 64 a block: a period of the 40 to 64 that are run then has 32 samples or more.
+# 64 per block: runs last 40 to 64 periods, so each period then has 32 samples or more.
 SAMPLES = 64 * BLOCKS
 _ENERGIES = ("kinetic_energy", "pair_energy", "wall_energy", "weight_energy")
 
 
 class EnergyRun(NamedTuple):
-    """A run whose energy is tested."""
+    """A run whose energy is tested for drift."""
 
     system: str
     scene: Scene
@@ -206,24 +205,24 @@ class EnergyRun(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class EnergyStudy(PlainData):
-    """The energy of one run.
+    """Energy error of one run over time, and its trend.
 
     Attributes
     ----------
     system, method : str
     keeps : bool
-        Whether it is symplectic, or reversible with variable steps: such a method shows no trend.
+        True if the method is symplectic, or reversible with variable steps: it should show no trend.
     dt : float or str
         [s], or a multiple of the automatic step.
     steps : int
     stopped : str or None
-        The error that stopped it.
+        Error that stopped the run.
     times, errors : tuple of float
-        Samples of the energy's error over the energy turned over.
+        Samples of time [s], and of the energy error over the energy turned over.
     trend : EnergyTrend
-        Of all samples.
+        Trend of all samples.
     heights, velocities : tuple of float
-        Phase portrait of the first grain, from its frames [D], [m/s]; empty for a bed.
+        Phase portrait of the first grain from the frames: height [D], velocity [m/s]; empty for a bed.
     """
 
     system: str
@@ -240,7 +239,7 @@ class EnergyStudy(PlainData):
 
 
 def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
-    """Return the runs of the report."""
+    """Return the energy runs of the report."""
     swings = tuple(
         wall_oscillation_run(name, 64 if full else 40)
         for name in METHODS.built_in
@@ -254,9 +253,9 @@ def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     return (*swings, *bounces, variable_step_bounce_run(), *beds)
 
 
-# The controls at steps at which their trend shows, and is still within what the ledger lets pass.
+# The controls run at steps at which their trend is significant but still passes the energy ledger.
 _STEPS = {"explicit-euler": 1e-6, "symplectic-euler": 5e-6, "runge-kutta-4": 6e-3}
-# 1e8 steps of de Paula's bouncing grain by Verlet's method, and the controls next to it.
+# 1e8 steps of de Paula's bouncing grain by Verlet's method, and the controls.
 _BOUNCES = (
     ("stormer-verlet", 1e-6, 100.0),
     ("stormer-verlet+compensated", 1e-6, 100.0),
@@ -264,18 +263,18 @@ _BOUNCES = (
     ("runge-kutta-4", 1e-3, 100.0),
 )
 _BEDS = (("stormer-verlet", 2e-5, 20.0), ("explicit-euler", 5e-7, 0.1), ("runge-kutta-4", 2e-4, 20.0))
-"""Method, step [s] and time [s]; the controls at steps that show their trend."""
+"""Method, step [s] and time [s]; controls run at steps that show their trend."""
 
 
 def wall_oscillation_run(method: str, periods: int) -> EnergyRun:
-    """Run of a grain that oscillates above the wall by half its height at rest."""
+    """Make the run of a grain that oscillates above the wall by half its equilibrium height."""
     start, dt = exact_solution.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * exact_solution.harmonic_period(start.scene, 0.5)
-    return _run_with_records("swing above the wall", start.scene, method, dt, time)
+    return _run_with_records("oscillation above the wall", start.scene, method, dt, time)
 
 
 def variable_step_bounce_run() -> EnergyRun:
-    """Run of 1e4 bounces with variable steps, some 160 a bounce."""
+    """Make the run of 1e4 bounces with variable steps, about 160 steps per bounce."""
     scene = exact_solution.bounce_problem().scene
     time = 1e4 * float(exact_solution.bounce_period(scene))
     records = {"output.scalars": time / SAMPLES, "output.frames": time / SAMPLES}
@@ -283,7 +282,7 @@ def variable_step_bounce_run() -> EnergyRun:
 
 
 def _run_with_records(system: str, scene: Scene, method: str, dt: float, time: float) -> EnergyRun:
-    """Run with so many records, integers of steps apart, and frames of a lone grain."""
+    """Make a run with records a whole number of steps apart, and frames for a lone grain."""
     record = max(1, round(time / SAMPLES / dt)) * dt
     every = 1 if scene.grains.count == 1 else SAMPLES
     scene = scene.replace(**{"output.scalars": record, "output.frames": every * record})
@@ -291,11 +290,11 @@ def _run_with_records(system: str, scene: Scene, method: str, dt: float, time: f
 
 
 def run_energy_study(run: EnergyRun) -> EnergyStudy:
-    """Carry out a run and test its energy."""
+    """Simulate a run and test its energy for drift."""
     from granular.run.simulation import simulate
 
     stopped = None
-    with warnings.catch_warnings(action="ignore"):  # what the ledger doubts is what is measured here
+    with warnings.catch_warnings(action="ignore"):  # the ledger warns of the drift that is measured here
         try:
             done = simulate(run.scene, dt=run.dt, t_end=run.time, method=run.method, progress=False)
         except RunError as error:
@@ -309,8 +308,8 @@ def _make_energy_study(run: EnergyRun, done: Trajectory, stopped: str | None) ->
     time = data["time"].values
     energy = np.sum([data[name].values for name in _ENERGIES if name in data], axis=0)
     energy = (energy - energy[0]) / data["kinetic_energy"].values.max()
-    # The last records may be nearer together than the others.
-    # Records of variable steps come up to a step late.
+    # The last records may be closer together than the others.
+    # Records of runs with variable steps are up to one step late.
     method = method_named(run.method)
     even = np.isclose(np.diff(time), time[1] - time[0], rtol=0.02 if method.variable else 1e-6)
     count = len(time) if even.all() else int(np.argmin(even)) + 1
@@ -344,7 +343,7 @@ def _method_kind(name: str) -> str:
 
 
 def energy_table(studies: Sequence[EnergyStudy]) -> Table:
-    """Return a table with a row a study."""
+    """Return a table with one row per study."""
     rows = [
         (
             study.system,
@@ -367,24 +366,24 @@ def energy_table(studies: Sequence[EnergyStudy]) -> Table:
 # In the report ----------------------------------------------------------------------------------
 
 BINS = 40
-"""Parts of a run whose greatest errors are drawn."""
+"""Number of parts of a run; the maximum error of each is drawn."""
 
 CONTROLS = {"explicit-euler": "gains", "runge-kutta-4": "loses"}
-"""Trend that each control should show."""
+"""Expected trend of each control."""
 
 
 def trend_is_as_expected(study: EnergyStudy) -> bool:
-    """Tell if a run is of its kind: without a trend, or with a control's."""
-    # Nothing is claimed for a user's method that is not symplectic.
+    """Return True if a run has no trend, or if a control has its expected trend."""
+    # No trend is expected or excluded for a user-defined method that is not symplectic.
     if not study.keeps and study.method not in CONTROLS:
         return True
     return study.trend.verdict() == ("none" if study.keeps else CONTROLS[study.method])
 
 
 def energy_blocks(studies: Sequence[EnergyStudy]) -> list[Block]:
-    """Make trends, pictures of the energy error over time, phase portraits, and the table."""
+    """Make the trends, plots of the energy error over time, phase portraits, and the table."""
     intro = (
-        "Error of the energy over the energy turned over. A trend is claimed where it stands out "
+        "Energy error over the energy turned over. A trend is claimed if it is significant "
         f"against stationary noise and against a random walk, at p below {SIGNIFICANCE:g}. "
         "Symplectic methods, and reversible variable steps, should show none; the controls gain "
         "(explicit Euler) or lose (Runge-Kutta)."
@@ -392,7 +391,7 @@ def energy_blocks(studies: Sequence[EnergyStudy]) -> list[Block]:
     wrong = [
         Caution(
             f"{study.method} on the {study.system} {study.trend.verdict()} energy by "
-            f"{study.trend.total_drift:.1e} (p = {study.trend.p_value:.1g}), unlike its kind."
+            f"{study.trend.total_drift:.1e} (p = {study.trend.p_value:.1g}), unlike expected."
         )
         for study in studies
         if not trend_is_as_expected(study)
@@ -411,14 +410,14 @@ def _energy_pictures(system: str, group: Sequence[EnergyStudy]) -> Iterator[Pict
         runs = [run for run in group if run.keeps is keeps]
         if runs:
             caption = (
-                f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run (of "
+                f"{system}, {kind}: maximum energy error in each {BINS}th of the run (of "
                 f"{_run_lengths(runs)}), over the energy turned over."
             )
             yield picture(partial(_draw_errors, runs), caption, height=4.2)
     portraits = [run for run in group if run.heights]
     if portraits:
         chosen = [run for run in portraits if run.method in PORTRAYED] or portraits[:1]
-        caption = f"{system}: phase portraits, and a zoom at the upper turning point."
+        caption = f"{system}: phase portraits, with a zoom at the upper turning point."
         yield Picture(partial(_phase_portraits, chosen), caption)
 
 
@@ -426,8 +425,8 @@ def _draw_errors(runs: Sequence[EnergyStudy], axes: Axes) -> None:
     for k, run in enumerate(runs):
         axes.semilogy(*_error_envelope(run), **line_style(k), label=f"{run.method}, {run.steps:.2g} steps")
     low, high = axes.get_ylim()
-    axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
-    axes.set(ylabel="greatest energy error", xlabel="fraction of the run")
+    axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # a curve that hardly changes must look flat
+    axes.set(ylabel="maximum energy error", xlabel="fraction of the run")
 
 
 def _run_lengths(runs: Sequence[EnergyStudy]) -> str:
@@ -436,7 +435,7 @@ def _run_lengths(runs: Sequence[EnergyStudy]) -> str:
 
 
 def _error_envelope(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
-    """Middle of each part of the run, over its length, and the greatest error in it."""
+    """Return the middle of each part of the run, over its length, and the maximum error in it."""
     bins = min(BINS, len(study.errors))
     greatest = np.array([part.max() for part in np.array_split(np.abs(study.errors), bins)])
     middles = np.array([part.mean() for part in np.array_split(np.array(study.times), bins)])
@@ -461,7 +460,7 @@ PORTRAYED = ("stormer-verlet", "stormer-verlet+compensated", "explicit-euler", "
 
 
 def _turning_point_limits(axes: Axes, study: EnergyStudy) -> None:
-    """Upper turning point, wide enough for a drift of a hundredth."""
+    """Set the axes' limits around the upper turning point, wide enough for a drift of 1 %."""
     top, fastest = study.heights[0], max(map(abs, study.velocities))
     axes.set_xlim(0.98 * top, 1.02 * top)
     axes.set_ylim(-0.25 * fastest, 0.25 * fastest)
@@ -470,12 +469,12 @@ def _turning_point_limits(axes: Axes, study: EnergyStudy) -> None:
 
 def _energy_verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
     right = sum(map(trend_is_as_expected, studies))
-    words = f"{right} of {len(studies)} energy runs are of their kind (no trend, or a control's)"
+    words = f"{right} of {len(studies)} energy runs are as expected (no trend, or the trend of a control)"
     return words, right == len(studies)
 
 
 def energy_task(run: EnergyRun, **more: Any) -> Task:
-    """Task that tests the energy of one long run."""
+    """Make the task that tests the energy of one long run."""
     key = {**run._asdict(), "scene": run.scene.digest(), **more}
     return Task(f"{run.method}: {run.system}", key, partial(run_energy_study, run))
 

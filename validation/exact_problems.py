@@ -1,8 +1,8 @@
 """Problems whose motion is known to thirty digits: one grain, two that scatter, a piston and a grain.
 
-Two grains that pass each other, repelling: in natural units the distance vector obeys
-r'' = 2 (3/4) rhat/r^4 (each grain has the mass 1). With the angular momentum l = r^2 phi' the distance
-moves in
+Two grains pass and repel each other: in natural units the distance vector obeys
+r'' = 2 (3/4) rhat/r^4 (each grain has the mass 1). With the angular momentum l = r^2 phi' the distance moves
+in the potential
 
     u(r) = 1/(2 r^3) + l^2/(2 r^2),
 
@@ -10,10 +10,10 @@ with one turning point, the closest approach. r(t) is the quadrature of the ener
 angle swept is the integral of l/r^2 dt along it (Landau and Lifshitz, Mechanics, sections 14, 18).
 
 A piston that descends at constant speed V on one grain at rest, without gravity: in the piston's frame,
-which is inertial, the wall stands still and the grain comes at V. With the distance w = H - y,
-w'' = (1/2) w^-3.5 and the energy per mass w'^2/2 + (1/5) w^-2.5 stays. One turning point, the least
-distance; the quadrature gives w(t) and the change of frame y = H_0 - V t - w. The piston does work on the
-grain: its energy is not kept.
+which is inertial, the wall is at rest and the grain approaches at V. With the distance w = H - y, w'' = (1/2)
+w^-3.5 and the energy per mass w'^2/2 + (1/5) w^-2.5 is conserved. The one turning point is the minimum
+distance; quadrature gives w(t), and the change of frame gives y = H_0 - V t - w. The piston does work on the
+grain: the energy of the grain is not conserved.
 """
 
 from __future__ import annotations
@@ -48,15 +48,16 @@ __all__ = ["NAMES", "ExactProblem", "GrainStates", "exact_problem"]
 # One grain in closed form -----------------------------------------------------------------------
 
 SLIDING_TIME = 0.078
-"""Duration of sliding [s], whose ratio to the time to the stop is near the golden one: neighbouring
-numbers of steps then let the stop fall everywhere in its step."""
+"""Duration of sliding [s], whose ratio to the time to the stop is near the golden ratio: with neighbouring
+numbers of steps the stop then falls at every phase of its step."""
 
 Factors = tuple[Number, Number, Number, Number]
-"""Reach [s] and remainder of the start velocity, and what gravity adds to height [m] and velocity [m/s]."""
+"""Factors on the initial velocity: effective time [s] for the displacement, remaining fraction for the final
+velocity; then the contributions of gravity to height [m] and velocity [m/s]."""
 
 
 def _free_fall(scene: Scene, t: Number, _: Number) -> Factors:
-    """Fall: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2)."""
+    """Free fall: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2)."""
     from mpmath import mpf
 
     assert scene.effects.gravity is not None
@@ -85,7 +86,7 @@ def _sliding(scene: Scene, t: Number, speed: Number) -> Factors:
 
 
 class LoneGrain(NamedTuple):
-    """A row of the table of grains whose motion has a closed form."""
+    """A row of the table of lone grains whose motion has a closed form."""
 
     time: float  # [s]
     effects: dict[str, Any]
@@ -97,13 +98,14 @@ class LoneGrain(NamedTuple):
 
 
 LONE_GRAINS = {
-    # Exact in every method of order two or more, but for rounding; order one misses by g t h/2.
+    # Exact to rounding in every method of order two or more; the error of order one is g t h/2.
     "free-fall": LoneGrain(0.25, {"gravity": {}}, ("20 D", "40 D"), (0.1, 0.5), _free_fall, 16),
-    # The velocity falls to a hundredth; it is exact in every method that takes drag by its flow. The place is
-    # not: between two half steps of drag the drift goes at the speed of their middle, and so the order shows.
+    # The velocity falls to a hundredth; it is exact in every method that integrates drag by its exact flow.
+    # The position is not exact: between two half steps of drag the drift uses the speed at the midpoint,
+    # and so the order shows.
     "drag": LoneGrain(0.1, {"drag": {"coefficient": 0.02}}, ("10 D", "10 D"), (2.0, 1.0), _drag, 8),
-    # The grain of 0.43 g loses 10.4 m/s^2, a little more than its weight would give it. The step of the stop
-    # misses the place by a part of a h^2/8 whatever the order, so the worst error falls like h^2.
+    # The grain of 0.43 g decelerates at 10.4 m/s^2, slightly above g. In the step of the stop the position
+    # errs by up to a h^2/8 whatever the order, so the worst error falls like h^2.
     "sliding": LoneGrain(
         SLIDING_TIME, {"friction": {"load": 0.01}}, ("10 D", "10 D"), (0.4, 0.3), _sliding, 256, smooth=False
     ),
@@ -121,7 +123,7 @@ def _lone_grain_problem(name: str) -> ExactProblem:
 def _exact_lone_grain(
     scene: Scene, factors: Callable[[Scene, Number, Number], Factors], time: float
 ) -> GrainStates:
-    """Grain at a time [s]; places [m], velocities [m/s]."""
+    """Return position [m] and velocity [m/s] of a lone grain at a time [s]."""
     from mpmath import mpf, sqrt, workdps
 
     with workdps(DIGITS):
@@ -134,18 +136,19 @@ def _exact_lone_grain(
 
 # Two grains that scatter ------------------------------------------------------------------------
 
-# Twice the time to the closest approach, 12.7 ms at 1.92 D: the grains are as far apart again [s].
+# Twice the time to the closest approach (12.7 ms, at 1.92 D): the grains are then at their initial distance
+# [s].
 TIME = 0.025
 SPEED = 1.0
 """Speed of each grain [m/s]."""
 APART, ASIDE = 6.0, 0.5
-"""Distance at the start along and across the velocities [D]."""
+"""Initial distance along and across the velocities [D]."""
 
 
 def scattering_problem(
     speed: float = SPEED, impact_parameter: float = ASIDE, time: float = TIME
 ) -> ExactProblem:
-    """Make the problem of two grains that pass and repel; speed [m/s], impact_parameter [D], time [s]."""
+    """Make the problem of two repelling grains that scatter; speed [m/s], impact_parameter [D], time [s]."""
     across, along = impact_parameter / 2.0, APART / 2.0
     arrangement = {
         "positions": [
@@ -159,7 +162,7 @@ def scattering_problem(
 
 
 def relative_orbit(scene: Scene) -> tuple[Potential, Number, Number, Number, Number]:
-    """Potential, closest distance [D], angular momentum, angle and distance [D] of a relative motion."""
+    """Return potential, closest distance [D], angular momentum, angle and distance [D] of relative motion."""
     # Call within mpmath's working precision.
     from mpmath import atan2, findroot, mpf, sqrt
 
@@ -181,7 +184,7 @@ def relative_orbit(scene: Scene) -> tuple[Potential, Number, Number, Number, Num
 
 
 def _swept_angle(potential: Potential, closest: Number, momentum: Number, distance: Number) -> Number:
-    """Angle swept between the closest approach and a distance."""
+    """Return the angle swept between the closest approach and a given distance."""
     from mpmath import sqrt
 
     integrand = time_integrand_past_turning(potential, closest)
@@ -191,7 +194,7 @@ def _swept_angle(potential: Potential, closest: Number, momentum: Number, distan
 
 
 def exact_scattering(scene: Scene, time: float) -> GrainStates:
-    """Compute places [m] and velocities [m/s] of two grains that scatter, at a time [s]."""
+    """Compute positions [m] and velocities [m/s] of two scattering grains at a time [s]."""
     from mpmath import cos, mpf, sin, sqrt, workdps
 
     with workdps(DIGITS):
@@ -207,7 +210,7 @@ def exact_scattering(scene: Scene, time: float) -> GrainStates:
         c, s = cos(angle), sin(angle)
         point = [distance * c, distance * s]
         velocity = [along * c - across * s, along * s + across * c]
-        # Both grains from the relative motion and the motion of their centre.
+        # Both grains follow from the relative motion and the motion of their centre of mass.
         positions, velocities = np.empty((2, 2)), np.empty((2, 2))
         starts = [grain_start_state(scene, grain) for grain in (0, 1)]
         for axis in range(2):
@@ -222,12 +225,12 @@ def exact_scattering(scene: Scene, time: float) -> GrainStates:
 
 # A piston that drives a grain --------------------------------------------------------------------
 
-# Distance at the start [D]: the piston's force there is 1/128 of that at one diameter.
+# Initial distance [D]: the piston's force there is 1/128 of its value at one diameter.
 GAP = 4.0
 
 
 def driven_piston_problem() -> ExactProblem:
-    """Make the problem of a grain at rest that a piston strikes at constant speed."""
+    """Make the problem of a grain at rest that is approached by a piston at constant speed."""
     top, speed, time = 40.0, 0.5, 0.05  # [D], [m/s], [s]
     scene = few_grains_scene(
         "driven-piston",
@@ -241,7 +244,7 @@ def driven_piston_problem() -> ExactProblem:
 
 
 def exact_driven_piston(scene: Scene, time: float) -> GrainStates:
-    """Compute place [m] and velocity [m/s], at a time [s], of a grain that a piston drives steadily."""
+    """Compute position [m] and velocity [m/s], at a time [s], of a grain driven by a steady piston."""
     from mpmath import findroot, mpf, sqrt, workdps
 
     from granular.protocol import Move
@@ -300,7 +303,7 @@ def exact_problem(name: str) -> ExactProblem:
     Raises
     ------
     InputError
-        If there is none; the nearest name is given.
+        If the name is unknown; the message gives the nearest name.
 
     Examples
     --------

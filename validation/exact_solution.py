@@ -1,13 +1,12 @@
 """One grain above the magnetic bottom wall under gravity: bounces, and small oscillations.
 
-De Paula tests its method with it [D, 2.3.4]: D = 5 mm, start at 40 D, 2 s, some five bounces. In
+De Paula tests its method with this motion [D, 2.3.4]: D = 5 mm, start at 40 D, 2 s, about five bounces. In
 natural units y'' = (1/2) y^-3.5 - G, so the energy per mass is v^2/2 + (1/5) y^-2.5 + G y. The
 motion is periodic; with the turning points a < b (b is the start) its period is
 
     T = 2 integral_a^b dy / sqrt(2 (u(b) - u(y))),   u(y) = (1/5) y^-2.5 + G y,
 
-taken by quadrature (see `validation.exact_solution`). a is the other root of u(a) = u(b), where
-(1/5) a^-2.5 is close to G (b - a).
+computed by quadrature. a is the other root of u(a) = u(b), near which (1/5) a^-2.5 is close to G (b - a).
 
 The harmonic limit: the wall carries the weight at y_e = (1/(2 G))^(2/7); there u'' = (7/4) y_e^-4.5 =
 (7/2) G/y_e. With u = (u''/2) x^2 + (a/3) x^3 + (b/4) x^4, the frequency at the amplitude A is
@@ -20,20 +19,20 @@ motion, by quadrature, at every amplitude.
 
 An exact problem: a scene, a time, and the state of its grains then.
 
-Natural units stand here once more, in high precision and from the grains' material, not by way of
-the engine: m = rho pi eps D^2/4, mu = Br V/mu0, F* = mu0 mu^2/(pi D^4), tau = sqrt(m D/F*)
-[D, 2.2], with the source's mu0 = 4 pi 1e-7 H/m. A slip in the engine's own conversion would show as
-an error that no step makes smaller.
+Natural units are computed separately here, in high precision and from the grains' material, independently of
+the engine: m = rho pi eps D^2/4, mu = Br V/mu0, F* = mu0 mu^2/(pi D^4), tau = sqrt(m D/F*) [D, 2.2], with the
+source's mu0 = 4 pi 1e-7 H/m. A mistake in the engine's conversion would show as an error that does not fall
+with the step.
 
 Motion in one dimension comes from its energy integral. For q'' = -u'(q) with the energy e per mass, the
-time is t = integral of dq / sqrt(2 (e - u(q))) (Landau and Lifshitz, Mechanics, section 11). The
-integrand is singular where the motion turns;
+time is t = integral of dq / sqrt(2 (e - u(q))) (Landau and Lifshitz, Mechanics, section 11). The integrand is
+singular at a turning point; the substitutions
 
     q = q_t + s^2                        for one turning point q_t,
     q = a + (b - a) sin^2(phi/2)         between two, a and b,
 
-make it analytic, so Gauss-Legendre quadrature converges faster than any power. The place at a given time
-is the root of t(s), by Newton's method in the working precision; dt/ds is the integrand.
+make it analytic, so Gauss-Legendre quadrature converges faster than any power. The position at a given time
+is the root of t(s), found by Newton's method in the working precision; dt/ds is the integrand.
 """
 
 from __future__ import annotations
@@ -50,16 +49,16 @@ from granular.schema.apparatus import Grains
 from granular.shared.array_types import Float
 
 DIGITS = 50
-"""Working precision; the results keep more than thirty digits of it."""
+"""Working precision [digits]; results are good to more than thirty digits."""
 
 Number = Any
-"""A number of mpmath, which has no types of its own."""
+"""A number of mpmath, which has no type annotations."""
 
 Potential = Callable[[Number], Number]
 
 
 class NaturalUnits(NamedTuple):
-    """Sizes of the natural units in SI, for grains of the first species."""
+    """Values of the natural units in SI, for grains of the first species."""
 
     length: Number  # D [m]
     mass: Number  # m [kg]
@@ -91,28 +90,27 @@ def natural_units(grains: Grains) -> NaturalUnits:
 
 
 class GrainStates(NamedTuple):
-    """The grains at one time."""
+    """Positions and velocities of the grains at one time."""
 
     positions: Float[np.ndarray, "n 2"]  # [m]
     velocities: Float[np.ndarray, "n 2"]  # [m/s]
-    steps: int | None = None  # that a simulation took, if it chooses them itself
+    steps: int | None = None  # number taken by a simulation with variable steps
 
 
 @dataclasses.dataclass(frozen=True)
 class ExactProblem:
-    """A scene whose motion is known."""
+    """A scene whose motion has a known solution."""
 
     name: str
     scene: Scene
     time: float  # [s]
     exact: Callable[[float], GrainStates]  # [s]
-    fewest_steps: int  # steps of about half a radian of the stiffest mode
-    smooth: bool = True  # has as many derivatives as a high order asks for
+    fewest_steps: int  # number of steps of about half a radian of the stiffest mode
+    smooth: bool = True  # has enough derivatives for high orders
 
     def perturb_start(self, last_place_units: int) -> ExactProblem:
         """Return the same problem with its start moved by a few units in the last place."""
-        # The exact motion is not moved along: the difference of both simulations is the rounding that they
-        # suffer.
+        # The exact solution is not shifted: the difference of the two simulations is their rounding error.
         plan = self.scene.arrangement
         factor = 1.0 + last_place_units * np.finfo(float).eps
         moved = {
@@ -124,11 +122,11 @@ class ExactProblem:
 
 
 RECORDS = 16
-"""Records of a run: enough to see how much energy is turned over, which the ledger is judged by."""
+"""Number of records of a run: enough for the energy that is turned over, the scale of the energy ledger."""
 
 
 def few_grains_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:
-    """Scene of grains of 5 mm in a cell 60 D wide, held for a time [s]."""
+    """Make a scene of 5 mm grains in a cell 60 D wide without piston motion, for a time [s]."""
     count = len(parts["arrangement"]["positions"])
     plain: dict[str, Any] = {
         "name": name,
@@ -143,11 +141,11 @@ def few_grains_scene(name: str, time: float, effects: dict[str, Any], **parts: A
 
 
 BOTTOM_ONLY = {"left": "none", "right": "none", "top": "none"}
-"""Walls of a scene where only the bottom repels."""
+"""Walls of a scene in which only the bottom repels."""
 
 
 def grain_start_state(scene: Scene, grain: int = 0) -> tuple[Sequence[float], Sequence[float]]:
-    """Position [m] and velocity [m/s] that a grain starts with."""
+    """Return the initial position [m] and velocity [m/s] of a grain."""
     plan = scene.arrangement
     assert plan.positions is not None
     velocity = (0.0, 0.0) if plan.velocities is None else plan.velocities[grain]
@@ -161,14 +159,14 @@ def integrate_from_zero(integrand: Potential, end: Number) -> Number:
     """Integrate a function from zero by Gauss-Legendre quadrature on eight intervals."""
     from mpmath import mp
 
-    # Intervals of equal length keep the degree low where the integrand bends most, at its start.
+    # Intervals of equal length keep the degree low at the start, the most curved part of the integrand.
     points = [end * k / 8 for k in range(9)]
     return mp.quad(integrand, points, method="gauss-legendre")
 
 
 def _invert_integral(integrand: Potential, time: Number, guess: Number) -> Number:
-    """Upper end at which the integral from zero equals the time."""
-    # Five of the working digits are left to the rounding of quadrature and integrand.
+    """Return the upper limit at which the integral from zero equals the time."""
+    # Five of the working digits are reserved for the rounding of quadrature and integrand.
     from mpmath import mp, mpf
 
     end = guess
@@ -177,12 +175,12 @@ def _invert_integral(integrand: Potential, time: Number, guess: Number) -> Numbe
         end -= step
         if abs(step) < mpf(10) ** (5 - mp.dps) * (1 + abs(end)):
             return end
-    raise ArithmeticError(f"no place found for the time {time}; the guess {guess} is too far off")
+    raise ArithmeticError(f"no position found for the time {time}; the guess {guess} is too far from it")
 
 
 def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
-    """First guess of the upper end, by Simpson's rule over ever longer stretches."""
-    # The integrand is 0/0 at zero itself.
+    """Return a first guess of the upper limit, by Simpson's rule over growing intervals."""
+    # The integrand is 0/0 at zero.
     width, end, reached = scale / 64, 0 * scale, 0 * scale
     before = integrand(width / 10**6)
     while True:
@@ -194,7 +192,7 @@ def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
 
 
 def time_integrand_past_turning(potential: Potential, turning: Number) -> Potential:
-    """Integrand dt/ds [tau/D^(1/2)] for q = turning + s^2; potential [D^2/tau^2], turning [D]."""
+    """Return the integrand dt/ds [tau/D^(1/2)] for q = turning + s^2; potential [D^2/tau^2], turning [D]."""
     from mpmath import sqrt
 
     energy = potential(turning)
@@ -202,14 +200,14 @@ def time_integrand_past_turning(potential: Potential, turning: Number) -> Potent
 
 
 def time_from_turning(potential: Potential, turning: Number, position: Number) -> Number:
-    """Compute the time [tau] between a turning point and a place beyond it [D]; potential [D^2/tau^2]."""
+    """Compute the time [tau] from a turning point to a position beyond it [D]; potential [D^2/tau^2]."""
     from mpmath import sqrt
 
     return integrate_from_zero(time_integrand_past_turning(potential, turning), sqrt(position - turning))
 
 
 def position_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
-    """Compute the place [D] at a time [tau] after or before the turn [D]; potential [D^2/tau^2]."""
+    """Compute the position [D] at a time [tau] after or before a turning point [D]; potential [D^2/tau^2]."""
     integrand = time_integrand_past_turning(potential, turning)
     time = abs(time)
     if time == 0:
@@ -220,7 +218,7 @@ def position_after_turning(potential: Potential, turning: Number, time: Number) 
 
 
 def time_integrand_between_turnings(potential: Potential, turning: Number, other: Number) -> Potential:
-    """Integrand dt/dphi [tau] for q = a + (b - a) sin^2(phi/2) [D] in a potential [D^2/tau^2]."""
+    """Make the integrand dt/dphi [tau] for q = a + (b - a) sin^2(phi/2) [D] in a potential [D^2/tau^2]."""
     from mpmath import sin, sqrt
 
     energy = potential(turning)
@@ -243,13 +241,13 @@ def oscillation_period(potential: Potential, low: Number, high: Number) -> Numbe
 
 
 def position_after_upper_turning(potential: Potential, low: Number, high: Number, time: Number) -> Number:
-    """Compute the place [D] at a time [tau] after the upper turning point [D]; potential [D^2/tau^2]."""
+    """Compute the position [D] at a time [tau] after the upper turning point [D]; potential [D^2/tau^2]."""
     from mpmath import floor, pi, sin
 
     total = oscillation_period(potential, low, high)
     late = abs(time - total * floor(time / total + 0.5))
     early = total / 2 - late
-    # Counted from the nearer turn, where the energies cancel least.
+    # Measured from the nearer turning point, which has the smallest cancellation of energies.
     turning, other, away = (high, low, late) if late < early else (low, high, early)
     if away <= 0:
         return turning
@@ -259,7 +257,7 @@ def position_after_upper_turning(potential: Potential, low: Number, high: Number
 
 
 def speed_from_energy(potential: Potential, energy: Number, position: Number) -> Number:
-    """Compute the speed at a place, sqrt(2 (e - u)) [D/tau]; potential, energy [D^2/tau^2], position [D]."""
+    """Compute the speed sqrt(2 (e - u)) [D/tau] at a position [D]; potential, energy [D^2/tau^2]."""
     from mpmath import sqrt
 
     return sqrt(2 * abs(energy - potential(position)))
@@ -268,14 +266,14 @@ def speed_from_energy(potential: Potential, energy: Number, position: Number) ->
 __all__ = ["harmonic_period", "oscillation_problem"]
 
 START = 40
-"""Height at the start [D]."""
+"""Initial height [D]."""
 
 TIME = 2.0
-"""De Paula's [s]."""
+"""Duration of de Paula's test [s]."""
 
 SHORT = 0.205
-"""Within the first turn at the wall [s], where no term of an error cancels by symmetry: over a
-whole bounce a Runge-Kutta method of order four seems to have order five."""
+"""Time within the first reflection at the wall [s], so that no error term cancels by symmetry: over a whole
+bounce a Runge-Kutta method of order four seems to have order five."""
 
 
 def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
@@ -287,15 +285,15 @@ def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
 
 
 def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
-    """Scene of a lone grain at a height over the bottom wall, under gravity; start [D], time [s]."""
+    """Make the scene of a lone grain above the bottom wall under gravity; start (height) [D], time [s]."""
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     arrangement = {"positions": [["30 D", f"{start!r} D"]]}
     return few_grains_scene(name, time, effects, arrangement=arrangement)
 
 
 def potential_well(scene: Scene) -> tuple[Potential, Number, Number, NaturalUnits]:
-    """Potential of a lone grain over the wall [D^2/tau^2], both turning points [D], and the natural units."""
-    # Call within mpmath's working precision, as natural units and turning points are taken in it.
+    """Return a lone grain's potential above the wall [D^2/tau^2], turning points [D] and natural units."""
+    # Call within mpmath's working precision: natural units and turning points are computed in it.
     from mpmath import findroot, mpf
 
     units = natural_units(scene.grains)
@@ -307,14 +305,14 @@ def potential_well(scene: Scene) -> tuple[Potential, Number, Number, NaturalUnit
 
     start = mpf(grain_start_state(scene)[0][1]) / units.length
     rest = (1 / (2 * weight)) ** (mpf(2) / 7)
-    # The other turning point lies as far beyond the place of rest, to first order.
+    # To first order the other turning point is at the same distance on the other side of the equilibrium.
     guess = rest * (2 - start / rest) if start < 1.5 * rest else (5 * weight * start) ** mpf(-0.4)
     other = findroot(lambda y: potential(y) - potential(start), guess)
     return potential, min(start, other), max(start, other), units
 
 
 def bounce_period(scene: Scene) -> Number:
-    """Compute the period of a bouncing grain, to thirty digits and more [s]."""
+    """Compute the period [s] of a bouncing grain to thirty digits or more."""
     from mpmath import workdps
 
     with workdps(DIGITS):
@@ -323,7 +321,7 @@ def bounce_period(scene: Scene) -> Number:
 
 
 def exact_bounce(scene: Scene, time: float) -> GrainStates:
-    """Compute the place [m] and velocity [m/s] at a time [s], for a start at the upper turning point."""
+    """Compute position [m] and velocity [m/s] at a time [s], for a start at the upper turning point."""
     from mpmath import floor, mpf, workdps
 
     with workdps(DIGITS):
@@ -343,10 +341,10 @@ def exact_bounce(scene: Scene, time: float) -> GrainStates:
 # Small oscillations -----------------------------------------------------------------------------
 
 AMPLITUDE = 0.05
-"""Start above the place of rest, in units of its height."""
+"""Initial displacement above the equilibrium, over the equilibrium height."""
 
-# 0.71 periods [s]: neither a turn nor a passage through rest, at which errors of phase or of amplitude
-# vanish.
+# 0.71 periods [s]: neither a turning point nor a passage through equilibrium, at which phase or amplitude
+# errors vanish.
 OSCILLATION_TIME = 0.12
 
 
@@ -356,7 +354,7 @@ def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_
     Parameters
     ----------
     amplitude : float
-        Height of the start above that of rest, over that of rest, without unit.
+        Initial displacement above the equilibrium, over the equilibrium height, dimensionless.
     time : float
         Duration [s].
 
@@ -371,7 +369,7 @@ def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_
 
 
 def wall_rest_height(scene: Scene) -> Number:
-    """Compute the height at which the wall carries the grain, (1/(2 G))^(2/7) [D]."""
+    """Compute the equilibrium height (1/(2 G))^(2/7) [D] of a grain above the wall."""
     from mpmath import mpf, workdps
 
     with workdps(DIGITS):
@@ -391,7 +389,7 @@ def harmonic_period(scene: Scene, amplitude: float = 0.0) -> float:
     scene : Scene
         Scene of one grain on a wall.
     amplitude : float
-        Amplitude over the height of rest, without unit; 0 for the harmonic limit.
+        Amplitude over the equilibrium height, dimensionless; 0 for the harmonic limit.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-"""Outside references: integrators that others wrote, on forces that are written here once more.
+"""External references: third-party integrators with separately written forces.
 
 SciPy's DOP853 (Hairer, Norsett and Wanner 1993, II.5) and diffrax's Tsit5 (Tsitouras 2011,
-doi:10.1016/j.camwa.2011.06.002) share nothing with the toolkit: neither the loop nor the forces,
-which are sums over whole arrays [D, eqs 2.6 and 2.8 as in `granular.effects`]. They are explicit
-Runge-Kutta methods with an error estimate, and not symplectic.
+doi:10.1016/j.camwa.2011.06.002) share neither loop nor forces with the toolkit; the forces here are sums over
+whole arrays [D, eqs 2.6 and 2.8 as in `granular.effects`]. They are explicit Runge-Kutta methods with an
+error estimate, and not symplectic.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from validation.exact_solution import ExactProblem, GrainStates
 
 SCIPY, DIFFRAX = "SciPy DOP853", "diffrax Tsit5"
 ORDERS = {SCIPY: 8, DIFFRAX: 5}
-"""The outside references and their orders."""
+"""External integrators and their orders."""
 
-# diffrax ends a run beyond it with an error, which the report shows, instead of crawling on.
+# Beyond it diffrax ends a run with an error, which the report shows, instead of taking very long.
 MOST_STEPS = 2**20
 
 Rate = Callable[[Any, Any], Any]
@@ -33,7 +33,7 @@ Rate = Callable[[Any, Any], Any]
 
 
 def supports_scene(scene: Scene) -> bool:
-    """Tell if the forces here are all that act: pairs, experimental walls, weight, drag."""
+    """Return True if only the forces implemented here act: pairs, experimental walls, weight, drag."""
     effects = scene.effects
     others = (effects.friction, effects.contact, effects.shaking)
     walls = effects.walls
@@ -47,11 +47,11 @@ def supports_scene(scene: Scene) -> bool:
 
 
 def initial_state(scene: Scene) -> tuple[Float[np.ndarray, "4n"], Scales]:
-    """Make the initial positions [D] and velocities [D/tau] for an outside integrator, and their scales."""
+    """Make initial positions [D] and velocities [D/tau] for an external integrator, and their scales."""
     if not supports_scene(scene):
         raise InputError(
-            f"scene {scene.name!r} has more than grains of one kind, pairs, experimental walls, "
-            "weight, drag and a piston that is held; an outside reference needs it without"
+            f"scene {scene.name!r} has parts that external integrators do not support; they need grains of "
+            f"one kind, pair forces, experimental walls, weight, drag and a held piston"
         )
     scales = Scales.from_grains(scene.grains)
     positions, velocities = scene.initial_positions_and_velocities()
@@ -60,8 +60,8 @@ def initial_state(scene: Scene) -> tuple[Float[np.ndarray, "4n"], Scales]:
 
 
 def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
-    """Equations of motion of a scene in natural units, in NumPy or ``jax.numpy``."""
-    # Pairs repel by (3/4)/r^4, walls by (1/2) w^-3.5 [D, eqs 2.6 and 2.8], written here once more.
+    """Make the equations of motion of a scene in natural units, in NumPy or ``jax.numpy``."""
+    # Pairs repel by (3/4)/r^4, walls by (1/2) w^-3.5 [D, eqs 2.6 and 2.8], independently of the engine.
     scales, effects, count = Scales.from_grains(scene.grains), scene.effects, scene.grains.count
     weight = effects.gravity.acceleration / scales.acceleration if effects.gravity else 0.0
     decay = effects.drag.coefficient * scales.time / scales.mass if effects.drag else 0.0
@@ -89,7 +89,7 @@ def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
 
 
 def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the normal into the cell, and a point [D], of each wall."""
+    """Return the inward normal, and a point [D], of each wall."""
     walls, height = scene.effects.walls, 0.0 if scene.piston is None else scene.piston.height
     walled = set() if walls is None else {side for side, _ in walls.present_walls}
     return [
@@ -100,7 +100,7 @@ def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[np.ndarray, np.ndar
 
 
 def external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates]:
-    """Outside integrator at equal steps, to see its order with `validation.convergence_order`."""
+    """Make an external integrator with equal steps, to measure its order of convergence."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
 
     def fixed(problem: ExactProblem, count: int) -> GrainStates:
@@ -110,7 +110,7 @@ def external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates]:
 
 
 def solve_adaptively(name: str, scene: Scene, time: float, tolerance: float) -> GrainStates:
-    """Integrate a scene up to a time [s] by an outside integrator that chooses its steps by a tolerance."""
+    """Integrate a scene up to a time [s] by an external integrator with steps from a tolerance."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
     return solve(scene, time, None, tolerance)
 
@@ -128,14 +128,15 @@ def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: f
     begin, scales = initial_state(scene)
     until = time / scales.time
     if count is not None:
-        # A tolerance that no step misses leaves the longest step; it covers the last one's rest.
+        # With a tolerance that every step meets all steps have the maximum length; it covers the last
+        # step's remainder.
         longest = until / count * (1.0 + 1e-12)
         options = {"first_step": until / count, "max_step": longest, "rtol": 1e6, "atol": 1e6}
     else:
         assert tolerance is not None
         options = {"max_step": math.inf, "rtol": tolerance, "atol": tolerance}
     steps = 0
-    with np.errstate(invalid="ignore"):  # a step tried through a wall; the estimate refuses it
+    with np.errstate(invalid="ignore"):  # a trial step may cross a wall; the error estimate rejects it
         run = DOP853(equations_of_motion(scene), 0.0, begin, until, **options)
         while run.status == "running":
             run.step()
@@ -144,7 +145,7 @@ def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: f
 
 
 _SOLVES: dict[str, Any] = {}
-"""Compiled by JAX, for each set of forces and kind of step."""
+"""Solvers compiled by JAX, for each set of forces and kind of step."""
 
 
 def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> GrainStates:
@@ -159,7 +160,7 @@ def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance:
 
 
 def _compiled_solver(scene: Scene, *, equal: bool) -> Any:
-    """Compile a solver of state, time and step (or tolerance); it gives end state and steps."""
+    """Compile a solver that maps state, time and step (or tolerance) to end state and number of steps."""
     from reduced_models.jax_setup import jax, Compiled  # sets double precision; isort: skip
     import diffrax
 

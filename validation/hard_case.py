@@ -1,4 +1,4 @@
-"""A hard case, the errors that are measured in hard cases, and scenes of one grain and of two."""
+"""Hard cases, the errors measured in them, and scenes of one and of two grains."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from validation.exact_problems import APART, ExactProblem, scattering_problem
 from validation.exact_solution import BOTTOM_ONLY, few_grains_scene, harmonic_period, oscillation_problem
 
 FAIR = 1e-4
-"""Residual of the ledger beyond which the engine itself calls a run degraded."""
+"""Residual of the energy ledger above which the engine calls a run degraded."""
 
 BROKEN = ("EnergyError", "NotFiniteError", "OutsideError")
-"""Errors that a step that is too long may end in."""
+"""Errors that may end a run with too long a step."""
 
 
 class ErrorMeasure(NamedTuple):
-    """An error of a finished run."""
+    """Measure of the error of a finished run, and its description."""
 
     description: str
     error: Callable[[Trajectory], float]
@@ -40,17 +40,17 @@ LEDGER = ErrorMeasure(
 
 @dataclasses.dataclass(frozen=True)
 class HardCase:
-    """One entry of the catalogue."""
+    """One entry of the catalogue of hard cases."""
 
     name: str
     difficulty: str
     scene: Callable[[], Scene]
-    times: tuple[float, float] = (0.05, 1.0)  # quick and full [s]
+    times: tuple[float, float] = (0.05, 1.0)  # durations of the quick and the full run [s]
     measure: ErrorMeasure = LEDGER
-    limit: float = FAIR  # error up to which the run is accurate
-    errors: tuple[str, ...] = ()  # names of those that may end it
+    limit: float = FAIR  # maximum error of an accurate run
+    errors: tuple[str, ...] = ()  # names of the errors that may end the run
     dt: float | str = "auto"
-    may_degrade: bool = False  # a warning may take the place of accuracy
+    may_degrade: bool = False  # a warning is accepted instead of accuracy
 
 
 # Errors -----------------------------------------------------------------------------------------
@@ -59,18 +59,18 @@ _ENERGIES = ("kinetic", "pair", "wall", "weight", "contact", "piston")
 
 
 def energy_change(run: Trajectory) -> float:
-    """Compute the relative change of the energy over a run in which nothing is lost and no work done.
+    """Compute the relative change of the energy over a run without dissipation and external work.
 
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off, with at least one record of an energy.
+        Finished or interrupted run with one or more records of the energy.
 
     Returns
     -------
     float
-        Magnitude of the change over the energy at the start (kinetic, pairs, walls, weight, contacts and
-        piston), without unit; NaN or infinite where that is 0.
+        Magnitude of the change over the initial energy (kinetic, pairs, walls, weight, contacts and piston),
+        dimensionless; NaN or infinite if the initial energy is 0.
     """
     data = run.dataset
     parts = [data[f"{energy}_energy"].values for energy in _ENERGIES if f"{energy}_energy" in data]
@@ -79,7 +79,7 @@ def energy_change(run: Trajectory) -> float:
 
 
 def make_distance_from_exact(problem: ExactProblem) -> Callable[[Trajectory], float]:
-    """Make the measure of the distance from a problem's exact place at the run's end [D]."""
+    """Make the measure of the distance [D] from a problem's exact position at the end of a run."""
 
     def measure(run: Trajectory) -> float:
         data = run.dataset
@@ -90,14 +90,14 @@ def make_distance_from_exact(problem: ExactProblem) -> Callable[[Trajectory], fl
     return measure
 
 
-def greatest_displacement(run: Trajectory) -> float:
-    """Greatest displacement of any grain along an axis [D]."""
+def maximum_displacement(run: Trajectory) -> float:
+    """Return the maximum displacement [D] of any grain along an axis."""
     positions = run.dataset["position"].values
     return float(np.abs(positions - positions[0]).max()) / Scales.from_grains(run.scene.grains).length
 
 
 def terminal_fall_error(run: Trajectory) -> float:
-    """Relative error of an overdamped grain's fall."""
+    """Return the relative error of an overdamped grain's fall."""
     # Against y = y0 - v t + (v/c)(1 - e^(-c t)), v = g/c, c = gamma/m.
     drag, gravity = run.scene.effects.drag, run.scene.effects.gravity
     assert drag is not None
@@ -109,15 +109,15 @@ def terminal_fall_error(run: Trajectory) -> float:
     fallen = speed * t + speed / rate * math.expm1(-rate * t)
     velocity = float(data["velocity"].values[-1, 0, 1])
     heights = data["position"].values[:, 0, 1]
-    # A fall of less than the place's last digits can only be told by its speed.
+    # A fall smaller than the position's last digit can only be measured by its speed.
     by_place = abs(heights[0] - heights[-1] - fallen) - 4.0 * np.spacing(heights[0])
     by_speed = abs(velocity / (speed * math.expm1(-rate * t)) - 1.0)
     return float(max(by_speed, by_place / fallen))
 
 
 def energy_or_momentum_change(run: Trajectory) -> float:
-    """Compute the greater of the relative changes of energy and momentum over a run."""
-    # Grains are equally thick: their masses go with the squares of their diameters.
+    """Compute the larger of the relative changes of energy and momentum over a run."""
+    # Grains have equal thickness, so their masses are proportional to the squares of their diameters.
     charge = (run.scene.grains.diameters() / run.scene.grains.species[0].diameter) ** 2
     momenta = charge[:, None] * run.dataset["velocity"].values
     scale = np.abs(momenta[0]).sum()
@@ -125,8 +125,8 @@ def energy_or_momentum_change(run: Trajectory) -> float:
     return max(float(lost), energy_change(run))
 
 
-def greatest_missing_force(run: Trajectory) -> float:
-    """Greatest force on a grain that a frame lacks, against lists made for that frame alone."""
+def maximum_missing_force(run: Trajectory) -> float:
+    """Return the maximum missing force on a grain of a frame, against lists rebuilt for that frame."""
     data, worst = run.dataset, 0.0
     for value, height, saved in zip(
         data["position"].values, data["frame_height"].values, data["force"].values, strict=True
@@ -138,8 +138,8 @@ def greatest_missing_force(run: Trajectory) -> float:
 
 ENERGY = ErrorMeasure("relative change of the energy", energy_change)
 ENERGY_AFTERWARDS = ErrorMeasure("relative change of the energy afterwards", energy_change)
-DISPLACEMENT = ErrorMeasure("displacement [D]", greatest_displacement)
-MISSING_FORCE = ErrorMeasure("greatest force missed, over the greatest force", greatest_missing_force)
+DISPLACEMENT = ErrorMeasure("displacement [D]", maximum_displacement)
+MISSING_FORCE = ErrorMeasure("maximum missing force over maximum force", maximum_missing_force)
 FALL = ErrorMeasure("relative error of the fall", terminal_fall_error)
 ENERGY_OR_MOMENTUM = ErrorMeasure("relative change of energy or momentum", energy_or_momentum_change)
 
@@ -149,7 +149,7 @@ ENERGY_OR_MOMENTUM = ErrorMeasure("relative change of energy or momentum", energ
 def head_on_collision(closest: float) -> ExactProblem:
     """Make the problem of two grains that collide head-on, from 6 D apart.
 
-    Their speed v is that at which the dipoles stop them at a given distance r, by the pair's energy:
+    The dipoles stop them at a given distance r. Their speed v follows from the pair energy:
     v^2 = (1/r^3 - 1/6^3)/4 in natural units.
 
     Parameters
@@ -175,7 +175,7 @@ def head_on_collision(closest: float) -> ExactProblem:
 
 
 def shot_at_wall(speed: float) -> tuple[Callable[[], Scene], float]:
-    """Scene of a grain shot at the bottom wall from 20 D, and away again, and its time [s]; speed [D/tau]."""
+    """Make a grain's scene, from 20 D to the bottom wall and back, and its time [s]; speed [D/tau]."""
     scales = Scales.from_grains(load_scene("single-particle").grains)
     velocity = [0.1 * speed * scales.velocity, -speed * scales.velocity]
     time = 40.0 / speed * scales.time
@@ -189,7 +189,7 @@ def shot_at_wall(speed: float) -> tuple[Callable[[], Scene], float]:
 
 
 def unequal_masses(ratio: float) -> Scene:
-    """Light grain shot at a heavy one of that many times its mass."""
+    """Make the scene of a light grain shot at a grain heavier by a mass ratio."""
     speed, apart = 0.5, 0.02
     plan = {
         "positions": [["30 D", "30 D"], [0.15 + apart, 0.1502]],
@@ -204,13 +204,13 @@ def unequal_masses(ratio: float) -> Scene:
 
 
 def two_grains_at_rest(distance: str, **effects: object) -> Scene:
-    """Two grains of 5 mm at rest, at a distance [D]."""
+    """Make the scene of two grains of 5 mm at rest, at a distance [D]."""
     positions = [["30 D", "30 D"], [f"{30.0 + float(distance)!r} D", "30 D"]]
     return few_grains_scene("pair", 0.01, {"dipole": {}, **effects}, arrangement={"positions": positions})
 
 
 def overdamped_grain(ratio: float) -> Scene:
-    """Drag with gamma h/m of that size, at a step of a millisecond: nothing shortens it here."""
+    """Make the scene of a grain with a given gamma h/m at h = 1 ms, a step that drag does not limit."""
     mass = Scales.from_grains(load_scene("single-particle").grains).mass
     effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
     scene = few_grains_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
@@ -218,24 +218,24 @@ def overdamped_grain(ratio: float) -> Scene:
 
 
 LINEAR = 1e-6
-"""Swing of the grain near the stability limit, over its height of rest: as wide as the motion is
-linear to rounding, and its energy below what the ledger judges."""
+"""Amplitude of the grain near the stability limit, over its equilibrium height: small enough for a motion
+linear to rounding, and for an energy below the threshold of the ledger."""
 
 
 def scene_near_stability_limit(
     fraction: float, amplitude: float = LINEAR
 ) -> tuple[Callable[[], Scene], float]:
-    """Make a scene of a swinging grain, with a fraction of the longest step at which Verlet is stable.
+    """Make a scene of an oscillating grain, with a fraction of Verlet's longest stable step.
 
     That step is 2/omega, by Hairer, Lubich and Wanner (2003, doi:10.1017/S0962492902000144), section
-    5.1; omega is the angular frequency of a grain about the height at which the wall carries it.
+    5.1; omega is the angular frequency of a grain about its equilibrium height.
 
     Parameters
     ----------
     fraction : float
-        Step over the longest stable one, without unit; above 0.
+        Step over the longest stable step, dimensionless; above 0.
     amplitude : float
-        Height of the start above that of rest, over that of rest, without unit; above -1.
+        Initial displacement above the equilibrium, over the equilibrium height, dimensionless; above -1.
 
     Returns
     -------
@@ -253,10 +253,10 @@ def scene_near_stability_limit(
     return (lambda: scene.replace(**{"output.scalars": step * 8, "output.frames": step * 64})), step
 
 
-def distance_from_verlet_swing(fraction: float, step: float) -> Callable[[Trajectory], float]:
-    """Make the measure of the distance from Verlet's own swing in a linear mode; step [s]."""
-    # In a linear mode Verlet's places are A cos(n theta) with cos(theta) = 1 - 2 fraction^2, bounded for ever
-    # up to a fraction of one (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144, sec. 5.1).
+def distance_from_verlet_oscillation(fraction: float, step: float) -> Callable[[Trajectory], float]:
+    """Make the measure of the distance from Verlet's exact oscillation in a linear mode; step [s]."""
+    # In a linear mode Verlet's positions are A cos(n theta) with cos(theta) = 1 - 2 fraction^2, bounded up
+    # to a fraction of one (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144, sec. 5.1).
     angle = math.acos(1.0 - 2.0 * fraction * fraction)
 
     def measure(run: Trajectory) -> float:
@@ -279,7 +279,7 @@ MANY = 100_000
 _TIMES_WIDER = (MANY / 368.0) ** 0.5
 
 DROP: Changes = {"protocol": [{"kind": "free", "name": "drop", "duration": 60.0}], "output.record": None}
-"""Damper's first fall alone, up to any time."""
+"""The damper's first fall only, without a time limit."""
 
 SQUEEZE: Changes = {
     "protocol": [
@@ -287,7 +287,7 @@ SQUEEZE: Changes = {
         {"kind": "hold", "name": "hold", "duration": 60.0},
     ]
 }
-"""Piston descends until the grains' area is more than the cell's."""
+"""Piston descends until the grains' area exceeds the cell's area."""
 
 INSIDE: Changes = {
     "grains.count": 92,
@@ -302,7 +302,7 @@ SLABS_WITH_GAP = SLABS | {"bottom": {"law": "slab", "gap_start": "5 D", "gap_end
 RUBBING: Changes = {"effects.drag": None, "effects.friction": {}}
 
 FAR: Changes = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
-"""A far field that matters in a bed of 23 grains."""
+"""Far field that is significant in a bed of 23 grains."""
 
 RESONANT: Changes = {
     **FAR,
@@ -326,7 +326,7 @@ FAST_GRAIN: Changes = {
     "pairs": {"method": "cut-off", "cut_off": "6 D"},
     "output": {"scalars": 1e-3, "frames": 1e-3},
 }
-"""Grain at 5 m/s, 0.8 D in a step of 1 ms, flies past two rows of slow ones."""
+"""A grain at 5 m/s, 0.8 D per step of 1 ms, passes two rows of slow grains."""
 
 PAIR_LIST: Changes = {
     "grains.count": 92,
@@ -335,7 +335,7 @@ PAIR_LIST: Changes = {
     "arrangement.height": "11 D",
     "effects.drag": None,
 }
-"""Bed of 92 grains whose list is made anew as its grains move."""
+"""Bed of 92 grains whose pair list is rebuilt as grains move."""
 
 DEPAULA_SCHEME: Changes = {
     "effects.drag": None,
@@ -355,18 +355,18 @@ MANY_GRAINS: Changes = {
 
 
 def packaged_scene(name: str, *changes: Changes) -> Callable[[], Scene]:
-    """Scene of the package with changes, the later ones last."""
+    """Return a packaged scene with changes, applied in order."""
     return lambda: load_scene(name).replace(**{key: value for some in changes for key, value in some.items()})
 
 
 def few_grains(name: str, *changes: Changes) -> Callable[[], Scene]:
-    """Scene of the package cut down to 23 grains, with changes."""
+    """Return a packaged scene reduced to 23 grains, with changes."""
     light = {"piston.mass": 1.0} if name == "damper" else {}
     return packaged_scene(name, FEW | light, *changes)
 
 
 def mixture(**fractions: tuple[str, float]) -> Callable[[], Scene]:
-    """Bed of several species: diameter and fraction of each, by its name."""
+    """Make a bed of several species, each given by name with diameter and fraction."""
     species = [
         {"name": name, "diameter": diameter, "share": fraction}
         for name, (diameter, fraction) in fractions.items()
@@ -375,11 +375,11 @@ def mixture(**fractions: tuple[str, float]) -> Callable[[], Scene]:
 
 
 def slow_compression(changes: Changes) -> Callable[[], Scene]:
-    """De Paula's slow compression of a bed of 23 grains, at its first speed [D, 2.3]."""
+    """Return de Paula's slow compression of a bed of 23 grains, at its first speed [D, 2.3]."""
     return lambda: mono_bed(23, speed=8.33e-3, relaxation=0.1).replace(**changes)
 
 
 def loaded_grain() -> Scene:
-    """Grain under its weight, pressed on the plates by 10 mN."""
+    """Make the scene of a grain under its weight, pressed against the plates by 10 mN."""
     effects = {"gravity": {}, "friction": {"load": 0.01}}
     return few_grains_scene("loaded", 0.5, effects, arrangement={"positions": [["30 D", "30 D"]]})

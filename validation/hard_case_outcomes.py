@@ -1,7 +1,7 @@
-"""Endings of hard cases: accurate, degraded and said so, stopped with a typed error, or worse.
+"""Endings of hard cases: accurate, degraded with a warning, stopped with a typed error, or worse.
 
-The worst is a run that ends as if all were well with figures that are not: a silent failure. An
-error that is not one of the toolkit's own is as bad for a user, and is called a crash.
+The worst ending is a silent failure: a run that ends without a warning but with wrong figures. An error that
+is not one of the toolkit's typed errors is as bad for a user, and is called a crash.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from validation.report_tasks import PlainData, Section, Task
 ACCURATE, DEGRADED, STOPPED = "accurate", "degraded and said so", "stopped"
 SILENT, CRASHED = "SILENT FAILURE", "CRASH"
 OVERLAP = "less than a diameter"
-"""Part of the warning that two grains overlap where no contact is: physics, not accuracy."""
+"""Part of the warning that two grains overlap without a contact law: it concerns physics, not accuracy."""
 
 
 @dataclasses.dataclass(frozen=True)
 class HardCaseOutcome(PlainData):
-    """Ending of a case.
+    """Ending of the run of a hard case.
 
     Attributes
     ----------
@@ -36,16 +36,16 @@ class HardCaseOutcome(PlainData):
     kind : str
         `ACCURATE`, `DEGRADED`, `STOPPED`, `SILENT` or `CRASHED`.
     error : float
-        As measured; NaN where the run did not end.
+        Measured error; NaN if the run did not finish.
     limit : float
     said : str
-        The typed error's class and message, or the warnings.
+        Class and message of the typed error, or the warnings.
     allowed : bool
-        Whether the case may end like this.
+        True if the case may end in this way.
     seconds : float
-        Wall time, the compilation of a new kind of scene included.
+        Wall time [s], including the compilation of a new kind of scene.
     measured : str
-        What the error is of, with its unit.
+        Quantity whose error is measured, with its unit.
     """
 
     case: str
@@ -63,7 +63,7 @@ class HardCaseOutcome(PlainData):
 def run_hard_case(
     case: HardCase, method: str = "stormer-verlet", dt: float | str | None = None, *, full: bool = False
 ) -> HardCaseOutcome:
-    """Run a case and judge how it ended.
+    """Run a case and classify its ending.
 
     Parameters
     ----------
@@ -72,15 +72,15 @@ def run_hard_case(
     method : str
         Name of the method, one of `granular.methods.METHODS`.
     dt : float or str, optional
-        Time step [s], or a rule such as ``"auto"``; the case's own if not given.
+        Time step [s], or a rule such as ``"auto"``; the step of the case if not given.
     full : bool
-        Run up to the case's full time instead of the quick one.
+        Run for the full duration of the case instead of the quick one.
 
     Returns
     -------
     HardCaseOutcome
-        How the run ended, its error in the case's unit, and its wall time [s]. A run that raises an
-        error is an outcome too.
+        Kind of ending, error in the case's unit, and wall time [s]. A run that raises an error is also an
+        outcome.
     """
     dt = case.dt if dt is None else dt
     started = time.perf_counter()
@@ -114,7 +114,7 @@ def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tup
             error = float(case.measure.error(run))
         except GranularError as stop:
             return STOPPED, math.nan, f"{type(stop).__name__}: {stop}"
-        except Exception as crash:  # whatever it is, it belongs into the table
+        except Exception as crash:  # any error belongs in the table
             return CRASHED, math.nan, f"{type(crash).__name__}: {crash}"
     said = "; ".join(str(warning.message) for warning in caught)
     doubts = [warning for warning in caught if OVERLAP not in str(warning.message)]
@@ -143,24 +143,24 @@ def outcome_blocks(outcomes: Sequence[HardCaseOutcome]) -> list[Block]:
 
 
 def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
-    """Summary of the outcomes in two sentences: accurate, degraded or stopped, and wrong ones."""
+    """Return a summary in two sentences: runs that are accurate, degraded or stopped, and wrong ones."""
     accurate = sum(outcome.kind == ACCURATE for outcome in outcomes)
     wrong = sum(not outcome.allowed for outcome in outcomes)
     return (
         f"{accurate} of {len(outcomes)} runs are accurate to the figure stated for them; "
-        f"{len(outcomes) - accurate - wrong} are degraded and say so, or are stopped with a typed "
-        f"error where that is right. {wrong or 'None'} ended as a case must not."
+        f"{len(outcomes) - accurate - wrong} are degraded and warn, or are stopped with a typed error as "
+        f"expected. {wrong or 'None'} ended in a way that its case does not allow."
     )
 
 
 def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> Table:
-    """Matrix of outcomes: a row a case, a column for each method and step."""
+    """Make the matrix of outcomes: one row per case, one column per method and step."""
     own = "its own settings"
     rows: dict[str, dict[str, str]] = {}
     for outcome in outcomes:
         step = f"with {outcome.method}" if outcome.dt == "auto" else f"dt = {outcome.dt}"
         unit = "" if outcome.measured.endswith("]") or not outcome.measured else " [1]"
-        first = {"error of what [unit]": outcome.measured + unit, "accurate up to": f"{outcome.limit:.0e}"}
+        first = {"error measure [unit]": outcome.measured + unit, "accurate up to": f"{outcome.limit:.0e}"}
         row = rows.setdefault(outcome.case, first)
         row[step if own in row else own] = _ending_text(outcome)
     columns = dict.fromkeys(column for row in rows.values() for column in row)
@@ -176,7 +176,7 @@ def _ending_text(outcome: HardCaseOutcome) -> str:
 
 
 def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> Table:
-    """Table of outcomes, one row a run."""
+    """Make the table of outcomes, one row per run."""
     rows = [
         (
             outcome.case,
@@ -194,13 +194,13 @@ def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> Table:
 
 
 def hard_case_descriptions(names: Collection[str]) -> Table:
-    """Return a table of what is hard about each case, and of what its error is."""
+    """Return a table of the difficulty and the error measure of each case."""
     rows = [
         (case.name, case.difficulty, case.measure.description)
         for case in hard_case_catalogue()
         if case.name in names
     ]
-    return Table(("case", "what is hard", "error"), rows)
+    return Table(("case", "difficulty", "error"), rows)
 
 
 VARIATIONS = (
@@ -210,12 +210,12 @@ VARIATIONS = (
     ("stormer-verlet", "auto*4", 16.0),
     ("stormer-verlet", "auto/4", 1.0),
 )
-"""Other methods and steps for the hard cases, and how many times the case's own error they may
-leave: a step four times as long leaves sixteen times the error, and methods differ in theirs."""
+"""Other methods and steps for the hard cases, with factors on the case's error limit: a step four times as
+long has sixteen times the error, and errors differ between methods."""
 
 
 def stability_tasks(full: bool) -> list[Task]:
-    """Tasks that run the catalogue of hard cases."""
+    """Make the tasks that run the catalogue of hard cases."""
     cases = hard_case_catalogue()
     variations = [
         _task(_vary_settings(case, times), method, dt, False)
@@ -232,7 +232,7 @@ def _task(case: HardCase, method: str, dt: float | str | None, full: bool) -> Ta
 
 
 def _vary_settings(case: HardCase, times: float) -> HardCase:
-    """Case with other settings than its own, which may end it, but never silently."""
+    """Return a case with other settings, which may end it in an error, but never silently."""
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True, errors=(*case.errors, *BROKEN, "InputError")
     )
@@ -244,15 +244,15 @@ def _outcome_verdict(outcomes: Sequence[HardCaseOutcome]) -> tuple[str, bool]:
 
 def _outcome_details(outcomes: Sequence[HardCaseOutcome]) -> list[Block]:
     names = {outcome.case for outcome in outcomes}
-    meanings = Text("What is hard, and what is measured.")
+    meanings = Text("Difficulty and error measure of each case.")
     return [Text("Hard cases."), outcome_table(outcomes), meanings, hard_case_descriptions(names)]
 
 
 def outcome_count_table(outcomes: Sequence[HardCaseOutcome]) -> Table:
-    """Table of how many hard cases ended how, in one row."""
+    """Make the table of the number of hard cases by ending, in one row."""
     counts = [sum(outcome.kind == kind for outcome in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
     wrong = [outcome.case for outcome in outcomes if not outcome.allowed]
-    header = ("hard cases", ACCURATE, DEGRADED, "stopped by a typed error", "ended as they must not")
+    header = ("hard cases", ACCURATE, DEGRADED, "stopped by a typed error", "ended as not allowed")
     return Table(header, [(len(outcomes), *counts, ", ".join(wrong) or "none")])
 
 

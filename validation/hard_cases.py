@@ -1,9 +1,8 @@
-"""The catalogue of hard cases: what is hard, what counts as accurate, which errors may end it.
+"""The catalogue of hard cases: difficulty, error limit of an accurate run, errors that may end it.
 
-Only coincident grains, overlapping starts without contact, numbers that are none or cannot be
-computed with, a piston started inside the bed, steps beyond the stability limit, and de Paula's
-list of pairs, which misses some, may end in an error. All others run accurately with the default
-settings.
+Only the following may end in an error: coincident grains, overlapping starts without contact, numbers that
+are not finite or out of range, a piston started inside the bed, steps beyond the stability limit, and de
+Paula's list of pairs, which misses some. All others run accurately with the default settings.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ PISTONS = (
     ),
     HardCase(
         "packing above 1",
-        "the grains' area is more than the cell's, without contact",
+        "the grains' area exceeds the cell's, without contact",
         few_grains("bed", hard_case.SQUEEZE),
         (0.55, 2.0),
     ),
@@ -62,15 +61,15 @@ PISTONS = (
 
 
 def _collisions() -> Iterator[HardCase]:
-    """Cases of forces that rise steeply within a step."""
+    """Make the cases of forces that rise steeply within a step."""
     for closest in (0.5, 0.1, 0.02):
         problem = hard_case.head_on_collision(closest)
         name, scene, time = f"head-on to {closest:g} D", problem.scene.replace, problem.time
         distance = ErrorMeasure(
-            "distance from the exact place afterwards [D]", hard_case.make_distance_from_exact(problem)
+            "distance from the exact position afterwards [D]", hard_case.make_distance_from_exact(problem)
         )
         yield HardCase(name, "the pair's stiffness grows like r^-5", scene, (time, time), distance, 1e-2)
-        same = "the same, judged by its energy"
+        same = "the same, measured by its energy"
         yield HardCase(f"{name}, energy", same, scene, (time, time), hard_case.ENERGY_AFTERWARDS, 1e-6)
     for speed in (1.0, 10.0, 100.0):
         shot, time = hard_case.shot_at_wall(speed)
@@ -90,7 +89,7 @@ STARTS = (
             ("SceneError",),
         )
         for name, what, distance in (
-            ("coincident grains", "two grains at one place", "0.0"),
+            ("coincident grains", "two grains at one position", "0.0"),
             ("nearly coincident grains", "two grains 1e-9 D apart", "1e-9"),
             ("overlapping start", "two grains 0.8 D apart, without contact", "0.8"),
         )
@@ -105,10 +104,10 @@ STARTS = (
 
 
 def _frictions() -> tuple[HardCase, ...]:
-    """Cases of dry friction, whose thresholds a step may jump over."""
+    """Make the cases of dry friction, whose thresholds a step may jump over."""
     problem = exact_problem("sliding")
     times = (problem.time, problem.time)
-    distance = ErrorMeasure("distance from the exact place [D]", hard_case.make_distance_from_exact(problem))
+    distance = ErrorMeasure("distance from exact position [D]", hard_case.make_distance_from_exact(problem))
     long = {"output.scalars": 1e-2, "output.frames": 1e-2}
     strong = {"static": 0.8, "dynamic": 0.8, "torque": "second"}
     return (
@@ -230,11 +229,12 @@ SIZES = (
 
 
 def _steps() -> tuple[HardCase, ...]:
-    """Cases of long steps, and of many."""
+    """Make the cases of long steps and of many steps."""
     below, short = hard_case.scene_near_stability_limit(0.95)
     beyond, long = hard_case.scene_near_stability_limit(1.05)
     swing = ErrorMeasure(
-        "distance from Verlet's exact swing over its width", hard_case.distance_from_verlet_swing(0.95, short)
+        "distance from Verlet's exact oscillation over its amplitude",
+        hard_case.distance_from_verlet_oscillation(0.95, short),
     )
     return (
         HardCase(
@@ -296,7 +296,8 @@ PAIR_SUMS = (
     ),
     HardCase(
         "fast grain across a skin in a step",
-        "a grain crosses its lists' skin with every step, and the radius of those it passes",
+        "a grain crosses the skin of its pair list in every step, and the cut-off radius of the grains it "
+        "passes",
         few_grains("bed", hard_case.FAST_GRAIN),
         (0.04, 0.04),
         hard_case.MISSING_FORCE,
@@ -310,7 +311,7 @@ PAIR_SUMS = (
     ),
     HardCase(
         "resonance of the far field's impulses",
-        "impulses every 128 steps come more often than not in step with a fast mode",
+        "impulses every 128 steps are mostly in resonance with a fast mode",
         few_grains("bed", hard_case.RESONANT),
         (0.2, 2.0),
         dt=2.5e-5,
@@ -342,10 +343,10 @@ EXTREMES = tuple(
 _UNCOMPUTABLE = ("InputError", "SceneError", "FieldError", "NotFiniteError", "StepCountError")
 _NOT_FINITE = ("SceneError", "FieldError", "InputError")
 
-UNHEARD_OF = (
+OUT_OF_RANGE = (
     *(
         HardCase(
-            f"unheard of: {name}",
+            f"out of range: {name}",
             "its steps cannot be counted",
             packaged_scene("single-particle", changes),
             (0.1, 0.1),
@@ -358,7 +359,7 @@ UNHEARD_OF = (
         )
     ),
     HardCase(
-        "unheard of: a step of 1e10 s",
+        "out of range: a step of 1e10 s",
         "it is longer than the run",
         packaged_scene("single-particle"),
         (0.1, 0.1),
@@ -414,6 +415,6 @@ def hard_case_catalogue() -> tuple[HardCase, ...]:
         *COUNTS,
         *PAIR_SUMS,
         *EXTREMES,
-        *UNHEARD_OF,
+        *OUT_OF_RANGE,
         *NOT_FINITE,
     )

@@ -1,6 +1,6 @@
-"""Measured quantities, which runs are made for and whose error a work-precision study shows.
+"""Quantities measured in runs, whose errors a work-precision study shows.
 
-Numbers that de Paula (2025) prints, from ``published.toml``, and the duration of a compression.
+Also numbers printed by de Paula (2025), from ``published.toml``, and the duration of a compression.
 
 >>> from validation.measured_quantities import published_value
 >>> alpha = published_value("damper.van_der_pol_like.alpha")
@@ -25,23 +25,24 @@ from granular.scene.named_scenes import END, LOWEST_START, REFERENCE_COUNT, STAR
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RecordError, unknown_word_message
 
-# Six half cycles; a line through fewer logarithms leaves the damping ratio to single turning points.
-_LEAST_SWINGS = 3
+# Six half cycles; with fewer logarithms in the fitted line single turning points would determine the
+# damping ratio.
+_MINIMUM_CYCLES = 3
 
 
 @dataclasses.dataclass(frozen=True)
 class MeasuredQuantity:
-    """A measured quantity."""
+    """A quantity measured in a run."""
 
     name: str
     unit: str
     measure: Callable[[Trajectory], float | np.ndarray]
-    relative: bool = True  # otherwise the error is taken as it is
-    exact: float | None = None  # its true value, if known; an error itself should be 0
-    differs_by_start: bool = False  # as places do: the scatter of its values says nothing
+    relative: bool = True  # otherwise the error is absolute
+    exact: float | None = None  # exact value, if known; 0 for a quantity that is an error
+    differs_by_start: bool = False  # as positions do: the scatter of its values over starts is meaningless
 
     def error(self, value: float | np.ndarray, reference: float | np.ndarray) -> float:
-        """Greatest error against a reference."""
+        """Return the maximum error against a reference."""
         missed = float(np.abs(np.asarray(value) - np.asarray(reference)).max())
         return missed / float(np.abs(reference).max()) if self.relative else missed
 
@@ -59,23 +60,23 @@ def _height_at_rest(run: Trajectory) -> float:
         if stage.reason == "rest":
             return stage.height
     raise RecordError(
-        "no stage came to rest; give the scene a stage with until = 'rest', and time to reach it"
+        "no stage came to rest; give the scene a stage with until = 'rest', and enough time to reach it"
     )
 
 
-def swing_period_and_damping(record: PistonRecord) -> tuple[float, float]:
-    """Period [s] and damping ratio of a swing that dies out; record [s, m]."""
-    # Turning points need no equilibrium: the period comes from their times, the damping from the logarithm of
-    # the way between them. Non-linearity shows in both where the amplitude is not small.
+def oscillation_period_and_damping(record: PistonRecord) -> tuple[float, float]:
+    """Return period [s] and damping ratio of a decaying oscillation; record [s, m]."""
+    # Turning points need no equilibrium: the period comes from their times, the damping from the logarithm
+    # of the distance between them. Both depend on amplitude unless it is small.
     times, heights = _turning_points(record)
     displacements = np.abs(np.diff(heights))
     clear = displacements > 0.02 * displacements.max(
         initial=0.0
-    )  # behind that, the bed creeps more than it swings
+    )  # later the bed creeps more than it oscillates
     displacements = displacements[: int(np.argmin(clear)) if not clear.all() else len(clear)]
-    if len(displacements) < 2 * _LEAST_SWINGS:
+    if len(displacements) < 2 * _MINIMUM_CYCLES:
         raise RecordError(
-            f"the record holds {len(displacements) / 2:g} swings; {_LEAST_SWINGS} are needed: record longer"
+            f"the record holds {len(displacements) / 2:g} cycles; {_MINIMUM_CYCLES} are needed: record longer"
         )
     half = float(np.polyfit(np.arange(len(displacements) + 1), times[: len(displacements) + 1], 1)[0])
     decrement = -float(np.polyfit(np.arange(len(displacements)), np.log(displacements), 1)[0])
@@ -83,7 +84,7 @@ def swing_period_and_damping(record: PistonRecord) -> tuple[float, float]:
 
 
 def _turning_points(record: PistonRecord) -> tuple[np.ndarray, np.ndarray]:
-    # Vertices of the parabolas through three samples about each turn.
+    # Vertices of the parabolas through three samples about each turning point.
     t, z = record.time, record.height
     slope = np.sign(np.diff(z))
     turns = np.flatnonzero(slope[1:] * slope[:-1] < 0.0) + 1
@@ -93,7 +94,7 @@ def _turning_points(record: PistonRecord) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _mean_final_force(run: Trajectory) -> float:
-    """Mean over the last tenth of the records: a bed's force fluctuates."""
+    """Return the mean over the last tenth of the records, since a bed's force fluctuates."""
     force = run.dataset["piston_force"].values
     return float(force[-max(1, len(force) // 10) :].mean())
 
@@ -110,8 +111,8 @@ QUANTITIES = {
         MeasuredQuantity("energy", "1", _ledger_residual, relative=False, exact=0.0, differs_by_start=True),
         MeasuredQuantity("positions", "D", _final_positions, relative=False, differs_by_start=True),
         MeasuredQuantity("rest height", "m", _height_at_rest),
-        MeasuredQuantity("period", "s", lambda run: swing_period_and_damping(run.piston())[0]),
-        MeasuredQuantity("damping ratio", "1", lambda run: swing_period_and_damping(run.piston())[1]),
+        MeasuredQuantity("period", "s", lambda run: oscillation_period_and_damping(run.piston())[0]),
+        MeasuredQuantity("damping ratio", "1", lambda run: oscillation_period_and_damping(run.piston())[1]),
         MeasuredQuantity("piston force", "N", _mean_final_force),
         MeasuredQuantity("mean distance", "m", _final_pair_distance),
     )
@@ -119,7 +120,7 @@ QUANTITIES = {
 
 
 def quantity_named(name: str | MeasuredQuantity) -> MeasuredQuantity:
-    """Quantity of that name, or the quantity itself."""
+    """Return the quantity of that name, or the quantity itself."""
     if isinstance(name, MeasuredQuantity):
         return name
     if name not in QUANTITIES:
@@ -132,19 +133,19 @@ __all__ = ["compression_duration", "published_value"]
 PATH = Path(__file__).parent / "published.toml"
 
 LABELS = ("source", "n", "aspect_ratio", "aspect", "steps")
-"""Keys that say what the other values of a section belong to."""
+"""Keys that label the other values of a section."""
 
 _INDEX = re.compile(r"(.*)\[(\d+)\]")
 
 
 @cache
 def published_values() -> dict[str, dict[str, Any]]:
-    """All values that de Paula (2025) prints, by section and name."""
+    """Return all values printed by de Paula (2025), by section and name."""
     return tomllib.loads(PATH.read_text(encoding="utf-8"))
 
 
 def published_value(key: str) -> Any:
-    """Look up a number that de Paula (2025) prints.
+    """Look up a number printed by de Paula (2025).
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ def published_value(key: str) -> Any:
     Raises
     ------
     InputError
-        If there is no value at the key.
+        If the key does not exist.
 
     Examples
     --------
@@ -176,11 +177,11 @@ def published_value(key: str) -> Any:
             result = result[part]
         return result if position is None else result[position]
     except (KeyError, IndexError, TypeError):
-        raise InputError(f"{key!r} is no published value; see {PATH.name}") from None
+        raise InputError(f"{key!r} is not a published value; see {PATH.name}") from None
 
 
 def published_keys() -> Iterator[str]:
-    """Keys of all published values, labels left out."""
+    """Return the keys of all published values except labels."""
     for section, entries in published_values().items():
         for name, value in entries.items():
             if name not in LABELS:
@@ -200,12 +201,12 @@ def _flatten_below(key: str, value: Any) -> Iterator[str]:
 def compression_duration(count: int, speed: float) -> float:
     """Compute the duration of the compression of a bed of equal 6 mm grains.
 
-    From the heights of the piston before and after it by de Paula (2025, Table 2.1 and section 3.4).
+    The piston's heights before and after it are from de Paula (2025, Table 2.1 and section 3.4).
 
     Parameters
     ----------
     count : int
-        Number of grains, from 1 on.
+        Number of grains, 1 or more.
     speed : float
         Speed of the piston [m/s], above 0.
 

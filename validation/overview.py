@@ -1,11 +1,10 @@
 """Overview: the first screen of the report.
 
-It answers three questions of a user: what accuracy costs in a scene, what its effects cost, and how
-hard cases end.
+It shows the cost of accuracy in a scene, the cost of its effects, and the endings of hard cases.
 
-The timer of steps, and the cost of each effect of a scene.
+It also holds the timer of steps, and the cost of each effect of a scene.
 
-An effect is added to nothing, and taken away from the whole.
+Each effect is timed twice: added to a scene without effects, and removed from the full scene.
 """
 
 from __future__ import annotations
@@ -72,7 +71,7 @@ STEP = 0.02
 
 
 class EngineSteps:
-    """A run of the engine whose bare steps can be called: one tick without records."""
+    """Engine of a scene that makes bare steps, without records."""
 
     def __init__(self, scene: Scene, threads: int = 1, step: float = STEP) -> None:
         self.threads, self.step = threads, step
@@ -81,7 +80,7 @@ class EngineSteps:
         self.watch = self.run.stop_criteria()._replace(stiff=math.inf, rest=-1.0)
 
     def make_steps(self, steps: int) -> None:
-        """Make that many steps, and check the state at their end."""
+        """Make a number of steps, and check the final state."""
         numba.set_num_threads(self.threads)
         schedule = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
         run, window = self.run, NO_TICKS._replace(ticks=1)
@@ -90,29 +89,29 @@ class EngineSteps:
 
 
 STILL = 1e-5
-"""Time step [tau]: so short that grains stay in the cell, also without walls."""
+"""Time step [tau]: short enough for grains to stay in the cell even without walls."""
 
 ROUNDS = 40
-# About the time of one timing [s]: a million times the clock's resolution, and short against what disturbs
-# the machine.
+# Approximate duration of one timing [s]: a million times the clock's resolution, and short compared with
+# disturbances of the machine.
 BURST = 4e-3
 
 _HELD: dict[str, Any] = {
     "protocol": [{"kind": "hold", "name": "hold", "duration": 60.0}],
     "output.record": None,
 }
-"""A piston that is held needs no wall to be pushed by."""
+"""Protocol with a held piston, which needs no wall force."""
 
 SUMS = ("direct", "cut-off", "mesh")
 
 FULL, NOTHING = "all effects", "no effect"
 
 AGREE = 0.2
-"""Fraction of the greater one by which the two prices of an effect may differ to be called one."""
+"""Maximum difference of the two costs of an effect that count as equal, over the larger one."""
 
 
 class EffectCost(NamedTuple):
-    """Cost of an effect added first and taken away last, with half their 95 % intervals."""
+    """Cost of an effect when added first and when removed last, with half the 95 % intervals."""
 
     effect: str
     first: float  # [us]
@@ -121,13 +120,13 @@ class EffectCost(NamedTuple):
     last_doubt: float  # [us]
 
     def agrees(self) -> bool:
-        """Tell if an effect costs the same first and last, within a fifth."""
+        """Return True if the costs of an effect first and last agree within a fifth."""
         return abs(self.first - self.last) <= AGREE * max(abs(self.first), abs(self.last))
 
 
 @dataclasses.dataclass(frozen=True)
 class EffectCosts(PlainData):
-    """Cost of a step of a scene [us], by effect and by sum over pairs."""
+    """Cost of a step of a scene [us], by effect and by pair sum."""
 
     scene: str
     grains: int
@@ -137,7 +136,7 @@ class EffectCosts(PlainData):
     sums: dict[str, float]
 
     def table(self) -> Table:
-        """Cost of each effect: what it adds first and what it saves last [us]."""
+        """Return the cost of each effect [us]: time added first, and time saved when removed last."""
         rows = [
             (
                 cost.effect,
@@ -147,23 +146,23 @@ class EffectCosts(PlainData):
             )
             for cost in self.effects
         ]
-        columns = ("adds when it comes first [us]", "saves when taken away last [us]")
-        return Table(("effect", *columns, "alike within a fifth"), rows)
+        columns = ("adds when it comes first [us]", "saves when removed last [us]")
+        return Table(("effect", *columns, "equal within a fifth"), rows)
 
     def blocks(self) -> list[Block]:
-        """Make the table, and what it says, for a page."""
+        """Make the table and its explanation for a page."""
         sums = ", ".join(f"{name} {value:.3g}" for name, value in self.sums.items())
         return [
-            Heading(f"{self.scene}: what its effects cost"),
+            Heading(f"{self.scene}: cost of effects"),
             Text(
                 f"Microseconds of a step of {self.grains} grains on one core, medians of interleaved "
-                f"runs: {self.step:.3g} with all effects, {self.nothing:.2g} with none. An effect "
-                "that is added to others may share their work: both prices stand where they differ by "
-                "more than a fifth. What a scene does not name leaves nothing in its step; "
+                f"runs: {self.step:.3g} with all effects, {self.nothing:.2g} with none. Effects may share "
+                f"work, so both costs are given if they differ by more than a fifth. Effects that a scene "
+                f"does not contain add nothing to its step; "
                 '"python -m benchmarks --part absent" times that next to steps written by hand.'
             ),
             self.table(),
-            Text(f"A whole step by the sum over pairs: {sums} microseconds."),
+            Text(f"Time of a whole step by pair sum: {sums} microseconds."),
         ]
 
 
@@ -172,9 +171,9 @@ def _cost_text(value: float, doubt: float) -> str:
 
 
 def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> EffectCosts:
-    """Cost of a step of a scene, by effect and by sum over pairs [us]."""
-    # Steps are timed in turn, so that a slow minute of the machine hits all alike; the cost is the median
-    # over the rounds of the difference of two steps timed in one round.
+    """Measure the cost of a step of a scene [us], by effect and by pair sum."""
+    # Steps are timed in turn, so that a slow minute of the machine affects all of them equally; the cost is
+    # the median over the rounds of the difference of two steps timed in one round.
     names = active_effect_names(scene)
     held = scene.replace(**_HELD)
     builds = _scenes_to_time(held, names)
@@ -198,7 +197,7 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> Effect
 
 
 def _scenes_to_time(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
-    """Scenes to time; those that cannot be run are left out."""
+    """Return the scenes to time, without scenes that cannot be run."""
     none = {f"effects.{name}": None for name in names}
     wanted: dict[str, dict[str, Any]] = {NOTHING: none, FULL: {}}
     for name in names:
@@ -207,7 +206,7 @@ def _scenes_to_time(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
     wanted |= {name: {"pairs.method": name} for name in SUMS}
     result = {}
     for name, changes in wanted.items():
-        with contextlib.suppress(GranularError):  # such as of the mesh without four walls
+        with contextlib.suppress(GranularError):  # such as the mesh sum without four walls
             result[name] = scene.replace(**changes)
     return result
 
@@ -219,7 +218,7 @@ def _compile_engine(scene: Scene) -> None:
 def _calls_of_equal_duration(
     builds: Mapping[str, Scene],
 ) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
-    """Return the calls that take about `BURST` each, and the steps of each."""
+    """Return calls that take about `BURST` each, and the number of steps of each."""
     calls: dict[str, Callable[[], None]] = {}
     steps: dict[str, int] = {}
     for name, scene in builds.items():
@@ -233,7 +232,7 @@ def _calls_of_equal_duration(
 
 
 def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
-    """Seconds of processor time of each call in each round: other programs take none of it."""
+    """Measure processor time [s] of each call in each round, which excludes other programs."""
     result = {name: np.empty(rounds) for name in calls}
     for k in range(rounds):
         for name, call in calls.items():
@@ -244,7 +243,7 @@ def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[st
 
 
 def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float, float]:
-    """Median of the differences of pairs, and half its 95 % interval; NaN without a pair."""
+    """Return the median difference of pairs, and half its 95 % interval; NaN without a pair."""
     if more is None or less is None:
         return math.nan, math.nan
     off = more - less
@@ -253,19 +252,19 @@ def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tupl
 
 
 QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
-"""Time that the runs of one scene may take [s]."""
+"""Time limit for the runs of one scene [s]."""
 
 MANY_STARTS, FEW_STARTS = 8, 3
-"""Starts of a scene whose runs are short, and of one whose are long."""
+"""Numbers of random starts for scenes with short and with long runs."""
 
 OTHERS = ("blanes-moan-4",)
-"""Methods next to Verlet's, in steps as long as their fraction of the time allows."""
+"""Methods compared with Verlet's, with steps as long as their fraction of the time limit allows."""
 
 FRACTION = 0.25
-"""Fraction of the time for each other method."""
+"""Fraction of the time limit for each other method."""
 
 SINGLE = 0.3
-"""Length of a run without a piston [s]: positions mean something over a short time only."""
+"""Duration of a run without a piston [s]: positions are meaningful only over a short time."""
 
 
 COSTLY = (
@@ -285,11 +284,11 @@ COSTLY = (
     "list of pairs",
     "1e5 grains",
 )
-"""Words in the names of hard cases whose scenes take long to compile or to run."""
+"""Phrases in the names of hard cases whose scenes take long to compile or to run."""
 
 
 class FreshStart(NamedTuple):
-    """Error of a setting that was advised, from a start that no study has seen."""
+    """Error of an advised setting on a new random start, not used by its study."""
 
     scene: str
     quantity: str
@@ -314,7 +313,7 @@ class OverviewResult(PlainData):
 
 
 def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[Task]:
-    """Tasks that measure the accuracy and the effects' costs of scenes."""
+    """Make the tasks that measure cost of accuracy and of effects in scenes."""
     seconds = FULL_SECONDS if full else QUICK_SECONDS
     tasks = []
     for scene in scenes:
@@ -335,7 +334,7 @@ def _run_hard_cases() -> OverviewResult:
 
 
 def suitable_quantities(scene: Scene) -> tuple[str, ...]:
-    """Names of the quantities that a scene is made for, by its piston and its stages."""
+    """Return names of the quantities suitable for a scene, by its piston and its stages."""
     if scene.piston is None:
         return ("energy", "positions")
     rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
@@ -345,7 +344,7 @@ def suitable_quantities(scene: Scene) -> tuple[str, ...]:
 
 
 def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
-    """Studies of a scene's quantities, and how one fresh start met what they advise."""
+    """Study a scene's quantities, and test the advised settings on a new random start."""
     until = SINGLE if scene.piston is None else None
     chosen = [QUANTITIES[name] for name in suitable_quantities(scene)]
     ladder, scenes, reference = plan_runs(scene, until, seconds)
@@ -359,7 +358,7 @@ def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
 def plan_runs(
     scene: Scene, until: float | None, seconds: float
 ) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
-    """Plan settings, starts and a reference whose runs fit into a time; until, seconds [s]."""
+    """Plan settings, starts and a reference whose runs fit into a time limit; until, seconds [s]."""
     steps = [dt for dt in STEPS if can_run(scene, dt, "stormer-verlet")]
     longest = SolverSettings("stormer-verlet", steps[0])
     compile_setting(scene, longest)
@@ -367,8 +366,8 @@ def plan_runs(
     random = depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
     starts = (MANY_STARTS if many else FEW_STARTS) if random else 1
-    # Each halving takes twice the time of the run before: n runs take 2^n - 1 times the first, and the
-    # reference, one halving further, as long as all of them.
+    # Each halving doubles the time of a run: n runs take 2^n - 1 times the first, and the reference, one
+    # halving further, takes as long as all of them.
     entries = math.floor(math.log2(seconds / (starts * took) + 1.0)) - 1
     entries = min(max(entries, 2), len(steps) - 1)
     ladder = [SolverSettings("stormer-verlet", dt) for dt in steps[:entries]]
@@ -382,8 +381,8 @@ def plan_runs(
 
 
 def _check_with_fresh_start(comparison: Comparison, studies: Sequence[WorkPrecision]) -> Iterator[FreshStart]:
-    """Run one more start with each setting that a single run is advised of."""
-    # Its value is compared with the mean of the reference over the other starts, or with the exact one.
+    """Run a new start with each setting advised for a single run."""
+    # Its value is compared with the exact value, or with the mean of the reference over the other starts.
     last = comparison.scenes[-1].arrangement.seed
     other = comparison.scenes[0].replace(**{"arrangement.seed": last + 1})
     runs: dict[str, Any] = {}
@@ -410,39 +409,38 @@ def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) ->
 
 
 def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) -> str:
-    """Text of the factor by which the time grows for a tenth of the error."""
+    """Return the text of the factor by which the time grows for a tenth of the error."""
     measured = study.cost_of_digit()
     if measured is not None:
         return f"{measured:.2g} times"
     order = METHODS[best.setting.method].order if best is not None else 2
-    return f"{10.0 ** (1.0 / order):.2g} times, by the order"
+    return f"{10.0 ** (1.0 / order):.2g} times, from the order"
 
 
 # In the report ----------------------------------------------------------------------------------
 
 
 def overview_blocks(results: Sequence[OverviewResult]) -> Iterator[Block]:
-    """Make the costs of accuracy and effects of each scene, and the hard cases."""
+    """Make the cost of accuracy and of effects of each scene, and the hard cases."""
     for result in results:
         if result.studies:
             yield from _accuracy_blocks(result)
         if result.effects is not None:
             yield from result.effects.blocks()
         if result.outcomes:
-            yield Heading("Hard cases at a glance")
+            yield Heading("Hard cases: overview")
             yield outcome_count_table(result.outcomes)
 
 
 def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
     first = result.studies[0]
-    yield Heading(f"{first.scene}: what accuracy costs")
+    yield Heading(f"{first.scene}: cost of accuracy")
     if result.starts > 1:
         yield Text(
             f"Errors are means over {result.starts} starts, against a finer step from the same starts; "
-            "bars end at the bound that the starts allow. Dashed: how far the starts themselves "
-            f"scatter. One run cannot be trusted below {FLOORS:g} times that, whatever its step; "
-            "the mean of more starts can, at their price. Where no method is named it is "
-            f"{USUAL[0]}."
+            f"bars end at the upper bound over the starts. Dashed: scatter of the starts. A single run is "
+            f"not accurate below {FLOORS:g} times that scatter, whatever its step; the mean of more starts "
+            f"is, at a higher cost. The method is {USUAL[0]} unless another is named."
         )
     draw = partial(plot_error_over_run_time, result.studies)
     yield picture(draw, f"{first.run_words}: error over the time of a run.", height=4.2)
@@ -450,7 +448,7 @@ def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
 
 
 def plot_error_over_run_time(studies: Sequence[WorkPrecision], axes: Axes) -> None:
-    """Draw errors over the time [s] of a run: a colour a quantity, a line a method."""
+    """Draw errors over the time [s] of a run: one colour per quantity, one line per method."""
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
         for j, (name, family) in enumerate(study.points_by_family().items()):
@@ -466,7 +464,7 @@ def plot_error_over_run_time(studies: Sequence[WorkPrecision], axes: Axes) -> No
 
 
 def advice_table(studies: Sequence[WorkPrecision]) -> Table:
-    """Table of the settings to take for each quantity and tolerance, with their times."""
+    """Make the table of advised settings for each quantity and tolerance, with their times."""
     rows = []
     for study in studies:
         advised = [study.advise(level) for level in LEVELS.values()]
@@ -479,11 +477,11 @@ def advice_table(studies: Sequence[WorkPrecision]) -> Table:
                 cost_of_digit_text(study, advised[0].point),
             )
         )
-    return Table(("quantity", *LEVELS, "starts scatter by", "a digit costs"), rows)
+    return Table(("quantity", *LEVELS, "scatter of starts", "cost of a digit"), rows)
 
 
 def _setting_and_price(advice: AdvisedSetting) -> str:
-    """Return the setting to take for a level, and its price."""
+    """Return the advised setting for a tolerance, and its cost."""
     if advice.point is None:
         return str(advice)
     method, price = advice.point.setting.method, duration_text(advice.seconds)
@@ -498,7 +496,7 @@ def _overview_verdict(results: Sequence[OverviewResult]) -> tuple[str, bool]:
     fresh = [start for result in results for start in result.fresh]
     hard = [outcome for result in results for outcome in result.outcomes]
     missed = [start for start in fresh if not start.holds]
-    words = f"{len(fresh) - len(missed)} of {len(fresh)} advised settings hold for a fresh start"
+    words = f"{len(fresh) - len(missed)} of {len(fresh)} advised settings hold for a new start"
     if missed:
         words += f", not {'; '.join(map(str, missed))}"
     if hard:
@@ -507,12 +505,12 @@ def _overview_verdict(results: Sequence[OverviewResult]) -> tuple[str, bool]:
 
 
 def overview_section_for(scenes: Sequence[Scene]) -> Section:
-    """Overview section of the report for a user's own scenes, with the quick hard cases."""
+    """Make the overview section of the report for the user's scenes, with the quick hard cases."""
     return OVERVIEW._replace(tasks=lambda full: overview_tasks(scenes, full, hard=True))
 
 
 def _packaged_overview_tasks(full: bool) -> list[Task]:
-    """Return the packaged damper, and the compression with dry friction."""
+    """Make the tasks for the packaged damper and the compression with dry friction."""
     return overview_tasks([load_scene("damper"), compression_scene()], full, hard=False)
 
 

@@ -1,4 +1,4 @@
-"""Settings that reach a tolerance in the least time, for `simulate` and for the command line."""
+"""Settings that reach a tolerance in the shortest time, for `simulate` and for the command line."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ from validation.work_precision_result import (
 )
 
 SEEDS = 4
-"""Further starts of a scene that has random ones: five show a scatter to a third of itself."""
+"""Further starts of a scene with random starts: from five the scatter is known to a third."""
 
-# A family is given up, or not begun, if its next step costs this many times the best setting so far. 1 would
-# do if times were exact; the rest is room for their scatter.
+# A family is abandoned, or not started, if its next step costs this many times the best setting so far.
+# With exact times 1 would do; the margin allows for their scatter.
 HOPELESS = 2.0
 
 REFERENCE = "stormer-verlet"
 REFERENCES = (*STEPS[2:], "auto/16")
-"""Method and steps that a bed with random starts is measured against, the longest first: what it
-comes to scatters too much for more to pay."""
+"""Method and steps of the reference for a bed with random starts, longest first: its results scatter too much
+for a finer reference to be useful."""
 
 APART = 2
-"""Halvings of a step before it is a reference: its error is a sixteenth then."""
+"""Halvings of a step that give its reference: the error of the reference is then a sixteenth."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,20 +65,19 @@ class Recommendation(PlainData):
     ----------
     scene, quantity : str
     tolerance, error : float
-        What was asked for, and what was measured.
+        Requested and measured error.
     seconds : float
-        What one run takes.
+        Wall time of one run [s].
     keywords : dict
         For ``simulate(scene.replace(**found.changes), **found.keywords)``.
     changes : dict
-        Keys of the scene.
+        Changes to keys of the scene.
     study : WorkPrecision
         All settings that were tried.
     doubt : float
         Standard error of the error.
     starts : int
-        How many random starts to average over: 1 unless the scatter of the starts forbids a single
-        run to be that accurate.
+        Number of random starts to average over: 1 unless the scatter of the starts exceeds the tolerance.
     """
 
     scene: str
@@ -94,12 +93,12 @@ class Recommendation(PlainData):
 
     @property
     def needs_more_starts(self) -> bool:
-        """True where the starts scatter by too much for a single run to reach the tolerance."""
+        """True if the scatter of the starts prevents a single run from reaching the tolerance."""
         return self.tolerance < FLOORS * self.study.floor
 
     @property
     def command(self) -> str:
-        """Text of the command line that runs the scene with this setting."""
+        """Command line that runs the scene with this setting."""
         words = ["python", "-m", "granular", "run", self.scene]
         for key, value in self.changes.items():
             words += ["--set", f"{key}={value}"]
@@ -107,14 +106,14 @@ class Recommendation(PlainData):
         return shlex.join(words)
 
     def __str__(self) -> str:
-        what = f"{self.quantity} of {self.scene} to {self.tolerance:g}: "
+        subject = f"{self.quantity} of {self.scene} to {self.tolerance:g}: "
         error = f"error {self.error:.2g}" + (f" +- {self.doubt:.1g}" if self.doubt else "")
         if not self.needs_more_starts:
-            return f"{what}{error} in {self.seconds:.3g} s\n  {self.command}"
+            return f"{subject}{error} in {self.seconds:.3g} s\n  {self.command}"
         price = duration_text(self.starts * self.seconds)
         return (
-            f"{what}any of these: the starts scatter by {self.study.floor:.2g}, which no step "
-            f"corrects; the mean of {self.starts:.3g} starts (arrangement.seed) costs {price}\n"
+            f"{subject}any of these: the starts scatter by {self.study.floor:.2g}, which no time step "
+            f"reduces; the mean of {self.starts:.3g} starts (arrangement.seed) costs {price}\n"
             f"  {self.command}    ({error} in {self.seconds:.3g} s)"
         )
 
@@ -135,42 +134,43 @@ def recommend_settings(
     seeds: int = SEEDS,
     progress: bool = False,
 ) -> Recommendation:
-    """Return the setting that gives a quantity to a tolerance in the least time.
+    """Return the setting that gives a quantity to a tolerance in the shortest time.
 
-    What was measured is kept among the user's caches, where ``granular.simulate(..., accuracy=)`` finds it.
-    Each method is tried from long steps to short ones, until two in turn are accurate, or the next
-    would cost far more than what was found. Where the scene has random starts, each setting is run
-    from the same few of them: an error is then a mean deviation with its standard error, and a
-    tolerance that the scatter of the starts forbids is answered by how many starts reach it.
+    Measured costs are stored in the user's cache, and ``granular.simulate(..., accuracy=)`` uses them. Each
+    method is tried from long to short steps, until two successive steps are accurate, or the next step would
+    cost far more than the best setting. If the scene has random starts, each setting is run from the same few
+    starts: the error is then a mean deviation with its standard error. If the scatter of the starts exceeds
+    the tolerance, the result gives the number of starts whose mean reaches it.
 
     Parameters
     ----------
     scene : Scene
         Scene to run.
     quantity : str or MeasuredQuantity
-        One of `validation.measured_quantities.QUANTITIES`, or one's own.
+        Name of one of `validation.measured_quantities.QUANTITIES`, or a custom quantity.
     tolerance : float
-        Error that is allowed, above 0; relative, but for the positions (in D) and the energy (over the
-        energy turned over).
+        Allowed error, above 0: relative, except for positions (in D) and the energy (over the energy turned
+        over).
     until : float, optional
-        Stop each run at this time [s]; the whole protocol without.
+        Stop each run at this time [s]. Default: the whole protocol.
     seeds : int
         Number of further random starts, 0 or more.
     progress : bool
-        Show which setting is being run.
+        Show the setting that is being run.
 
     Returns
     -------
     Recommendation
-        Setting with the wall time of a run [s], its error (as the tolerance), and the number of starts.
+        Setting with the wall time of a run [s], its error (in the tolerance's unit), and the number of
+        starts.
 
     Raises
     ------
     InputError
-        If the tolerance is not above 0, ``seeds`` is below 0, the quantity is unknown, no reference can be
-        run on the scene, or no setting tried reaches the tolerance.
+        If the tolerance is not above 0, ``seeds`` is below 0, the quantity is unknown, no reference can run
+        the scene, or none of the settings reaches the tolerance.
     RunError
-        If the reference fails.
+        If the reference run fails.
     """
     chosen = quantity_named(quantity)
     if not 0.0 < tolerance < math.inf:
@@ -191,7 +191,7 @@ def recommend_settings(
 
 
 def _measured_scene(scene: Scene, study: WorkPrecision, starts: int) -> SceneWorkPrecision:
-    """Make a row of the table that `granular.plan` looks in."""
+    """Make a row of the table used by `granular.plan`."""
     name, today = study.quantity, datetime.datetime.now(datetime.UTC).date().isoformat()
     entries = tuple(
         WorkPrecisionEntry(
@@ -207,7 +207,7 @@ def _measured_scene(scene: Scene, study: WorkPrecision, starts: int) -> SceneWor
         if not point.has_failed
     )
     kind, grains, floors = damping_kind(scene), scene.grains.count, {name: study.floor}
-    # Of the scene itself: its bounds need no margin.
+    # Measured on the scene itself, so its bounds need no margin.
     return SceneWorkPrecision(
         scene.name, kind, grains, starts, study.reference, floors, entries, today, margin=1.0
     )
@@ -216,9 +216,9 @@ def _measured_scene(scene: Scene, study: WorkPrecision, starts: int) -> SceneWor
 def _study_by_halving(
     scenes: Sequence[Scene], quantity: MeasuredQuantity, tolerance: float, until: float | None, progress: bool
 ) -> WorkPrecision:
-    """Study against the longest reference step that tells whether a tolerance is met."""
-    # The step halved `APART` times to give a reference must be accurate enough itself: by second order the
-    # reference then errs by a fifteenth of the tolerance at most.
+    """Study settings against the longest reference step fine enough for the tolerance."""
+    # The step that is halved `APART` times to give the reference must itself be accurate enough: at second
+    # order the error of the reference is then a fifteenth of the tolerance at most.
     study = None
     steps = (*STEPS, REFERENCES[-1])
     for dt in REFERENCES:
@@ -234,8 +234,8 @@ def _study_by_halving(
             break
     if study is None:
         raise InputError(
-            f"scene {scenes[0].name!r} cannot be run by {REFERENCE} at any step of {steps[0]} to "
-            f"{steps[-1]}, against which settings are measured; give seeds=0"
+            f"scene {scenes[0].name!r} cannot be run by the reference {REFERENCE} at any step from "
+            f"{steps[0]} to {steps[-1]}; give seeds=0"
         )
     return study
 
@@ -249,7 +249,7 @@ def _measure_until_decided(
     until: float | None,
     progress: bool,
 ) -> WorkPrecision:
-    """Points that it takes to choose, family by family."""
+    """Measure points, family by family, until the best setting is decided."""
     from granular.shared.progress_bars import progress_bar
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
@@ -262,7 +262,7 @@ def _measure_until_decided(
                 best = advise_setting(tried + own, truth.floor, tolerance)
                 if _finest_points_suffice(own, truth.floor, tolerance):
                     break
-                if _too_dear(setting, tried + own, best):
+                if _costs_far_more(setting, tried + own, best):
                     break
                 bar.set_description(f"{family}, {setting.dt}, against {truth.words}")
                 own += filter(None, comparison.points(setting, REPEATS))
@@ -274,16 +274,18 @@ def _measure_until_decided(
 def _finest_points_suffice(
     points: Sequence[WorkPrecisionPoint], floor: float, tolerance: float, count: int = 2
 ) -> bool:
-    """Tell if the finest points of a family are good enough."""
+    """Return True if the finest points of a family are accurate enough."""
     last = points[-count:]
     if tolerance < FLOORS * floor:
         return len(points_without_clear_error(last)) == count
     return len(accurate_points(last, tolerance)) == count
 
 
-def _too_dear(setting: SolverSettings, tried: Sequence[WorkPrecisionPoint], best: AdvisedSetting) -> bool:
-    """Tell if a setting must cost far more than the best one so far."""
-    # By its force calls: the time of a run is that of its steps times those of each.
+def _costs_far_more(
+    setting: SolverSettings, tried: Sequence[WorkPrecisionPoint], best: AdvisedSetting
+) -> bool:
+    """Return True if a setting must cost far more than the best one so far."""
+    # From force calls: the time of a run is proportional to steps times force calls per step.
     known = [latest for latest in tried if not latest.has_failed and latest.setting.dt in STEPS]
     if not known or best.point is None or setting.dt not in STEPS:
         return False
@@ -301,8 +303,8 @@ def recommend_from_study(study: WorkPrecision, tolerance: float) -> Recommendati
         front = study.pareto_front()
         best = f"{front[-1].error:.2g}" if front else "none"
         raise InputError(
-            f"tolerance = {tolerance:g} for the {study.quantity} is reached by no setting tried; "
-            f"the least error is {best}: give a larger tolerance or other settings"
+            f"tolerance = {tolerance:g} for the {study.quantity} is not reached by any setting tried; "
+            f"the smallest error is {best}: give a larger tolerance or other settings"
         )
     setting = advised.point.setting
     return Recommendation(

@@ -1,6 +1,6 @@
-"""The report: one HTML file with everything in it, and its figures as JSON next to it.
+"""The report: one self-contained HTML file, and its figures as JSON next to it.
 
-The same sections measure a user's own methods on a user's own scene, next to the built-in ones.
+The same sections measure user-defined methods on the user's scene, with built-in methods for comparison.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ SECTIONS = Registry[Section](
 def report(
     directory: str | Path | None, sections: Sequence[Section], *, full: bool = False, progress: bool = True
 ) -> dict[str, Any]:
-    """Measure sections, write ``report.html`` and ``report.json``, and return what the latter holds."""
+    """Measure sections, write ``report.html`` and ``report.json``, and return the data of the latter."""
     where = None if directory is None else Path(directory)
     if where is not None:
         make_directory(where)
@@ -84,17 +84,17 @@ def report(
 
 
 def report_page(outcomes: Outcomes, *, full: bool) -> Page:
-    """Page of the report from the outcomes of its sections."""
+    """Make the page of the report from the outcomes of its sections."""
     verdicts = summarise_verdicts(outcomes)
     wrong = [name for name, held in verdicts["held"].items() if not held]
-    lead = f"Not all holds: {', '.join(wrong)}." if wrong else "All holds."
+    lead = f"Failed: {', '.join(wrong)}." if wrong else "All sections pass."
     words = {True: "yes", False: "NO"}
     summary = [(name, words[verdicts["held"][name]], text) for name, text in verdicts["verdicts"].items()]
     below = [name for name in outcomes if name != OVERVIEW.name]
     blocks = [
         *_first_screen(outcomes),
-        Heading("What holds"),
-        Table(("part", "holds", "what was found"), summary),
+        Heading("Verdicts"),
+        Table(("part", "holds", "result"), summary),
         *(block for name in below for block in section_blocks(name, outcomes[name])),
     ]
     details = [block for name in below for block in section_details(name, outcomes[name])]
@@ -103,36 +103,39 @@ def report_page(outcomes: Outcomes, *, full: bool) -> Page:
     made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     machine = ", ".join(f"{name} {value}" for name, value in machine_info().items())
     return Page(
-        "Proof of the numbers", lead, blocks, f"Made on {made} ({'full' if full else 'quick'}) with {machine}"
+        "Checks of the numbers",
+        lead,
+        blocks,
+        f"Made on {made} ({'full' if full else 'quick'}) with {machine}",
     )
 
 
 def _first_screen(outcomes: Outcomes) -> list[Block]:
-    """Overview, with the hard cases at a glance; none of a report without it."""
+    """Return the overview with the counts of hard cases; nothing for a report without an overview."""
     if OVERVIEW.name not in outcomes:
         return []
     blocks = section_blocks(OVERVIEW.name, outcomes[OVERVIEW.name])
     if STABILITY.name in outcomes:
         hard = results_of(outcomes[STABILITY.name])
-        blocks += [Heading("Hard cases at a glance"), outcome_count_table(hard)]
+        blocks += [Heading("Hard cases: overview"), outcome_count_table(hard)]
     return blocks
 
 
 def section_blocks(name: str, outcomes: Sequence[Outcome]) -> list[Block]:
-    """Heading, texts, tables and pictures of a section, and what failed."""
+    """Return heading, texts, tables and plots of a section, and its failures."""
     section, results = SECTIONS[name], results_of(outcomes)
     heading = [Heading(section.title)] if section.title else []
     return [*heading, *(section.blocks(results) if results else ()), *cautions(failure_lines(outcomes))]
 
 
 def section_details(name: str, outcomes: Sequence[Outcome]) -> Sequence[Block]:
-    """Tables of a section for the end of the page."""
+    """Return the tables of a section for the end of the page."""
     results = results_of(outcomes)
     return SECTIONS[name].details(results) if results else ()
 
 
 def summarise_verdicts(outcomes: Outcomes) -> dict[str, Any]:
-    """Verdicts of all sections, and if they hold."""
+    """Return the verdict of each section, and True if it passes."""
     verdicts, held = {}, {}
     for name, group in outcomes.items():
         verdicts[name], right = SECTIONS[name].verdict(results_of(group))
@@ -144,7 +147,7 @@ def summarise_verdicts(outcomes: Outcomes) -> dict[str, Any]:
 
 
 def console_blocks(plain: Mapping[str, Any]) -> list[Block]:
-    """Tables, failures and verdicts of a report for the console, from its data."""
+    """Return tables, failures and verdicts of a report for the console, from its data."""
     parts = plain["parts"].items()
     tables = [
         block for name, group in parts for block in section_tables(name, outcomes_from_plain(name, group))
@@ -153,30 +156,30 @@ def console_blocks(plain: Mapping[str, Any]) -> list[Block]:
 
 
 def section_tables(name: str, outcomes: Sequence[Outcome]) -> list[Block]:
-    """Headings and tables of a section, and what failed."""
+    """Return headings and tables of a section, and its failures."""
     blocks = section_blocks(name, outcomes)
     shown = [block for block in blocks if isinstance(block, Heading | Table | Caution)]
     return [*shown, *section_details(name, outcomes)]
 
 
 def outcomes_from_plain(name: str, plain: Sequence[Plain]) -> list[Outcome]:
-    """Outcomes of a section from the data of a report."""
+    """Return the outcomes of a section from the data of a report."""
     return [Outcome.from_plain(name, SECTIONS[name].kind, entry) for entry in plain]
 
 
-# A user's own methods ---------------------------------------------------------------------------
+# User-defined methods ---------------------------------------------------------------------------
 
 BESIDE = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
-"""Built-in methods that are measured with them; they share their compiled code."""
+"""Built-in methods measured for comparison; they share compiled code."""
 
 CONTROL = "explicit-euler"
 """Built-in method whose energy drifts."""
 
 PERIODS = 40
-"""Periods of the swing whose energy is tested."""
+"""Number of periods of the oscillation whose energy is tested."""
 
 HORIZON = 0.02
-"""Until when the frictionless bed runs [s]: its positions still mean something."""
+"""Duration of the frictionless bed's run [s]: positions are still meaningful."""
 
 
 def method_report(
@@ -190,8 +193,8 @@ def method_report(
 ) -> dict[str, Any]:
     """Measure methods, and write ``report.html`` and ``report.json``.
 
-    Their order of convergence on every exact problem that they fit, the trend of the energy over a
-    long run, and error against wall time on a scene; each next to methods that are built in.
+    Measured are the order of convergence on every exact problem that the methods can run, the trend of the
+    energy over a long run, and error against wall time on a scene, each with built-in methods for comparison.
 
     >>> method_report("out", [Method("mine", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
 
@@ -200,34 +203,34 @@ def method_report(
     directory : str or Path
         Directory of the report.
     methods : sequence of str or Method
-        One or more: a user's own, also by their names where those are known; see
+        One or more methods. User-defined methods may be given by name once imported; see
         `granular.user_code.import_user_code`.
     scene : Scene, optional
-        What error against wall time is measured on; without, the packaged bed without friction, up
-        to 0.02 s.
+        Scene for error against wall time. Default: the packaged bed without friction, up to 0.02 s.
     quantities : sequence of str, optional
-        Of `validation.measured_quantities.QUANTITIES`: what the error is in; without, the energy, and where
-        no scene is given the positions.
+        Quantities whose error is measured, from `validation.measured_quantities.QUANTITIES`. Default: the
+        energy, and also the positions if no scene is given.
     until : float, optional
-        Stop the runs of ``scene`` at this time [s]; the whole protocol without.
+        Stop the runs of ``scene`` at this time [s]. Default: the whole protocol.
     progress : bool
         Show a progress bar on standard error.
 
     Returns
     -------
     dict
-        What the JSON file holds: the sections' results (steps and times [s], errors with their unit), a
-        verdict each, and the machine. A measurement that fails is there as failed, and its section does
-        not hold.
+        Data of the JSON file: results of the sections (steps and times [s], errors with their unit), a
+        verdict each, and the machine. A failed measurement is marked as failed, and its section does not
+        pass.
 
     Raises
     ------
     InputError
-        If no method is given, one or a quantity is unknown, two have one name, or a method has that of a
-        built-in one and is another; if no method can run the scene, or the directory cannot be written.
+        If no method is given, a method or a quantity is unknown, or two methods have the same name; if a
+        method has the name of a different built-in method, no method can run the scene, or the directory
+        cannot be written.
     """
     if not methods:
-        raise InputError("no method is given; give the name of one, or a granular.Method")
+        raise InputError("no method is given; give a method's name or a granular.Method")
     for quantity in quantities or ():
         quantity_named(quantity)
     register_methods(
@@ -271,6 +274,6 @@ def _cost_task(
 
 
 def _method_table_key(name: str) -> dict[str, Any]:
-    """Key that tells a user's own method from another one of the name."""
+    """Return a key that distinguishes methods of the same name."""
     setting = method_as_run_setting(method_named(name))
     return {} if isinstance(setting, str) else {"table": setting}

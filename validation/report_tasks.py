@@ -1,7 +1,7 @@
-"""Sections of the report: their tasks, whose results are kept on disk, and how these are shown.
+"""Sections of the report: their tasks, the cache of their results, and their presentation.
 
-A result is found again by its content: what it measures, how, with which sources and versions. So a
-report that was interrupted goes on where it stopped, and nothing stale is shown.
+A cached result is identified by the digest of its measurement, settings, sources and versions. An interrupted
+report therefore resumes at its last result, and no outdated result is shown.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ Plain = dict[str, Any]
 
 
 class PlainData:
-    """Base of results, which are frozen dataclasses, to be kept as JSON."""
+    """Base of results: frozen dataclasses that can be stored as JSON."""
 
     def to_plain(self) -> Plain:
-        """Return the result as plain data; None for a number that is none.
+        """Return the result as plain data; NaN and infinity become None.
 
         Returns
         -------
@@ -49,7 +49,7 @@ class PlainData:
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Self:
-        """Return the result that `to_plain` made plain, also by way of JSON.
+        """Return the result from plain data made by `to_plain`, possibly read from JSON.
 
         Parameters
         ----------
@@ -59,14 +59,14 @@ class PlainData:
         Returns
         -------
         Self
-            The result; a number that is None becomes NaN.
+            The result; None in place of a number becomes NaN.
         """
         result: Self = from_plain(cls, plain)
         return result
 
 
 def to_plain(value: Any) -> Any:
-    """Return records and tuples as plain data; None for a number that is none."""
+    """Return records and tuples as plain data; NaN and infinity become None."""
     if dataclasses.is_dataclass(value):
         return {entry.name: to_plain(getattr(value, entry.name)) for entry in dataclasses.fields(value)}
     if hasattr(value, "_asdict"):
@@ -77,7 +77,7 @@ def to_plain(value: Any) -> Any:
 
 
 def from_plain(kind: Any, value: Any) -> Any:
-    """Return the value of a type that `to_plain` made plain; a number that is None becomes NaN."""
+    """Return the value of a type from plain data; None in place of a number becomes NaN."""
     if value is None:
         return math.nan if kind is float else None
     if isinstance(value, list):
@@ -97,11 +97,11 @@ class Task(NamedTuple):
     Attributes
     ----------
     label : str
-        Name of it for bars and failures.
+        Name for progress bars and failures.
     key : dict of str to Any
-        What the result depends on, as plain data: a result is kept, and found again by it.
+        Everything that the result depends on, as plain data: key of the cached result.
     measure : function
-        Returns a result of the section's kind.
+        Function that returns a result of the section's type.
     """
 
     label: str
@@ -111,7 +111,7 @@ class Task(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """A measured task: its result, or the typed error that ended it, which is an outcome too."""
+    """A measured task: its result, or the typed error that ended it."""
 
     label: str
     result: Any = None
@@ -126,7 +126,7 @@ class Outcome:
 
     @classmethod
     def from_plain(cls, label: str, kind: Any, plain: Plain) -> Outcome:
-        """Return the outcome, whose result is of that type, that `to_plain` made plain."""
+        """Return the outcome, with a result of the given type, from data made by `to_plain`."""
         if FAILED in plain:
             return cls(plain["label"], failed=plain[FAILED])
         return cls(label, from_plain(kind, plain))
@@ -139,17 +139,17 @@ class Section(NamedTuple):
     ----------
     name : str
     title : str
-        Its heading; none for a section whose blocks hold headings.
+        Heading; empty if the blocks of the section hold headings.
     tasks : callable
-        Its tasks; the argument is whether all of the full ones are wanted.
+        Makes the tasks; its argument is True for the full report.
     kind : type
-        Of its results, a dataclass.
+        Type of the results, a dataclass.
     verdict : callable
-        Words on the results, and whether they hold.
+        Returns a sentence on the results, and True if they pass.
     blocks : callable
-        Texts, tables and figures of the results.
+        Makes texts, tables and plots of the results.
     details : callable
-        Tables at the end of the page, where few will read them.
+        Makes the detailed tables at the end of the page.
     """
 
     name: str
@@ -164,13 +164,13 @@ class Section(NamedTuple):
 KEY_LENGTH = 24
 
 FAILED = "failed"
-"""Key of the error of a task that ended in one."""
+"""Key of the error of a task that failed."""
 
 
 def run_tasks(
     name: str, tasks: Sequence[Task], directory: Path | None, kind: Any = dict, *, progress: bool = True
 ) -> list[Outcome]:
-    """Return the outcomes of tasks, those on disk included; kind, the type of their results."""
+    """Return the outcomes of tasks, including cached ones; kind is the type of their results."""
     from granular.shared.progress_bars import progress_bar
 
     saved = None if directory is None else ResultCache(directory / "pieces")
@@ -200,17 +200,17 @@ def _run_task(name: str, task: Task, saved: ResultCache | None, kind: Any) -> Ou
 
 
 def results_of(outcomes: Iterable[Outcome]) -> list[Any]:
-    """Results of the outcomes that did not fail."""
+    """Return the results of the outcomes that did not fail."""
     return [outcome.result for outcome in outcomes if outcome.failed is None]
 
 
 def failure_lines(outcomes: Iterable[Outcome]) -> list[str]:
-    """One line for each outcome that failed."""
+    """Return one line for each failed outcome."""
     return [f"{outcome.label} failed: {outcome.failed}" for outcome in outcomes if outcome.failed is not None]
 
 
 WIDTH = 5.6
-"""Width of a figure [inch]: narrow enough for its letters to be read on a phone."""
+"""Width of a figure [inch]: narrow enough for legible letters on a phone."""
 
 
 def label_line(axes: Axes, words: str, height: float, **options: Any) -> None:
@@ -228,12 +228,12 @@ def label_line(axes: Axes, words: str, height: float, **options: Any) -> None:
 
 
 def picture(draw: Callable[[Axes], object], caption: str, height: float = 5.0, columns: int = 2) -> Picture:
-    """Picture of one pair of axes, with the legend below; height [inch]."""
+    """Make a picture of one pair of axes, with the legend below; height [inch]."""
 
     def make() -> Figure:
         with figure(width=WIDTH, height=height) as (drawing, axes):
             draw(axes)
-            # Below the axes, so that a narrow page leaves the figure wide enough to be read.
+            # Below the axes, so that the axes keep their width on a narrow page.
             axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=columns)
         shown: Figure = drawing
         return shown
@@ -242,17 +242,17 @@ def picture(draw: Callable[[Axes], object], caption: str, height: float = 5.0, c
 
 
 _SHOWING = ("report.py", "blocks.py", "plotting.py")
-"""Files that only show what was measured, or on which no section depends."""
+"""Files that only present results, or on which no section depends."""
 
 
 def scene_key(scene: Scene) -> dict[str, Any]:
-    """Part of a task's key that tells a scene from others, and a user's functions in it from edited ones."""
+    """Return the part of a task's key for a scene, including digests of the user's functions in it."""
     return {"scene": scene.digest(), "own": custom_code_digests(scene)}
 
 
 @cache
 def source_digest() -> str:
-    """Digest (SHA-256) of all code that a figure of the report may depend on."""
+    """Return the digest (SHA-256) of all code that a figure of the report may depend on."""
     import granular
     import validation
 
@@ -266,7 +266,7 @@ def source_digest() -> str:
 
 
 def machine_info() -> dict[str, str]:
-    """Processor, cores, system, and versions of Python and the packages computed with."""
+    """Return processor, cores, system, and versions of Python and of the packages used."""
     import os
 
     from granular.shared.version import versions

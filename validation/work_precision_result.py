@@ -1,10 +1,9 @@
-"""Errors and wall times of many settings: which to take, and when only more starts help.
+"""Errors and wall times of many settings: the best one, and when only more starts help.
 
-Each setting is run from the same few starts. Its error is the mean of the deviations from a
-reference at the same starts, with a standard error next to it; how far the starts themselves
-scatter is the floor, below which a shorter step buys nothing and more starts do. A setting that
-fails stays in the picture as a failure. Positions may also be computed by outside references
-(`validation.external_integrators`); these are shown and never chosen.
+Each setting is run from the same few starts. Its error is the mean deviation from a reference at the same
+starts, with a standard error. The scatter of the starts is the floor: below it a shorter step gains nothing,
+but more starts do. A failed setting is shown as a failure. Positions may also be computed by external
+integrators (`validation.external_integrators`); these are shown but never advised.
 """
 
 from __future__ import annotations
@@ -26,19 +25,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SURE = 0.95
-"""Probability, of one side, with which an error is to lie below its bound."""
+"""One-sided probability with which an error lies below its upper bound."""
 
 
 class SolverSettings(NamedTuple):
-    """Settings that a scene is run with.
+    """Method, step and changes with which a scene is run.
 
     Attributes
     ----------
     method : str
-        Name of a method, or of an outside reference, one of `validation.external_integrators.ORDERS`.
+        Name of a method, or of an external integrator, one of `validation.external_integrators.ORDERS`.
     dt : float or str
-        Time step [s], or a rule such as ``"auto"``; for an outside reference its tolerance, without
-        unit.
+        Time step [s], or a rule such as ``"auto"``; for an external integrator its tolerance, dimensionless.
     changes : mapping of str to anything
         Changes to the scene, by dotted keys, as `granular.Scene.replace` takes them.
     """
@@ -49,29 +47,29 @@ class SolverSettings(NamedTuple):
 
     @property
     def is_external(self) -> bool:
-        """True where the method is one of `validation.external_integrators.ORDERS`, not the toolkit's."""
+        """True if the method is one of `validation.external_integrators.ORDERS`, not the toolkit's."""
         return self.method in ORDERS
 
     @property
     def fineness(self) -> str:
-        """Text of the step (seconds or a rule), or of an outside integrator's tolerance, without unit."""
+        """Text of the step (seconds or a rule), or of an external integrator's tolerance, dimensionless."""
         return f"tolerance {self.dt}" if self.is_external else str(self.dt)
 
     @property
     def family(self) -> str:
-        """Text of method and changes, which settings that differ in their step alone have in common."""
+        """Text of method and changes, shared by settings that differ only in their step."""
         changes = (f"{key.rpartition('.')[2]} {change}" for key, change in self.changes.items())
         return ", ".join([self.method, *changes])
 
 
 USUAL = ("stormer-verlet", "auto")
-"""Method and step that `granular.simulate` takes where nothing is said."""
+"""Default method and step of `granular.simulate`."""
 
 
 @cache
 def confidence_factor(starts: int) -> float:
-    """Return the number of standard errors to add to a mean for a one-sided 95 % bound, two at least."""
-    # Student's quantile, since the scatter is estimated from the same starts; one start shows none.
+    """Return the number of standard errors, 2 or more, from a mean to its one-sided 95 % bound."""
+    # Student's quantile, since the scatter is estimated from the same starts; one start has no scatter.
     if starts < 2:
         return 0.0
     from scipy.stats import t as student
@@ -90,15 +88,15 @@ class WorkPrecisionPoint:
     failure: str | None = None
     doubt: float = 0.0  # standard error of the error; 0 for one start
     starts: int = 1
-    frequency: float = 0.0  # step times highest frequency, as seen in the runs; 0 for variable steps
+    frequency: float = 0.0  # step times highest frequency in the runs; 0 for variable steps
 
     @property
     def has_failed(self) -> bool:
-        """True where the run of the setting ended in an error."""
+        """True if the run of the setting ended in an error."""
         return self.failure is not None
 
     def cells(self) -> tuple[str, ...]:
-        """Error, standard error, seconds and steps for a table, or the error that ended the run."""
+        """Return error, standard error, seconds and steps for a table, or the error that ended the run."""
         if self.failure is not None:
             return "", "", "", "", self.failure.split(":", 1)[0]
         doubt = f"{self.doubt:.1g}" if self.doubt else ""
@@ -111,32 +109,32 @@ class WorkPrecisionPoint:
 
     @property
     def lower_error_bound(self) -> float:
-        """Lower bound of the error, one-sided at 95 % over the starts, in the error's unit; 0 at least."""
+        """Lower bound of the error, one-sided at 95 % over the starts, in the error's unit; 0 or more."""
         return max(0.0, self.error - confidence_factor(self.starts) * self.doubt)
 
 
 def time_then_error(point: WorkPrecisionPoint) -> tuple[float, float]:
-    """Key that sorts by time [s], and settings as fast by their error."""
+    """Return a key that sorts by time [s], and equally fast settings by error."""
     return point.seconds, point.error
 
 
 def group_by_family(points: Iterable[WorkPrecisionPoint]) -> dict[str, tuple[WorkPrecisionPoint, ...]]:
-    """Points grouped by method and changes of the scene, from coarse to fine steps."""
+    """Group points by method and changes of the scene, from coarse to fine steps."""
     result: dict[str, list[WorkPrecisionPoint]] = {}
     for point in points:
         result.setdefault(point.setting.family, []).append(point)
-    # What failed is taken for the coarsest: too long a step is why a run fails.
+    # Failed runs count as the coarsest, since runs fail from too long a step.
     for group in result.values():
         group.sort(key=lambda point: 0 if point.has_failed else point.steps)
     return {name: tuple(group) for name, group in result.items()}
 
 
 class AdvisedSetting(NamedTuple):
-    """Advice for a tolerance."""
+    """Advised setting for a tolerance, and the number of starts."""
 
     tolerance: float
     point: WorkPrecisionPoint | None  # None if no setting reaches the tolerance
-    starts: int  # to average over; 1 if a single run is good enough
+    starts: int  # number to average over; 1 if a single run is accurate enough
     floor: float  # scatter of the quantity over the starts
 
     @property
@@ -153,15 +151,15 @@ class AdvisedSetting(NamedTuple):
         if self.needs_more_starts:
             words = f"any of these: the starts scatter by {self.floor:.2g}"
             if self.point is None:
-                return f"{words}, and more of them would show what no setting tried is free of"
+                return f"{words}, and every setting tried has an error that more starts would show"
             return f"{words}; {self.starts:.3g} starts cost {duration_text(self.seconds)}"
         if self.point is None:
-            return "none reaches it"
+            return "not reached"
         return f"{self.point.setting.family}, {self.point.setting.fineness}"
 
 
 def duration_text(seconds: float) -> str:
-    """Text of a duration as it is read: 0.3 s, 12 minutes, 5 days; seconds [s]."""
+    """Return the text of a duration in suitable units: 0.3 s, 12 minutes, 5 days; seconds [s]."""
     sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 120.0))
     for unit, size in sizes:
         if seconds >= size:
@@ -171,7 +169,7 @@ def duration_text(seconds: float) -> str:
 
 
 def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance: float) -> AdvisedSetting:
-    """Advise the fastest setting for a tolerance, and from how many starts."""
+    """Return the fastest setting for a tolerance, and the number of starts."""
     own = [point for point in points if not point.setting.is_external]
     if tolerance < FLOORS * floor:
         best = min(
@@ -185,26 +183,26 @@ def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance
 
 
 def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
-    """Points of a family that are accurate to a tolerance, and not so by luck."""
-    # The bound of the error must be within the tolerance, and no point of the family with more steps clearly
-    # above it: an error that is small by chance at a long step grows again.
+    """Return the points of a family that are accurate to a tolerance, not by chance."""
+    # The upper bound of the error must be within the tolerance, and no point of the family with more steps
+    # clearly above it: an error that is small by chance at a long step grows again at a shorter one.
     return [point for point in _finest_within(family, tolerance) if point.upper_error_bound <= tolerance]
 
 
 def points_without_clear_error(family: Sequence[WorkPrecisionPoint]) -> list[WorkPrecisionPoint]:
-    """Points of a family whose errors, and all finer ones', cannot be told from nought."""
+    """Return the points of a family whose errors, and all finer ones, are compatible with zero."""
     return list(_finest_within(family, 0.0))
 
 
 def _finest_within(family: Sequence[WorkPrecisionPoint], tolerance: float) -> Iterator[WorkPrecisionPoint]:
-    """Points from fine to coarse, up to the first that failed or is clearly above a tolerance."""
+    """Return points from fine to coarse, up to the first that failed or is clearly above a tolerance."""
     return itertools.takewhile(
         lambda point: not point.has_failed and point.lower_error_bound <= tolerance, reversed(family)
     )
 
 
 LEVELS = {"1 %": 1e-2, "0.1 %": 1e-3, "1e-6": 1e-6}
-"""Tolerances that a picture answers for."""
+"""Tolerances for which a plot marks the advised setting."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -214,15 +212,15 @@ class WorkPrecision(PlainData):
     Attributes
     ----------
     scene, quantity, unit : str
-        ``unit`` of the errors: ``"1"`` where they are relative.
+        ``unit`` is the unit of the errors: ``"1"`` if they are relative.
     horizon : float or None
-        Until when the scene was run [s]; None for its whole protocol.
+        Time at which the runs were stopped [s]; None for the whole protocol.
     points : tuple of WorkPrecisionPoint
     floor : float
-        Standard deviation of the quantity over the starts, as an error; 0 for one start, and where
-        each start has a value of its own.
+        Standard deviation of the quantity over the starts, as an error; 0 for one start, and for a quantity
+        whose value differs by start.
     reference : str
-        What the errors are measured against.
+        Reference of the errors.
     """
 
     scene: str
@@ -234,7 +232,7 @@ class WorkPrecision(PlainData):
     reference: str
 
     def pareto_front(self) -> tuple[WorkPrecisionPoint, ...]:
-        """Pareto front, from fast to accurate: no setting is both faster and more accurate."""
+        """Pareto front, from fast to accurate: no other setting is both faster and more accurate."""
         own = [point for point in self.points if not point.has_failed and not point.setting.is_external]
         front: list[WorkPrecisionPoint] = []
         for point in sorted(own, key=time_then_error):
@@ -243,25 +241,25 @@ class WorkPrecision(PlainData):
         return tuple(front)
 
     def advise(self, tolerance: float) -> AdvisedSetting:
-        """Return the setting to take for a tolerance, and from how many starts."""
+        """Return the advised setting for a tolerance, and the number of starts."""
         return advise_setting(self.points, self.floor, tolerance)
 
     def cheapest_point(self, tolerance: float) -> WorkPrecisionPoint | None:
-        """Fastest setting one run of which is accurate to a tolerance, and not so by luck."""
+        """Return the fastest setting with a single run accurate to a tolerance, not by chance."""
         result = self.advise(tolerance)
         return None if result.needs_more_starts else result.point
 
     def default_point(self) -> WorkPrecisionPoint | None:
-        """Point of the default method and step, in the first form that did not fail."""
+        """Return the point of the default method and step, in the first form that did not fail."""
         finished = (point for point in self.points if not point.has_failed)
         return next((point for point in finished if point.setting[:2] == USUAL), None)
 
     def points_by_family(self) -> dict[str, tuple[WorkPrecisionPoint, ...]]:
-        """Points by family, from coarse to fine."""
+        """Return the points by family, from coarse to fine."""
         return group_by_family(self.points)
 
     def cost_of_digit(self) -> float | None:
-        """Factor by which the time grows for a tenth of the error, along the Pareto front."""
+        """Return the factor by which the time grows for a tenth of the error, along the Pareto front."""
         points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
         if len(points) < 2 or not points[-1].error < points[0].error:
             return None
@@ -270,7 +268,7 @@ class WorkPrecision(PlainData):
 
     @property
     def run_words(self) -> str:
-        """Text of the scene, and of the time that it was run for if not its whole protocol."""
+        """Text of the scene, and of the duration of its runs if shorter than the protocol."""
         return self.scene if self.horizon is None else f"{self.scene} over {self.horizon:g} s"
 
     @property
@@ -279,7 +277,7 @@ class WorkPrecision(PlainData):
         return f"error of the {self.quantity}" + ("" if self.unit == "1" else f" [{self.unit}]")
 
     def table(self) -> Table:
-        """One row a setting, the front marked with a star."""
+        """Return one row per setting, with a star for the Pareto front."""
         front = self.pareto_front()
         rows = [
             ("*" if point in front else "", point.setting.family, point.setting.fineness, *point.cells())
@@ -289,14 +287,14 @@ class WorkPrecision(PlainData):
         return Table(("", "setting", "dt", *numbers), rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw error over seconds, a line a family, what to take ringed, the floor as a band."""
+        """Draw error over seconds: one line per family, advised settings ringed, the floor as a band."""
         axes = axes_or_new(ax)
         for k, (name, family) in enumerate(self.points_by_family().items()):
             _draw_family(axes, name, family, k)
         best = [point for point in self.pareto_front() if point.error > 0.0]
         seconds, errors = [point.seconds for point in best], [point.error for point in best]
         broad: dict[str, Any] = {"color": GREY, "linewidth": 5.0, "alpha": 0.35, "zorder": 0}
-        axes.loglog(seconds, errors, label="best of all", **broad)
+        axes.loglog(seconds, errors, label="Pareto front", **broad)
         for words, level in LEVELS.items():
             axes.axhline(level, color=DARK, linewidth=0.6, linestyle=":")
             _mark_advised_setting(axes, words, self.advise(level))
@@ -335,7 +333,7 @@ def draw_points(axes: Axes, points: Sequence[WorkPrecisionPoint], label: str, **
 
 
 def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> None:
-    """Ring the setting to take for a level, and name it at the level's line."""
+    """Ring the advised setting for a tolerance, and name it at the line of the tolerance."""
     best = advised.point
     if best is not None and not advised.needs_more_starts and best.error > 0.0:
         ring: dict[str, Any] = {"markersize": 11.0, "markerfacecolor": "none", "markeredgewidth": 1.4}
@@ -346,7 +344,7 @@ def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> No
 
 
 def label_run_times(axes: Axes) -> None:
-    """Label an axis of run times [s] as they are read: 0.02, 0.05, 0.1 s."""
+    """Label an axis of run times [s] in decimals: 0.02, 0.05, 0.1 s."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_xlim()

@@ -1,4 +1,4 @@
-"""The command granular-damper: three command lines under one name."""
+"""The command granular-damper: the commands of three packages under one name."""
 
 import json
 import os
@@ -46,7 +46,7 @@ def test_a_command_reaches_its_package(capsys: pytest.CaptureFixture[str]) -> No
     ("command", "words"),
     [("run", "--resume"), ("identify", "--discover"), ("validate", "--full"), ("report", "--full")],
 )
-def test_help_of_a_command_is_what_one_types(
+def test_usage_line_shows_the_typed_command(
     command: str, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as stopped:
@@ -61,8 +61,8 @@ def test_help_of_a_command_is_what_one_types(
 MODULES = (granular.__main__, reduced_models.__main__, validation.__main__)
 
 
-def test_help_calls_no_program_that_is_not_there() -> None:
-    """There is no program ``granular``: its commands are those of ``granular-damper``."""
+def test_help_mentions_only_installed_programs() -> None:
+    """No program ``granular`` is installed: its commands belong to ``granular-damper``."""
     for module in MODULES:
         for parser in module.parser("granular-damper").parsers.values():
             assert not re.search(r"(?<![\w.-])(?<!from )granular [a-z]", parser.format_help())
@@ -73,11 +73,11 @@ def test_no_two_packages_have_a_command_of_the_same_name() -> None:
     assert len(names) == len(set(names))
 
 
-def test_what_is_wrong_with_a_report_names_the_command_as_typed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_error_message_repeats_the_typed_command(capsys: pytest.CaptureFixture[str]) -> None:
     for words in (["validate"], ["validate", "report"], ["report"]):
         assert launch(dispatch_command, [*words, "--set", "piston.mass=6"]) == 2
         said = capsys.readouterr().err
-        assert f"name one, such as: granular-damper {' '.join(words)} damper" in said
+        assert f"give one, such as: granular-damper {' '.join(words)} damper" in said
 
 
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
@@ -118,7 +118,7 @@ def test_version_comes_from_one_source(module: Any, capsys: pytest.CaptureFixtur
 
 
 def test_the_installed_command_prints_the_version() -> None:
-    """As the script that pip makes calls it: what pyproject.toml names, from a folder elsewhere."""
+    """Call the entry point of pyproject.toml as the installed script does, from another folder."""
     entry = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
     module, _, name = entry["granular-damper"].partition(":")
     code = f"import sys; from {module} import {name}; sys.exit({name}())"
@@ -132,14 +132,14 @@ def test_the_installed_command_prints_the_version() -> None:
     assert (done.returncode, done.stdout) == (0, f"granular-damper {__version__}\n")
 
 
-def test_eight_commands_are_shown_where_none_is_given(capsys: pytest.CaptureFixture[str]) -> None:
+def test_eight_commands_are_listed_without_arguments(capsys: pytest.CaptureFixture[str]) -> None:
     assert launch(dispatch_command, []) == 0
     out = capsys.readouterr().out
     shown = [line.split()[0] for line in out.splitlines() if line.startswith("  ")]
     assert shown == ["identify", "look", "fit", "design", "run", "render", "sweep", "response"]
 
 
-def test_the_validation_s_commands_are_called_by_both_names(capsys: pytest.CaptureFixture[str]) -> None:
+def test_validation_commands_run_under_both_names(capsys: pytest.CaptureFixture[str]) -> None:
     texts = []
     for words in (["energy", "--help"], ["validate", "energy", "--help"]):
         with pytest.raises(SystemExit):
@@ -149,7 +149,7 @@ def test_the_validation_s_commands_are_called_by_both_names(capsys: pytest.Captu
 
 
 @pytest.mark.parametrize("words", [["validate", "mine.toml"], ["cheapest", "mine.toml", "energy", "0.01"]])
-def test_the_validation_takes_scenes_with_effects_of_a_users_own(
+def test_validation_accepts_scenes_with_user_defined_effects(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def measure(*_: object, **__: object) -> None:
@@ -167,7 +167,7 @@ def test_the_validation_takes_scenes_with_effects_of_a_users_own(
     assert capsys.readouterr().err == "error: that is enough\n"
 
 
-def test_papers_are_cited_by_name_and_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_cite_prints_papers_by_name_and_by_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from granular import load_scene, simulate
 
     simulate(load_scene("single-particle"), 1e-4, 1e-3, out=tmp_path / "run", progress=False)

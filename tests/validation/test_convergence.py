@@ -1,4 +1,4 @@
-"""The measurement of orders, on errors of known law, controls, built-in and own methods, and in a root."""
+"""Measured orders of convergence: known error laws, controls, built-in and custom methods, roots."""
 
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,7 @@ COUNTS = [round(64 * 2.0 ** (k / 2)) for k in range(8)]
 
 
 @pytest.mark.parametrize("order", [1, 2, 4, 6, 8])
-def test_slope_of_a_known_law(order: int) -> None:
+def test_fitted_slope_matches_a_known_power_law(order: int) -> None:
     fit = fit_convergence_slope(STEPS, [3.0 * h**order for h in STEPS], 1e-30)
     assert fit.value == pytest.approx(order, abs=1e-9)
     assert STEPS[fit.first] / STEPS[fit.last] >= 10.0 - 1e-6
@@ -48,23 +48,25 @@ def test_slope_of_a_known_law(order: int) -> None:
 
 
 @pytest.mark.parametrize(("order", "length", "within"), [(4, 13, 0.05), (2, 20, 0.02)])
-def test_rounding_is_left_out_of_the_fit(order: int, length: int, within: float) -> None:
+def test_errors_near_rounding_are_excluded_from_the_fit(order: int, length: int, within: float) -> None:
     random, rounding = np.random.default_rng(5), 1e-9
     steps = tuple(0.1 * 2.0 ** (-k / 2) for k in range(length))
     errors = [h**order + rounding * abs(random.standard_normal()) for h in steps]
     fit = fit_convergence_slope(steps, errors, rounding)
     assert (CLEAR - 4.0) * rounding < steps[fit.last] ** order
-    assert order == 2 or (errors[-1] < 2.0 * errors[-2] and fit.last < length - 4)  # the finest are rounding
+    assert order == 2 or (
+        errors[-1] < 2.0 * errors[-2] and fit.last < length - 4
+    )  # the finest steps err by rounding
     assert fit.value == pytest.approx(order, abs=within)
 
 
-def test_an_error_that_stays_has_no_order() -> None:
+def test_a_constant_error_has_no_order() -> None:
     fit = fit_convergence_slope(STEPS, [h**2 + 1e-2 for h in STEPS], 1e-12)
     assert abs(fit.value) < 0.3
 
 
 def plain_verlet(*, smuggled: bool = False, gravity: float = 1.0) -> Solver:
-    """Verlet in plain Python for one grain over the wall or with drag; with slips on demand."""
+    """Verlet in plain Python for one grain above the wall or with drag, optionally with mistakes."""
 
     def solve(problem: ExactProblem, count: int) -> GrainStates:
         scales, effects = Scales.from_grains(problem.scene.grains), problem.scene.effects
@@ -93,8 +95,8 @@ def plain_verlet(*, smuggled: bool = False, gravity: float = 1.0) -> Solver:
     return solve
 
 
-def test_a_sound_solver_shows_its_order() -> None:
-    """Counts may be given in any order."""
+def test_a_correct_solver_has_its_declared_order() -> None:
+    """Numbers of steps may be given in any order."""
     problem = exact_problem("oscillation")
     results = [
         convergence(problem, "verlet", given, solver=plain_verlet(), order=2)
@@ -106,7 +108,7 @@ def test_a_sound_solver_shows_its_order() -> None:
     assert fit == results[1].fit == results[2].fit
 
 
-def test_controls_are_told_apart() -> None:
+def test_wrong_solvers_do_not_show_order_two() -> None:
     drag, problem = exact_problem("drag"), exact_problem("oscillation")
     smuggled = convergence(drag, "smuggled", COUNTS, solver=plain_verlet(smuggled=True), order=2)
     assert smuggled.fit.value == pytest.approx(1.0, abs=0.1)
@@ -115,12 +117,12 @@ def test_controls_are_told_apart() -> None:
     assert not wrong.shows_declared_order(0.3)
 
 
-def test_too_few_steps_show_no_order() -> None:
+def test_too_few_steps_give_no_order() -> None:
     counts = (64, 80, 96, 112)
     problem = exact_problem("oscillation")
     result = convergence(problem, "verlet", counts, solver=plain_verlet(), order=2)
     assert result.fit is None  # less than half a decade
-    with pytest.raises(InputError, match="each at least 2"):
+    with pytest.raises(InputError, match="each 2 or more"):
         convergence(problem, "verlet", [], solver=plain_verlet(), order=2)
     assert len(convergence_table([result]).rows[0]) == len(convergence_table([result]).header)
     assert len(result.table().rows) == len(counts)
@@ -129,7 +131,7 @@ def test_too_few_steps_show_no_order() -> None:
     assert table["slope"][1] == result.local_slopes[0]
 
 
-def test_toolkit_on_the_oscillation() -> None:
+def test_toolkit_has_order_two_on_the_oscillation() -> None:
     problem = exact_problem("oscillation")
     result = convergence(problem, "stormer-verlet")
     assert result.fit.value == pytest.approx(2.0, abs=0.01)
@@ -149,7 +151,7 @@ TOLERANCE = {1: 0.02, 2: 0.02, 4: 0.1, 6: 0.1, 8: 0.3}
 @pytest.mark.long
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", NAMES)
-def test_every_method_has_its_order(name: str, method: str) -> None:
+def test_every_method_has_its_declared_order(name: str, method: str) -> None:
     problem = (
         exact_solution.bounce_problem(time=exact_solution.SHORT) if name == "bounce" else exact_problem(name)
     )
@@ -161,7 +163,7 @@ def test_every_method_has_its_order(name: str, method: str) -> None:
         return
     order = METHODS[method].order
     if order > 6 and result.fit is None:
-        # Errors of order eight are rounding before they have fallen for half a decade of steps.
+        # Errors of order eight reach rounding within half a decade of steps.
         assert min(result.errors) < 1e-14
         return
     assert result.shows_declared_order(TOLERANCE[order]), str(convergence_table([result]))
@@ -176,13 +178,13 @@ QUICK = "stormer-verlet"
 @pytest.mark.parametrize(
     "method", [QUICK, *(pytest.param(name, marks=pytest.mark.long) for name in EQUAL if name != QUICK)]
 )
-def test_each_method_has_its_order_in_the_root(method: str) -> None:
+def test_each_method_has_its_declared_order_in_a_root(method: str) -> None:
     result = root_convergence(method)
     assert result.fit is not None
     assert convergence_holds(result), (result.fit, str(result.table()))
 
 
-def test_a_wrong_root_shows_no_order() -> None:
+def test_a_wrong_reference_root_shows_no_order() -> None:
     exact = settled_root("stormer-verlet")[1].s
     wrong = root_convergence("stormer-verlet", exact * (1.0 + 1e-4))
     assert wrong.fit is not None
@@ -195,7 +197,7 @@ def test_all_methods_of_equal_steps_are_in_the_full_report() -> None:
     assert [task.key["method"] for task in tasks] == EQUAL
 
 
-def test_a_method_that_takes_no_drag_is_refused() -> None:
+def test_a_method_without_drag_support_is_refused() -> None:
     rest, root = settled_root("stormer-verlet")
     with pytest.raises(InputError, match="takes no drag"):
         root_of_steps(rest, root, 1e-3, "runge-kutta-4")
@@ -219,7 +221,7 @@ RUTH = Method(
 
 
 @pytest.mark.parametrize("method", [MCLACHLAN, RUTH], ids=lambda method: method.name)
-def test_custom_methods_show_their_order(method: Method) -> None:
+def test_custom_methods_have_their_declared_order(method: Method) -> None:
     register_methods([method])
     found = convergence(exact_problem("oscillation"), method.name)
     assert found.order == method.order
@@ -235,11 +237,13 @@ def test_custom_methods_show_their_order(method: Method) -> None:
         (["pefrl"], ["energy", "nonsense"], "unknown quantity 'nonsense'"),
     ],
 )
-def test_bad_requests_end_in_one_line(methods: Any, quantities: Any, words: str, tmp_path: Path) -> None:
+def test_bad_requests_raise_errors_before_measuring(
+    methods: Any, quantities: Any, words: str, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match=words):
         method_report(tmp_path, methods, **({"quantities": quantities} if quantities else {}))
     assert not list(tmp_path.iterdir())  # before anything is measured
 
 
-def test_changes_of_a_scene_need_a_scene() -> None:
+def test_scene_changes_need_a_scene() -> None:
     assert launch(main, ["method", "pefrl", "--set", "grains.count=2", "--quiet"]) == 2

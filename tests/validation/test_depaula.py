@@ -1,4 +1,4 @@
-"""The source's test of its method: compensated sums have its order, the position form rounds."""
+"""De Paula's test of its method: compensated sums have order two, the position form shows rounding."""
 
 import numpy as np
 import pytest
@@ -37,15 +37,15 @@ def test_compensated_increments_have_order_two(coarse: DepaulaStepTest) -> None:
     assert all((one.peak_difference or 1.0) < 1e-12 for one in coarse.runs_of_form(COMPENSATED))
 
 
-def test_the_position_form_is_rounding(coarse: DepaulaStepTest) -> None:
-    """The error grows as the step shrinks, and all of it is what the forms differ by."""
+def test_errors_of_the_position_form_are_rounding(coarse: DepaulaStepTest) -> None:
+    """The error grows as the step shrinks, and equals the difference of the two forms."""
     for one in coarse.runs_of_form(PLAIN):
         assert coarse.rounding_errors()[one.step] == pytest.approx(one.error, rel=0.1)
     assert coarse.runs_of_form(PLAIN)[-1].error > 1e4 * coarse.runs_of_form(COMPENSATED)[-1].error
 
 
-def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaStepTest) -> None:
-    """Four peaks within 2 s, as high as the start; the path is the exact one all along."""
+def test_peaks_and_path_match_the_exact_motion(coarse: DepaulaStepTest) -> None:
+    """Four peaks within 2 s, as high as the start; the whole path is exact."""
     problem, length = exact_solution.bounce_problem(), len(coarse.runs[0].path)
     heights = {k: problem.exact(k * exact_solution.TIME / length).positions[0, 1] for k in (0, 19, 42, 137)}
     for one in coarse.runs:
@@ -57,8 +57,8 @@ def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaStepTest) -
             assert one.path[k] == pytest.approx(exact, abs=clear)
 
 
-def test_position_form_and_velocity_form_are_one_sequence() -> None:
-    """Heights of the source's position form and of the toolkit, after the first bounce."""
+def test_position_form_and_velocity_form_give_the_same_sequence() -> None:
+    """Heights of de Paula's position form and of the toolkit agree after the first bounce."""
     scales, step, count = Scales.from_grains(exact_solution.bounce_problem().scene.grains), 1e-4, 3000
     problem = exact_solution.bounce_problem(time=count * step)
     gravity = problem.scene.effects.gravity
@@ -73,8 +73,8 @@ def test_position_form_and_velocity_form_are_one_sequence() -> None:
         assert abs(found - height * scales.length) < 1e-5 * abs(found - exact)
 
 
-def test_compensated_sums_keep_what_plain_ones_lose() -> None:
-    """Two million steps of the toolkit: compensated, the error is the truncation alone."""
+def test_compensated_sums_remove_rounding() -> None:
+    """After two million compensated steps of the toolkit only the truncation error remains."""
     exact = float(exact_solution.bounce_problem().exact(exact_solution.TIME).positions[0, 1])
     clean = _run_toolkit(1e-6, exact)
     form = _run_form(COMPENSATED, 1e-6, exact)
@@ -93,4 +93,4 @@ def test_the_whole_experiment() -> None:
     assert found.runs_of_form(TOOLKIT)[-1].step == 1e-8
     printed = found.runs_of_form(PLAIN)[-1].peak_difference
     assert printed is not None
-    assert 1e-9 < printed < 1e-7  # rounding, of the size that the source prints
+    assert 1e-9 < printed < 1e-7  # rounding, of the size printed by de Paula

@@ -1,4 +1,4 @@
-"""Exact problems against other ways to the same motion, outside solvers among them."""
+"""Exact problems against independent solutions of the same motion and external integrators."""
 
 from collections.abc import Callable
 
@@ -99,7 +99,7 @@ def test_motion_agrees_with_an_adaptive_integration(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_motion_starts_at_the_start(name: str) -> None:
+def test_exact_motion_has_the_initial_state_at_time_zero(name: str) -> None:
     problem = exact_problem(name)
     plan = problem.scene.arrangement
     begin = problem.exact(0.0)
@@ -108,7 +108,7 @@ def test_motion_starts_at_the_start(name: str) -> None:
     assert begin.velocities == pytest.approx(np.array(velocity), abs=1e-15)
 
 
-@pytest.mark.long  # quick: a bounce that comes back, and solvers of others that reach the exact motion
+@pytest.mark.long  # quick: a bounce that returns, and external integrators that reach the exact motion
 def test_quadrature_agrees_with_a_taylor_series_to_25_digits() -> None:
     scene = bounce_scene(3.0, 0.05)
     with mpmath.workdps(40):
@@ -127,14 +127,14 @@ def test_quadrature_agrees_with_a_taylor_series_to_25_digits() -> None:
 def test_bounce_returns_after_its_period() -> None:
     problem = exact_problem("bounce")
     period = float(bounce_period(problem.scene))
-    assert 0.40 < period < 0.42  # twice the fall of 0.2 m, nearly
+    assert 0.40 < period < 0.42  # approximately twice the time of a fall of 0.2 m
     for time in (0.05, 0.31):
         now, later = problem.exact(time), problem.exact(time + 3.0 * period)
         assert later.positions == pytest.approx(now.positions, rel=1e-13)
         assert later.velocities == pytest.approx(now.velocities, abs=1e-12)
 
 
-def test_first_bounce_is_where_the_source_has_it() -> None:
+def test_first_bounce_matches_de_paula() -> None:
     """[D, 2.3.4]: the grain falls from 40 D = 0.2 m and turns after about 0.2 s."""
     scene = exact_problem("bounce").scene
     with mpmath.workdps(30):
@@ -143,8 +143,8 @@ def test_first_bounce_is_where_the_source_has_it() -> None:
     assert low == pytest.approx((5.0 * 0.0017897 * 38.5) ** -0.4, rel=2e-3)
 
 
-def test_small_oscillation_has_the_harmonic_period_and_its_correction() -> None:
-    """The harmonic period misses (9/16) A^2 of it; what the corrected misses falls like A^4."""
+def test_small_oscillation_has_the_harmonic_period_with_amplitude_correction() -> None:
+    """The harmonic period errs by the fraction (9/16) A^2; the corrected period's error falls like A^4."""
 
     def misses(start: float) -> tuple[float, float, float]:
         scene = oscillation_problem(start).scene
@@ -162,7 +162,7 @@ def test_small_oscillation_has_the_harmonic_period_and_its_correction() -> None:
     assert corrected / corrected_small == pytest.approx((large / small) ** 4, rel=0.05)
 
 
-def test_sliding_stops_where_the_energy_is_spent() -> None:
+def test_sliding_distance_dissipates_the_kinetic_energy() -> None:
     problem = exact_problem("sliding")
     law, scales = problem.scene.effects.friction, Scales.from_grains(problem.scene.grains)
     assert problem.time > 0.5 * scales.mass / (law.dynamic * law.load)  # v0 m/(mu_d N)
@@ -172,7 +172,7 @@ def test_sliding_stops_where_the_energy_is_spent() -> None:
     assert (end.velocities == 0.0).all()
 
 
-def test_scattering_keeps_energy_and_angular_momentum() -> None:
+def test_scattering_conserves_energy_and_angular_momentum() -> None:
     problem = exact_problem("scattering")
     scales = Scales.from_grains(problem.scene.grains)
 
@@ -198,15 +198,15 @@ def test_natural_units_agree_with_the_engine() -> None:
         assert float(getattr(units, name)) == pytest.approx(getattr(scales, name), rel=4e-16)
 
 
-def test_unknown_problem_is_named() -> None:
+def test_unknown_problem_suggests_the_nearest_name() -> None:
     with pytest.raises(InputError, match="did you mean 'bounce'"):
         exact_problem("bouncy")
     with pytest.raises(InputError, match="below 6 D"):
         head_on_collision(6.0)
 
 
-def test_forces_are_those_of_the_toolkit(small_bed: Scene) -> None:
-    """Pairs, four walls and weight, written twice; drag is left to the exact problem."""
+def test_external_forces_agree_with_the_toolkit(small_bed: Scene) -> None:
+    """Pairs, four walls and weight, implemented twice; drag is tested by its exact problem."""
     scene = small_bed.replace(**{"effects.drag": None})
     (begin, scales), count = initial_state(scene), scene.grains.count
     motion = equations_of_motion(scene)(0.0, begin)[2 * count :].reshape(-1, 2)
@@ -236,7 +236,7 @@ def test_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
 
 
 @pytest.mark.parametrize("name", ORDERS)
-def test_tolerance_sets_the_error(name: str) -> None:
+def test_error_follows_the_tolerance(name: str) -> None:
     problem = bounce_problem()
     exact = problem.exact(0.5).positions / Scales.from_grains(problem.scene.grains).length
     errors = []
@@ -247,6 +247,6 @@ def test_tolerance_sets_the_error(name: str) -> None:
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
 
 
-def test_what_is_left_out_is_refused(small_bed: Scene) -> None:
-    with pytest.raises(InputError, match="needs it without"):
+def test_scenes_with_unsupported_parts_are_refused(small_bed: Scene) -> None:
+    with pytest.raises(InputError, match="they need grains of one kind"):
         initial_state(small_bed.replace(**{"effects.friction": {}}))

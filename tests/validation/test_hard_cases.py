@@ -1,4 +1,4 @@
-"""The catalogue of hard cases, each quickly, and the judgement of runs that end in every way."""
+"""Quick runs of the catalogue of hard cases, and the classification of every kind of ending."""
 
 import math
 import warnings
@@ -11,7 +11,7 @@ from granular.shared.errors import EnergyError, SceneError
 from validation.hard_case import (
     ErrorMeasure,
     HardCase,
-    distance_from_verlet_swing,
+    distance_from_verlet_oscillation,
     scene_near_stability_limit,
 )
 from validation.hard_case_outcomes import ACCURATE, CRASHED, DEGRADED, SILENT, STOPPED, run_hard_case
@@ -20,7 +20,7 @@ from validation.overview import COSTLY
 
 CASES = hard_case_catalogue()
 ALONE = ("drag with gamma", "remanence of 1e-4", "gravity of 1e4")
-"""Cases whose code no other compiles, or that take a second and more; other extremes are quick."""
+"""Cases that compile code of their kind only, or that take a second or more; other extremes are quick."""
 
 
 def marked(case: HardCase) -> object:
@@ -31,22 +31,22 @@ def marked(case: HardCase) -> object:
 
 
 @pytest.mark.parametrize("case", [marked(case) for case in CASES])
-def test_case_ends_as_it_may(case: HardCase) -> None:
+def test_case_ends_in_an_allowed_way(case: HardCase) -> None:
     found = run_hard_case(case)
     assert found.kind not in (SILENT, CRASHED), f"{found.error} {found.said}"
     assert found.allowed, f"{found.kind}: {found.error} {found.said}"
 
 
-def test_only_a_share_of_the_limit_tells_the_swing() -> None:
-    """Negative control: the same run is nowhere near the swing of a slightly shorter step."""
+def test_verlet_oscillation_depends_on_the_exact_step() -> None:
+    """Negative control: the same run is far from Verlet's oscillation with a slightly shorter step."""
     scene, step = scene_near_stability_limit(0.95)
     run = simulate(scene(), step, 384 * step, progress=False)
-    assert distance_from_verlet_swing(0.95, step)(run) < 1e-4
-    assert distance_from_verlet_swing(0.949, step)(run) > 0.1
+    assert distance_from_verlet_oscillation(0.95, step)(run) < 1e-4
+    assert distance_from_verlet_oscillation(0.949, step)(run) > 0.1
 
 
-def test_a_wide_swing_near_the_stability_limit_is_stopped() -> None:
-    """At 0.95 of the limit Verlet keeps the swing, but not the energy: that is not passed off."""
+def test_a_large_oscillation_near_the_stability_limit_is_stopped() -> None:
+    """At 0.95 of the limit Verlet's oscillation is bounded, but its energy is not conserved."""
     scene, step = scene_near_stability_limit(0.95, 1e-3)
     with pytest.raises(EnergyError):
         simulate(scene(), step, 20.0, progress=False)
@@ -57,8 +57,8 @@ def test_names_are_unique() -> None:
     assert len(set(names)) == len(names)
 
 
-def test_only_what_may_end_in_an_error_does() -> None:
-    """The list of the catalogue's own description."""
+def test_only_the_listed_cases_may_end_in_an_error() -> None:
+    """The list is in the docstring of the catalogue."""
     words = (
         "coincident",
         "overlapping start",
@@ -66,7 +66,7 @@ def test_only_what_may_end_in_an_error_does() -> None:
         "inside the bed",
         "1.05 of the stability limit",
         "step 100 times",
-        "unheard of",
+        "out of range",
         "list",
     )
     for case in CASES:
@@ -127,7 +127,7 @@ def case(
         (case(made=broken, errors=("ZeroDivisionError",)), CRASHED, False),
     ],
 )
-def test_every_ending_is_told(one: HardCase, kind: str, allowed: bool) -> None:
+def test_every_ending_is_classified(one: HardCase, kind: str, allowed: bool) -> None:
     found = run_hard_case(one)
     assert found.kind == kind
     assert found.allowed is allowed

@@ -1,4 +1,4 @@
-"""The report: results kept on disk, sections, verdicts, and the command line."""
+"""The report: cached results, sections, verdicts, and the command line."""
 
 import json
 import subprocess
@@ -21,7 +21,7 @@ def measured(made: Callable[[], Plain], directory: Path | None, key: str = "a") 
     return run_tasks("section", [Task("task", {"key": key}, made)], directory, progress=False)
 
 
-def test_finished_pieces_are_found_again(tmp_path: Path) -> None:
+def test_finished_tasks_are_read_from_the_cache(tmp_path: Path) -> None:
     calls: list[int] = []
 
     def made() -> Plain:
@@ -32,12 +32,12 @@ def test_finished_pieces_are_found_again(tmp_path: Path) -> None:
         assert measured(made, tmp_path) == [Outcome("task", {"value": 0.1})]
     assert len(calls) == 1
     measured(made, tmp_path, "b")
-    assert len(calls) == 2  # another content is another task
+    assert len(calls) == 2  # a different key is a different task
     measured(made, None)
-    assert len(calls) == 3  # nothing is kept without a directory
+    assert len(calls) == 3  # without a directory nothing is cached
 
 
-def test_a_cut_piece_is_measured_again(tmp_path: Path) -> None:
+def test_a_truncated_result_is_measured_again(tmp_path: Path) -> None:
     measured(lambda: {"value": 1}, tmp_path)
     (kept,) = (tmp_path / "pieces").iterdir()
     kept.write_text(kept.read_text(encoding="utf-8")[:-3], encoding="utf-8")
@@ -45,13 +45,13 @@ def test_a_cut_piece_is_measured_again(tmp_path: Path) -> None:
         assert measured(lambda: {"value": 2}, tmp_path)[0].result == {"value": 2}
 
 
-def test_a_failure_is_a_result(tmp_path: Path) -> None:
+def test_a_failure_is_cached_as_a_result(tmp_path: Path) -> None:
     def fails() -> Plain:
         raise SceneError("a value, a limit, a remedy")
 
     outcomes = measured(fails, tmp_path)
     assert outcomes == [Outcome("task", failed="SceneError: a value, a limit, a remedy")]
-    assert measured(fails, tmp_path) == outcomes  # from the disk
+    assert measured(fails, tmp_path) == outcomes  # from the cache
     results = {"convergence": outcomes}
     assert summarise_verdicts(results)["holds"] is False
     assert "a value, a limit, a remedy" in report_page(results, full=False).to_html()
@@ -63,7 +63,7 @@ def test_a_directory_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None
         measured(dict, tmp_path / "file")
 
 
-def test_tasks_have_keys_of_their_own() -> None:
+def test_tasks_have_distinct_keys() -> None:
     for one in SECTIONS.values():
         for full in (False, True):
             keys = [json.dumps(task.key, sort_keys=True) for task in one.tasks(full)]
@@ -80,10 +80,10 @@ def study(method: str, symplectic: bool, drift: float) -> Outcome:
     return Outcome("swing", one)
 
 
-def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:
+def test_an_energy_trend_of_a_symplectic_method_fails() -> None:
     good = [study("stormer-verlet", True, 0.0), study("explicit-euler", False, 0.1)]
     assert summarise_verdicts({"energy": good})["holds"] is True
-    assert "unlike its kind" not in report_page({"energy": good}, full=False).to_html()
+    assert "unlike expected" not in report_page({"energy": good}, full=False).to_html()
     for method, keeps, drift in (
         ("explicit-euler", False, 0.0),
         ("explicit-euler", False, -0.1),
@@ -92,7 +92,7 @@ def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:
     ):
         bad = {"energy": [study(method, keeps, drift)]}
         assert summarise_verdicts(bad)["holds"] is False
-    assert "unlike its kind" in report_page(bad, full=False).to_html()
+    assert "unlike expected" in report_page(bad, full=False).to_html()
 
 
 RUNS = {run.method: run for run in report_energy_runs()}
@@ -120,7 +120,7 @@ def test_help_and_bad_input(command: Command) -> None:
         (("cheapest", "single-particle", "energy", "0"), "above 0"),
         (("cheapest", "no-scene", "energy", "0.1"), "unknown scene"),
         (("nothing",), "--help"),
-        (("report", "--quick", "--full"), "does not go with"),
+        (("report", "--quick", "--full"), "exclude each other"),
     ):
         done = command("validation", *words)
         assert done.returncode == 2
@@ -135,7 +135,7 @@ def test_cheapest_on_the_command_line(command: Command) -> None:
     found = json.loads(done.stdout)
     assert found["error"] <= 0.01
     assert found["command"].startswith("python -m granular run single-particle")
-    # What was measured is in the user's own table, where an accuracy of the same scene finds it.
+    # Measured costs are in the user's table and are used for an accuracy of the same scene.
     told = plan(load_scene("single-particle"), accuracy=f"{found['error']} energy", t_end=0.3)
     assert told.dt == found["keywords"]["dt"]
     assert told.method.name == found["keywords"]["method"]

@@ -1,4 +1,4 @@
-"""The first screen and the sections of the report: tables that answer at a glance, JSON and texts."""
+"""The first screen and the sections of the report: tables, JSON and texts."""
 
 import dataclasses
 import json
@@ -72,13 +72,13 @@ RUNS = tuple(
         ("energy", ENERGY, ("swing", "explicit-euler", "gains")),
         ("work-precision", Studies((COST,)), ("period of damper", "auto*8", "1.5")),
         ("stability", DROP, ("drop", "auto", "2.0e-02")),
-        ("overview", OverviewResult((COST,), (), 5), ("damper: what accuracy costs", "auto*8: 1.5 s")),
-        ("overview", OverviewResult(effects=EFFECTS), ("bed: what its effects cost", "1.25 ± 0.1")),
-        ("overview", OverviewResult(outcomes=(DROP,)), ("Hard cases at a glance", "1")),
+        ("overview", OverviewResult((COST,), (), 5), ("damper: cost of accuracy", "auto*8: 1.5 s")),
+        ("overview", OverviewResult(effects=EFFECTS), ("bed: cost of effects", "1.25 ± 0.1")),
+        ("overview", OverviewResult(outcomes=(DROP,)), ("Hard cases: overview", "1")),
     ],
 )
-def test_figures_of_a_section_are_kept_and_said(name: str, result: Any, said: tuple[str, ...]) -> None:
-    """As they come back from a file, on the console and on the page, with what failed."""
+def test_results_of_a_section_are_cached_and_shown(name: str, result: Any, said: tuple[str, ...]) -> None:
+    """Results read from a file appear on the console and on the page, with the failures."""
     outcomes = [Outcome("one", result), Outcome("the next", failed="RunError: off")]
     plain = json.loads(json.dumps([outcome.to_plain() for outcome in outcomes], allow_nan=False))
     read = outcomes_from_plain(name, plain)
@@ -86,7 +86,7 @@ def test_figures_of_a_section_are_kept_and_said(name: str, result: Any, said: tu
     text, page = blocks_text(section_tables(name, read)), report_page({name: read}, full=False).to_html()
     assert all(words in text for words in (*said, "the next failed: RunError: off")), text
     assert str(math.nan) not in text
-    assert said[0] in page.replace("\u2011", "-")  # which keeps a number on one line
+    assert said[0] in page.replace("\u2011", "-")  # keeps a number on one line
     assert "the next failed: RunError: off" in page
 
 
@@ -109,24 +109,26 @@ def result(
         ("kahan-li-8", 8, None, 0.01, True),
         ("pefrl", 4, 4.0, 0.02, False),  # less than a decade
         ("kahan-li-8", 8, 8.0, 0.02, True),
-        *(("ruth-3", 3, slope, 0.01, True) for slope in (2.95, 3.33, 3.88)),  # an odd order may show the next
+        *(
+            ("ruth-3", 3, slope, 0.01, True) for slope in (2.95, 3.33, 3.88)
+        ),  # an odd order may show the next one
         *(("ruth-3", 3, slope, 0.01, False) for slope in (2.8, 4.2)),
     ],
 )
-def test_a_slope_holds_within_its_tolerance(
+def test_a_slope_passes_within_its_tolerance(
     method: str, order: int, slope: float | None, finest: float, holds: bool
 ) -> None:
     assert convergence_holds(result("bounce", method, order, slope, finest)) is holds
 
 
-def test_slopes_stand_in_rows_by_order() -> None:
+def test_slope_table_has_rows_sorted_by_order() -> None:
     slopes = [("bounce", "pefrl", 4, 4.001), ("bounce", "symplectic-euler", 1, 1.0)]
     found = slope_table([result(*one) for one in (*slopes, ("drag", "symplectic-euler", 1, 1.5))])
     assert found.header == ("method", "order", "bounce", "drag")
     assert found.rows == [("symplectic-euler", 1, "1.000", "1.500 (!)"), ("pefrl", 4, "4.001", "")]
 
 
-def test_outcomes_stand_in_a_row_a_case() -> None:
+def test_outcome_matrix_has_one_row_per_case() -> None:
     bad = dataclasses.replace(DROP, dt="auto*4", kind=DEGRADED, error=0.5, allowed=False)
     stopped = dataclasses.replace(
         DROP, case="limit", dt="0.5", kind=STOPPED, error=math.nan, said="EnergyError: step 3: off"
@@ -139,17 +141,17 @@ def test_outcomes_stand_in_a_row_a_case() -> None:
     ]
 
 
-def test_choices_say_their_share_of_the_default_time() -> None:
+def test_advised_settings_show_their_time_over_the_default() -> None:
     coarse = WorkPrecisionPoint(SolverSettings("stormer-verlet", "auto*4"), 5e-3, 1.0, 10)
     usual = WorkPrecisionPoint(SolverSettings(*USUAL, {"effects.friction.scheme": "velocity"}), 1e-4, 4.0, 40)
     found = WorkPrecision("bed", "energy", "1", None, (coarse, usual), 0.0, "the value 0")
     good, _, none = advised_setting_table([found]).rows
     assert good[2:] == ("1 %", "stormer-verlet", "auto*4", "0.005", "1", "1", "0.25")
-    assert none[2:4] == ("1e-6", "none reaches it")
+    assert none[2:4] == ("1e-6", "not reached")
 
 
-def test_the_section_of_de_paula_tells_slope_scatter_and_peaks() -> None:
-    """Errors of h^2 without rounding: relative to the finest of 4, 2, 1 they are 15 and 3."""
+def test_depaula_section_shows_slope_scatter_and_peaks() -> None:
+    """Errors h^2 without rounding: relative to the finest of the steps 4, 2, 1 they are 15 and 3."""
     experiment = DepaulaStepTest(RUNS)
     assert experiment.error_slope(COMPENSATED) == pytest.approx(2.0)
     assert experiment.slope_relative_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
@@ -173,14 +175,14 @@ def overview_result(holds: bool) -> list[Outcome]:
     return [Outcome("damper: accuracy", OverviewResult((study(1e-4),), (fresh,), 5))]
 
 
-def test_quantities_follow_the_stages(bed: Scene, damper: Scene) -> None:
+def test_suitable_quantities_depend_on_piston_and_stages(bed: Scene, damper: Scene) -> None:
     alone = bed.replace(**{"piston": None, "effects.walls.top": None})
     assert suitable_quantities(damper) == ("rest height", "period", "damping ratio", "energy")
     assert suitable_quantities(bed) == ("piston force", "mean distance", "energy")
     assert suitable_quantities(alone) == ("energy", "positions")
 
 
-def test_advice_is_a_row_a_quantity() -> None:
+def test_advice_table_has_one_row_per_quantity() -> None:
     found = advice_table([study(1e-4), study(5e-3)])
     assert found.header[:4] == ("quantity", "1 %", "0.1 %", "1e-6")
     assert found.rows[0][:4] == (
@@ -188,20 +190,20 @@ def test_advice_is_a_row_a_quantity() -> None:
         "auto*8: 1 s",
         "auto*4: 2 s",
         "any of these: the starts scatter by 0.0001, and "
-        "more of them would show what no setting tried is free of",
+        "every setting tried has an error that more starts would show",
     )
     assert found.rows[1][4] == "0.005"
 
 
-def test_a_fresh_start_that_misses_fails_the_report() -> None:
+def test_a_new_start_outside_the_tolerance_fails_the_report() -> None:
     assert summarise_verdicts({"overview": overview_result(True)})["holds"] is True
     bad = {"overview": overview_result(False)}
     assert summarise_verdicts(bad)["holds"] is False
-    assert "Not all holds: overview." in report_page(bad, full=False).to_html()
+    assert "Failed: overview." in report_page(bad, full=False).to_html()
 
 
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
-def test_prices_that_differ_by_more_than_a_fifth_both_stand(first: float, last: float, alike: bool) -> None:
+def test_effect_costs_agree_within_a_fifth(first: float, last: float, alike: bool) -> None:
     cost = EffectCost("drag", first, 0.1, last, 0.1)
     assert cost.agrees() is alike
     costs = EffectCosts("s", 2, 3.0, 1.0, (cost, cost._replace(first=math.nan)), {"direct": 3.0})
@@ -223,16 +225,16 @@ def test_effects_of_a_small_bed_are_timed(small_bed: Scene) -> None:
 
 
 @pytest.mark.long
-def test_plan_keeps_to_its_time(small_bed: Scene) -> None:
-    """More time buys finer steps, and a reference finer than all of them."""
+def test_planned_runs_fit_the_time_limit(small_bed: Scene) -> None:
+    """More time allows finer steps, and a reference finer than all of them."""
     short, long = (plan_runs(small_bed, 0.01, seconds) for seconds in (1e-3, 10.0))
     assert len(short[0]) < len(long[0])
     assert long[2].dt == "auto/8"
     assert len(long[1]) > 1
 
 
-def test_pieces_of_an_edited_effect_are_measured_again(bed: Scene) -> None:
-    """Its scene is the same, as text; its functions are not."""
+def test_an_edited_effect_is_measured_again(bed: Scene) -> None:
+    """The text of its scene is the same, but its functions differ."""
 
     def keys(factor: float) -> list[Any]:
         @effect
@@ -255,7 +257,7 @@ def test_pieces_of_an_edited_effect_are_measured_again(bed: Scene) -> None:
 def test_first_screen_of_a_small_bed(
     small_bed: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Measured, advised, followed by a fresh start, and said on the page and the console."""
+    """Settings are measured, advised, tested on a new start, and shown on page and console."""
     monkeypatch.setattr(overview, "QUICK_SECONDS", 1e-3)
     monkeypatch.setattr(overview, "STEPS", ("auto*8", "auto*4", "auto*2"))
     monkeypatch.setattr(overview, "OTHERS", ())
@@ -268,7 +270,7 @@ def test_first_screen_of_a_small_bed(
     assert measured.starts > 1
     assert "mean distance" in {start.quantity for start in measured.fresh}
     assert all(math.isfinite(start.error) for start in measured.fresh)
-    assert run_tasks("overview", tasks, tmp_path, OverviewResult, progress=False) == found  # from the disk
+    assert run_tasks("overview", tasks, tmp_path, OverviewResult, progress=False) == found  # from the cache
     text = blocks_text(section_tables("overview", found))
-    assert "bed of 23: what accuracy costs" in text
+    assert "bed of 23: cost of accuracy" in text
     assert "bed of 23" in report_page({"overview": found}, full=False).to_html()

@@ -1,4 +1,4 @@
-"""The trend test on series whose truth is known, and on integrations that gain, lose and keep."""
+"""The trend test on series with a known trend, and on integrations that gain, lose or conserve energy."""
 
 import math
 from collections.abc import Callable
@@ -33,12 +33,12 @@ def walk(random: np.random.Generator) -> np.ndarray:
     return random.standard_normal(LENGTH).cumsum()
 
 
-def swing(random: np.random.Generator) -> np.ndarray:
+def oscillation(random: np.random.Generator) -> np.ndarray:
     return np.sin(2.0 * math.pi * (TIME / random.uniform(5.0, 45.0) + random.uniform()))
 
 
-def swing_and_walk(random: np.random.Generator) -> np.ndarray:
-    return swing(random) + 0.02 * walk(random)
+def oscillation_and_walk(random: np.random.Generator) -> np.ndarray:
+    return oscillation(random) + 0.02 * walk(random)
 
 
 def bounces(random: np.random.Generator) -> np.ndarray:
@@ -47,11 +47,11 @@ def bounces(random: np.random.Generator) -> np.ndarray:
     return np.exp(-((TIME % period - 0.5 * period) ** 2) / 8.0)
 
 
-NOISES: tuple[Noise, ...] = (white, correlated, walk, swing, swing_and_walk, bounces)
+NOISES: tuple[Noise, ...] = (white, correlated, walk, oscillation, oscillation_and_walk, bounces)
 
 
 @pytest.mark.parametrize("noise", NOISES)
-def test_false_alarms_are_as_rare_as_stated(noise: Noise) -> None:
+def test_false_alarm_rate_is_as_stated(noise: Noise) -> None:
     """Measured over 400 seeds; a rate of 5 % would show more than 33 alarms once in 1500 tests."""
     alarms = sum(
         energy_trend(TIME, noise(np.random.default_rng(seed))).p_value < 0.05 for seed in range(SEEDS)
@@ -59,9 +59,9 @@ def test_false_alarms_are_as_rare_as_stated(noise: Noise) -> None:
     assert alarms <= 33
 
 
-@pytest.mark.parametrize("noise", [white, swing, bounces])
+@pytest.mark.parametrize("noise", [white, oscillation, bounces])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_trend_beyond_the_swing_is_found(noise: Noise, sign: float) -> None:
+def test_a_trend_beyond_the_oscillation_is_detected(noise: Noise, sign: float) -> None:
     drift = sign * 20.0 * TIME / LENGTH
     found = [energy_trend(TIME, noise(np.random.default_rng(k)) + drift) for k in range(50)]
     wanted = "gains" if sign > 0.0 else "loses"
@@ -70,14 +70,14 @@ def test_a_trend_beyond_the_swing_is_found(noise: Noise, sign: float) -> None:
     assert covered >= 48
 
 
-def test_a_trend_within_a_random_walk_is_found() -> None:
+def test_a_trend_within_a_random_walk_is_detected() -> None:
     drift = 30.0 * math.sqrt(LENGTH) * TIME / LENGTH
     found = [energy_trend(TIME, walk(np.random.default_rng(k)) + drift) for k in range(50)]
     assert all(one.verdict() == "gains" for one in found)
 
 
 def test_a_plain_regression_would_raise_false_alarms() -> None:
-    """Negative control: least squares that takes each sample for independent."""
+    """Negative control: least squares with samples assumed independent."""
     from scipy import stats
 
     alarms = sum(
@@ -126,7 +126,7 @@ def runge_kutta(y: float, v: float, h: float) -> tuple[float, float]:
         (runge_kutta, 0.3, "loses"),
     ],
 )
-def test_integrations_are_told_apart(
+def test_energy_trend_distinguishes_integrators(
     step: Callable[[float, float, float], tuple[float, float]], h: float, wanted: str
 ) -> None:
     y, v, energies = 5.0, 0.0, []
@@ -137,8 +137,8 @@ def test_integrations_are_told_apart(
     assert found.verdict() == wanted
 
 
-def test_series_that_cannot_be_tested_are_refused() -> None:
-    with pytest.raises(InputError, match="4 samples a block"):
+def test_unsuitable_series_are_refused() -> None:
+    with pytest.raises(InputError, match="4 or more samples each"):
         energy_trend(TIME[:50], TIME[:50])
     with pytest.raises(InputError, match="not finite"):
         energy_trend(TIME, np.full(LENGTH, math.nan))
@@ -160,8 +160,8 @@ def collide(dt: float | str, method: str) -> Trajectory:
     return simulate(problem.scene, dt, problem.time, method, progress=False)
 
 
-def test_head_on_pair_needs_a_fifth_of_the_force_calls() -> None:
-    """Both methods evaluate the forces once a step; the pair comes as near as 0.02 D."""
+def test_variable_steps_need_a_fifth_of_the_force_calls_in_a_collision() -> None:
+    """Both methods evaluate the forces once per step; the closest distance of the pair is 0.02 D."""
     time, count = head_on_collision(0.02).time, 1400
     assert energy_change(collide(time / count, "stormer-verlet")) > 1e3 * LIMIT
     while energy_change(collide(time / count, "stormer-verlet")) > LIMIT:
@@ -173,7 +173,7 @@ def test_head_on_pair_needs_a_fifth_of_the_force_calls() -> None:
 
 
 def test_ten_thousand_bounces_have_no_trend() -> None:
-    """Some 160 steps a bounce; the step changes by a factor of fifteen within each."""
+    """About 160 steps per bounce; the step changes by a factor of fifteen within each."""
     found = run_energy_study(variable_step_bounce_run())
     assert found.stopped is None
     assert found.steps > 1e6
@@ -183,8 +183,8 @@ def test_ten_thousand_bounces_have_no_trend() -> None:
 
 
 @pytest.mark.long
-def test_a_control_loses_energy_over_far_fewer_bounces() -> None:
-    """Negative control: the same test finds the trend of a method that has one."""
+def test_a_control_loses_energy_within_few_bounces() -> None:
+    """Negative control: the same test detects the trend of a method that has one."""
     scene = exact_solution.bounce_problem().scene
     time = 100.0 * float(exact_solution.bounce_period(scene))
     records = {"output.scalars": time / 2048, "output.frames": time}

@@ -1,4 +1,4 @@
-"""Work-precision studies: fronts and choices on known points, and promises followed with fresh starts."""
+"""Work-precision studies: fronts and choices on known points, and advised settings on new starts."""
 
 import dataclasses
 import json
@@ -25,7 +25,7 @@ from validation.accuracy_cost import (
     work_precision,
     work_precision_of_quantities,
 )
-from validation.measured_quantities import QUANTITIES, MeasuredQuantity, swing_period_and_damping
+from validation.measured_quantities import QUANTITIES, MeasuredQuantity, oscillation_period_and_damping
 from validation.recommendation import recommend_from_study, recommend_settings
 from validation.work_precision_result import LEVELS, SolverSettings, WorkPrecision, WorkPrecisionPoint
 
@@ -43,25 +43,25 @@ def study(*points: WorkPrecisionPoint, floor: float = 0.0) -> WorkPrecision:
     return WorkPrecision("scene", "energy", "1", None, points, floor, "the value 0.0")
 
 
-def test_front_leaves_out_what_is_beaten() -> None:
+def test_front_excludes_dominated_settings() -> None:
     fast, slow = point("a", 10, 1e-2, 1.0), point("a", 100, 1e-4, 10.0)
     beaten, best = point("b", 10, 2e-2, 2.0), point("b", 100, 1e-3, 1.5)
     assert study(slow, beaten, FAILED, best, fast).pareto_front() == (fast, best, slow)
 
 
-def test_a_setting_accurate_by_luck_is_not_chosen() -> None:
+def test_a_setting_accurate_by_chance_is_not_chosen() -> None:
     """The coarse step meets the tolerance, the next finer one does not."""
     lucky, missed, sound = (point("a", 10, 1e-5, 1.0), point("a", 20, 1e-2, 2.0), point("a", 40, 1e-4, 4.0))
     found = study(sound, lucky, missed, FAILED)
     assert found.cheapest_point(1e-3) == sound
     assert found.cheapest_point(1e-1) == lucky
     assert found.cheapest_point(1e-9) is None
-    with pytest.raises(InputError, match="least error is 1e-05"):
+    with pytest.raises(InputError, match="smallest error is 1e-05"):
         recommend_from_study(found, 1e-9)
 
 
-def test_picture_names_what_cheapest_chooses() -> None:
-    """The words at the line of a level, and the ring, are those of `cheapest`; by hand here."""
+def test_plot_marks_the_cheapest_setting() -> None:
+    """Label and ring at the line of a tolerance belong to its cheapest setting, computed by hand here."""
     best = [point("a", 10, 5e-3, 1.0), point("b", 20, 1e-8, 4.0)]
     others = [point("a", 100, 5e-5, 10.0), point("a", 1000, 5e-7, 100.0), point("b", 10, 2e-2, 2.0), FAILED]
     outside = WorkPrecisionPoint(SolverSettings("SciPy DOP853", 1e-8), 1e-9, 1e-3, 10)
@@ -79,8 +79,8 @@ def test_picture_names_what_cheapest_chooses() -> None:
     assert len(places) == len(LEVELS)
 
 
-def test_outside_references_are_shown_and_never_chosen() -> None:
-    """The lone grain: SciPy's position is measured like the toolkit's, its energy is not."""
+def test_external_integrators_are_shown_but_never_chosen() -> None:
+    """For the lone grain SciPy's position is measured like the toolkit's, its energy is not."""
     problem = exact_solution.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", "auto"), SolverSettings("SciPy DOP853", 1e-10)]
@@ -95,7 +95,7 @@ def test_outside_references_are_shown_and_never_chosen() -> None:
     assert positions.pareto_front() == positions.points[:1]
 
 
-def test_choice_is_a_command_and_keywords() -> None:
+def test_recommendation_gives_a_command_and_keywords() -> None:
     setting = SolverSettings("stormer-verlet", "auto*2", {"effects.friction.scheme": "velocity"})
     found = recommend_from_study(study(WorkPrecisionPoint(setting, 1e-3, 1.0, 10)), 1e-2)
     assert found.keywords == {"dt": "auto*2", "method": "stormer-verlet"}
@@ -107,8 +107,8 @@ def test_choice_is_a_command_and_keywords() -> None:
     json.dumps(found.to_plain(), allow_nan=False)
 
 
-def test_study_of_the_lone_grain() -> None:
-    """Errors against the exact motion fall with the step, and a choice can be run again."""
+def test_errors_of_the_lone_grain_fall_with_the_step() -> None:
+    """Errors against the exact motion fall with the step, and a recommendation can be run again."""
     problem = exact_solution.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", dt) for dt in ("auto*4", "auto", "auto/4")]
@@ -124,7 +124,9 @@ def test_study_of_the_lone_grain() -> None:
 
 
 @pytest.mark.parametrize(("tolerance", "tried"), [(0.05, False), (1e-9, True)])
-def test_methods_of_many_force_calls_are_tried_where_they_may_pay(tolerance: float, tried: bool) -> None:
+def test_methods_of_many_force_calls_are_tried_only_at_small_tolerances(
+    tolerance: float, tried: bool
+) -> None:
     found = recommend_settings(exact_solution.bounce_problem(time=0.3).scene, "energy", tolerance, until=0.3)
     families = {one.setting.family for one in found.study.points}
     assert "stormer-verlet" in families
@@ -161,8 +163,8 @@ def scattered(starts: int, error: float, doubt: float, steps: int) -> WorkPrecis
     )
 
 
-def test_below_three_floors_the_answer_is_more_starts() -> None:
-    """Any setting will do, even where one happens to be within the tolerance."""
+def test_a_tolerance_below_three_times_the_scatter_needs_more_starts() -> None:
+    """Any setting will do, even if one happens to be within the tolerance."""
     points = (scattered(5, 9e-3, 1e-3, 10), scattered(5, 1e-3, 2e-3, 20), scattered(5, 0.0, 2e-3, 40))
     found = study(*points, floor=5e-3)
     advice = found.advise(1e-2)
@@ -180,8 +182,8 @@ def test_below_three_floors_the_answer_is_more_starts() -> None:
     json.dumps(chosen.to_plain(), allow_nan=False)
 
 
-def test_a_single_lucky_mean_is_no_bound() -> None:
-    """An error near nought whose standard error is above the tolerance proves nothing."""
+def test_an_uncertain_small_error_does_not_meet_the_tolerance() -> None:
+    """An error near zero with a standard error above the tolerance proves nothing."""
     points = (scattered(5, 1e-4, 2e-2, 10), scattered(5, 1e-3, 1e-3, 20))
     assert study(*points, floor=1e-3).cheapest_point(1e-2) == points[1]
 
@@ -192,7 +194,7 @@ MADE = MeasuredQuantity("made", "1", lambda _: 0.0)
 def made_study(
     random: np.random.Generator, starts: int, floor: float
 ) -> tuple[WorkPrecision, dict[str, tuple[float, float]]]:
-    """Two methods' ladders of steps with known biases, and starts that scatter."""
+    """Simulated study: steps of two methods with known biases, and scattered starts."""
     reference = 1.0 + random.normal(0.0, floor, starts)
     points, truth = [], {}
     for method, order, price in (("second", 2, 1.0), ("fourth", 4, 5.0)):
@@ -209,8 +211,8 @@ def made_study(
 
 
 @pytest.mark.parametrize("starts", [3, 5])
-def test_noise_does_not_choose(starts: int) -> None:
-    """Of 200 made studies at most 5 % advise a biased setting, or one slower than needed by 2."""
+def test_scatter_of_starts_does_not_decide_the_choice(starts: int) -> None:
+    """Of 200 simulated studies at most 5 % advise a biased setting, or one twice as slow as needed."""
     random, wrong, floor = np.random.default_rng(starts), 0, 1e-3
     for _ in range(200):
         tolerance = floor * 10.0 ** random.uniform(0.5, 2.0)
@@ -218,7 +220,7 @@ def test_noise_does_not_choose(starts: int) -> None:
         advice = found.advise(tolerance)
         needed = min((s for bias, s in truth.values() if bias <= tolerance), default=math.inf)
         if advice.needs_more_starts:
-            continue  # by its own starts, and said so
+            continue  # judged by its own starts, and reported
         if advice.point is None:
             wrong += needed < math.inf
             continue
@@ -227,7 +229,7 @@ def test_noise_does_not_choose(starts: int) -> None:
     assert wrong <= 10
 
 
-def test_a_lucky_point_alone_is_chosen_by_what_was_there_before() -> None:
+def test_without_standard_errors_noise_decides_the_choice() -> None:
     """Negative control: without standard errors the same noise chooses wrongly in many trials."""
     random, wrong, floor = np.random.default_rng(1), 0, 1e-3
     for _ in range(200):
@@ -254,7 +256,7 @@ def test_bad_studies_are_refused(quantity: str, settings: Any, repeats: int, wor
 
 
 def test_candidates_fit_the_scene() -> None:
-    """They never change the law: once, another friction law was advised by a lucky point."""
+    """Candidates never change the physics: a different friction law was once advised by chance."""
     bed = load_scene("bed").replace(**{"effects.drag": None, "effects.friction": {}})
     smooth = {one.method for one in candidate_settings(load_scene("damper"))}
     assert smooth > {"stormer-verlet", "blanes-moan-4"}
@@ -264,36 +266,36 @@ def test_candidates_fit_the_scene() -> None:
 
 
 @pytest.mark.parametrize(("period", "ratio"), [(0.288, 0.037), (1.0, 0.2), (0.01, 0.001)])
-def test_small_swing_of_a_damped_oscillation(period: float, ratio: float) -> None:
+def test_period_and_damping_of_a_damped_oscillation(period: float, ratio: float) -> None:
     omega = 2.0 * math.pi / period / math.sqrt(1.0 - ratio**2)  # so that the period is damped
     time = np.arange(0.0, 12.0 * period, period / 200.0)
     damped = omega * math.sqrt(1.0 - ratio**2)
     height = 0.06 + 1e-3 * np.exp(-ratio * omega * time) * np.cos(damped * time + 0.3)
-    found = swing_period_and_damping(PistonRecord(time=time, height=height))
+    found = oscillation_period_and_damping(PistonRecord(time=time, height=height))
     assert found == pytest.approx((period, ratio), rel=1e-3)
 
 
 FRESH = 5
 FIRST = 1001
-"""Seed of the first fresh start: no study has seen it."""
+"""Seed of the first new start, not used by any study."""
 REFERENCE = SolverSettings("stormer-verlet", "auto/4")
 KNOWN_STARTS = 12
 
 
 def rubbing() -> Scene:
-    """A damper of few grains under dry friction, and of the piston: grains that stick damp none."""
+    """A damper of few grains with dry friction and piston friction, since sticking grains do not damp."""
     changes = {"name": "rubbing", "effects.friction": {}, "piston.friction": "0.5 N"}
     return damper(count=92).replace(**changes)
 
 
 def runs_of(scene: Scene, **keywords: Any) -> Iterator[Trajectory]:
-    """Whole runs of fresh starts."""
+    """Full runs from new starts."""
     for seed in range(FIRST, FIRST + FRESH):
         yield simulate(scene.replace(**{"arrangement.seed": seed}), progress=False, **keywords)
 
 
 def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[float]:
-    """Of each run, against the mean of other starts at a shorter step, or the exact value."""
+    """Error of each run against the mean of other starts at a shorter step, or the exact value."""
     one = QUANTITIES[quantity]
     if one.exact is not None:
         return [one.error(one.measure(run), one.exact) for run in runs]
@@ -333,7 +335,7 @@ def test_the_cheapest_setting_keeps_its_tolerance(scene: Scene, quantity: str, t
         (load_scene("damper"), ["1e-3 rest height", "0.5 % period", "1e-3 energy"]),
     ],
 )
-def test_an_accuracy_that_is_promised_is_kept(scene: Scene, texts: list[str]) -> None:
+def test_a_promised_accuracy_is_kept(scene: Scene, texts: list[str]) -> None:
     for text in texts:
         tolerance, quantity = parse_accuracy(text)
         assert max(errors(scene, quantity, list(runs_of(scene, accuracy=text)))) <= tolerance, text
