@@ -1,4 +1,4 @@
-"""What every campaign has: a command, committed results, and blocks of pages made from them."""
+"""Common parts of all campaigns: command, committed results, and blocks of pages made from them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Case = TypeVar("Case")
 
 
 class Block(NamedTuple):
-    """A text that stands in a page between two marks."""
+    """A text between two marks in a page."""
 
     page: str
     text: str
@@ -51,28 +51,28 @@ class Campaign(Generic[Results]):
     ----------
     name, purpose : str
     quick, full : str
-        Extents of the runs of these options, in words.
+        Extent of the runs with the option of that name, in words.
     run : callable
-        Results of the runs that the command's options ask for; keeps them below ``options.out``,
-        finds those again that are there, and writes ``results.json``.
+        Returns the results of the runs selected by the command's options; caches them below ``options.out``,
+        reuses cached ones, and writes ``results.json``.
     from_plain : callable
-        Results from what a file holds.
+        Returns results from the data of a file.
     empty : Results
-        Where there is no file.
+        Results if there is no file.
     text, summary : callable
-        Results for the console, and as plain data.
+        Return the results as text for the console, and as plain data.
     blocks : callable
-        Blocks of pages by name.
+        Returns blocks of pages by name.
     pictures : callable
-        Figures by file.
+        Returns figures by file.
     add_options : callable
-        Adds options of the campaign's own to its parser.
+        Adds options specific to the campaign to its parser.
     instead : callable
-        Plain data and text where such an option asks for something else; else None.
+        Returns plain data and text if such an option selects another output; else None.
     show : callable
-        Results where nothing is run; None for the committed ones.
+        Returns the results to show if nothing is run; None for the committed results.
     stale : callable
-        Names of results that today's code does not give.
+        Returns the names of results that the present code does not reproduce.
     examples : str
         End of the command's help.
     """
@@ -96,15 +96,15 @@ class Campaign(Generic[Results]):
 
     @property
     def file(self) -> Path:
-        """The committed results."""
+        """File of the committed results."""
         return committed_file(self.name)
 
     def committed(self) -> Results:
-        """The results that are committed."""
+        """Committed results."""
         return read_results(self.file, self.from_plain, self.empty)
 
     def parser(self) -> Parser:
-        """The command line's grammar."""
+        """Make the parser of the command line."""
         item = Parser(
             prog=f"python -m research.{self.name}",
             description=self.purpose,
@@ -118,18 +118,17 @@ class Campaign(Generic[Results]):
             "--out",
             metavar="DIR",
             default=out,
-            help=f"directory of runs and results; what was run is found again ({out} if not given)",
+            help=f"directory of runs and results; finished runs are reused ({out} if not given)",
         )
         length = item.add_mutually_exclusive_group()
         length.add_argument("--quick", action="store_true", help=self.quick)
         length.add_argument(
-            "--full", action="store_true", help=f"{self.full}; without any of these nothing is run"
+            "--full", action="store_true", help=f"{self.full}; without any of these options nothing is run"
         )
         length.add_argument(
             "--check",
             action="store_true",
-            help="name committed results that are stale, and blocks of pages that say something "
-            "else than these",
+            help="list committed results that are stale, and blocks of pages that differ from the results",
         )
         length.add_argument(
             "--guide",
@@ -161,7 +160,7 @@ class Campaign(Generic[Results]):
             print_result(self.summary(result), self.text(result), options.json)
 
     def with_blocks(self, page: str, blocks: Mapping[str, str]) -> str:
-        """A page with the texts between the marks of its blocks replaced, by name."""
+        """Return a page with the texts between the marks of its blocks replaced; blocks by name."""
         for name, text in blocks.items():
             begin, end = self.marks(name)
             if begin in page and end in page:
@@ -170,14 +169,14 @@ class Campaign(Generic[Results]):
         return page
 
     def marks(self, name: str) -> tuple[str, str]:
-        """Begin and end of a block."""
+        """Return the begin and end marks of a block."""
         return (
             f"<!-- made from research/{self.name}/{RESULTS}: {name} -->",
             f"<!-- end of {self.name}: {name} -->",
         )
 
     def different(self, results: Results, root: Path = ROOT) -> list[str]:
-        """Blocks that do not stand in their pages as these results make them."""
+        """Return the blocks whose text in their pages differs from the text made from these results."""
         return [
             f"{block.page}: {name}"
             for name, block in self.blocks(results).items()
@@ -186,7 +185,7 @@ class Campaign(Generic[Results]):
         ]
 
     def write_pages(self, results: Results, root: Path = ROOT) -> list[Path]:
-        """Write blocks and pictures below ``root``; their files."""
+        """Write blocks and pictures below ``root``, and return their files."""
         blocks = self.blocks(results)
         pages: dict[Path, dict[str, str]] = {}
         for name, block in blocks.items():
@@ -203,12 +202,12 @@ class Campaign(Generic[Results]):
 
 
 def committed_file(name: str) -> Path:
-    """The file of a campaign's committed results."""
+    """Return the file of a campaign's committed results."""
     return ROOT / "research" / name / RESULTS
 
 
 def add_workers(item: argparse.ArgumentParser, default: int | None, words: str) -> None:
-    """How many processes run; see `checked_workers`."""
+    """Add the option for the number of processes; see `checked_workers`."""
     item.add_argument("--workers", type=int, default=default, metavar="N", help=f"processes ({words})")
 
 
@@ -218,26 +217,26 @@ def checked_workers(options: Any) -> None:
     Raises
     ------
     InputError
-        If there are.
+        If ``--workers`` is below 1.
     """
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give 1 or more")
 
 
-def kept_rows(
+def cached_rows(
     cases: Sequence[Case],
     key: Callable[[Case], str],
     make: Callable[[Case], Plain],
     cache: ResultCache | None,
     *,
-    what: str,
+    label: str,
     progress: bool,
 ) -> list[Plain]:
-    """A row for each case, cached as soon as it is made, and found there again."""
+    """Return a row for each case; rows are cached as soon as they are made, and reused."""
     from granular.shared.progress_bars import progress_bar
 
     rows = []
-    with progress_bar(total=len(cases), desc=what, wanted=progress) as bar:
+    with progress_bar(total=len(cases), desc=label, wanted=progress) as bar:
         for case in cases:
             name = key(case)
             row = None if cache is None else cache.read(name)
@@ -251,23 +250,23 @@ def kept_rows(
 
 
 def read_results(path: Path, from_plain: Callable[[Any], Results], empty: Results) -> Results:
-    """Results from a file; empty where there is none.
+    """Return results from a file, or ``empty`` if there is no file.
 
     Raises
     ------
     InputError
-        If the file holds something else.
+        If the file does not hold results.
     """
     try:
         return from_plain(json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         return empty
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} holds no results ({error}); make it anew") from None
+        raise InputError(f"{path} holds no results ({error}); create it again") from None
 
 
 def write_results(plain: Mapping[str, Any], path: Path) -> None:
-    """Write results, one row a line, so that changes of the file can be read."""
+    """Write results with one row per line, so that changes of the file are readable."""
     text = json.dumps(replace_non_finite_by_none(plain), separators=(",", ":"))
     for mark in ('},"', '},{"'):
         text = text.replace(mark, "},\n" + mark[2:])
@@ -275,7 +274,7 @@ def write_results(plain: Mapping[str, Any], path: Path) -> None:
 
 
 def made_now(command: str) -> Plain:
-    """Command, date, machine and versions."""
+    """Return command, date, machine and versions."""
     from validation.report_tasks import machine_info
 
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
@@ -283,7 +282,7 @@ def made_now(command: str) -> Plain:
 
 
 def rounded(value: Any, digits: int) -> Any:
-    """Plain data with every float to so many digits."""
+    """Return plain data with every float rounded to a number of digits."""
     if isinstance(value, Mapping):
         return {name: rounded(item, digits) for name, item in value.items()}
     if isinstance(value, list | tuple):
@@ -292,12 +291,12 @@ def rounded(value: Any, digits: int) -> Any:
 
 
 def markdown_table(header: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table for a page."""
+    """Return a Markdown table for a page."""
     head = tuple(header)
     lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
     return "\n".join([lines[0], f"|{'---|' * len(head)}", *lines[1:]])
 
 
 def markdown_of(table: Table) -> str:
-    """The same of a table for the console."""
+    """Return a table of the console as Markdown."""
     return markdown_table(table.header, [list(map(str, row)) for row in table.rows])

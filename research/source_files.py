@@ -2,28 +2,28 @@
 
 ``python -m research.source_files RUN -o DIR`` writes them.
 
-The thesis names the files and how often each is written; everything else is chosen here:
+The thesis gives the names of the files and their intervals of writing; everything else is chosen here:
 
 - All numbers are dimensionless, as in de Paula's computations: lengths in D, times in T, masses
   in m, forces in m D/T^2. ``charUnits.dat`` holds these units in SI: D, T, m, D/T, m D/T^2.
 - T is the duration of the compression, stroke/V_c; a run without compression has T = 1 s, as the
   source's single particle.
-- De Paula's step is 1e-6 T, so that "every 250 time steps" is every 2.5e-4 T. Nothing is
-  interpolated: for each such instant the nearest recorded frame is written, once. A run recorded
-  more coarsely has all of its frames in the files.
-- Particle files have a line a grain, in the order of the scene; a comment with number and time
+- De Paula's step is 1e-6 T, so "every 250 time steps" is every 2.5e-4 T. Nothing is interpolated: for each
+such time the nearest recorded frame is written, once. If a run was recorded more coarsely, all of its frames
+are in the files.
+- Particle files have one line per grain, in the order of the scene; a comment with number and time
   comes before each frame and a blank line after it. Grains that have left the cell have no line;
   the comment names them.
 - ``posPart``, ``velPart``, ``forPart`` have the columns x and y; the force is magnetic and weight
   (and contact), without friction and drag. ``comPart`` has one column: the compressive force, the
-  sum of the magnitudes of the forces of all other grains and of the walls, whose distribution the
-  source finds to have two modes [D, Figs. 4.22 and 5.3]. It is left out, with ``comPart_norm``,
-  where an effect acts between grains by a law of its own, whose forces are known in sum alone.
+  sum of the magnitudes of the forces of all other grains and of the walls, whose distribution is bimodal in
+  the thesis [D, Figs. 4.22 and 5.3]. It is omitted, with ``comPart_norm``, if a custom effect acts between
+  grains, since only the sum of its forces is known.
 - ``piston`` has the columns time and height, ``avgDis`` time and mean distance, in de Paula's
   convention: half of the mean over all pairs.
-- The files with ``_0`` (every 10 steps) cover the whole run, and are left out where they would only
-  repeat those without.
-- ``comPart_norm`` is divided by its greatest value in the run; ``posPart_norm`` is in D.
+- The files with ``_0`` (every 10 steps) cover the whole run, and are omitted if they would only repeat the
+files without.
+- ``comPart_norm`` is divided by its maximum in the run; ``posPart_norm`` is in D.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ from granular.schema.natural_units import Scales
 from granular.shared.files import write_line_files
 
 STEPS_PER_TIME = 10**6
-"""Steps of de Paula in its unit of time T [D, 2.3.2]."""
+"""Time step of de Paula in its unit of time T [D, 2.3.2]."""
 
 USUAL, FINE, COARSE = 250, 10, 1000
-"""Steps of de Paula from record to record: of most files, of those with _0, of averages."""
+"""De Paula's steps between records: of most files, of files with _0, of averages."""
 
 
 class DepaulaTimeUnits(NamedTuple):
@@ -61,11 +61,11 @@ class DepaulaTimeUnits(NamedTuple):
 
     time_unit: float  # T, the duration of the compression [s]
     step: float  # 1e-6 T [s]
-    frame_interval: float  # 250 steps, the ``output.frames`` of files as fine as de Paula's [s]
+    frame_interval: float  # 250 steps: ``output.frames`` for files as fine as de Paula's [s]
 
 
 def depaula_time_units(run: Trajectory) -> DepaulaTimeUnits:
-    """De Paula's units of time for a run: T, its step, and its interval of frames."""
+    """Return de Paula's units of time for a run: T, its step, and its interval of frames."""
     unit = 1.0
     height = None if run.scene.piston is None else run.scene.piston.height
     for stage, done in zip(run.scene.protocol, run.stages, strict=False):
@@ -79,10 +79,10 @@ def depaula_time_units(run: Trajectory) -> DepaulaTimeUnits:
 def to_depaula_files(
     run: Trajectory | str | Path, directory: str | Path, *, overwrite: bool = False, progress: bool = False
 ) -> tuple[Path, ...]:
-    """Write the files of de Paula's program; see the module's text for what each holds.
+    """Write the files of de Paula's program; see the module's docstring for their contents.
 
-    All files appear together when the last one is complete. A warning tells where the run was
-    recorded more coarsely than de Paula's files.
+    All files appear together when the last one is complete. A warning is given if the run was recorded more
+    coarsely than de Paula's files.
     """
     run, directory = open_run(run), Path(directory)
     depaula_time = depaula_time_units(run)
@@ -104,13 +104,13 @@ def _warn_of_coarse_frames(run: Trajectory, depaula_time: DepaulaTimeUnits) -> N
     if interval > 1.01 * depaula_time.frame_interval:
         warnings.warn(
             f"the run has a frame every {interval:.3g} s, de Paula every {depaula_time.frame_interval:.3g} s "
-            f"({USUAL} steps of 1e-6 T); all frames are written, for more lower output.frames",
+            f"({USUAL} steps of 1e-6 T); all frames are written; lower output.frames for more",
             stacklevel=3,
         )
 
 
 def _nearest_record_indices(times: np.ndarray, depaula_time: DepaulaTimeUnits, every: int) -> list[int]:
-    """Return the indices of the records nearest to every so many steps of de Paula, each once."""
+    """Return the distinct indices of the records nearest to multiples of a number of de Paula's steps."""
     interval = every * depaula_time.step
     instants = np.arange(np.floor(times[-1] / interval + 1e-9) + 1.0) * interval
     after = np.clip(np.searchsorted(times, instants), 1, max(1, len(times) - 1))
@@ -121,7 +121,7 @@ def _nearest_record_indices(times: np.ndarray, depaula_time: DepaulaTimeUnits, e
 
 
 def _table_lines(table: np.ndarray) -> str:
-    """Lines of a table (k, columns), to the last bit."""
+    """Return the lines of a table (k, columns), with all digits."""
     line = " ".join(["%.17g"] * table.shape[1]) + "\n"
     return line * len(table) % tuple(table.ravel().tolist())
 
@@ -223,7 +223,7 @@ def write_source_files(
     run: RunDirectory,
     *,
     out: Annotated[str, Option("directory for the files", "DIR", "-o")],
-    force: Annotated[bool, Option("replace what is there")] = False,
+    force: Annotated[bool, Option("replace existing files")] = False,
     output: Output,
 ) -> None:
     """Write a run as the ``.dat`` files of de Paula's program."""
@@ -233,7 +233,7 @@ def write_source_files(
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Write the files of the run that the arguments name."""
+    """Write the files of the run given by the arguments."""
     parser = Parser(prog="python -m research.source_files", description=write_source_files.__doc__)
     add_options(parser, write_source_files)
     write_source_files(**arguments_of(write_source_files, parser.parse_args(arguments)))

@@ -1,1 +1,1 @@
-"""How often `discover` finds a law: fourteen made systems, with noise, beside two peers."""
+"""Benchmark of `discover`: laws found in noisy records of fourteen synthetic systems, with two peers."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def run(options: Any) -> Results:
-    """Results of the cases that are asked for."""
+    """Return the results of the selected cases."""
     systems = () if options.systems is None else options.systems.split(",")
     return discovery(
         options.out,
@@ -51,30 +51,32 @@ def _seeds(count: int | None) -> int:
 
 
 def blocks(results: Results) -> Mapping[str, Block]:
-    """Tables and words for the guide."""
+    """Return tables and text for the guide."""
     return {"rates": Block("docs/results/discovery.md", markdown(results))}
 
 
 def pictures(results: Results) -> Mapping[str, Figure]:
-    """The picture beside them."""
+    """Return the picture for the guide."""
     from research.discovery.picture import draw
 
     return {"docs/images/discovery.png": draw(results)}
 
 
 def add_options(item: Parser) -> None:
-    """Which cases are run."""
-    item.add_argument("--systems", metavar="NAME,...", help="of the fourteen, such as 'pendulum,two wells'")
-    item.add_argument("--noise", metavar="SHARE,...", help="of 0.001, 0.01, 0.03 and 0.1")
-    item.add_argument("--seeds", type=int, metavar="N", help="1 to 5 (5 if not given)")
-    item.add_argument("--anew", action="store_true", help="run also what the directory keeps")
+    """Add the options that select cases."""
+    item.add_argument(
+        "--systems", metavar="NAME,...", help="some of the systems, such as 'pendulum,two wells'"
+    )
+    item.add_argument("--noise", metavar="SHARE,...", help="some of 0.001, 0.01, 0.03 and 0.1")
+    item.add_argument("--seeds", type=int, metavar="N", help="number of seeds, 1 to 5 (5 if not given)")
+    item.add_argument("--anew", action="store_true", help="also run cases that the directory has cached")
 
 
 CAMPAIGN = Campaign(
     name="discovery",
-    purpose="How often laws are discovered, beside PySINDy and pyoperon.",
+    purpose="Fraction of laws discovered, compared with PySINDy and pyoperon.",
     quick="three systems, within minutes",
-    full="all that the options name, in hours",
+    full="all cases selected by the options, in hours",
     run=run,
     from_plain=Results.from_plain,
     empty=EMPTY,

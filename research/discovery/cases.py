@@ -1,4 +1,4 @@
-"""The cases of the benchmark, and what is measured of each."""
+"""The cases of the benchmark, and their measurement."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.shared.errors import GranularError
 from reduced_models.laws.law import HeightLine
-from research.discovery.judging import worth
+from research.discovery.judging import score_law
 from research.discovery.peers import pyoperon_law, pysindy_law
 from research.discovery.systems import INPUT, SYSTEMS, System, made_record, system_named
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from granular.records.record import PistonRecord
 
 NOISES = (0.001, 0.01, 0.03, 0.1)
-"""Standard deviations of the noise, over that of the motion."""
+"""Standard deviations of the noise, over the standard deviation of the motion."""
 SEEDS = 5
 OURS = "discover"
 SINDY, OPERON = PEERS = ("PySINDy", "pyoperon")
-"""Set up as their own guides do."""
+"""Peers set up as their guides recommend."""
 SINDY_TUNED, OPERON_TUNED = TUNED = ("PySINDy, tuned", "pyoperon, tuned")
-"""With a window of smoothing that was tried out on these records."""
+"""Peers with a smoothing window tuned on these records."""
 METHODS = (OURS, *PEERS, *TUNED)
 LIBRARIES = ("named", "default")
 
 
 class Case(NamedTuple):
-    """One search.
+    """One search for a law.
 
     Attributes
     ----------
@@ -39,10 +39,10 @@ class Case(NamedTuple):
         One of `METHODS`.
     system : str
     library : str
-        ``"named"``: the one that holds the law's terms; ``"default"``: that of no name.
+        ``"named"``: the library that contains the law's terms; ``"default"``: the default library.
     noise : float
     seed : int
-        Of the noise, and of the search.
+        Seed of the noise, and of the search.
     """
 
     method: str
@@ -53,7 +53,7 @@ class Case(NamedTuple):
 
     @property
     def key(self) -> str:
-        """A name for its file."""
+        """Name of the case's file."""
         words = (self.method, self.system, self.library, f"{self.noise:g}", f"{self.seed}")
         return "-".join(word.replace(" ", "_").replace(",", "") for word in words)
 
@@ -61,7 +61,7 @@ class Case(NamedTuple):
 def all_cases(
     systems: Sequence[str] = (), noises: Sequence[float] = NOISES, seeds: int = SEEDS
 ) -> list[Case]:
-    """All cases: those with 1 % of noise first, the others seed by seed from the least noise on."""
+    """Return all cases: first those with 1 % of noise, then the others by seed and increasing noise."""
     names = [item.name for item in SYSTEMS if not systems or item.name in systems]
     first = [(noise, seed) for noise in noises if noise == 0.01 for seed in range(seeds)]
     others = [(noise, seed) for seed in range(seeds) for noise in sorted(noises) if noise != 0.01]
@@ -75,9 +75,9 @@ def all_cases(
 
 
 def measured(case: Case) -> dict[str, Any]:
-    """What a case gives: worth, equation, seconds of the processor, or why there is no law.
+    """Return the outcome of a case: score, equation and processor time, or the reason for no law.
 
-    Whatever else goes wrong in a search is a crash, which is told and counted.
+    Any other error of a search is a crash, which is reported and counted.
     """
     system = system_named(case.system)
     record = made_record(system, case.noise, case.seed)
@@ -85,7 +85,7 @@ def measured(case: Case) -> dict[str, Any]:
     result: dict[str, Any] = {**case._asdict(), "exact": False, "usable": False, "error": None}
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what is doubted is counted here
+            warnings.simplefilter("ignore")  # doubtful results are counted here
             law, line = _law(case, system, record)
     except GranularError as error:
         seconds = time.process_time() - begun
@@ -94,7 +94,7 @@ def measured(case: Case) -> dict[str, Any]:
         seconds = time.process_time() - begun
         return result | {"seconds": seconds, "equation": "", "crash": f"{type(error).__name__}: {error}"}
     seconds = time.process_time() - begun
-    judged = worth(law, system, line)
+    judged = score_law(law, system, line)
     return result | {
         "exact": judged.exact,
         "usable": judged.usable,

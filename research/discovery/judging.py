@@ -1,4 +1,4 @@
-"""What a discovered law is worth: is its structure the true one, and does it predict?"""
+"""Scores of a discovered law: correct structure, and error of a free run."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ if TYPE_CHECKING:
     import sympy
 
 USABLE = 0.05
-"""Greatest error of a free run from an unseen start, in standard deviations of the true motion."""
+"""Maximum error of a free run from a held-out start, in standard deviations of the true motion."""
 
 
-class Worth(NamedTuple):
-    """What a law is worth.
+class LawScore(NamedTuple):
+    """Score of a law.
 
     Attributes
     ----------
     exact : bool
-        Whether its terms are those of the true law.
+        True if its terms are the terms of the true law.
     error : float or None
-        Root mean square of a free run less the true motion, in standard deviations of the latter;
-        None where the free run runs away.
+        Root mean square of a free run minus the true motion, in standard deviations of the latter; None if
+        the free run diverges.
     """
 
     exact: bool
@@ -34,17 +34,17 @@ class Worth(NamedTuple):
 
     @property
     def usable(self) -> bool:
-        """Whether the free run is within `USABLE`."""
+        """True if the error of the free run is within `USABLE`."""
         return self.error is not None and self.error <= USABLE
 
 
-def worth(
+def score_law(
     law: sympy.Expr,
     system: System,
     line: HeightLine = HeightLine(),  # noqa: B008  frozen
-) -> Worth:
-    """What a law z'' = f(z, v, u) is worth, where z is ``line`` of the height."""
-    return Worth(_is_exact(law, system, line), _free_run_error(law, system, line))
+) -> LawScore:
+    """Return the score of a law z'' = f(z, v, u), where z is ``line`` of the height."""
+    return LawScore(_is_exact(law, system, line), _free_run_error(law, system, line))
 
 
 def _is_exact(law: sympy.Expr, system: System, line: HeightLine) -> bool:

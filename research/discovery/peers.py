@@ -1,12 +1,11 @@
-"""Two peers, set up as their own guides do, and with help: PySINDy and pyoperon.
+"""Two peers, PySINDy and pyoperon, set up as their guides recommend, and tuned.
 
-PySINDy's practical tips (https://pysindy.readthedocs.io/en/latest/tips.html) smooth a noisy record
-before it is differenced, begin with the default optimizer and scan its threshold; its feature
-overview judges by parts of the record that were not fitted. pyoperon's examples
-(https://github.com/heal-research/pyoperon, example/) give the search's settings and say how its
-uncertainty is estimated; of derivatives they say nothing, so it is handed z' and z'' from PySINDy's
-smoothed differences. A second row of each has a window of smoothing that was tried out on these
-very records; there pyoperon is told the noise of z'' as well, and divides.
+PySINDy's practical tips (https://pysindy.readthedocs.io/en/latest/tips.html) smooth a noisy record before
+differencing, begin with the default optimizer and scan its threshold; its feature overview scores by held-out
+parts of the record. pyoperon's examples (https://github.com/heal-research/pyoperon, example/) give settings
+of the search and an estimate of its uncertainty, but no derivatives, so pyoperon gets z' and z'' from
+PySINDy's smoothed differences. A second row of each peer has a smoothing window tuned on these records; there
+pyoperon also gets the noise of z'', and may divide.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ PYSINDY = {
 }
 """Settings of PySINDy."""
 TUNED_PERIODS = 0.2
-"""Window of the smoothing that was tried out, the best of 0.1, 0.2 and 0.3 periods."""
+"""Tuned window of the smoothing, the best of 0.1, 0.2 and 0.3 periods."""
 PYOPERON = {
     "allowed_symbols": "add,sub,mul,aq,sin,constant,variable",
     "offspring_generator": "basic",
@@ -61,22 +60,22 @@ PYOPERON_TUNED = PYOPERON | {
     "smoothing": f"as for the tuned PySINDy, {TUNED_PERIODS:g} periods",
     "uncertainty": "the noise of z''",
 }
-"""The same with help."""
+"""Tuned settings of pyoperon."""
 _WORDS = ("smoothing", "uncertainty", "model")
 FUNCTIONS = {"trigonometric": "sin,cos", "contact": "fmax", "rational": "pow", "dry friction": "abs"}
-"""What pyoperon is given more where the library is named."""
+"""Further functions of pyoperon with the named library."""
 _HELD_OUT = 0.25
 
 
 def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) -> sympy.Expr:
-    """The law that PySINDy finds, with the terms of the named library or with polynomials.
+    """Return the law found by PySINDy, with the terms of the named library or with polynomials.
 
-    ``tuned`` has the window that was tried out.
+    ``tuned`` selects the tuned window.
 
     Raises
     ------
     InputError
-        If it finds none.
+        If it finds no law.
     """
     import pysindy
 
@@ -103,7 +102,7 @@ def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) 
         return float(model.score(states[split:], t=record.time[split:], u=inputs))
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that a high threshold leaves nothing
+        warnings.simplefilter("ignore")  # the warning that a high threshold removes all terms
         best = max(_THRESHOLDS, key=score)
         model = fitted(best, slice(None))
     row = np.asarray(model.coefficients())[1]
@@ -121,14 +120,14 @@ def _difference(samples: int) -> Any:
 
 
 def tuned_window(record: PistonRecord) -> int:
-    """Samples of the window that was tried out, an odd number."""
+    """Return the number of samples of the tuned window, an odd number."""
     period = first_guesses(record.time, record.height).period
     samples = TUNED_PERIODS * period / float(np.diff(record.time).mean())
     return max(5, 2 * math.floor(samples / 2.0) + 1)
 
 
 def smoothed(record: PistonRecord, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Z, z' and z'' (n,) each, by PySINDy's smoothed differences, one after the other."""
+    """Return z, z' and z'' (n,) each, by successive smoothed differences of PySINDy."""
     first = _difference(samples)
     v = first._differentiate(record.height[:, None], record.time)
     z = first.smoothed_x_[:, 0]
@@ -162,14 +161,14 @@ def _polynomial(model: Any, row: np.ndarray) -> sympy.Expr:
 
 
 def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int, tuned: bool) -> sympy.Expr:
-    """The law that pyoperon finds for the smoothed z'', with the functions of a named library.
+    """Return the law found by pyoperon for the smoothed z'', with the functions of a named library.
 
-    ``tuned`` has the window that was tried out, and is told the noise.
+    ``tuned`` selects the tuned window, and passes the noise to pyoperon.
 
     Raises
     ------
     InputError
-        If it finds none that is finite.
+        If it finds no finite law.
     """
     import sympy
     from pyoperon.sklearn import SymbolicRegressor
@@ -199,12 +198,12 @@ def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int, t
 
 
 def _roughness(values: np.ndarray) -> float:
-    """The noise of samples, from their fourth differences."""
+    """Return the noise of samples, from their fourth differences."""
     return float((np.diff(values, 4) / math.sqrt(70.0)).std())
 
 
 def _forest_error(samples: np.ndarray, target: np.ndarray, seed: int) -> float:
-    """How pyoperon's example estimates the uncertainty."""
+    """Estimate the uncertainty as in pyoperon's example."""
     from sklearn.ensemble import RandomForestRegressor
 
     forest = RandomForestRegressor(n_estimators=100, random_state=seed).fit(samples, target)

@@ -1,4 +1,4 @@
-"""The picture of the guide: how often each system is found."""
+"""The picture of the guide: fraction of runs in which each system is found."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def draw(results: Results) -> Figure:
-    """Fraction of the runs that find each system at 1 % of noise, by method and library."""
+    """Draw the fraction of runs that find each system at 1 % of noise, by method and library."""
     import numpy as np
 
     from granular.shared.plotting import COLOURS, READABLE, figure

@@ -1,4 +1,4 @@
-"""What was run, as plain data: a row a case."""
+"""Results as plain data, one row per case."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ _DIGITS = 3
 
 
 class Rate(NamedTuple):
-    """How many of some runs found the law.
+    """Numbers of runs that found the law.
 
     Attributes
     ----------
     planned, run : int
     exact : int
-        With the true structure.
+        Runs with the true structure.
     usable : int
-        Whose free run is within the limit.
+        Runs whose free run is within the limit.
     found : int
-        Either.
+        Runs that are exact or usable.
     crashes : int
     seconds : float or None
         Median time of the processor.
@@ -42,19 +42,19 @@ class Rate(NamedTuple):
 
     @property
     def fraction(self) -> float | None:
-        """Found, of those run."""
+        """Fraction of the runs that found the law."""
         return self.found / self.run if self.run else None
 
 
 @dataclasses.dataclass(frozen=True)
 class Results:
-    """Rows by case, and how they were made."""
+    """Rows by case, with command, date and versions."""
 
     rows: Mapping[Case, Plain]
     made: Mapping[str, Any]
 
     def rate(self, method: str, library: str, noise: float, systems: Sequence[str] = ()) -> Rate:
-        """Of a method with a library at a level of noise, over some systems, or over all."""
+        """Return the rate of a method with a library at a noise level, over some or all systems."""
         names = [item.name for item in SYSTEMS if not systems or item.name in systems]
         rows = [
             row
@@ -73,7 +73,7 @@ class Results:
         )
 
     def to_plain(self) -> Plain:
-        """For JSON."""
+        """Return plain data for JSON."""
         return {
             "made": dict(self.made),
             "setting": {
@@ -95,7 +95,7 @@ class Results:
 
     @classmethod
     def from_plain(cls, plain: Plain) -> Results:
-        """From what `to_plain` made."""
+        """Return results from data made by `to_plain`."""
         fields = Case._fields
         rows = {Case(*(row[name] for name in fields)): row for row in plain["rows"]}
         return cls(rows, plain["made"])

@@ -1,4 +1,4 @@
-"""`discovery`: run the cases that are wanted, and write what they give."""
+"""`discovery`: run the selected cases, and write their results."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.files import ResultCache
-from research.campaign import RESULTS, kept_rows, made_now, read_results, write_results
+from research.campaign import RESULTS, cached_rows, made_now, read_results, write_results
 from research.discovery.cases import NOISES, SEEDS, Case, all_cases, measured
 from research.discovery.results import EMPTY, Results
 from research.discovery.systems import system_named
@@ -27,34 +27,34 @@ def discovery(
     anew: bool = False,
     progress: bool = True,
 ) -> Results:
-    """How often `discover` and two peers find the laws of made systems.
+    """Measure how often `discover` and two peers find the laws of synthetic systems.
 
     Parameters
     ----------
     out : str or Path, optional
-        Keeps every case as soon as it is done, so that an interrupted run goes on where it was;
-        ``results.json`` is written there.
+        Directory that caches every finished case, so that an interrupted run can be resumed; ``results.json``
+        is written there.
     quick : bool
         Three systems, 1 % of noise, one seed.
     systems : sequence of str
-        Their names; all if empty.
+        Names of systems; all if empty.
     noises : sequence of float
-        Of those of `NOISES`.
+        Noise levels from `NOISES`.
     seeds : int
-        How many, from 0 on.
+        Number of seeds, from seed 0.
     anew : bool
-        Run also what is kept.
+        Also run cached cases.
     progress : bool
 
     Returns
     -------
     Results
-        Also of cases that earlier runs kept.
+        Results, including cases cached by earlier runs.
 
     Raises
     ------
     InputError
-        If there is no such system.
+        If a system is unknown.
     StoreError
         If the directory cannot be written.
     """
@@ -68,7 +68,9 @@ def discovery(
         for case in cases:
             cache.path(case.key).unlink(missing_ok=True)
     try:
-        rows = kept_rows(cases, lambda case: case.key, _measured, cache, what="searches", progress=progress)
+        rows = cached_rows(
+            cases, lambda case: case.key, _measured, cache, label="searches", progress=progress
+        )
     finally:
         if out is not None and cache is not None:
             result = _kept(cache, read_results(Path(out) / RESULTS, Results.from_plain, EMPTY))
@@ -85,13 +87,13 @@ def _measured(case: Case) -> dict[str, Any]:
 
 
 def _forget_compiled() -> None:
-    """Drop what JAX compiled for a case: that of hundreds would take gigabytes."""
+    """Drop the code compiled by JAX for a case, which for hundreds of cases would take gigabytes."""
     jax = sys.modules.get("jax")
     if jax is not None:
         jax.clear_caches()
 
 
 def _kept(cache: ResultCache, former: Results) -> Results:
-    """All cases of a directory, also those of earlier runs."""
+    """Return all cases of a directory, including earlier runs."""
     rows = {case: row for case in all_cases() if (row := cache.read(case.key)) is not None}
     return Results({**former.rows, **rows}, made_now(COMMAND))

@@ -1,6 +1,6 @@
-"""Fourteen oscillators with known laws, records made of them, and motions from unseen starts.
+"""Fourteen oscillators with known laws, synthetic records of them, and motions from held-out starts.
 
-All is solved by SciPy, so that nothing of what is tested makes it.
+All motions are solved by SciPy, independently of the tested code.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     import sympy
 
 DURATION = 50.0
-"""Of a record, and of a free run [s]: about eight swings."""
+"""Duration of a record, and of a free run [s]: about eight cycles."""
 SAMPLES = 1000
 STEEPNESS = 1000.0
-"""sign(z') is solved as tanh(1000 z'): a solver steps across it, and no motion here tells."""
+"""sign(z') is solved as tanh(1000 z'), which a solver can step across; the motions here do not differ."""
 INPUT = "push"
 _MOST_CALLS = 200_000
 _FAR = 1e3
-_SLOWLY = 0.05  # s: no step is longer, so that the input is seen
+_SLOWLY = 0.05  # [s] maximum step, so that the input is resolved
 
 Rates = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -39,17 +39,17 @@ class System(NamedTuple):
     ----------
     name : str
     terms : mapping of str to float
-        Of f, with their coefficients.
+        Terms of f, with their coefficients.
     library : str
-        The named library that holds them.
+        Named library that contains the terms.
     start : float
-        Height from which the recorded motion is let go [m].
+        Height from which the recorded motion is released [m].
     unseen : tuple of float
-        Height and velocity of another start.
+        Height and velocity of the held-out start.
     driven : bool
-        Whether it has an input.
+        True if it has an input.
     same : tuple of frozenset of str
-        Other sums of terms that are the same function.
+        Other sums of terms equal to the same function.
     """
 
     name: str
@@ -62,7 +62,7 @@ class System(NamedTuple):
 
     @property
     def law(self) -> str:
-        """The equation."""
+        """Text of the equation."""
         return "z'' = " + " ".join(f"{value:+g}*{term}" for term, value in self.terms.items())
 
 
@@ -101,22 +101,22 @@ SYSTEMS = (
 
 
 def system_named(name: str) -> System:
-    """The system of that name.
+    """Return the system of that name.
 
     Raises
     ------
     InputError
-        If there is none.
+        If the name is unknown.
     """
     for item in SYSTEMS:
         if item.name == name:
             return item
     known = ", ".join(quote(item.name) for item in SYSTEMS)
-    raise InputError(f"there is no system {quote(name)}; the systems are {known}")
+    raise InputError(f"unknown system {quote(name)}; the systems are {known}")
 
 
 def right_structures(system: System) -> tuple[frozenset[str], ...]:
-    """The sums of terms that are the law, by the texts that a candidate's terms have."""
+    """Return the sums of terms equal to the law, as texts of a candidate's terms."""
     forms = (frozenset(system.terms), *system.same)
     return tuple(frozenset(text for item in form for text in _texts(item)) for form in forms)
 
@@ -128,7 +128,7 @@ def _texts(term: str) -> list[str]:
 
 
 def made_record(system: System, noise: float, seed: int) -> PistonRecord:
-    """A record of a system, with white noise as a fraction of the motion's standard deviation."""
+    """Make a record of a system, with white noise as a fraction of the motion's standard deviation."""
     time, height = recorded_motion(system.name)
     position = [item.name for item in SYSTEMS].index(system.name)
     random = np.random.default_rng([position, seed, round(1e6 * noise)])
@@ -139,7 +139,7 @@ def made_record(system: System, noise: float, seed: int) -> PistonRecord:
 
 @functools.cache
 def recorded_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times and heights of a record without noise."""
+    """Return times and heights of a record without noise."""
     system = system_named(name)
     time = np.linspace(0.0, DURATION, SAMPLES)
     return time, solved(law_of(system), time, (system.start, 0.0), push)
@@ -147,14 +147,14 @@ def recorded_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 @functools.cache
 def unseen_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times and heights of the motion from the unseen start, under an unseen input."""
+    """Return times and heights of the motion from the held-out start, under a held-out input."""
     system = system_named(name)
     time = np.linspace(0.0, DURATION, SAMPLES)
     return time, solved(law_of(system), time, system.unseen, unseen_push)
 
 
 def law_of(system: System) -> sympy.Expr:
-    """Z'' in the symbols of a discovered equation."""
+    """Return z'' in the symbols of a discovered equation."""
     import sympy
 
     parts = zip(system.terms.values(), parse_term_expressions(list(system.terms), INPUT), strict=True)
@@ -162,19 +162,19 @@ def law_of(system: System) -> sympy.Expr:
 
 
 def push(time: np.ndarray) -> np.ndarray:
-    """The input of the records."""
+    """Return the input of the records."""
     return np.asarray(np.sin(0.9 * time) + 0.5 * np.sin(2.3 * time + 1.0))
 
 
 def unseen_push(time: np.ndarray) -> np.ndarray:
-    """The input of free runs."""
+    """Return the input of free runs."""
     return np.asarray(np.sin(0.9 * time + 2.0) + 0.5 * np.sin(2.3 * time))
 
 
 def solved(
     law: sympy.Expr, time: np.ndarray, start: tuple[float, float], drive: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Heights (n,) of a law's motion; NaN from where it runs away, or takes too long to solve."""
+    """Return heights (n,) of a law's motion; NaN once it diverges, or takes too long to solve."""
     import sympy
     from scipy.integrate import solve_ivp
 

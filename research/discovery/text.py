@@ -1,4 +1,4 @@
-"""What the benchmark found, in words and tables: on the console and for a page."""
+"""Results of the benchmark as text and tables, for the console and for a page."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from research.discovery.results import Rate, Results
 from research.discovery.systems import SYSTEMS
 
 SHOWN_NOISE = 0.01
-"""The level of which every system is shown."""
+"""Noise level at which every system is shown."""
 NOT_RUN = "not run"
 _PEER_WORDS = (
-    (PEERS, "The better peer set up as in its own guide"),
+    (PEERS, "The better peer set up as in its guide"),
     (TUNED, "The better peer with a smoothing window tuned on these records"),
 )
 _LIBRARY_WORDS = {"named": "named library", "default": "default library"}
 
 
 def text(result: Results) -> str:
-    """Both tables, and what they say."""
+    """Return both tables, and their summary."""
     return "\n\n".join((str(rates_table(result)), str(systems_table(result)), words(result), settings()))
 
 
 def markdown(result: Results) -> str:
-    """The same for a page."""
+    """Return tables and summary for a page."""
     made = result.made
     parts = [
         words(result),
@@ -46,12 +46,12 @@ def markdown(result: Results) -> str:
 
 
 def summary(result: Results) -> dict[str, Any]:
-    """Rates and rows as plain data."""
+    """Return rates and rows as plain data."""
     return result.to_plain()
 
 
 def rates_table(result: Results) -> Table:
-    """Rates of each method by noise and library, over all systems; nothing where none was run."""
+    """Return the rates of each method by noise and library, over all systems; empty if none was run."""
     header = ["noise", "library", *METHODS, "usable: " + METHODS[0], "median CPU s"]
     rows = []
     for noise in NOISES:
@@ -72,7 +72,7 @@ def rates_table(result: Results) -> Table:
 
 
 def systems_table(result: Results) -> Table:
-    """Of every system at `SHOWN_NOISE`: runs that found it, and how many exactly."""
+    """Return the table of runs that found each system at `SHOWN_NOISE`, and the number of exact ones."""
     header = ["system", *(f"{method}, {library}" for library in LIBRARIES for method in METHODS)]
     rows = [
         [
@@ -89,7 +89,7 @@ def systems_table(result: Results) -> Table:
 
 
 def rate_words(rate: Rate) -> str:
-    """Such as "66 of 70 (60 exact)"; how many were not run is told."""
+    """Return a text such as "66 of 70 (60 exact)", with the number of runs that are missing."""
     if not rate.run:
         return NOT_RUN
     words = f"{rate.found} of {rate.run} ({rate.exact} exact)"
@@ -98,7 +98,7 @@ def rate_words(rate: Rate) -> str:
 
 
 def words(result: Results) -> str:
-    """Fraction found at `SHOWN_NOISE`, also by the better peer; crashes; runs that are missing."""
+    """Return the text on the fractions found at `SHOWN_NOISE`, on crashes and on missing runs."""
     sentences = []
     for library in LIBRARIES:
         rates = {method: result.rate(method, library, SHOWN_NOISE) for method in METHODS}
@@ -125,7 +125,7 @@ def words(result: Results) -> str:
 
 
 def systems_words() -> str:
-    """What "found" means."""
+    """Return the definition of "found"."""
     return (
         "A law counts as found if its structure is exact, or if a free run from a held-out start "
         f"stays within {100 * USABLE:g} % (rms, of the motion's standard deviation). All systems "
@@ -134,7 +134,7 @@ def systems_words() -> str:
 
 
 def settings() -> str:
-    """How the peers are set up."""
+    """Return the settings of the peers."""
     tuned = f"a window of {TUNED_PERIODS:g} periods, the best of three that were tried here"
     helped = {name: value for name, value in PYOPERON_TUNED.items() if value != PYOPERON[name]}
     return "\n".join(

@@ -1,1 +1,1 @@
-"""What temperature is in a bed, and what its defects have to do with forces and slip."""
+"""Temperature of a bed, and the relation of its defects to forces and slip."""

@@ -19,7 +19,7 @@ PAGE = "docs/results/melting-and-disorder.md"
 
 
 def run(options: Any) -> Results:
-    """Results of the questions that are asked."""
+    """Return the results of the selected questions from new runs."""
     return run_studies(
         tuple(STUDIES) if options.question is None else (options.question,),
         Path(options.out),
@@ -29,13 +29,13 @@ def run(options: Any) -> Results:
 
 
 def show(options: Any) -> Results:
-    """The committed results of the questions that are asked."""
+    """Return the committed results of the selected questions."""
     result = CAMPAIGN.committed()
     return result if options.question is None else {options.question: result[options.question]}
 
 
 def blocks(results: Results) -> Mapping[str, Block]:
-    """Tables of the guide."""
+    """Return the tables of the guide."""
     made = {name: TEXTS[name](results[name]["rows"]).strip() for name in TEXTS}
     return {
         "temperature": Block(PAGE, made["temperature"]),
@@ -44,7 +44,7 @@ def blocks(results: Results) -> Mapping[str, Block]:
 
 
 def pictures(results: Results) -> Mapping[str, Figure]:
-    """Pictures of the guide."""
+    """Return the pictures of the guide."""
     from research.disorder.pictures import forces_picture, temperature_picture
 
     rows = {name: item["rows"] for name, item in results.items()}
@@ -55,21 +55,20 @@ def pictures(results: Results) -> Mapping[str, Figure]:
 
 
 def add_options(item: Parser) -> None:
-    """The question, all of them if none is given."""
+    """Add the argument for a question; all questions if none is given."""
     item.add_argument(
         "question",
         nargs="?",
         choices=tuple(STUDIES),
-        help="what temperature is; forces at defects; the plastic strain that dislocations carry "
-        "(all if not given)",
+        help="definition of temperature; forces at defects; strain by dislocations (all if not given)",
     )
 
 
 CAMPAIGN: Campaign[Results] = Campaign(
     name="disorder",
     purpose="Temperature of beds, forces at defects, slip by dislocations.",
-    quick="a few beds of each question, within minutes",
-    full="all beds, ten minutes a question",
+    quick="a few beds per question, within minutes",
+    full="all beds, ten minutes per question",
     run=run,
     from_plain=from_plain,
     empty={},
@@ -82,7 +81,7 @@ CAMPAIGN: Campaign[Results] = Campaign(
     examples="""\
 examples:
   %(prog)s temperature             # shows the committed results
-  %(prog)s slip --full             # ten minutes; goes on where it was stopped""",
+  %(prog)s slip --full             # ten minutes; resumes an interrupted run""",
 )
 parser = CAMPAIGN.parser
 

@@ -9,47 +9,47 @@ from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 
 COUNT = 184
-"""Grains of each bed; width and heights are those of the packaged bed times sqrt(184/368)."""
+"""Number of grains of each bed; width and heights of the packaged bed are scaled by sqrt(184/368)."""
 
 STARTS = 2
-"""Of each way of driving with its numbers."""
+"""Number of seeds for each kind of driving and its parameters."""
 
 GROUPS = ("bath", "shaken", "compressed", "settled")
-"""Ways of driving; a curve has to tell each of them from the three others."""
+"""Kinds of driving; a curve must predict each of them from the three others."""
 
 PACKINGS = (1.0, 1.25, 1.5)
-"""Heights of the piston over that of the packaged bed at full compression."""
+"""Heights of the piston over the height of the packaged bed at full compression."""
 
 FRAMES, MOVING = 0.037, 100
-"""From frame to frame [s], no whole number of periods of any shaking; and frames of a compression,
-which may be shorter than that."""
+"""Interval between frames [s], not an integer number of periods of any shaking; and number of frames of a
+compression, whose interval may be shorter."""
 
 SETTLE, MEASURE, STEP, AFTER = 4.0, 6.0, 0.2, 1.0
-"""Seconds before the measurement, of it, of the piston's small step, and until it is over."""
+"""Durations [s] of settling, measurement, the piston's small step, and the time after it."""
 
 LOWERED = 0.02
-"""Fraction of its height by which the piston steps down, for the answer of the force."""
+"""Fraction of its height by which the piston steps down, to measure the response of the force."""
 
 _UNIT = 5.68e-4
-"""Energy of a pair at the mean spacing of the densest of these beds [J]: temperatures are written
-as fractions of it. What is measured is compared with the energy that is measured."""
+"""Energy of a pair at the mean spacing of the densest of these beds [J]: imposed temperatures are fractions
+of it. Measured temperatures are compared with the measured pair energy."""
 
 
 class Bed(NamedTuple):
-    """A way of driving, with its numbers.
+    """A bed with its kind of driving and parameters.
 
     Attributes
     ----------
     group : str
         Of `GROUPS`.
     packing : float
-        Height of the piston over that of the packaged bed.
+        Height of the piston over the height of the packaged bed.
     first, second : float
         Temperature over the energy of a pair and rate [1/s] of a bath; frequency [Hz] and amplitude
-        [mm] of a shaking; speed of the piston [mm/s] and coefficient of the drag [kg/s] of a
-        compression; nothing where it is settled.
+        [mm] of a shaking; speed of the piston [mm/s] and drag coefficient [kg/s] of a compression; unused for
+        a settled bed.
     seed : int
-        Of the arrangement, and of the bath.
+        Seed of the arrangement, and of the bath.
     """
 
     group: str
@@ -60,12 +60,12 @@ class Bed(NamedTuple):
 
     @property
     def key(self) -> str:
-        """Its name in a file of results."""
+        """Name of the bed in a file of results."""
         return f"{self.group}-{self.packing:g}-{self.first:g}-{self.second:g}-{self.seed}"
 
     @property
     def height(self) -> float:
-        """Of the piston while it is measured, over D."""
+        """Height of the piston during the measurement [D]."""
         return 20.0 * math.sqrt(COUNT / 368) * self.packing
 
 
@@ -88,7 +88,7 @@ _SPEEDS = (5.0, 20.0, 80.0)
 
 
 def all_beds() -> list[Bed]:
-    """Every bed, each with a start of its own."""
+    """Return all beds, each with a different random start."""
     beds: list[tuple[str, float, float, float]] = []
     for k, fraction in enumerate(_BATHS):
         beds.append(("bath", PACKINGS[k % 3], fraction, 5.0))
@@ -103,13 +103,13 @@ def all_beds() -> list[Bed]:
     return [Bed(*item, seed) for seed, item in enumerate(STARTS * beds, 1)]
 
 
-def set_temperature(bed: Bed) -> float:
-    """Of a bath [J]."""
+def bath_temperature(bed: Bed) -> float:
+    """Return the temperature of a bath [J]."""
     return bed.first * _UNIT / bed.packing**1.5
 
 
 def scene_of(bed: Bed) -> Scene:
-    """The scene of a bed; its stages are named ``settle``, ``measure``, ``step`` and ``after``."""
+    """Return the scene of a bed, with stages ``settle``, ``measure``, ``step`` and ``after``."""
     begun = bed.height * (1.4 if bed.group == "compressed" else 1.0)
     changes: dict[str, Any] = {
         "name": bed.key,
@@ -134,7 +134,7 @@ def _frames(bed: Bed) -> float:
 
 def _driving(bed: Bed) -> dict[str, Any]:
     if bed.group == "bath":
-        bath = {"temperature": set_temperature(bed), "rate": bed.second, "seed": bed.seed}
+        bath = {"temperature": bath_temperature(bed), "rate": bed.second, "seed": bed.seed}
         return {"effects.drag": None, "effects.bath": bath}
     if bed.group == "shaken":
         shaking = {"frequency": bed.first, "amplitude": 1e-3 * bed.second}

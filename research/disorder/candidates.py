@@ -1,6 +1,6 @@
-"""What may be called the temperature of a bed, measured on one run, and the order it should tell.
+"""Candidates for the temperature of a bed, measured on one run, and the order they should predict.
 
-Every candidate is a pure number. Energies are written over the energy of a pair at the mean spacing
+Every candidate is dimensionless. Energies are relative to the energy of a pair at the mean spacing
 a, U_a = U(a) with a = sqrt(2/sqrt(3) mean cell area): the inverse of an interaction parameter. A
 crystal of 4096 dipoles melts near 0.100 in this unit (Gamma = 69, with Gamma = (pi rho)^(3/2) a^3
 U_a/T = 6.909 U_a/T; see `research.melting`).
@@ -49,10 +49,10 @@ _STILL = 1e-9
 
 
 def measured(run: Trajectory) -> dict[str, float]:
-    """Candidates and orders of a run of `scene_of`, by the names above.
+    """Return candidates and orders of a run of `scene_of`, by the names above.
 
-    Also ``spacing`` [m], ``pair energy`` [J], ``force`` on the piston [N] and ``closest``, the
-    least distance of two grains over D.
+    Also ``spacing`` [m], ``pair energy`` [J], ``force`` on the piston [N] and ``closest``, the smallest
+    distance of two grains [D].
     """
     window = _window(run, "measure")
     data = run.dataset
@@ -90,10 +90,10 @@ def measured(run: Trajectory) -> dict[str, float]:
 
 
 def local_kinetic_temperature(velocities: np.ndarray, cells: VoronoiCells, masses: np.ndarray) -> float:
-    """(1/2) <m |v_i - V_i|^2/(1 + 1/k_i)> with V_i the mean over the k_i neighbours of i [J].
+    """Return (1/2) <m |v_i - V_i|^2/(1 + 1/k_i)> with V_i the mean over the k_i neighbours of i [J].
 
-    Motion that neighbours share is no heat here; independent velocities of one temperature give
-    that temperature.
+    Motion shared by neighbours does not count as heat; independent velocities of one temperature give that
+    temperature.
     """
     i, j = cells.neighbours.T
     count = len(velocities)
@@ -110,9 +110,9 @@ def local_kinetic_temperature(velocities: np.ndarray, cells: VoronoiCells, masse
 def without_drive(
     time: np.ndarray, values: np.ndarray, frequency: float | None, degree: int = 1
 ) -> np.ndarray:
-    """What is left of a record without what a drive does to it.
+    """Return the residual of a record after subtraction of the response to a drive.
 
-    That is a polynomial of a degree in time, and what is in step with a frequency [Hz], if any.
+    The response is a polynomial of a given degree in time, and a sine at a frequency [Hz], if any.
     """
     since = (time - time.mean()) / max(float(np.ptp(time)), np.finfo(float).tiny)
     columns = [since**k for k in range(degree + 1)]
@@ -126,10 +126,10 @@ def without_drive(
 def _piston_temperature(
     run: Trajectory, window: tuple[float, float], places: np.ndarray, heights: np.ndarray
 ) -> float:
-    """<dF^2>/(<d^2U/dH^2> + d<F>/dH), which is T in equilibrium [J].
+    """Return <dF^2>/(<d^2U/dH^2> + d<F>/dH), which is T in equilibrium [J].
 
-    d<F>/dH = -<d^2U/dH^2> + <dF^2>/T is the theorem of fluctuation and response of a piston that
-    is held at the height H, with F = -dU/dH.
+    d<F>/dH = -<d^2U/dH^2> + <dF^2>/T is the fluctuation-response theorem of a piston held at the height H,
+    with F = -dU/dH.
     """
     time, force, height = _within(run, window)
     shaking = run.scene.effects.shaking
@@ -148,13 +148,13 @@ def _piston_temperature(
 
 
 def _stiffness(run: Trajectory, places: np.ndarray, height: float) -> float:
-    """d^2U/dH^2 at fixed places of the grains [N/m], by differences."""
+    """Return d^2U/dH^2 at fixed positions of the grains [N/m], by differences."""
     step = _SHIFT * run.scene.grains.species[0].diameter
     pushed = [
         float(iterate_wall_forces(run.scene, places, height + way).forces[:, :, 1].sum())
         for way in (step, -step)
     ]
-    # The bottom's share does not depend on the piston; the grains are pushed down by it.
+    # The bottom's energy does not depend on the piston, which pushes the grains down.
     return (pushed[0] - pushed[1]) / (2.0 * step)
 
 
@@ -196,7 +196,7 @@ def _window(run: Trajectory, stage: str) -> tuple[float, float]:
 
 
 def _within(run: Trajectory, window: tuple[float, float]) -> tuple[Any, Any, Any]:
-    """Time, force on the piston, and its height."""
+    """Return time, force on the piston, and its height."""
     data = run.dataset
     time = data["time"].values
     chosen = (time >= window[0]) & (time <= window[1])

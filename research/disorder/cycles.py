@@ -24,22 +24,22 @@ from reduced_models.laws.annealing_bed import MODULUS, STIFFENING
 Row = dict[str, Any]
 
 SIZES = {184: 8, 368: 8}
-"""Starts of beds of so many grains."""
+"""Number of random starts by number of grains."""
 
 DRAG = 0.1
-"""Of a grain [kg/s], as in the packaged bed: about half of critical for its fastest motion."""
+"""Drag of a grain [kg/s], as in the packaged bed: about half of critical for its fastest motion."""
 
 STROKE = 0.3
-"""Fraction of its height by which the piston goes down and up again."""
+"""Fraction of its height by which the piston moves down and up again."""
 
 CYCLE = 20.0
 """Duration of the cycle [s]."""
 
 FRAMES, SHOWN = 0.004, 50
-"""From frame to frame [s]; and from one that is kept to the next, in frames."""
+"""Interval between frames [s]; and between frames in a row, in frames."""
 
 ANNEAL, COOL = 15.0, 3.0
-"""Seconds in a bath below melting, and of drag alone before the cycle."""
+"""Durations [s] of the bath below melting, and of drag only before the cycle."""
 
 WARM = 0.07
 """Temperature of the annealing over the energy of a pair at the mean spacing; a crystal melts near
@@ -49,7 +49,7 @@ _UNIT = 5.68e-4
 
 
 def annealing_scene(count: int, seed: int) -> Scene:
-    """A bed of the packing of full compression in a bath below melting."""
+    """Return a bed with the packing of full compression in a heat bath below melting."""
     changes: dict[str, Any] = {
         "effects.drag": None,
         "effects.bath": {"temperature": WARM * _UNIT, "rate": 5.0, "seed": seed},
@@ -61,7 +61,7 @@ def annealing_scene(count: int, seed: int) -> Scene:
 
 
 def cycle_scene(count: int, seed: int, annealed: Trajectory) -> Scene:
-    """The bed that was annealed, cooled by its drag, then compressed and let go again."""
+    """Return the annealed bed, cooled by its drag, then compressed and decompressed."""
     places = annealed.dataset["position"].values[-1]
     height = _height(count)
     half = 0.5 * CYCLE
@@ -102,7 +102,7 @@ def _diameters(number: float) -> str:
 
 
 def stress_over_pressure(run: Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time [s], height of the piston [m], and w = (p_y - p_x)/(p_y + p_x) by the walls' forces."""
+    """Return time [s], height of the piston [m], and w = (p_y - p_x)/(p_y + p_x) from the wall forces."""
     data = run.dataset
     height = data["piston_height"].values
     down = 0.5 * (data["piston_force"].values + data["bottom_force"].values)
@@ -112,23 +112,23 @@ def stress_over_pressure(run: Trajectory) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def plastic_by_law(height: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """Plastic strain since the first sample, of the law `annealing-bed` of an ordered bed.
+    """Return the plastic strain since the first sample by the law `annealing-bed` of an ordered bed.
 
-    Its w' = -(modulus/z)(z' + plastic flow) with the w that the walls measure: the strain log z
-    plus w over the modulus.
+    With w' = -(modulus/z)(z' + plastic flow) and w measured at the walls it is the strain log z plus w over
+    the modulus.
     """
     stiff = MODULUS * (1.0 + STIFFENING)
     return np.asarray(np.log(height / height[0]) + (stress - stress[0]) / stiff)
 
 
 def cycle_key(case: tuple[int, int]) -> str:
-    """Name under which the row of a number of grains and a seed is kept."""
+    """Return the key of the row of a number of grains and a seed."""
     setting = annealing_scene(*case).to_plain(), STROKE, CYCLE, COOL, FRAMES, DRAG
     return f"{case[0]}-{case[1]}-{digest(setting, 8)}"
 
 
 def cycle_row(case: tuple[int, int]) -> Row:
-    """Strains over one cycle of a number of grains and a seed, at every `SHOWN`-th frame of it.
+    """Return strains over one cycle of a number of grains and a seed, at every `SHOWN`-th frame.
 
     Returns
     -------

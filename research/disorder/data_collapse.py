@@ -1,8 +1,8 @@
-"""Whether one quantity orders the data of all ways of driving on one curve.
+"""Test whether one quantity collapses the data of all kinds of driving on one curve.
 
-A curve is a monotone one, so that only ranks matter: no form is fitted. Two figures are given with
-an interval over runs: Spearman's rank correlation, and the skill of a curve that has not seen the
-way of driving that it tells. Both are compared with shuffled data.
+Curves are monotone, so only ranks matter and no functional form is fitted. Two figures are given with an
+interval over runs: Spearman's rank correlation, and the skill of a curve in predicting a held-out kind of
+driving. Both are compared with shuffled data.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from typing import NamedTuple
 import numpy as np
 
 DRAWS = 500
-"""Resampled and shuffled sets of runs."""
+"""Number of resampled and shuffled sets of runs."""
 
 LEVEL = 0.95
-LEAST_SKILL = 0.5
-"""A curve that leaves more than half of the variance of the ranks orders nothing."""
+MINIMUM_SKILL = 0.5
+"""Minimum skill: a curve must explain more than half of the variance of the ranks."""
 
 
 class Figure(NamedTuple):
-    """A figure with its interval over runs, and the highest one by chance.
+    """A figure with its interval over runs, and its upper limit by chance.
 
     Attributes
     ----------
     value : float
     low, high : float
-        Interval of `LEVEL` over runs that are drawn again within each way of driving.
+        Interval of `LEVEL` over runs resampled within each kind of driving.
     chance : float
-        Below which `LEVEL` of the figures of shuffled data lie.
+        Upper limit of `LEVEL` of the figures of shuffled data.
     """
 
     value: float
@@ -39,14 +39,14 @@ class Figure(NamedTuple):
 
 
 class Collapse(NamedTuple):
-    """How well a candidate orders a quantity.
+    """Quality of the order of a quantity by a candidate.
 
     Attributes
     ----------
     rank : Figure
-        Spearman's correlation.
+        Spearman's rank correlation.
     skill : Figure
-        `unseen_skill`.
+        Result of `held_out_skill`.
     """
 
     rank: Figure
@@ -54,30 +54,30 @@ class Collapse(NamedTuple):
 
     @property
     def orders(self) -> bool:
-        """Whether the skill's interval lies above chance and above `LEAST_SKILL`."""
-        return self.skill.low > max(self.skill.chance, LEAST_SKILL)
+        """True if the skill's interval lies above chance and above `MINIMUM_SKILL`."""
+        return self.skill.low > max(self.skill.chance, MINIMUM_SKILL)
 
 
 def rank_correlation(x: np.ndarray, y: np.ndarray) -> float:
-    """Spearman's; 0 where one of both does not vary."""
+    """Return Spearman's rank correlation; 0 if x or y is constant."""
     first, second = _ranks(x), _ranks(y)
     first, second = first - first.mean(), second - second.mean()
     size = float(np.sqrt((first**2).sum() * (second**2).sum()))
     return float((first * second).sum()) / size if size > 0.0 else 0.0
 
 
-def unseen_skill(x: np.ndarray, y: np.ndarray, groups: np.ndarray) -> float:
-    """1 - (what a rising curve leaves)/(what the mean leaves), over groups it has not seen.
+def held_out_skill(x: np.ndarray, y: np.ndarray, groups: np.ndarray) -> float:
+    """Return 1 - (residual of a rising curve)/(residual of the mean) over held-out groups.
 
-    For each group the curve is the isotonic regression of the ranks of y on x over all other
-    groups, and the mean is that of the same ranks. 1 if each group lies on the curve of the others,
-    0 if the curve tells no more than the mean, below 0 if it misleads.
+    For each group the curve is the isotonic regression of the ranks of y on x over all other groups, and the
+    mean is the mean of the same ranks. The skill is 1 if each group lies on the curve of the others, 0 if the
+    curve predicts no better than the mean, below 0 if it predicts worse.
 
     Parameters
     ----------
     x, y : float (n,)
     groups : int (n,)
-        Which runs belong together; two groups at least.
+        Group of each run; two or more groups.
     """
     ranks = _ranks(y) / len(y)
     left = full = 0.0
@@ -90,10 +90,10 @@ def unseen_skill(x: np.ndarray, y: np.ndarray, groups: np.ndarray) -> float:
 
 
 def rising_curve(x: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """The isotonic regression of y on x, as a function.
+    """Return the isotonic regression of y on x, as a function.
 
-    Equal x have one value. Between two known x it is the mean of both their values, so that no
-    scale of x matters; beyond the last one it goes on as there.
+    Equal x have one value. Between two known x it is the mean of their values, independent of the scale of x;
+    beyond the range of x it is constant.
     """
     from scipy.optimize import isotonic_regression
 
@@ -113,15 +113,15 @@ def rising_curve(x: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndar
 def collapse(
     x: np.ndarray, y: np.ndarray, groups: Sequence[str], draws: int = DRAWS, seed: int = 1
 ) -> Collapse:
-    """Both figures with intervals, for a y that rises with x where x orders it.
+    """Return both figures with intervals, for a y that rises with x if x orders it.
 
-    The same seed draws the same runs again, whatever x and y are.
+    The same seed draws the same runs, whatever x and y are.
 
     Parameters
     ----------
     x, y : float (n,)
     groups : sequence of str
-        The way of driving of each run.
+        Kind of driving of each run.
     draws : int
     seed : int
     """
@@ -141,11 +141,11 @@ def collapse(
 
 
 def _both(x: np.ndarray, y: np.ndarray, groups: np.ndarray) -> tuple[float, float]:
-    return rank_correlation(x, y), unseen_skill(x, y, groups)
+    return rank_correlation(x, y), held_out_skill(x, y, groups)
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:
-    """Ranks from 1 on; equal values have their mean rank."""
+    """Return ranks, starting from 1; equal values have their mean rank."""
     _, index, number = np.unique(values, return_inverse=True, return_counts=True)
     last = np.cumsum(number)
     return np.asarray((last - 0.5 * (number - 1))[index])

@@ -1,4 +1,4 @@
-"""How much of a bed's plastic strain its dislocations carry: slopes over several cycles."""
+"""Fraction of a bed's plastic strain carried by its dislocations: slopes over several cycles."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 WINDOW = 2
-"""Kept frames from one increment to the next: 0.4 s. Over a second and more all starts of a size
-slip in the same increments, and the control tells nothing."""
+"""Frames of a row per increment: 0.4 s. Over one second or more all starts of a size slip in the same
+increments, and the control is useless."""
 
 DRAWS, LEVEL = 2000, 0.95
 PARTS: Mapping[str, tuple[str, ...]] = {
@@ -17,20 +17,20 @@ PARTS: Mapping[str, tuple[str, ...]] = {
     "with events": ("moves", "events"),
     "to the rim": ("moves", "events", "rim"),
 }
-"""What is added up of the dislocations."""
+"""Contributions of dislocations that are summed."""
 
 
-class Carried(NamedTuple):
-    """Slope of the strain by dislocations over that of the bed.
+class StrainFraction(NamedTuple):
+    """Slope of the dislocations' strain over the strain of the bed.
 
     Attributes
     ----------
     slope, low, high : float
-        Of the increments of all starts, through zero, with the interval over starts.
+        Slope of the increments of all starts, through zero, with the interval over starts.
     control : float
-        The same with the dislocations of another start: both are driven alike.
+        The same with the dislocations of another start, which has the same driving.
     left : float
-        Fraction of the variance of the dislocations' increments about zero that the line leaves.
+        Residual fraction of the mean square of the dislocations' increments.
     """
 
     slope: float
@@ -41,32 +41,32 @@ class Carried(NamedTuple):
 
 
 def distinct(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """One row of all that are alike: different starts may anneal to the same crystal."""
+    """Return distinct rows only, since different starts may anneal to the same crystal."""
     result = {(row["grains"], tuple(row["plastic"])): row for row in reversed(rows)}
     return list(reversed(result.values()))
 
 
-def carried(
+def strain_fraction(
     rows: Sequence[Mapping[str, Any]],
     parts: Sequence[str],
     of: str = "plastic",
     window: int = WINDOW,
     seed: int = 1,
-) -> Carried:
-    """The slope over the starts of a size.
+) -> StrainFraction:
+    """Return the slope over the starts of a size.
 
     Parameters
     ----------
     rows : sequence of mapping
-        Of `research.disorder.cycles.cycle_row`; two at least.
+        Rows of `research.disorder.cycles.cycle_row`, two or more.
     parts : sequence of str
-        Of `PARTS`.
+        Contributions from `PARTS`.
     of : str
-        ``"plastic"`` or ``"law"``.
+        Strain of the bed: ``"plastic"`` or ``"law"``.
     window : int
-        Kept frames from one increment to the next.
+        Frames of a row per increment.
     seed : int
-        Of the starts that are drawn again.
+        Seed of the resampling of starts.
     """
     x = np.array([increments(row[of], window) for row in rows])
     y = np.array([sum(increments(row[part], window) for part in parts) for row in rows])
@@ -79,9 +79,9 @@ def carried(
     others = [(x * np.roll(y, k, axis=0)).sum() / square.sum() for k in range(1, len(rows))]
     full = float((y**2).sum())
     left = float(((y - slope * x) ** 2).sum()) / full if full > 0.0 else 1.0
-    return Carried(float(slope), float(low), float(high), float(np.mean(others)), left)
+    return StrainFraction(float(slope), float(low), float(high), float(np.mean(others)), left)
 
 
 def increments(series: Sequence[float], window: int = WINDOW) -> np.ndarray:
-    """Changes over so many kept frames."""
+    """Return the changes over a number of frames."""
     return np.diff(np.asarray(series, dtype=float)[::window])

@@ -1,8 +1,8 @@
-"""Whether defects sit where the force between grains is uneven, and what comes first.
+"""Correlation of defects with uneven forces between grains, and their order in time.
 
-The force of a grain is its compressive force, the sum of the magnitudes of all that presses on it.
-It falls towards the walls, since grains beyond are missing; so each is written over the mean of the
-grains of its frame that are as far from the walls, and defects are compared with such grains.
+The force of a grain is its compressive force, the sum of the magnitudes of all forces on it. It falls towards
+the walls, since there are no grains beyond. Each force is therefore divided by the mean over grains of the
+same frame at the same distance from the walls, and defects are compared with such grains.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.run.trajectory import Trajectory
 
 SHELLS = 5
-"""Defects, their neighbours, the neighbours of these, ..."""
+"""Number of shells: defects, their neighbours, the neighbours of these, ..."""
 
 QUIET = 12
-"""Frames before an arrival in which neither the grain nor a neighbour is a defect, and frames after
-it that are looked at."""
+"""Frames before an arrival in which neither the grain nor a neighbour is a defect, and frames after it that
+are analysed."""
 
 DEPTHS = np.array([1.5, 2.5, 3.5, 4.5])
 """Edges between classes of distance to the nearest wall, in spacings."""
 
 
 class ForceField(NamedTuple):
-    """What is compared, of every frame and grain; NaN or False for grains without interior cell.
+    """Compared quantities of every frame and grain; NaN or False for grains without interior cell.
 
     Attributes
     ----------
     force : float (f, n)
-        Compressive force over the mean at this distance to the walls.
+        Compressive force over the mean at this distance from the walls.
     unevenness : float (f, n)
-        Standard deviation of that over the grain and its neighbours.
+        Standard deviation of the force over the grain and its neighbours.
     sides : int (f, n)
-        Of the Voronoi cell; 0 where it is not interior.
+        Sides of the Voronoi cell; 0 if it is not interior.
     shell : int (f, n)
-        Ways from neighbour to neighbour to the next defect, up to `SHELLS`.
+        Number of neighbour steps to the nearest defect, up to `SHELLS`.
     depth : int (f, n)
-        Class of the distance to the nearest wall; -1 where the cell is not interior.
+        Class of the distance to the nearest wall; -1 if the cell is not interior.
     """
 
     force: np.ndarray
@@ -51,7 +51,7 @@ class ForceField(NamedTuple):
 
 
 def force_field(run: Trajectory, start: float = 0.0) -> ForceField:
-    """Of all frames of a run from a time on [s]."""
+    """Return the force field of all frames of a run from a start time on [s]."""
     data = run.dataset
     chosen = data["frame_time"].values >= start
     rows = []
@@ -81,14 +81,14 @@ def _of_frame(places: np.ndarray, forces: np.ndarray, width: float, height: floa
 
 
 def mean_at(places: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Mean of the values at each class."""
+    """Return the mean of the values in each class."""
     number = np.bincount(places, minlength=len(DEPTHS) + 1)
     total = np.bincount(places, values, minlength=len(DEPTHS) + 1)
     return np.asarray(total / np.maximum(number, 1))
 
 
 def _spread(values: np.ndarray, cells: VoronoiCells) -> np.ndarray:
-    """Standard deviation over each grain and its neighbours (n,)."""
+    """Return the standard deviation over each grain and its neighbours (n,)."""
     i, j = cells.neighbours.T
     count = len(values)
     number = 1.0 + np.bincount(cells.neighbours.ravel(), minlength=count)
@@ -101,7 +101,7 @@ def _spread(values: np.ndarray, cells: VoronoiCells) -> np.ndarray:
 
 
 def shells(cells: VoronoiCells, defects: np.ndarray) -> np.ndarray:
-    """Ways from each grain to the next defect (n,), up to `SHELLS`."""
+    """Return the number of neighbour steps from each grain to the nearest defect (n,), up to `SHELLS`."""
     result = np.where(defects, 0, SHELLS)
     i, j = cells.neighbours.T
     for _ in range(SHELLS):
@@ -113,19 +113,19 @@ def shells(cells: VoronoiCells, defects: np.ndarray) -> np.ndarray:
 
 
 def over_others(field: ForceField, values: np.ndarray, chosen: np.ndarray) -> float:
-    """Mean at chosen grains over that at the others of the same frame, as far from the walls.
+    """Return the mean at chosen grains over the mean at other grains of equal frame and wall distance.
 
     Parameters
     ----------
     field : ForceField
     values : float (f, n)
     chosen : bool (f, n)
-        Those without interior cell are left out.
+        Chosen grains; grains without interior cell are omitted.
 
     Returns
     -------
     float
-        1 where the choice does not matter; NaN if nothing is chosen.
+        1 if the choice does not matter; NaN if nothing is chosen.
     """
     classes = len(DEPTHS) + 1
     frame = np.arange(len(values))[:, None] * classes
@@ -143,12 +143,12 @@ def over_others(field: ForceField, values: np.ndarray, chosen: np.ndarray) -> fl
 
 
 def shuffle(field: ForceField, chosen: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """As many chosen grains in each frame and class of distance to the walls, but any of them."""
+    """Choose random grains, as many in each frame and class of distance from the walls."""
     classes = len(DEPTHS) + 1
     group = np.where(field.depth >= 0, np.arange(len(chosen))[:, None] * classes + field.depth, -1)
     flat, flags = group.ravel(), chosen.ravel()
     mixed = random.permutation(len(flat))
-    # Both orders run through the groups one after the other; within them the second is random.
+    # Both orders pass through the groups in sequence; within groups the second order is random.
     straight = np.argsort(flat, kind="stable")
     other = mixed[np.argsort(flat[mixed], kind="stable")]
     result = np.zeros_like(flags)
@@ -157,10 +157,10 @@ def shuffle(field: ForceField, chosen: np.ndarray, random: np.random.Generator) 
 
 
 def arrivals(field: ForceField) -> np.ndarray:
-    """Frames and grains (k, 2) in which a defect comes to a neighbourhood without one.
+    """Return frames and grains (k, 2) at which a defect arrives in a neighbourhood without defects.
 
-    For `QUIET` frames before neither the grain nor a neighbour is a defect; over these and as many
-    afterwards its cell is interior.
+    For `QUIET` frames before, neither the grain nor a neighbour is a defect; its cell is interior during
+    these frames and as many afterwards.
     """
     near = field.shell <= 1
     inside = field.depth >= 0
@@ -172,11 +172,11 @@ def arrivals(field: ForceField) -> np.ndarray:
     return np.array(result, dtype=int).reshape(-1, 2)
 
 
-def about_arrivals(field: ForceField, values: np.ndarray, events: np.ndarray) -> np.ndarray:
-    """Mean from `QUIET` frames before the arrivals to as many after, over grains without defects.
+def mean_around_arrivals(field: ForceField, values: np.ndarray, events: np.ndarray) -> np.ndarray:
+    """Return the mean from `QUIET` frames before arrivals to as many after, over calm grains.
 
-    Those have no defect as a neighbour, and are of the same frame and as far from the walls. Float
-    (2 QUIET + 1,), NaN without arrivals.
+    Calm grains have no defect as a neighbour, and the same frame and distance from the walls. Float (2 QUIET
+    + 1,), NaN without arrivals.
     """
     calm = field.shell >= 2
     total, number = np.zeros((2, 2 * QUIET + 1))

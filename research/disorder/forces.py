@@ -1,4 +1,4 @@
-"""Forces at defects, in beds that are compressed and in beds that are kept warm."""
+"""Forces at defects, in beds under compression and in beds with a heat bath."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from research.disorder.force_heterogeneity import (
     QUIET,
     SHELLS,
     ForceField,
-    about_arrivals,
     arrivals,
     force_field,
+    mean_around_arrivals,
     over_others,
     shuffle,
 )
@@ -28,14 +28,14 @@ Row = dict[str, Any]
 COUNT, STARTS = 184, 12
 KINDS = ("compressed", "warm")
 FRAMES = 0.01
-"""From frame to frame [s]."""
+"""Interval between frames [s]."""
 
 SPEED, DRAG = 0.01, 0.1
-"""Of the piston [m/s], and drag of a grain [kg/s], of the beds that are compressed."""
+"""Speed of the piston [m/s], and drag of a grain [kg/s], of the compressed beds."""
 
 WARM, RATE = 0.09, 5.0
-"""Of the warm beds: temperature over the energy of a pair at the mean spacing (a crystal melts near
-0.100), and rate of the bath [1/s]."""
+"""Warm beds: temperature over the energy of a pair at the mean spacing (a crystal melts near 0.100), and rate
+of the bath [1/s]."""
 
 SETTLE, MEASURE = 2.0, 4.0
 SHUFFLES, DRAWS = 20, 2000
@@ -44,7 +44,7 @@ _UNIT = 5.68e-4
 
 
 class Interval(NamedTuple):
-    """A mean over independent runs, with its interval by drawing the runs again."""
+    """A mean over independent runs, with its interval from resampled runs."""
 
     value: float
     low: float
@@ -52,7 +52,7 @@ class Interval(NamedTuple):
 
 
 def force_scene(kind: str, seed: int) -> Scene:
-    """A bed of `KINDS`; it is measured from the time `SETTLE` on."""
+    """Return a bed of `KINDS`, measured from the time `SETTLE` on."""
     height = 20.0 * math.sqrt(COUNT / 368)
     begun = 1.4 * height if kind == "compressed" else height
     changes: dict[str, Any] = {
@@ -77,31 +77,30 @@ def force_scene(kind: str, seed: int) -> Scene:
 
 
 def force_key(case: tuple[str, int]) -> str:
-    """Name under which the row of a bed of a kind and a seed is kept."""
+    """Return the key of the row of a kind of bed and a seed."""
     return f"{case[0]}-{case[1]}-{digest(force_scene(*case).to_plain(), 8)}"
 
 
 def force_row(case: tuple[str, int]) -> Row:
-    """A bed of a kind and a seed simulated and measured."""
+    """Simulate and measure a bed of a kind and a seed."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # as of `bed_row`
         run = simulate(force_scene(*case), progress=False)
-    return {"kind": case[0], "seed": case[1], **of_field(force_field(run, SETTLE), case[1])}
+    return {"kind": case[0], "seed": case[1], **field_row(force_field(run, SETTLE), case[1])}
 
 
-def of_field(field: ForceField, seed: int = 1) -> Row:
-    """What a row holds of one bed.
+def field_row(field: ForceField, seed: int = 1) -> Row:
+    """Return the row of one bed.
 
     Returns
     -------
     dict
-        Ratios of means at defects, at pentagons and at heptagons to those at other grains as far
-        from the walls: ``uneven``, ``force``, ``force 5``, ``force 7``; ``uneven, shuffled``, the
-        same of shuffled places; ``shells`` of the unevenness; ``arrivals``, their number, and
-        ``uneven about`` and ``force about`` them, `QUIET` frames before to as many after; and the
-        fraction of ``defects``.
+        Means at defects, pentagons and heptagons over means at other grains at the same distance from the
+        walls: ``uneven``, ``force``, ``force 5``, ``force 7``; ``uneven, shuffled``, the same for shuffled
+        positions; ``shells`` of the unevenness; ``arrivals``, their number, and ``uneven about`` and ``force
+        about`` them, `QUIET` frames before to as many after; and the fraction of ``defects``.
     """
     known = field.depth >= 0
     odd = known & (field.sides != 6)
@@ -121,8 +120,8 @@ def of_field(field: ForceField, seed: int = 1) -> Row:
             for k in range(SHELLS)
         ],
         "arrivals": len(events),
-        "uneven about": about_arrivals(field, field.unevenness, events).tolist(),
-        "force about": about_arrivals(field, field.force, events).tolist(),
+        "uneven about": mean_around_arrivals(field, field.unevenness, events).tolist(),
+        "force about": mean_around_arrivals(field, field.force, events).tolist(),
     }
 
 
@@ -131,7 +130,7 @@ def _among(field: ForceField, chosen: np.ndarray) -> ForceField:
 
 
 def interval(values: Sequence[float], seed: int = 1) -> Interval:
-    """The mean over runs and the interval of `LEVEL`; runs without a value are left out."""
+    """Return the mean over runs and the interval of `LEVEL`; runs without a value are omitted."""
     known = np.array([item for item in values if np.isfinite(item)])
     random = np.random.default_rng(seed)
     means = known[random.integers(len(known), size=(DRAWS, len(known)))].mean(axis=1)
@@ -140,7 +139,7 @@ def interval(values: Sequence[float], seed: int = 1) -> Interval:
 
 
 def before_and_after(rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, Interval]:
-    """Means over the earlier half of the frames before the arrivals, at them, and long after.
+    """Return means over the earlier half of the frames before arrivals, at arrivals, and long after.
 
     ``name`` is ``uneven about`` or ``force about``.
     """

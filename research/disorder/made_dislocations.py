@@ -1,7 +1,7 @@
-"""What of a slip that is known the dislocations are seen to carry: made ones that cross a lattice.
+"""Fraction of a known slip found by dislocation tracking: synthetic dislocations that cross a lattice.
 
-Near its rim a bed shows no dislocation. How much of the plastic strain of the inner part that
-takes away depends on its size, and is measured here on lattices as large as the beds.
+Near the rim of a bed dislocations cannot be detected. The missing part of the inner plastic strain depends on
+the size of the bed, and is measured here on lattices as large as the beds.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from granular.observables.plasticity import (
 from granular.observables.voronoi import voronoi_cells
 
 ROWS = {184: 9, 368: 12}
-"""Rows of grains of the beds at rest under the piston, by their number of grains."""
+"""Number of rows of the beds at rest under the piston, by number of grains."""
 
 _STEP, _JITTER = 0.15, 0.01
 _OFFSETS = (-4.0, 0.0, 3.3)
@@ -27,16 +27,16 @@ _POISSON, _CORE = 1.0 / 3.0, 0.09
 
 
 @lru_cache(maxsize=4)
-def seen_share(count: int) -> tuple[float, float]:
-    """Fraction of the inner plastic strain in `plastic_distortion`: moves, and all of it.
+def tracked_fraction(count: int) -> tuple[float, float]:
+    """Return the fraction of the inner plastic strain found by tracking: from moves, and in total.
 
-    The mean over dislocations that glide from below the lattice to above it, in both directions at
-    60 degrees to its rows, at three places of it.
+    The result is the mean over dislocations that glide from below the lattice to above it, in both directions
+    at 60 degrees to its rows, at three positions.
 
     Parameters
     ----------
     count : int
-        Of `ROWS`.
+        Number of grains, a key of `ROWS`.
     """
     rows = ROWS[count]
     lattice = triangular(round(count / rows), rows)
@@ -46,20 +46,20 @@ def seen_share(count: int) -> tuple[float, float]:
 
 
 def triangular(columns: int, rows: int) -> np.ndarray:
-    """A patch of the lattice (n, 2) with rows along x and the spacing 1."""
+    """Return a patch of the lattice (n, 2) with rows along x and spacing 1."""
     j, i = np.divmod(np.arange(columns * rows), columns)
     return np.stack([i + 0.5 * (j % 2), np.sqrt(0.75) * j], axis=1)
 
 
 def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> np.ndarray:
-    """Of an edge dislocation in an elastic plane (n, 2) (Hirth and Lothe 1982), with a soft core.
+    """Return the displacement (n, 2) of an edge dislocation in an elastic plane, with a soft core.
 
     Parameters
     ----------
     points : float (n, 2)
     core : float (2,)
     burgers : float (2,)
-        Of length 1.
+        Burgers vector of length 1.
     """
     across = np.array([-burgers[1], burgers[0]])
     x, y = (points - core) @ burgers, (points - core) @ across

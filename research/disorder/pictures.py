@@ -13,10 +13,10 @@ from research.disorder.beds import GROUPS
 from research.disorder.candidates import CANDIDATES, ORDERS
 from research.disorder.cycles import FRAMES as FRAMES_OF_CYCLE
 from research.disorder.cycles import SHOWN as KEPT
-from research.disorder.dislocation_strain import PARTS, WINDOW, carried, distinct, increments
+from research.disorder.dislocation_strain import PARTS, WINDOW, distinct, increments, strain_fraction
 from research.disorder.force_heterogeneity import QUIET, SHELLS
 from research.disorder.forces import FRAMES, KINDS, interval
-from research.disorder.temperature import AGITATED, judged_candidates
+from research.disorder.temperature import AGITATED, score_candidates
 
 Row = Mapping[str, Any]
 
@@ -27,8 +27,8 @@ _LEAST = 3e-6
 
 
 def temperature_picture(rows: Sequence[Row]) -> Any:
-    """Orders over three temperatures, and the skill of each candidate."""
-    judged = [judged_candidates(rows, item) for item in (GROUPS, AGITATED)]
+    """Draw the orders over three temperatures, and the skill of each candidate."""
+    judged = [score_candidates(rows, item) for item in (GROUPS, AGITATED)]
     with figure(3, 4, width=11.5, height=8.6, sharey="row") as (drawing, table):
         for line, (order, words) in zip(table, ORDERS.items(), strict=True):
             for axes, name in zip(line, SHOWN, strict=False):
@@ -58,7 +58,7 @@ def temperature_picture(rows: Sequence[Row]) -> Any:
 
 
 def _shown(rows: Sequence[Row], name: str, order: str) -> tuple[np.ndarray, np.ndarray]:
-    """What is 0, or nearly, is drawn at the edge of logarithmic axes."""
+    """Return the values to draw: values near zero are placed at the edge of logarithmic axes."""
     x = np.maximum([row[name] for row in rows], _LEAST)
     y = np.array([row[order] for row in rows])
     return x, np.maximum(y, _LEAST) if order == "lindemann" else y
@@ -88,7 +88,7 @@ def _skills(axes: Any, judged: Sequence[Any], order: str, *, last: bool) -> None
 
 
 def forces_picture(forces: Sequence[Row], cycles: Sequence[Row]) -> Any:
-    """Unevenness about defects in space and time, and a cycle with what its dislocations carry."""
+    """Draw the unevenness around defects in space and time, and a cycle with the dislocations' strain."""
     with figure(2, 2, width=10.5, height=7.0) as (drawing, ((first, second), (third, fourth))):
         for k, kind in enumerate(KINDS):
             some = [row for row in forces if row["kind"] == kind]
@@ -154,7 +154,7 @@ def _slopes(axes: Any, rows: Sequence[Row]) -> None:
         some = [row for row in distinct(rows) if row["grains"] == size]
         x = np.concatenate([increments(row["plastic"]) for row in some])
         y = np.concatenate([increments(row["moves"]) for row in some])
-        item = carried(some, ("moves",))
+        item = strain_fraction(some, ("moves",))
         words = f"{size} grains: {item.slope:.2f} [{item.low:.2f}, {item.high:.2f}]"
         axes.plot(x, y, "os"[k], color=COLOURS[k], markersize=3.5, fillstyle="none", label=words)
         ends = np.array([x.min(), x.max()])

@@ -1,4 +1,4 @@
-"""Rows of each question, a row a bed, beside how they were made."""
+"""Rows of each question, one per bed, with the command that made them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from granular.shared.files import ResultCache
-from research.campaign import RESULTS, Plain, kept_rows, made_now, read_results, rounded, write_results
+from research.campaign import RESULTS, Plain, cached_rows, made_now, read_results, rounded, write_results
 from research.disorder.beds import all_beds
 from research.disorder.cycles import SIZES, cycle_key, cycle_row
 from research.disorder.forces import KINDS, STARTS, force_key, force_row
@@ -20,13 +20,13 @@ DIGITS = 5
 
 
 class Study(NamedTuple):
-    """The beds of a question: cases, the names that rows are kept under, and what makes a row."""
+    """The beds of a question: cases, keys of their rows, and the function that makes a row."""
 
     cases: Sequence[Any]
     key: Callable[[Any], str]
     row: Callable[[Any], Plain]
     quick: int
-    """Of so many cases a quick run takes the first each."""
+    """Step through the cases in a quick run, which takes the first of each group of this size."""
 
 
 STUDIES: Mapping[str, Study] = {
@@ -46,7 +46,7 @@ STUDIES: Mapping[str, Study] = {
 def run_studies(
     questions: Sequence[str], out: Path, *, quick: bool = False, progress: bool = True
 ) -> Results:
-    """Results of each question; rows that ``out`` keeps are found again, and all are written there.
+    """Return the results of each question; rows cached in ``out`` are reused, and all are written there.
 
     Raises
     ------
@@ -56,12 +56,12 @@ def run_studies(
     result: dict[str, Plain] = {}
     for question in questions:
         study = STUDIES[question]
-        rows = kept_rows(
+        rows = cached_rows(
             study.cases[:: study.quick if quick else 1],
             study.key,
             study.row,
             ResultCache(out / question),
-            what=question,
+            label=question,
             progress=progress,
         )
         command = f"python -m research.disorder {question} {'--quick' if quick else '--full'}"
@@ -71,10 +71,10 @@ def run_studies(
 
 
 def from_plain(plain: Any) -> Results:
-    """Results from what a file holds."""
+    """Return results from the data of a file."""
     return {name: {"made": item["made"], "rows": list(item["rows"])} for name, item in plain.items()}
 
 
 def is_whole(question: str, rows: Sequence[Plain]) -> bool:
-    """Whether there is a row of every case."""
+    """Return True if there is a row for every case."""
     return len(rows) == len(STUDIES[question].cases)

@@ -1,4 +1,4 @@
-"""Which temperature orders beds that are heated, shaken, compressed or settled, if any does."""
+"""Test whether any temperature orders heated, shaken, compressed and settled beds."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from research.disorder.data_collapse import DRAWS, Collapse, collapse
 Row = dict[str, Any]
 
 FALLING = ("psi6",)
-"""Orders that fall where the others rise."""
+"""Orders that fall when the others rise."""
 
 AGITATED = ("bath", "shaken")
-"""Ways of driving that move the grains about their places all the time."""
+"""Kinds of driving that keep the grains moving about their positions."""
 
 
 def bed_key(bed: Bed) -> str:
-    """Name under which the row of a bed is kept."""
+    """Return the key of the row of a bed."""
     return f"{bed.key}-{digest(scene_of(bed).to_plain(), 8)}"
 
 
 def bed_row(bed: Bed) -> Row:
-    """A bed simulated and measured."""
+    """Simulate and measure a bed."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings():
-        # Point dipoles of hot beds come nearer than a diameter; ``closest`` tells it of each.
+        # Point dipoles of hot beds come closer than a diameter; ``closest`` gives the distance.
         warnings.simplefilter("ignore", UserWarning)
         run = simulate(scene_of(bed), progress=False)
     return bed._asdict() | measured(run)
 
 
-def judged_candidates(
+def score_candidates(
     rows: Sequence[Mapping[str, Any]], groups: Sequence[str], draws: int | None = None
 ) -> dict[tuple[str, str], Collapse]:
-    """`collapse` of each candidate with each order, over the rows of some ways of driving.
+    """Return `collapse` of each candidate with each order, over the rows of some kinds of driving.
 
     ``draws`` is `DRAWS` if not given.
     """
@@ -66,6 +66,6 @@ def _judge_steps(
     }
 
 
-def orders_all(judged: Mapping[tuple[str, str], Collapse]) -> list[str]:
-    """Candidates that order each of the orders."""
+def candidates_for_all(judged: Mapping[tuple[str, str], Collapse]) -> list[str]:
+    """Return the candidates that order all quantities."""
     return [item for item in CANDIDATES if all(judged[item, order].orders for order in ORDERS)]

@@ -1,4 +1,4 @@
-"""What the results say, for the console and for the guide."""
+"""Text of the results, for the console and for the guide."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 
 from research.campaign import markdown_table
 from research.disorder import beds
-from research.disorder.beds import GROUPS, Bed, set_temperature
+from research.disorder.beds import GROUPS, Bed, bath_temperature
 from research.disorder.candidates import CANDIDATES, ORDERS
 from research.disorder.cycles import FRAMES as FRAMES_OF_CYCLE
 from research.disorder.cycles import SHOWN
-from research.disorder.data_collapse import LEAST_SKILL, Figure
-from research.disorder.dislocation_strain import PARTS, WINDOW, Carried, carried, distinct
+from research.disorder.data_collapse import MINIMUM_SKILL, Figure
+from research.disorder.dislocation_strain import PARTS, WINDOW, StrainFraction, distinct, strain_fraction
 from research.disorder.force_heterogeneity import QUIET
 from research.disorder.forces import FRAMES, KINDS, Interval, before_and_after, interval
-from research.disorder.made_dislocations import seen_share
+from research.disorder.made_dislocations import tracked_fraction
 from research.disorder.results import STUDIES, Results, is_whole
-from research.disorder.temperature import AGITATED, judged_candidates, orders_all
+from research.disorder.temperature import AGITATED, candidates_for_all, score_candidates
 
 Row = Mapping[str, Any]
 
@@ -30,9 +30,9 @@ _NAMES = {"defects": "defects", "psi6": "ψ₆", "lindemann": "Lindemann"}
 
 
 def temperature_text(rows: Sequence[Row]) -> str:
-    """A table of skills, and what they decide."""
-    every, moving = (judged_candidates(rows, item) for item in (GROUPS, AGITATED))
-    later = judged_candidates([row for row in rows if _is_later(row)], AGITATED)
+    """Return a table of skills, and the conclusion."""
+    every, moving = (score_candidates(rows, item) for item in (GROUPS, AGITATED))
+    later = score_candidates([row for row in rows if _is_later(row)], AGITATED)
     heads = [f"{_NAMES[order]}" for order in ORDERS]
     lines = [
         f"| candidate | {' | '.join(heads)} | {' | '.join(f'{h}, agitated' for h in heads)} |",
@@ -46,15 +46,16 @@ def temperature_text(rows: Sequence[Row]) -> str:
         "Skill of a monotonically rising curve, fitted to the ranks of the other kinds of driving, on "
         "the held-out kind, with the interval over beds: 1 if all lie on one curve, 0 if the curve "
         f"predicts no more than the mean. 95 % of shuffled data stay below {chance:.2f} or less.",
-        f"The interval lies above {LEAST_SKILL:g} in all three quantities, over all four kinds of "
-        f"driving for {_words(orders_all(every))}, over baths and shaking for "
-        f"{_words(orders_all(moving))}. The restriction to these two kinds was decided after the "
+        f"The interval lies above {MINIMUM_SKILL:g} in all three quantities, over all four kinds of "
+        f"driving for {_words(candidates_for_all(every))}, over baths and shaking for "
+        f"{_words(candidates_for_all(moving))}. The restriction to these two kinds was decided after the "
         "first start of each bed. The second starts alone give the skills of the table, and intervals "
-        f"above {LEAST_SKILL:g} in all three for {_words(orders_all(later))}: half of the beds are too "
-        "few.",
+        f"above {MINIMUM_SKILL:g} in all three for {_words(candidates_for_all(later))}: half of the beds are "
+        "too few.",
     )
     skills = [
-        (name, *(f"{later[name, order].skill.value:.2f}" for order in ORDERS)) for name in orders_all(moving)
+        (name, *(f"{later[name, order].skill.value:.2f}" for order in ORDERS))
+        for name in candidates_for_all(moving)
     ]
     table = markdown_table(("second starts", *heads), skills)
     filled = (textwrap.fill(item, _WIDTH) for item in paragraphs)
@@ -66,12 +67,12 @@ def _is_later(row: Row) -> bool:
 
 
 def _thermometers(rows: Sequence[Row]) -> tuple[str, str]:
-    """How well they agree with the bath, and with each other far from equilibrium."""
+    """Return the agreement of the thermometers with the bath, and with each other far from equilibrium."""
     bath = [row for row in rows if row["group"] == "bath"]
     shaken = [row for row in rows if row["group"] == "shaken"]
     cells = []
     for name in THERMOMETERS:
-        ratios = [row[name] * row["pair energy"] / set_temperature(_bed(row)) for row in bath]
+        ratios = [row[name] * row["pair energy"] / bath_temperature(_bed(row)) for row in bath]
         low, middle, high = np.quantile([row[name] / row["kinetic"] for row in shaken], [0.1, 0.5, 0.9])
         relative = "" if name == "kinetic" else f"{middle:.2f} ({low:.2f} to {high:.2f})"
         cells.append((name, f"{np.mean(ratios):.3f} ± {np.std(ratios, ddof=1):.3f}", relative))
@@ -84,7 +85,7 @@ def _thermometers(rows: Sequence[Row]) -> tuple[str, str]:
 
 
 def _frozen(rows: Sequence[Row]) -> str:
-    """Defects of settled beds, whose temperature is zero."""
+    """Return the text on defects of settled beds, whose temperature is zero."""
     settled = [row for row in rows if row["group"] == "settled"]
     cold = [row for row in rows if row["group"] == "bath" and row["first"] <= 0.03]
     spans = [
@@ -105,7 +106,7 @@ def _bed(row: Row) -> Bed:
 
 
 def forces_text(rows: Sequence[Row]) -> str:
-    """Ratios at defects, and what comes before and after their arrival."""
+    """Return the ratios at defects, and the means before and after their arrival."""
     columns = [_forces_of([row for row in rows if row["kind"] == kind]) for kind in KINDS]
     lines = [f"| | {' | '.join(f'{kind} beds' for kind in KINDS)} |", f"|---|{'---|' * len(KINDS)}"]
     lines += [f"| {words} | {' | '.join(column[words] for column in columns)} |" for words in columns[0]]
@@ -142,7 +143,7 @@ _WHEN = {
 
 
 def slip_text(rows: Sequence[Row]) -> str:
-    """Slopes of the strain by dislocations over the plastic strain of the bed."""
+    """Return the slopes of the dislocations' strain over the plastic strain of the bed."""
     alike = distinct(rows)
     sizes = sorted({row["grains"] for row in rows})
     of_size = {size: [row for row in alike if row["grains"] == size] for size in sizes}
@@ -153,13 +154,13 @@ def slip_text(rows: Sequence[Row]) -> str:
         f"|---|{'---|' * (2 * len(sizes))}",
     ]
     for words, parts in PARTS.items():
-        cells = [_carried(carried(of_size[size], parts, of)) for of in _STRAINS for size in sizes]
+        cells = [_carried(strain_fraction(of_size[size], parts, of)) for of in _STRAINS for size in sizes]
         lines.append(f"| {words} | {' | '.join(cells)} |")
-    made = [seen_share(size) for size in sizes]
+    made = [tracked_fraction(size) for size in sizes]
     for words, index in (("tracked", 0), ("to the rim", 1)):
         cells = [f"{item[index]:.2f}" for item in made] + [""] * len(sizes)
         lines.append(f"| {words}, synthetic slip | {' | '.join(cells)} |")
-    over = [_over(carried(of_size[size], ("moves",)), seen_share(size)[0]) for size in sizes]
+    over = [_over(strain_fraction(of_size[size], ("moves",)), tracked_fraction(size)[0]) for size in sizes]
     lines.append(f"| tracked, over synthetic | {' | '.join([*over, *[''] * len(sizes)])} |")
     return "\n".join([*lines, "", _slip_words(rows, of_size)])
 
@@ -173,9 +174,9 @@ def _slip_words(rows: Sequence[Row], of_size: Mapping[int, Sequence[Row]]) -> st
         f"{sum(row['grains'] == size for row in rows)} starts of {size} grains ({len(some)} different beds)"
         for size, some in of_size.items()
     )
-    slopes = [carried(of_size[most], ("moves",), window=item).slope for item in (1, 2, 5, 10, 25)]
-    left = [carried(some, ("moves",)).left for some in of_size.values()]
-    law = [carried(some, ("law",)) for some in of_size.values()]
+    slopes = [strain_fraction(of_size[most], ("moves",), window=item).slope for item in (1, 2, 5, 10, 25)]
+    left = [strain_fraction(some, ("moves",)).left for some in of_size.values()]
+    law = [strain_fraction(some, ("law",)) for some in of_size.values()]
     climb = [abs(row["climb"]) for some in of_size.values() for row in some]
     items = (
         f"Slopes through zero over {beds_of}, in increments of "
@@ -196,11 +197,11 @@ def _slip_words(rows: Sequence[Row], of_size: Mapping[int, Sequence[Row]]) -> st
     return "\n".join(textwrap.fill(f"- {item}", _WIDTH, subsequent_indent="  ") for item in items)
 
 
-def _over(result: Carried, fraction: float) -> str:
+def _over(result: StrainFraction, fraction: float) -> str:
     return f"{result.slope / fraction:.2f} [{result.low / fraction:.2f}, {result.high / fraction:.2f}]"
 
 
-def _carried(result: Carried) -> str:
+def _carried(result: StrainFraction) -> str:
     return f"{result.slope:.2f} [{result.low:.2f}, {result.high:.2f}]; {result.control:.2f}"
 
 
@@ -220,7 +221,7 @@ TEXTS: Mapping[str, Callable[[Sequence[Row]], str]] = {
 
 
 def text(results: Results) -> str:
-    """Tables and words of each question; of one that is not run whole, how many beds are."""
+    """Return tables and text of each question; for an incomplete one the number of finished beds."""
     return "\n\n".join(
         TEXTS[question](item["rows"])
         if is_whole(question, item["rows"])
@@ -230,12 +231,12 @@ def text(results: Results) -> str:
 
 
 def summary(results: Results) -> dict[str, Any]:
-    """Plain data: rows, and for the temperature the candidates that order them."""
+    """Return plain data: rows, and for the temperature the candidates that order them."""
     result: dict[str, Any] = {name: {"rows": item["rows"]} for name, item in results.items()}
     rows = results.get("temperature", {}).get("rows", [])
     if is_whole("temperature", rows):
         result["temperature"]["orders"] = {
-            "all": orders_all(judged_candidates(rows, GROUPS)),
-            "agitated": orders_all(judged_candidates(rows, AGITATED)),
+            "all": candidates_for_all(score_candidates(rows, GROUPS)),
+            "agitated": candidates_for_all(score_candidates(rows, AGITATED)),
         }
     return result

@@ -1,5 +1,6 @@
-"""What others have measured on beds of repelling magnets, and the same in the toolkit's scenes.
+"""Published measurements on beds of repelling magnets, compared with the toolkit's scenes.
 
-`measurements.toml` lists each one: its source, which figures could be read and which could not, and a scene.
-`measurements` runs the one with figures. `sizes` has dampers of five sizes on one curve.
+`measurements.toml` lists each measurement: its source, the figures that could be read and those that could
+not, and a scene. `measurements` simulates the one with figures. `sizes` collapses dampers of five sizes on
+one curve.
 """

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 QUICK, FULL = (0.0, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Ratios of small magnets."""
+"""Fractions of small magnets."""
 
 
 def run(options: Any) -> Plain:
-    """Mixtures under one load, and dampers of five sizes."""
+    """Simulate mixtures under one load, and dampers of five sizes."""
     from research.measured.measurements import cells_of_mixture
     from research.measured.sizes import of_same_magnets, rescaled
 
@@ -37,12 +37,12 @@ def run(options: Any) -> Plain:
 
 
 def blocks(result: Plain) -> Mapping[str, Block]:
-    """Tables of the page."""
+    """Return the tables of the page."""
     return {name: Block("docs/results/measurements.md", words) for name, words in markdown(result).items()}
 
 
 def pictures(result: Plain) -> Mapping[str, Figure]:
-    """The collapse of sizes."""
+    """Return the picture of the collapse of sizes."""
     from research.measured.sizes import draw
 
     return {"docs/images/sizes.png": draw(result["rescaled"], result["same magnets"])}
@@ -62,7 +62,7 @@ CAMPAIGN: Campaign[Plain] = Campaign(
     pictures=pictures,
     examples="""\
 examples:
-  %(prog)s                          # measurements, figures that were read, and committed results
+  %(prog)s                          # measurements, published figures, and committed results
   %(prog)s --full -o out/measured   # then --guide writes the page""",
 )
 parser = CAMPAIGN.parser

@@ -1,4 +1,4 @@
-"""Public measurements on beds of repelling magnets, a scene for each, and what the scenes show."""
+"""Published measurements on beds of repelling magnets, a scene for each, and simulated results."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ CELLS = ("deviation", "skewness", "pentagons", "hexagons", "heptagons", "psi6")
 
 
 def scene_of(name: str) -> Scene:
-    """Scene of a measurement."""
+    """Return the scene of a measurement."""
     entry = MEASUREMENTS[name]
     return load_scene(entry["scene"]).replace(name=name, **entry["changes"])
 
 
 def cells_of_mixture(ratio: float, beds: int) -> Plain:
-    """Means over beds: deviation of the cells' areas over their mean, skewness, polygons, bond order."""
+    """Return means over beds: relative deviation and skewness of cell areas, polygons, bond order."""
     shares = {"grains.species.big.share": 1.0 - ratio, "grains.species.small.share": ratio}
     scene, rows = scene_of("tsuchikusa").replace(**shares), []
     for seed in range(1, beds + 1):
@@ -40,9 +40,9 @@ def cells_of_mixture(ratio: float, beds: int) -> Plain:
 
 
 def largest_packing(scene: Scene, height: float) -> float:
-    """Packing fraction at which a lattice of dipoles lifts one that lies higher by so much [m].
+    """Return the packing fraction at which a lattice lifts a dipole that is higher by ``height`` [m].
 
-    A pair has the energy C (1 - 4.5 z^2/r^2)/r^3 at the offset z, so the sum of 9 C z/r^5 is the weight.
+    A pair has the energy C (1 - 4.5 z^2/r^2)/r^3 at the offset z, so the sum of 9 C z/r^5 equals the weight.
     """
     grains = scene.grains
     strength = dipole_pair_strength(grains.magnets_in_species()[0].moment)

@@ -1,4 +1,4 @@
-"""Dampers of five sizes: with equal groups, and of the same magnets."""
+"""Dampers of five sizes: with equal dimensionless groups, and with the same magnets."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FACTORS = (0.3, 0.6, 1.0, 2.0, 5.0)
-"""Widths over that of the settled bed."""
+"""Widths over the width of the settled bed."""
 MASSES = (3.75, 3.2, 2.6, 2.2, 1.8)
-"""Masses of its piston [kg], which fell with the first one."""
+"""Masses of its piston [kg]; it fell with the first one."""
 COUNTS = (48, 92, 184, 276, 368)
 
 
 def rescaled(out: Path) -> Iterator[Plain]:
-    """Figures of one bed in five widths, under a piston of several masses."""
+    """Return the figures of one bed in five widths, under a piston of several masses."""
     scene, positions, height = settled_beds(damper(count=92), 1, out=out)[0]
     for mass in MASSES:
         loaded = scene.replace(**{"piston.mass": mass})
@@ -37,13 +37,13 @@ def rescaled(out: Path) -> Iterator[Plain]:
 
 
 def of_same_magnets(out: Path) -> Iterator[Plain]:
-    """Figures of five dampers of the packaged magnets, widths and pistons as the root of N."""
+    """Return figures of five dampers of the packaged magnets, width and piston mass as the root of N."""
     for count in COUNTS:
         yield figures(equilibrium_from(*settled_beds(damper(count=count, drop=24.0), 1, out=out)[0]))
 
 
 def figures(rest: Equilibrium) -> Plain:
-    """Width [m], N, kappa, rest/W, f sqrt(W/g), zeta, and the rest over a lattice's."""
+    """Return width [m], N, kappa, rest/W, f sqrt(W/g), zeta, and equilibrium over a lattice's."""
     scene, root, height = rest.scene, piston_roots(rest)[0], rest.piston_height or 0.0
     width, kappa, count = scene.cell.width, dimensionless_groups(scene)["kappa"], scene.grains.count
     return {
@@ -58,7 +58,7 @@ def figures(rest: Equilibrium) -> Plain:
 
 
 def draw(rows: Sequence[Plain], same: Sequence[Plain]) -> Figure:
-    """rest/(N W) over kappa: one bed in five widths, dampers of the same magnets, and the lattice."""
+    """Draw rest/(N W) over kappa: one bed in five widths, dampers of the same magnets, the lattice."""
     marks = zip(sorted({row["width"] for row in rows}), "osd^v", (16, 13, 10, 7, 4), strict=True)
     with figure(1, 1, width=7.2, height=4.6, size=READABLE) as (drawing, ax):
         for width, mark, size in marks:

@@ -16,11 +16,11 @@ SAID = {
     "heptagons": "at 0.5 as many as hexagons",
     "psi6": "not read",
 }
-"""What Tsuchikusa et al. say of the cells, over the ratio of small magnets."""
+"""Statements of Tsuchikusa et al. on the cells, over the fraction of small magnets."""
 
 
 def tables_of(result: Plain) -> Mapping[str, Table]:
-    """Tables by the names of their blocks; those of results may be missing."""
+    """Return tables by the names of their blocks; tables of results may be missing."""
     lifted = f"{largest_packing(scene_of('taberlet'), 1e-4):.3f} for discs of 6 x 3 mm, one 0.1 mm higher"
     here = {"tsuchikusa": "below", "taberlet": lifted, "reiss": lifted}
     entries = [
@@ -47,7 +47,7 @@ def tables_of(result: Plain) -> Mapping[str, Table]:
 
 
 def _sizes(results: list[Plain]) -> Table:
-    """For each kappa, the figures of the first width, and the largest relative difference of the others."""
+    """Return, by kappa, figures of the first width and the largest relative difference of other widths."""
     names, rows = ("rest", "frequency", "zeta"), []
     for kappa in sorted({f"{row['kappa']:.4g}" for row in results}, key=float):
         first, *others = [row for row in results if f"{row['kappa']:.4g}" == kappa]
@@ -57,11 +57,11 @@ def _sizes(results: list[Plain]) -> Table:
 
 
 def text(result: Plain) -> str:
-    """Tables for the console."""
+    """Return the tables for the console."""
     return "\n\n".join(str(table) for table in tables_of(result).values())
 
 
 def markdown(result: Plain) -> dict[str, str]:
-    """Tables for the page by the names of their blocks, with the command that made them."""
+    """Return the tables for the page by the names of their blocks, with the command that made them."""
     made = f"(`{result['made']['command']}` on {result['made']['date']}, {result['made']['processor']}.)"
     return {name: f"{markdown_of(table)}\n\n{made}" for name, table in tables_of(result).items()}

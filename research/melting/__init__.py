@@ -1,1 +1,1 @@
-"""Melting of a layer of dipoles under a bath: where its order is lost."""
+"""Melting of a layer of dipoles in a heat bath: loss of orientational and translational order."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def run(options: Any) -> Results:
-    """Results of the layers that are asked for."""
+    """Return the results of the selected layers."""
     from research.melting.layer_runs import FULL, QUICK, run_plan
 
     checked_workers(options)
@@ -30,25 +30,25 @@ def run(options: Any) -> Results:
 
 
 def blocks(results: Results) -> Mapping[str, Block]:
-    """Table and transitions for the guide."""
+    """Return the table and the transitions for the guide."""
     return {"table": Block("docs/results/melting-and-disorder.md", markdown(results))}
 
 
 def pictures(results: Results) -> Mapping[str, Figure]:
-    """The picture beside them."""
+    """Return the picture for the guide."""
     from research.melting.picture import draw
 
     return {"docs/images/melting.png": draw(results)}
 
 
 def add_options(item: Parser) -> None:
-    """How many processes run."""
+    """Add the option for the number of processes."""
     add_workers(item, 2, "2")
 
 
 CAMPAIGN = Campaign(
     name="melting",
-    purpose="Where a layer of dipoles loses its order.",
+    purpose="Melting of a layer of dipoles: interaction parameters at which it loses its order.",
     quick="three layers of 256 grains, seconds",
     full="layers of 4096 grains at fifteen temperatures, in an hour",
     run=run,

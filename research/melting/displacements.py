@@ -1,4 +1,4 @@
-"""What the displacements from the lattice say: elastic moduli, and the Lindemann parameter."""
+"""Elastic moduli and Lindemann parameter from displacements relative to the lattice."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from research.melting.neighbours import nearest, neighbours
 from research.melting.scenes import Layer
 
 LONGEST_WAVE = 1.0
-"""Greatest wave number of the modes that moduli are extrapolated from, times the spacing."""
+"""Maximum wave number of the modes used to extrapolate moduli, times the spacing."""
 
 
 def waves(periods: tuple[float, float], most: float) -> np.ndarray:
-    """Wave vectors of a periodic cell up to a wave number [1/m], float (m, 2): one of q and -q."""
+    """Return wave vectors of a periodic cell up to a wave number [1/m], float (m, 2): one of q and -q."""
     unit = 2.0 * np.pi / np.array(periods)
     reach = np.floor(most / unit).astype(int)
     columns, rows = np.meshgrid(np.arange(reach[0] + 1), np.arange(-reach[1], reach[1] + 1))
@@ -26,13 +26,13 @@ def waves(periods: tuple[float, float], most: float) -> np.ndarray:
 
 
 class OnSites(NamedTuple):
-    """Grains of a frame by the lattice site that each is nearest to.
+    """Grains of a frame with their nearest lattice sites.
 
     Attributes
     ----------
     site : int (n,)
     moved : float (n, 2)
-        From there [m].
+        Displacement from the site [m].
     order : float
         Translational order: mean size of the three shortest Fourier components of the density at
         the lattice's reciprocal vectors, over the number of grains. 1 in a perfect crystal.
@@ -46,21 +46,22 @@ class OnSites(NamedTuple):
 def on_sites(
     positions: np.ndarray, sites: np.ndarray, periods: tuple[float, float], spacing: float
 ) -> OnSites:
-    """Grains on the sites of a crystal that may have moved as a whole.
+    """Assign grains to the sites of a crystal that may have moved as a whole.
 
-    Grains trade places in a crystal near melting, and its density stays: so each is counted where
-    it is, not where it came from. Where the lattice is, the phases of its Fourier components tell.
+    Grains exchange places in a crystal near melting, while its density is constant: so each grain is assigned
+    to its present site, not to its initial one. The position of the lattice follows from the phases of its
+    Fourier components.
 
     Parameters
     ----------
     positions : float (n, 2)
         [m]
     sites : float (n, 2)
-        Of a hexagonal lattice with rows along x [m].
+        Sites of a hexagonal lattice with rows along x [m].
     periods : (float, float)
         [m]
     spacing : float
-        Of the lattice [m].
+        Spacing of the lattice [m].
     """
     from scipy.spatial import cKDTree
 
@@ -81,14 +82,14 @@ def on_sites(
 def mode_squares(
     result: Sequence[OnSites], sites: np.ndarray, vectors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """|u(q)|^2 along q and across it, of every frame, float (f, m) each [m^2].
+    """Return |u(q)|^2 along q and across it for every frame, float (f, m) each [m^2].
 
-    u(q) = N^(-1/2) sum_j u_j exp(-i q R_j), with the ways u_j from the sites R_j.
+    u(q) = N^(-1/2) sum_j u_j exp(-i q R_j), with the displacements u_j from the sites R_j.
 
     Parameters
     ----------
     found : sequence of OnSites
-        Of each frame.
+        Assigned sites of each frame.
     sites : float (n, 2)
         [m]
     vectors : float (m, 2)
@@ -105,10 +106,10 @@ def mode_squares(
 def plateau(
     result: Sequence[OnSites], sites: np.ndarray, periods: tuple[float, float], spacing: float
 ) -> float:
-    """What the dynamic Lindemann parameter tends to in a crystal whose grains keep their places.
+    """Return the limit of the dynamic Lindemann parameter in a crystal without exchange of grains.
 
-    <|u_i - u_j|^2>/a^2 over neighbouring sites with one grain each: after a long time the ways of
-    two neighbours are as independent of those before as they are in different frames.
+    It is <|u_i - u_j|^2>/a^2 over neighbouring sites with one grain each: after a long time the displacements
+    of two neighbours are independent of the earlier ones.
 
     Parameters as of `mode_squares` and `on_sites`.
     """
@@ -126,12 +127,12 @@ def plateau(
 
 
 def modulus(layer: Layer, along: np.ndarray, across: np.ndarray, vectors: np.ndarray) -> float:
-    """K = 4 B mu/(B + mu) a^2/T from the mean squares of the modes, at q = 0.
+    """Return K = 4 B mu/(B + mu) a^2/T from the mean squares of the modes, extrapolated to q = 0.
 
-    By equipartition <|u(q)|^2> = rho T/(M q^2), with the shear modulus mu as M across q and B + mu
-    along it (von Gruenberg, Keim, Zahn and Maret, Phys. Rev. Lett. 93, 255703, 2004). Both are
-    extrapolated to q = 0: the first by a line in q^2, the second by one in q, since the sound of
-    grains that repel with r^-3 is no analytic function of q^2.
+    By equipartition <|u(q)|^2> = rho T/(M q^2), with the shear modulus mu as M across q and B + mu along it
+    (von Gruenberg, Keim, Zahn and Maret, Phys. Rev. Lett. 93, 255703, 2004). Both are extrapolated to q = 0:
+    the first by a line in q^2, the second by one in q, since the sound speed of grains with a repulsion r^-3
+    is not an analytic function of q^2.
 
     Parameters
     ----------
@@ -152,7 +153,7 @@ def modulus(layer: Layer, along: np.ndarray, across: np.ndarray, vectors: np.nda
 
 
 def _at_zero(x: np.ndarray, values: np.ndarray) -> float:
-    """Where a line through values, each with an error that is a fraction of it, meets 0."""
+    """Return the value at x = 0 of a line through values with equal relative errors."""
     design = np.stack([np.ones_like(x), x], axis=1) / values[:, None]
     result, *_ = np.linalg.lstsq(design, np.ones_like(x), rcond=None)
     return float(result[0])
@@ -161,22 +162,22 @@ def _at_zero(x: np.ndarray, values: np.ndarray) -> float:
 def lindemann(
     frames: np.ndarray, periods: tuple[float, float], spacing: float, lags: np.ndarray, every: int = 10
 ) -> np.ndarray:
-    """Dynamic Lindemann parameter <|du_i - du_j|^2>/(2 a^2) over neighbours, float (k,).
+    """Return the dynamic Lindemann parameter <|du_i - du_j|^2>/(2 a^2) over neighbours, float (k,).
 
-    As `granular.observables.lindemann_parameter`, in a periodic cell.
+    As `granular.observables.lindemann_parameter`, but in a periodic cell.
 
     Parameters
     ----------
     frames : float (f, n, 2)
-        Positions that were not brought back into the cell [m].
+        Positions without periodic wrapping [m].
     periods : (float, float)
         [m]
     spacing : float
         a [m].
     lags : int (k,)
-        In frames.
+        Lags in frames.
     every : int
-        Frames from one origin of time to the next.
+        Frames between successive time origins.
     """
     totals, numbers = np.zeros((2, len(lags)))
     for first in range(0, len(frames) - int(lags[0]), every):

@@ -1,4 +1,4 @@
-"""The layers' runs: each in a directory of its own, which goes on where it was stopped."""
+"""Runs of the layers, each in a separate directory, from which an interrupted run resumes."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from research.melting.scenes import STEP, layer
 
 
 class Plan(NamedTuple):
-    """What is run.
+    """Parameters of the runs of a study.
 
     Attributes
     ----------
     gammas : tuple of float
     columns : int
-        Of the crystal; it has as many rows.
+        Number of columns of the crystal, equal to its number of rows.
     settling, measured : float
-        Length of the run before, and while, it is measured [s].
+        Durations of the run before and during the measurement [s].
     """
 
     gammas: tuple[float, ...]
@@ -30,7 +30,7 @@ class Plan(NamedTuple):
 
 
 FORM = 2
-"""Of the figures: to be raised when other ones are measured of the same runs."""
+"""Version of the figures, to be raised when other figures are measured from the same runs."""
 
 QUICK = Plan((40.0, 60.0, 100.0), 16, 10.0, 20.0)
 FULL = Plan(
@@ -42,23 +42,23 @@ FULL = Plan(
 
 
 def run_plan(plan: Plan, directory: Path, *, workers: int = 1, progress: bool = True) -> list[dict[str, Any]]:
-    """Figures of every layer, in the plan's order; those in the directory are found again.
+    """Return the figures of every layer, in the plan's order; figures in the directory are reused.
 
     Parameters
     ----------
     plan : Plan
     directory : Path
     workers : int
-        Processes.
+        Number of processes.
     progress : bool
-        Say on standard error how many layers are done.
+        Report the number of finished layers on standard error.
 
     Raises
     ------
     StoreError
         If the directory cannot be written.
     KeyboardInterrupt
-        On Ctrl-C; the directory keeps the runs, which go on where they were.
+        On Ctrl-C; the runs in the directory can be resumed.
     """
     from granular.shared.progress_bars import progress_bar
 
@@ -76,7 +76,7 @@ def run_plan(plan: Plan, directory: Path, *, workers: int = 1, progress: bool = 
 
 
 def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
-    """Figures of a layer: from its run, which is made or finished first where it is missing."""
+    """Return the figures of a layer from its run, which is started or resumed if necessary."""
     from granular.run.simulation import simulate
     from research.melting.measures import figures
 

@@ -1,4 +1,4 @@
-"""What is measured of a layer: by blocks of time, from which intervals are drawn."""
+"""Measurements of a layer, by blocks of time, for bootstrap intervals."""
 
 from __future__ import annotations
 
@@ -16,37 +16,36 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 BLOCKS = 10
-"""Of the time that is measured; longer than what most of a layer's order remembers."""
+"""Number of blocks of the measured time, each longer than the correlation time of most of a layer's order."""
 
 EVERY = 2
-"""Frames from one whose neighbours are looked for to the next."""
+"""Frames between successive neighbour analyses."""
 
 ORIGINS = 256
-"""Grains that stand at 0 of g6, anew in each frame."""
+"""Number of grains at the origin of g6, chosen separately in each frame."""
 
 BIN = 0.5
 """Width of the bins of g6, in spacings."""
 
 LAGS = 16
-"""Of the Lindemann parameter, at even ratios up to half the time that is measured."""
+"""Number of lags of the Lindemann parameter, at equal ratios up to half the measured time."""
 
 COLD_FRAMES = 4
-"""Frames whose configurational temperature is measured."""
+"""Number of frames for the configurational temperature."""
 
 
 def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
-    """Order, moduli and temperatures of a layer, as plain data.
+    """Return order, moduli and temperatures of a layer, as plain data.
 
     Returns
     -------
     dict
-        ``kinetic`` and ``configurational``: temperatures over that of the bath. ``order``: the mean
-        square of the mean psi6 of each block of time; ``defects``: fraction of the grains without
-        six neighbours. ``r``, in spacings, with ``g6`` of each block. ``lags``, in units of time,
-        with the ``lindemann`` parameter. ``waves``: wave vectors, times the spacing, with the mean
-        squares of the modes ``along`` and ``across`` of each block, over the spacing squared.
-        ``translation``: translational order of each block. ``plateau``: what the Lindemann
-        parameter would tend to if no grains traded places.
+        ``kinetic`` and ``configurational``: temperatures over the temperature of the bath. ``order``: the
+        mean square of the mean psi6 of each block of time; ``defects``: fraction of the grains without six
+        neighbours. ``r``, in spacings, with ``g6`` of each block. ``lags``, in units of time, with the
+        ``lindemann`` parameter. ``waves``: wave vectors, times the spacing, with the mean squares of the
+        modes ``along`` and ``across`` of each block, over the spacing squared. ``translation``: translational
+        order of each block. ``plateau``: limit of the Lindemann parameter without exchange of grains.
     """
     data = run.dataset
     chosen = data["frame_time"].values >= settling

@@ -1,4 +1,4 @@
-"""Neighbours in a periodic cell, and the order of bonds with them."""
+"""Neighbours in a periodic cell, and their bond order."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from granular.observables.voronoi import voronoi_cells
 
 MARGIN = 4.0
-"""How far beyond the cell images are taken along, in mean spacings: no Voronoi cell of the layers
-looked at here reaches so far."""
+"""Margin of periodic images around the cell, in mean spacings, larger than any Voronoi cell of these
+layers."""
 
 
 class Neighbours(NamedTuple):
@@ -19,9 +19,9 @@ class Neighbours(NamedTuple):
     Attributes
     ----------
     first, second : int (m,)
-        Every pair of neighbours, from both sides.
+        Every pair of neighbours, in both directions.
     way : float (m, 2)
-        From the first to the nearest image of the second [m].
+        Displacement from the first to the nearest image of the second [m].
     sides : int (n,)
         Number of neighbours.
     """
@@ -33,12 +33,12 @@ class Neighbours(NamedTuple):
 
 
 def nearest(way: np.ndarray, periods: tuple[float, float]) -> np.ndarray:
-    """Ways (..., 2) to the nearest images."""
+    """Return displacements (..., 2) to the nearest images."""
     return np.asarray(way - periods * np.round(way / periods))
 
 
 def neighbours(positions: np.ndarray, periods: tuple[float, float]) -> Neighbours:
-    """Voronoi neighbours in a cell with these sides.
+    """Return the Voronoi neighbours in a periodic cell.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def neighbours(positions: np.ndarray, periods: tuple[float, float]) -> Neighbour
 
 
 def bond_order(result: Neighbours) -> np.ndarray:
-    """psi6 of each grain, complex (n,): the mean of exp(6 i phi) over its bonds."""
+    """Return psi6 of each grain, complex (n,): the mean of exp(6 i phi) over its bonds."""
     angle = np.arctan2(result.way[:, 1], result.way[:, 0])
     turned, count = np.exp(6j * angle), len(result.sides)
     real = np.bincount(result.first, turned.real, minlength=count)
@@ -82,7 +82,7 @@ def correlation(
     edges: np.ndarray,
     origins: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of Re psi6*(0) psi6(r) over pairs of some grains with all, and their numbers.
+    """Return sums of Re psi6*(0) psi6(r) over pairs of some grains with all, and their numbers.
 
     Parameters
     ----------
@@ -92,9 +92,9 @@ def correlation(
     periods : (float, float)
         [m]
     edges : float (b + 1,)
-        Of the bins of r, up to half the shorter side at most [m].
+        Edges of the bins of r, up to half the shorter side [m].
     origins : int (k,)
-        The grains that stand at 0.
+        Grains at the origin.
 
     Returns
     -------

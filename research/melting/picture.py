@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def draw(results: Results) -> Figure:
-    """g6 of all layers, their exponents and moduli over Gamma, and the Lindemann parameter."""
+    """Draw g6 of all layers, their exponents and moduli over Gamma, and the Lindemann parameter."""
     import numpy as np
     from matplotlib import colormaps
 

@@ -1,4 +1,4 @@
-"""Figures of the layers, and what they say of order."""
+"""Figures of the layers, and their order."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Results(NamedTuple):
 
     @property
     def orders(self) -> list[LayerOrder]:
-        """What the figures say of each layer."""
+        """Order of each layer."""
         return [_order_of(json.dumps(item)) for item in self.layers]
 
     @property
@@ -40,20 +40,20 @@ class Results(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def _order_of(figures: str) -> LayerOrder:
-    """Return the order of a layer from its figures as JSON, once: the draws of its intervals take long."""
+    """Return the order of a layer from its figures as JSON; cached, since its bootstrap takes long."""
     return layer_order(json.loads(figures))
 
 
 def results_of(layers: Sequence[dict[str, Any]], command: str) -> Results:
-    """Results of measured layers."""
+    """Return the results of measured layers."""
     return Results(made_now(command), tuple(sorted(layers, key=lambda item: item["gamma"])))
 
 
 def from_plain(plain: Any) -> Results:
-    """Results from plain data."""
+    """Return results from plain data."""
     return Results(dict(plain["made"]), tuple(plain["layers"]))
 
 
 def to_plain(results: Results) -> Plain:
-    """Plain data; numbers to five digits."""
+    """Return plain data, with numbers to five digits."""
     return {"made": dict(results.made), "layers": rounded(results.layers, DIGITS)}

@@ -1,4 +1,4 @@
-"""A layer of dipoles in a periodic cell, under a bath, at a given interaction parameter."""
+"""A layer of dipoles in a periodic cell with a heat bath, at a given interaction parameter."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 
 SPACING = 2.4
-"""Of the lattice, in diameters; with r^-3 as energy it sets the units alone."""
+"""Spacing of the lattice, in diameters; for an energy r^-3 it only sets the units."""
 
 RATE = 0.1
-"""Of the bath, in inverse units of time: slow enough for sound to travel through the cell."""
+"""Rate of the bath, in inverse units of time: slow enough for sound to travel through the cell."""
 
 STEP = "auto*3"
-"""0.43 over the highest frequency. Temperatures tell what it makes wrong."""
+"""Time step: 0.43 over the highest frequency. Its error shows in the measured temperatures."""
 
 FRAMES = 0.5
-"""From frame to frame [s]: 27 units of time."""
+"""Interval between frames [s]: 27 units of time."""
 
 
 class Layer(NamedTuple):
-    """A scene, and what it is measured in.
+    """A scene, and its units.
 
     Attributes
     ----------
@@ -49,19 +49,19 @@ class Layer(NamedTuple):
 
     @property
     def spacing(self) -> float:
-        """Of the hexagonal lattice of this density [m]."""
+        """Spacing of the hexagonal lattice of this density [m]."""
         return lattice_spacing(self.density)
 
 
 def layer(gamma: float, columns: int, seed: int = 1) -> Layer:
-    """A hexagonal crystal of ``columns`` times as many rows, at rest, under a bath.
+    """Make a hexagonal crystal with equal numbers of columns and rows, at rest, with a heat bath.
 
     Parameters
     ----------
     gamma : float
-        Interaction parameter C (pi rho)^(3/2)/T; the bath has the temperature that it asks for.
+        Interaction parameter C (pi rho)^(3/2)/T, which determines the temperature of the bath.
     columns : int
-        An even number.
+        Number of columns, even.
     seed : int
         Of the bath.
     """

@@ -1,4 +1,4 @@
-"""The layers as tables: for the console, and for the guide."""
+"""Tables of the layers, for the console and for the guide."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _HEAD = (
 
 
 def summary(results: Results) -> dict[str, Any]:
-    """Plain data: what is made of each layer, and the transitions."""
+    """Return plain data: order of each layer, and the transitions."""
     return {
         "made": dict(results.made),
         "layers": [
@@ -39,7 +39,7 @@ def _plain(value: Any) -> Any:
 
 
 def rows_of(results: Results) -> list[tuple[str, ...]]:
-    """A row of words for each layer."""
+    """Return a row of texts for each layer."""
     return [
         (
             f"{item.gamma:g}",
@@ -67,7 +67,7 @@ def _words(item: Interval, scale: float, digits: int) -> str:
 
 
 def sentences(results: Results) -> str:
-    """Where the transitions are, in words."""
+    """Return the text on the transitions."""
     result = results.transitions
     return "\n".join(
         f"{what}: {'not reached' if item is None else _gamma(item)}"
@@ -75,8 +75,8 @@ def sentences(results: Results) -> str:
             ("eta6 is 1/4 at Gamma", result.hexatic),
             ("K is 16 pi at Gamma", result.crystal),
             ("the plateau of the Lindemann parameter is 0.033 at Gamma", result.lindemann),
-            ("there is a crystal down to Gamma", result.kept),
-            ("there is none up to Gamma", result.lost),
+            ("crystalline down to Gamma", result.kept),
+            ("not crystalline up to Gamma", result.lost),
         )
     )
 
@@ -88,7 +88,7 @@ def _gamma(item: Interval | float) -> str:
 
 
 def text(results: Results) -> str:
-    """A table for the console."""
+    """Return the table for the console."""
     from granular.shared.blocks import Table
 
     if not results.layers:
@@ -98,7 +98,7 @@ def text(results: Results) -> str:
 
 
 def markdown(results: Results) -> str:
-    """The table and the transitions, for the guide."""
+    """Return the table and the transitions for the guide."""
     head = (
         "Γ",
         "translation",

@@ -1,4 +1,4 @@
-"""Where order is lost: exponents, moduli and the two transitions, with intervals over blocks."""
+"""Loss of order: exponents, moduli and the two transitions, with intervals over blocks."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from research.melting.displacements import modulus
 from research.melting.scenes import layer
 
 HEXATIC_EXPONENT = 0.25
-"""eta6 where disclinations unbind (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979)."""
+"""eta6 at the unbinding of disclinations (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979)."""
 
 CRYSTAL_MODULUS = 16.0 * math.pi
-"""K where dislocations unbind (the same)."""
+"""K at the unbinding of dislocations (same source)."""
 
 LINDEMANN = 0.033
 """Dynamic Lindemann parameter of a crystal of dipoles at melting (Zahn and Maret, Phys. Rev. Lett.
 85, 3656, 2000)."""
 
 FITTED = (4.0, 0.5)
-"""g6 is fitted from so many spacings on, up to that part of half the cell: farther out, the images
-of a periodic cell hold it up."""
+"""g6 is fitted from this number of spacings up to this fraction of half the cell: beyond it, periodic images
+increase g6."""
 
 DRAWS = 400
-"""Bootstrap samples of the blocks of time."""
+"""Number of bootstrap samples of the blocks of time."""
 
 
 class Interval(NamedTuple):
-    """A value, and 95 % of what resampled blocks of time give.
+    """A value with the central 95 % of the values from resampled blocks of time.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Interval(NamedTuple):
 
 
 class LayerOrder(NamedTuple):
-    """What a layer's figures say.
+    """Order of a layer.
 
     Attributes
     ----------
@@ -51,17 +51,16 @@ class LayerOrder(NamedTuple):
     exponent : Interval
         eta6: minus the slope of ln g6 over ln r.
     algebraic : float
-        Rest of that line over the rest of a line in r itself, of exponential decay: below 1 where
-        the power is the better one.
+        Residual of that line over the residual of a line in r (exponential decay): below 1 if the power law
+        fits better.
     modulus : Interval
-        K; 0 where the crystal is lost.
+        K; 0 if the crystal is lost.
     plateau : float
-        What the Lindemann parameter would tend to if no grains traded places; NaN where the crystal
-        is lost.
+        Limit of the Lindemann parameter without exchange of grains; NaN if the crystal is lost.
     lindemann : float
-        Of the longest lag.
+        Dynamic Lindemann parameter at the longest lag.
     growth : float
-        Slope of its logarithm over that of the lag, at the longer half of the lags: towards 0 in a
+        Slope of its logarithm over the logarithm of the lag, for the longer half of the lags: near 0 in a
         crystal.
     translation : float
         Translational order.
@@ -84,12 +83,12 @@ class LayerOrder(NamedTuple):
 
 
 LOST = 0.3
-"""Translational order below which there is no crystal: at melting it goes with (L/a)^(-1/6) or
-more (Nelson and Halperin), 0.5 of 64 columns, and without one with N^(-1/2), 0.016."""
+"""Minimum translational order of a crystal: at melting it scales as (L/a)^(-1/6) or more (Nelson and
+Halperin), 0.5 for 64 columns, and without a crystal as N^(-1/2), 0.016."""
 
 
 def layer_order(figures: dict[str, Any]) -> LayerOrder:
-    """The figures of a layer, with intervals."""
+    """Return the order of a layer from its figures, with intervals."""
     blocks = np.array(figures["g6"])
     r = np.array(figures["r"])
     along, across = np.array(figures["along"]), np.array(figures["across"])
@@ -122,7 +121,7 @@ def layer_order(figures: dict[str, Any]) -> LayerOrder:
 
 
 def _fitted(r: np.ndarray, g6: np.ndarray) -> np.ndarray:
-    """The bins that are fitted: up to where g6 is still positive."""
+    """Return the bins to be fitted, as long as g6 is positive."""
     good = (r >= FITTED[0]) & (r <= FITTED[1] * r[-1])
     bad = np.flatnonzero(good & (g6 <= 0.0))
     if len(bad):
@@ -131,7 +130,7 @@ def _fitted(r: np.ndarray, g6: np.ndarray) -> np.ndarray:
 
 
 def exponent(r: np.ndarray, g6: np.ndarray) -> float:
-    """eta6 of g6 ~ r^-eta6; infinite where g6 is lost within three bins."""
+    """Return eta6 of g6 ~ r^-eta6; infinite if g6 vanishes within three bins."""
     good = _fitted(r, g6)
     if good.sum() < 3:
         return math.inf
@@ -147,7 +146,7 @@ def _power_over_exponential(r: np.ndarray, g6: np.ndarray) -> float:
 
 
 def _rest(x: np.ndarray, y: np.ndarray) -> float:
-    """Root of the summed squares of what a line leaves."""
+    """Return the root of the summed squared residuals of a line."""
     return float(np.linalg.norm(y - np.polyval(np.polyfit(x, y, 1), x)))
 
 
@@ -161,9 +160,9 @@ def _interval(measure: Callable[[np.ndarray], float], blocks: int) -> Interval:
 def crossing(
     gammas: Sequence[float], values: Sequence[Interval], wanted: float, *, rising: bool
 ) -> Interval | None:
-    """Gamma where a quantity passes a value, by lines between the layers; None where it does not.
+    """Return Gamma at which a quantity crosses a value, by linear interpolation; None without a crossing.
 
-    The ends are where the ends of the intervals pass it.
+    The interval's ends are the crossings of the ends of the quantity's intervals.
 
     Parameters
     ----------
@@ -172,7 +171,7 @@ def crossing(
     values : sequence of Interval
     wanted : float
     rising : bool
-        Whether it rises with Gamma.
+        True if the quantity rises with Gamma.
     """
     result = [
         _passes(gammas, [getattr(item, end) for item in values], wanted, rising)
@@ -188,7 +187,7 @@ def _passes(gammas: Sequence[float], values: Sequence[float], wanted: float, ris
     sign = 1.0 if rising else -1.0
     above = [sign * (value - wanted) for value in values]
     for k in reversed(range(len(gammas) - 1)):
-        # From the ordered side: the first layer that has lost it.
+        # From the ordered side: the first layer that has lost the order.
         if above[k] < 0.0 <= above[k + 1]:
             fraction = -above[k] / (above[k + 1] - above[k]) if math.isfinite(above[k]) else 1.0
             return gammas[k] + fraction * (gammas[k + 1] - gammas[k])
@@ -196,20 +195,20 @@ def _passes(gammas: Sequence[float], values: Sequence[float], wanted: float, ris
 
 
 class Transitions(NamedTuple):
-    """Both transitions of a study; None where it does not reach one.
+    """Both transitions of a study; None for a transition that is not reached.
 
     Attributes
     ----------
     hexatic : Interval or None
-        Gamma where eta6 is 1/4: the liquid begins below it.
+        Gamma at eta6 = 1/4: the layer is liquid below it.
     crystal : Interval or None
-        Gamma where K is 16 pi: the hexatic layer begins below it.
+        Gamma at K = 16 pi: the layer is hexatic below it.
     lindemann : float or None
-        Gamma where the plateau of the dynamic Lindemann parameter is 0.033.
+        Gamma at which the plateau of the dynamic Lindemann parameter is 0.033.
     kept : float or None
-        The lowest Gamma at which there is still a crystal.
+        Lowest Gamma of a crystalline layer.
     lost : float or None
-        The highest one at which there is none.
+        Highest Gamma of a layer without a crystal.
     """
 
     hexatic: Interval | None
@@ -220,7 +219,7 @@ class Transitions(NamedTuple):
 
 
 def transitions(layers: Sequence[LayerOrder]) -> Transitions:
-    """Both transitions, of layers in rising order of Gamma."""
+    """Return both transitions, from layers in rising order of Gamma."""
     gammas = [item.gamma for item in layers]
     return Transitions(
         crossing(gammas, [item.exponent for item in layers], HEXATIC_EXPONENT, rising=False),
@@ -232,5 +231,5 @@ def transitions(layers: Sequence[LayerOrder]) -> Transitions:
 
 
 def _finite(value: float) -> float:
-    """A plateau that is lost is above any."""
+    """Return a plateau, or infinity if the crystal is lost."""
     return math.inf if math.isnan(value) else value

@@ -1,1 +1,1 @@
-"""De Paula's published values beside the toolkit's own, with scatter and a verdict each."""
+"""De Paula's published values compared with the toolkit's values, each with scatter and a verdict."""

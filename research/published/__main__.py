@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def run(options: Any) -> Shown:
-    """Results and report, after the runs that are asked for."""
+    """Return results and report after the selected runs."""
     checked_workers(options)
     names: tuple[Length, ...] = ("quick", "full", "check")
     length = next((name for name in names if getattr(options, name)), None)
@@ -26,32 +26,32 @@ def run(options: Any) -> Shown:
 
 
 def stale(options: Any) -> Sequence[str]:
-    """Series whose short references today's code does not give."""
+    """Return the series whose short reference runs the present code does not reproduce."""
     return [key for key, item in run(options).results.series.items() if item.get("stale")]
 
 
 def from_plain(plain: Any) -> Shown:
-    """From what a file holds."""
+    """Return results from the data of a file."""
     return Shown(Results.from_plain(plain))
 
 
 def report_of(shown: Shown) -> Plain:
-    """What ``report.json`` holds."""
+    """Return the data of ``report.json``."""
     return shown.report or summary(shown.results)
 
 
 def words(shown: Shown) -> str:
-    """The entries as a table, and how many agree."""
+    """Return the entries as a table, and the number of agreements."""
     return text(report_of(shown))
 
 
 def blocks(shown: Shown) -> Mapping[str, Block]:
-    """Blocks of README and guide."""
+    """Return the blocks of README and guide."""
     return guide.blocks(shown.results)
 
 
 def pictures(shown: Shown) -> Mapping[str, Figure]:
-    """The picture of both causes of the hysteresis, once they are run."""
+    """Return the picture of both causes of the hysteresis, if they were run."""
     from research.published.plots import both_causes_figure
 
     drawing = both_causes_figure(shown.results)
@@ -59,17 +59,17 @@ def pictures(shown: Shown) -> Mapping[str, Figure]:
 
 
 def add_options(item: Parser) -> None:
-    """One entry instead of all, and how many processes."""
+    """Add the options for a single entry and for the number of processes."""
     item.add_argument(
         "--only",
         metavar="KEY",
-        help="run what is behind one entry anew, and compare every figure with the file's",
+        help="repeat the runs behind one entry, and compare every figure with the file",
     )
     add_workers(item, None, "all processors")
 
 
 def instead(options: Any) -> tuple[Plain, str] | None:
-    """One entry run anew beside the file's, where it is asked for."""
+    """Return one repeated entry compared with the file, if selected."""
     checked_workers(options)
     if options.only is None:
         return None
@@ -79,9 +79,9 @@ def instead(options: Any) -> tuple[Plain, str] | None:
 
 CAMPAIGN = Campaign(
     name="published",
-    purpose="De Paula's published values beside ours, with verdicts.",
+    purpose="De Paula's published values compared with ours, with verdicts.",
     quick="run the short cases, in minutes",
-    full="run what the committed results lack, in hours",
+    full="run cases missing in the committed results, in hours",
     run=run,
     from_plain=from_plain,
     empty=Shown(EMPTY),

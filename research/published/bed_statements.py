@@ -1,4 +1,4 @@
-"""Tests of what de Paula says without a number of beds of equal grains [D, chapter 3]."""
+"""Tests of de Paula's qualitative statements on beds of equal grains [D, chapter 3]."""
 
 from __future__ import annotations
 
@@ -68,7 +68,9 @@ def speed_courses(results: Results) -> StatementCheck | None:
     if len(known) < len(courses):
         return None
     worst = max(float(np.abs(item - known[0]).max()) for item in known[1:])
-    return StatementCheck(worst <= 0.5, f"the courses lie at most {worst:.2f} D from that at 8.33 mm/s")
+    return StatementCheck(
+        worst <= 0.5, f"the curves differ by at most {worst:.2f} D from the curve at 8.33 mm/s"
+    )
 
 
 def roughness(results: Results, way: str) -> tuple[list[float], str] | None:
@@ -79,7 +81,7 @@ def roughness(results: Results, way: str) -> tuple[list[float], str] | None:
     values = [float(item.values.mean()) for item in result]
     speeds = [SPEEDS[1], *SPEEDS[2:]]
     listed = ", ".join(f"{v:.4f} at {s:g}" for s, v in zip(speeds, values, strict=True))
-    return values, f"rms of what is rough, over F_max: {listed} mm/s"
+    return values, f"rms roughness over F_max: {listed} mm/s"
 
 
 def rough_up(results: Results) -> StatementCheck | None:
@@ -93,7 +95,7 @@ def rough_down(results: Results) -> StatementCheck | None:
 
 
 def second_order(results: Results) -> StatementCheck | None:
-    """De Paula compares forces over their greatest."""
+    """Test forces over their maximum, as de Paula compares them."""
     pair = means_of(results, "force", "starts", "second order")
     usual, second = (course_of(results, name) for name in ("starts", "second order"))
     if pair is None or usual is None or second is None:
@@ -178,7 +180,7 @@ def smoother(results: Results) -> StatementCheck | None:
         return None
     values = [float(item.values.mean()) for item in result]
     listed = ", ".join(f"{v:.4f} (N = {n})" for n, v in zip(SIZES, values, strict=True))
-    return StatementCheck(values[-1] < values[0], f"rms of what is rough, over F_max: {listed}")
+    return StatementCheck(values[-1] < values[0], f"rms roughness over F_max: {listed}")
 
 
 def growing(results: Results) -> StatementCheck | None:
@@ -200,7 +202,7 @@ def slabs(results: Results) -> StatementCheck | None:
     weight = float(weights[0].values.mean())
     return StatementCheck(
         not (lowest > 0.0 and load > 0.0),
-        f"here they do: the lowest grain stands {lowest:.2f} D above the bottom, which bears "
+        f"here they can: the lowest grain is {lowest:.2f} D above the bottom, which carries "
         f"{load:.2f} N before the compression (weight {weight:.2f} N)",
     )
 

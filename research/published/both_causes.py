@@ -1,4 +1,4 @@
-"""The distances of [D, Table 3.1] with both causes of the hysteresis, and how far grains creep."""
+"""The distances of [D, Table 3.1] with both causes of the hysteresis, and the creep of grains."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLUMNS = (
     ("hysteresis", "hysteresis_D", "hysteresis_of_distance.hysteresis"),
 )
 CREEP_SIZE = 368
-"""Grains of the bed whose step and threshold were changed."""
+"""Number of grains of the bed whose step and threshold were changed."""
 
 
 class WithBoth(NamedTuple):
@@ -37,14 +37,14 @@ class WithBoth(NamedTuple):
         ``"start"``, ``"end"`` or ``"hysteresis"``.
     published : float
     usual, both : Finding
-        By the exact law from the usual grid, and with both causes.
+        Results of the exact law from the usual grid, and with both causes.
     late : Finding or None
-        With both causes and the velocity of [D, eq. 2.17] one step late, by an independent loop;
-        None where that was not run.
+        Result with both causes and the velocity of [D, eq. 2.17] one step late, by an independent loop; None
+        if it was not run.
     allowed, late_allowed : float
-        Half of the prediction intervals with both, by the scatter of all sizes together.
+        Half widths of the prediction intervals with both causes, from the pooled scatter of all sizes.
     usual_within, within, late_within : bool
-        Whether the published number lies in the prediction interval.
+        True if the published number lies in the prediction interval.
     """
 
     grains: int
@@ -61,7 +61,7 @@ class WithBoth(NamedTuple):
 
 
 def with_both_causes(results: Results) -> list[WithBoth]:
-    """Every distance whose runs are there, column by column."""
+    """Return every distance with complete runs, column by column."""
     rows = []
     beds = [f"direct {n}" for n in SIZES]
     changed = [f"{name}, both causes" for name in beds]
@@ -95,7 +95,7 @@ def with_both_causes(results: Results) -> list[WithBoth]:
 
 
 def _late(results: Results, what: str, count: int, figure: str, beds: Sequence[str]) -> Finding | None:
-    """The independent loop's, with the scatter of the beds with both causes."""
+    """Return the independent loop's result, with the scatter of the beds with both causes."""
     names = [f"{count}, {seed}" for seed in LATE_SEEDS]
     ends = {
         when: [results.number("late_velocity", f"{when} {name}") for name in names]
@@ -112,7 +112,7 @@ def _late(results: Results, what: str, count: int, figure: str, beds: Sequence[s
 
 
 def summary_of_both(rows: Sequence[WithBoth]) -> dict[str, int]:
-    """How many distances lie in their prediction intervals, without and with both causes."""
+    """Return the numbers of distances in their prediction intervals, without and with both causes."""
     return {
         "distances": len(rows),
         "within by the exact law": sum(row.usual_within for row in rows),
@@ -123,7 +123,7 @@ def summary_of_both(rows: Sequence[WithBoth]) -> dict[str, int]:
 
 
 def words_on_both(results: Results) -> str:
-    """The causes, and how many distances they explain, in a few sentences."""
+    """Return the text on the causes, and on the number of distances that they explain."""
     rows = with_both_causes(results)
     if not rows:
         return "Both causes of the hysteresis together: not run."
@@ -143,7 +143,7 @@ def words_on_both(results: Results) -> str:
 
 
 def _words_on_velocity(rows: Sequence[WithBoth]) -> str:
-    """How the velocity in the friction law changes the distances."""
+    """Return the text on the effect of the velocity in the friction law on the distances."""
     late = [row for row in rows if row.late is not None]
     if not late:
         return ""
@@ -157,7 +157,7 @@ def _words_on_velocity(rows: Sequence[WithBoth]) -> str:
 
 
 def table_of_distances(results: Results) -> Table:
-    """Start, end and hysteresis of every size; a star marks values outside of their intervals."""
+    """Return the table of start, end and hysteresis by size; a star marks values outside their intervals."""
     rows = with_both_causes(results)
     cells = {(row.grains, row.what): _distances(row) for row in rows}
     sizes = list(dict.fromkeys(row.grains for row in rows))
@@ -170,21 +170,21 @@ def table_of_distances(results: Results) -> Table:
 
 
 def _distances(row: WithBoth) -> tuple[str, str, str]:
-    """The published value, with both causes, and with the late velocity [D]."""
+    """Return the published value, with both causes, and with the late velocity [D]."""
     both = f"{row.both.value:.2f}{'' if row.within else '*'}"
     late = "" if row.late is None else f"{row.late.value:.2f}{'' if row.late_within else '*'}"
     return f"{row.published:.2f}", both, late
 
 
 class Creep(NamedTuple):
-    """Half the mean distance at the end [D] over the step [1e-6 T]."""
+    """Half the mean distance at the end [D], and the step [1e-6 T]."""
 
     step: float
     end: Finding
 
 
 def creep_over_step(results: Results) -> list[Creep]:
-    """Of `CREEP_SIZE` grains, from the exact law (step 0) on."""
+    """Return the creep of `CREEP_SIZE` grains by step, starting with the exact law (step 0)."""
     usual = mean_of(f"direct {CREEP_SIZE}", "half_end_D")(results)
     names = [f"direct {CREEP_SIZE}, {creep_name(step)}" for step in STEPS]
     creeping = [mean_of(name, "half_end_D", pool=names, protocol=ACCELERATED.name)(results) for name in names]
@@ -193,7 +193,7 @@ def creep_over_step(results: Results) -> list[Creep]:
 
 
 def words_on_creep(results: Results) -> str:
-    """How creep grows with step, time and threshold."""
+    """Return the text on creep as a function of step, time and threshold."""
     points = creep_over_step(results)
     name = f"direct {CREEP_SIZE}, threshold ten times"
     wide = mean_of(name, "half_end_D", protocol=ACCELERATED.name)(results)
@@ -210,7 +210,7 @@ def words_on_creep(results: Results) -> str:
 
 
 def table_of_creep(results: Results) -> Table:
-    """How much wider creep makes the end of the cycle [D], over the step."""
+    """Return the table of the increase of the final distance by creep [D], over the step."""
     points = creep_over_step(results)
     header = ("step / 1e-6 T", *(f"{point.step:g}" for point in points[1:]))
     wider = [f"{point.end.value - points[0].end.value:.2f} D" for point in points[1:]]
@@ -222,7 +222,7 @@ def _at_source_step(points: Sequence[Creep]) -> float:
 
 
 def table_of_haste(results: Results) -> Table:
-    """Ends by de Paula's own cycle, and by the accelerated one."""
+    """Return the table of final distances by de Paula's cycle, and by the accelerated one."""
     ends = []
     for n in SIZES:
         slow = mean_of(f"direct {n}, source's friction", "half_end_D", protocol="published")
@@ -239,5 +239,5 @@ def table_of_haste(results: Results) -> Table:
 
 
 def grid_of_steps(points: Sequence[Creep]) -> np.ndarray:
-    """Steps, ends and half intervals as columns."""
+    """Return steps, final distances and half intervals as columns."""
     return np.array([(point.step, point.end.value, point.end.half_width() or 0.0) for point in points]).T

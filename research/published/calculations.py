@@ -1,4 +1,4 @@
-"""Figures that need no bed: constants, the single grain, the slab, the oscillator."""
+"""Figures that need no simulated bed: constants, the single grain, the slab, the oscillator."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _COARSE = (0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 TIMED_SIZES = (368, 460, 552, 644, 736)
 SOURCE_RADIUS = 11.26
-"""Of de Paula's list [D]."""
+"""Radius of de Paula's list [D]."""
 
 OSCILLATOR_SPAN = 30.0
-"""Length of the record of de Paula's demonstration, which it does not print."""
+"""Length of the record of de Paula's demonstration, which is not printed."""
 
 
 def default_grain(_: bool) -> Numbers:
-    """Mass [kg], moment [A m^2], and distance where the pair force is the weight [D]."""
+    """Return mass [kg], moment [A m^2], and distance at which the pair force equals the weight [D]."""
     from granular.schema.natural_units import Scales
 
     grains = load_scene("bed").grains
@@ -42,7 +42,7 @@ def default_grain(_: bool) -> Numbers:
 
 
 def packing(_: bool) -> Numbers:
-    """Packing fraction of the mixtures at full compression, the same for every R, and heights."""
+    """Return the packing fraction of mixtures at full compression (equal for all R), and heights."""
     from granular.observables import packing_fraction
     from granular.scene.named_scenes import bidisperse
 
@@ -66,7 +66,7 @@ HEIGHTS: Mapping[str, tuple[float, float, tuple[float, ...]]] = {
 
 
 def final_heights(_: bool) -> Numbers:
-    """Piston heights at full compression [D], of all rows of Table A.1."""
+    """Return the piston heights at full compression [D] for all rows of Table A.1."""
     from granular.scene.named_scenes import bidisperse
 
     made = {}
@@ -79,7 +79,7 @@ def final_heights(_: bool) -> Numbers:
 
 
 def single_particle(full: bool) -> Numbers:
-    """De Paula's test of its method; its finest steps only in full."""
+    """Run de Paula's test of its method, with its finest steps only in the full run."""
     from validation.depaula_experiment import COMPENSATED, PLAIN, run_depaula_experiment
 
     result = run_depaula_experiment(full=full)
@@ -97,7 +97,7 @@ def single_particle(full: bool) -> Numbers:
 
 
 def slab_exponent(_: bool) -> Numbers:
-    """Mean exponent of y = a x^b fitted to the slab's force, as in [D, Fig. 3.15].
+    """Return the mean exponent of y = a x^b fitted to the slab's force, as in [D, Fig. 3.15].
 
     L = 100 D, f from 0.005 to 0.995 in steps of 0.01, distances from 0.5 to 59 D in steps of 0.01.
     """
@@ -117,7 +117,7 @@ def slab_exponent(_: bool) -> Numbers:
 
 
 def oscillator(_: bool) -> Numbers:
-    """The demonstration of [D, eq. 5.8]: its motion, made from the formula, fitted again."""
+    """Fit the demonstration of [D, eq. 5.8], with its motion computed from the formula."""
     from granular.records.record import PistonRecord
     from reduced_models import fit
 
@@ -129,10 +129,10 @@ def oscillator(_: bool) -> Numbers:
 
 
 def loop_times(_: bool) -> Numbers:
-    """Processor time of a sum over pairs [us], by the plain loop and by a plain list.
+    """Measure the processor time of a pair sum [us], by the plain loop and by a plain list.
 
-    Positions of a bed at full compression; the list is de Paula's, 11.26 D. It is not made anew:
-    at de Paula's step grains need some hundred thousand steps for its skin.
+    Positions of a bed at full compression; the list is de Paula's, 11.26 D. It is not rebuilt: at de Paula's
+    step grains need about a hundred thousand steps to cross its skin.
     """
     from research.published.plain_loops import loop_times as times
 
@@ -156,9 +156,9 @@ def _held_bed(count: int) -> Scene:
 
 
 def symbolic(_: bool) -> Numbers:
-    """What a symbolic regression finds of z(t) in the demonstration of [D, eq. 5.8].
+    """Return the result of a symbolic regression of z(t) in the demonstration of [D, eq. 5.8].
 
-    pyoperon stands in for de Paula's PySR, which needs Julia; nothing where it is not installed.
+    pyoperon replaces de Paula's PySR, which needs Julia; the result is empty if pyoperon is not installed.
     """
     from research.published.symbolic import demonstration
 
@@ -169,7 +169,7 @@ def symbolic(_: bool) -> Numbers:
 
 
 def late_velocity(full: bool) -> Numbers:
-    """Starts and ends with the velocity of [D, eq. 2.17] a step late; only in full."""
+    """Return starts and ends with the velocity of [D, eq. 2.17] a step late; only in the full run."""
     from research.published.plan import SIZES
     from research.published.velocity_variants import late_cycles
 
@@ -177,7 +177,7 @@ def late_velocity(full: bool) -> Numbers:
 
 
 def falls(full: bool) -> Numbers:
-    """Errors of many falls by a law that was fitted to one; only in full."""
+    """Return the errors for many falls of a law fitted to one fall; only in the full run."""
     from research.published.falls import fall_errors
 
     return fall_errors() if full else {}
@@ -201,10 +201,10 @@ CALCULATIONS: Mapping[str, Callable[[bool], Numbers]] = {
 
 
 def calculated(directory: Path, *, full: bool) -> None:
-    """Make all calculations that ``directory`` does not keep yet.
+    """Make all calculations that are not yet cached in ``directory``.
 
-    What the single grain gives depends on ``full``, and is kept apart. A calculation whose code
-    has changed is made anew.
+    The result for the single grain depends on ``full``, and is stored separately. A calculation whose code
+    has changed is repeated.
     """
     cache = _cache(directory)
     for name, calculation in CALCULATIONS.items():
@@ -213,7 +213,7 @@ def calculated(directory: Path, *, full: bool) -> None:
 
 
 def kept(directory: Path) -> dict[str, Numbers]:
-    """The calculations that a directory keeps, the full ones where both are there."""
+    """Return the cached calculations of a directory, full ones in preference to quick ones."""
     cache = _cache(directory)
     result = {name: [cache.read(_key(name, full)) for full in (True, False)] for name in CALCULATIONS}
     return {name: full or quick for name, (full, quick) in result.items() if full or quick}

@@ -46,55 +46,55 @@ from validation.measured_quantities import published_value
 OWN_TERMS = Rule(comparable=False)
 MADE = Rule(constructed=True)
 THREE, TEN_STARTS = Rule(draws=3), Rule(draws=10)
-"""Where the thesis says how many runs a number without a deviation is of."""
+"""Places in the thesis with the number of runs behind numbers without a deviation."""
 
 ALL_SIZES = LISTED + LARGE
 ASPECT_NAMES = ("0.75", "0.6", "0.5", "0.75 (6:8)")
 
 OTHER_MACHINE = (
-    "Times depend on machine and code. Here a loop over all pairs and one over a list stand side "
-    "by side, as plainly as the thesis writes them; the toolkit's own direct sum takes eight pairs "
-    "at once, and is faster than both at this size."
+    "Times depend on machine and code. Here a loop over all pairs and a loop over a list are compared, "
+    "written as plainly as in the thesis; the toolkit's direct sum processes eight pairs simultaneously, "
+    "and is faster than both at this size."
 )
 SCALED_BY_EYE = (
-    "De Paula compares by eye; in that scaling (z = 1 at the start, rest at z = -0.907) a fit "
-    "to the swing gives these, and no unit of time is printed. alpha/omega and g0/omega² need none."
+    "De Paula compares by eye. In that scaling (z = 1 at the start, rest at z = -0.907) a fit to the "
+    "oscillation gives these values; no unit of time is printed. alpha/omega and g0/omega² do not need a "
+    "unit."
 )
 UNIT = "In 1/s. A unit of time of 0.038 s would make it 1.05, which the thesis does not have."
 HYSTERESIS = (
-    "De Paula's friction at its step lets grains creep, which widens the bed at the end, and the "
-    "first grid, whose height is not printed, moves the start. Run together they give it or come "
-    "near it; see Causes."
+    "De Paula's friction at its step makes grains creep, which widens the bed at the end, and the first "
+    "grid, whose height is not printed, changes the start. Both causes together reproduce the value or come "
+    "close to it; see Causes."
 )
 ROUNDED_CELL = (
-    "In a cell whose scale, the root of 1/2, is rounded to 0.70 the least is 7.56 D and the start "
-    "11.27 D; with the fitted height of the first grid the start is lower too. See Causes."
+    "In a cell whose scale, the root of 1/2, is rounded to 0.70 the minimum is 7.56 D and the start 11.27 "
+    "D; with the fitted height of the first grid the start is also lower. See Causes."
 )
 SAME_FORCE = (
     f"{UNEXPLAINED}other speeds, a third of the step, de Paula's friction at its step (15.3 N in "
     "three starts) and a higher first grid. Table 3.2 prints the same 15.26 N for three starts at "
     "another speed."
 )
-FROM_FIGURE = f"{UNEXPLAINED}ten starts of our own; the thesis says about 0.02, from its figure."
+FROM_FIGURE = f"{UNEXPLAINED}ten starts here; the thesis gives about 0.02, from its figure."
 TWO_STARTS = (
-    f"{UNEXPLAINED}both protocols, and thirty pairs of starts: two starts of one mixture differ by "
-    "about a hundredth of the force, as in the thesis's own Table 3.2. It does not say how many "
-    "pairs it had."
+    f"{UNEXPLAINED}both protocols, and thirty pairs of starts: two starts of one mixture differ by about a "
+    f"hundredth of the force, as in the thesis's Table 3.2. The thesis does not give its number of pairs."
 )
 LOST_PAIRS = (
-    f"{UNEXPLAINED}lists of seven radii: one of 11.26 D must lose some 4 % at this density, as it "
-    "does here; the printed 0.48 % is the difference of two means with deviations of 0.24 and "
+    f"{UNEXPLAINED}lists of seven radii: a list of 11.26 D must lose about 4 % at this density, as it does "
+    f"here; the printed 0.48 % is the difference of two means with deviations of 0.24 and "
     "0.11 N."
 )
-OWN_LINE = "Misprint or rounding: the printed forces lie on their own line with R² = 0.998."
+OWN_LINE = "Misprint or rounding: the line through the printed forces has R² = 0.998."
 FROM_DEVIATION = (
-    "The printed 0.001 contradicts the 0.24 N of the thesis's own Table 3.2; ours is like the latter."
+    "The printed 0.001 contradicts the 0.24 N of the thesis's Table 3.2; ours agrees with the latter."
 )
 
 
 @cache
 def entries() -> tuple[Entry, ...]:
-    """All entries, in the order of the thesis."""
+    """Return all entries, in the order of the thesis."""
     return (
         *_constants(), *_single_grain(), *_independence(), *_distances(), *_forces(),
         *_list_forces(), *_times(), *_polygons(), *_mixtures(), *_orders(), *_biexponentials(),
@@ -113,8 +113,8 @@ def _constants() -> list[Entry]:
               "weight", calculation(grain, "distance_where_force_is_weight"), "D"),
         Entry("walls.slab_exponent", "mean exponent of the slab's force",
               calculation("slab_exponent", "exponent"), digits=3,
-              note="How the points are weighted decides the third decimal: fitted to logarithms "
-              "the same points give -3.10."),
+              note="The weights of the points determine the third decimal: fitted to logarithms the same "
+                   "points give -3.10."),
         Entry("bidisperse_further.packing_fraction", "packing fraction of the mixtures, all R",
               calculation("packing", "packing_fraction"), rule=MADE),
         _final_heights(),
@@ -122,7 +122,7 @@ def _constants() -> list[Entry]:
 
 
 def _final_heights() -> Entry:
-    """One formula, [D, eq. 4.23], and so one entry: its sixty-two rows follow from it."""
+    """Return one entry for one formula, [D, eq. 4.23]: all sixty-two rows follow from it."""
     first, *rest = (
         f"final_height.{name}[{k}]" for name, (_, _, ratios) in HEIGHTS.items() for k in range(len(ratios))
     )
@@ -135,36 +135,36 @@ def _single_grain() -> list[Entry]:
     return [
         Entry("single_particle.slope", "order of Störmer-Verlet on the bouncing grain",
               calculation("single_particle", "slope"), digits=0),
-        Entry("single_particle.greatest_peak_difference_m", "greatest difference of two peaks, "
-              "position form", calculation("single_particle", "peak_difference"), "m",
+        Entry("single_particle.greatest_peak_difference_m", "maximum difference of two peaks, position form",
+              calculation("single_particle", "peak_difference"), "m",
               rule=OWN_TERMS, digits=10,
-              note="Rounding of the position form, whose last digits depend on how each sum is "
-              "written; with compensated sums the peaks differ by some 1e-15 m."),
+              note="Rounding of the position form, whose last digits depend on the order of each sum; with "
+                   "compensated sums the peaks differ by about 1e-15 m."),
     ]  # fmt: skip
 
 
 def _independence() -> list[Entry]:
     name = "independence_of_start"
     return [
-        Entry(f"{name}.force_mean", "greatest piston force, mean of ten starts",
+        Entry(f"{name}.force_mean", "maximum piston force, mean of ten starts",
               mean_of("starts", "force"), "N", TEN_STARTS,
               note=SAME_FORCE),
         Entry(f"{name}.std_at_max_as_printed", "its standard deviation",
               deviation_at_full("starts"), "N", digits=3, note=FROM_DEVIATION),
-        Entry(f"{name}.std_over_mean_anywhere", "greatest deviation anywhere in the cycle, over "
-              "the mean greatest force", greatest_deviation("starts"),
+        Entry(f"{name}.std_over_mean_anywhere", "maximum deviation in the cycle, over the mean maximum force",
+              greatest_deviation("starts"),
               note=FROM_FIGURE),
-        Entry("velocity.greatest_speed_mm_s", "speed up to which the force is that at 8.33 mm/s, "
-              "within 3 %", greatest_same_speed(SPEEDS[2:], "direct 368", 0.03), "mm/s",
+        Entry("velocity.greatest_speed_mm_s", "maximum speed with the force of 8.33 mm/s, within 3 %",
+              greatest_same_speed(SPEEDS[2:], "direct 368", 0.03), "mm/s",
               Rule(limit="least"), digits=0,
-              note="Faster pistons press on a bed that has had no time to give way."),
+              note="Faster pistons press on a bed that has had no time to relax."),
     ]  # fmt: skip
 
 
 def _distances() -> list[Entry]:
     name = "half_mean_distance"
     notes = {
-        92: "De Paula starts the smallest bed higher up, and does not say from where. " + HYSTERESIS,
+        92: "De Paula starts the smallest bed from a larger height, which is not given.  " + HYSTERESIS,
         184: ROUNDED_CELL,
     }
     columns = (
@@ -182,20 +182,20 @@ def _distances() -> list[Entry]:
 
 
 def _direct(count: int, figure: str) -> Measure:
-    """A figure of a bed, with the deviation of the beds of all sizes together."""
+    """Return the measure of a figure of a bed, with the pooled deviation of beds of all sizes."""
     return mean_of(f"direct {count}", figure, pool=[f"direct {n}" for n in SIZES])
 
 
 def _hysteresis() -> list[Entry]:
     columns = (
-        ("start_over_minimum", "start_over_full", "at the start over that at full compression", ""),
-        ("end_over_minimum", "end_over_full", "at the end over that at full compression", ""),
-        ("hysteresis", "hysteresis_D", "at the start less that at the end", "D"),
+        ("start_over_minimum", "start_over_full", "start over full compression", ""),
+        ("end_over_minimum", "end_over_full", "end over full compression", ""),
+        ("hysteresis", "hysteresis_D", "start minus end", "D"),
         ("hysteresis_over_minimum", "hysteresis_over_full",
-         "at the start less that at the end, over that at full compression", ""),
+         "start minus end, over full compression", ""),
     )  # fmt: skip
     return [
-        Entry(f"hysteresis_of_distance.{column}[{k}]", f"half mean distance {words}, N = {n}",
+        Entry(f"hysteresis_of_distance.{column}[{k}]", f"half mean distance, {words}, N = {n}",
               _direct(n, figure), unit, note=HYSTERESIS)
         for k, n in enumerate(SIZES)
         for column, figure, words, unit in columns
@@ -230,7 +230,7 @@ def _list_forces() -> list[Entry]:
     line = Line("list", LISTED)
     rows = _force_rows(name, "list", "de Paula's list")
     rows += [
-        Entry(f"{name}.percent_difference[{k}]", f"what the list loses, N = {n}",
+        Entry(f"{name}.percent_difference[{k}]", f"loss by the list, N = {n}",
               percent_difference(n), "%", THREE if n in LISTED else PLAIN,
               note=LOST_PAIRS if n == 368 else "")
         for k, n in enumerate(ALL_SIZES)
@@ -241,8 +241,8 @@ def _list_forces() -> list[Entry]:
         Entry(f"{fits}.slope", "slope of force over N, list", line.slope, "N", digits=4),
         Entry(f"{fits}.intercept", "intercept, list", line.intercept, "N"),
         Entry("mono_further.r_squared_verlet", "R² of that line", line.r_squared, note=OWN_LINE),
-        Entry("mono_further.asymptote_percent", "what the list loses in a very large bed, by both "
-              "lines", asymptote(Line("direct", LISTED), line), "%", digits=1),
+        Entry("mono_further.asymptote_percent", "loss by the list in a very large bed, from both lines",
+              asymptote(Line("direct", LISTED), line), "%", digits=1),
     ]  # fmt: skip
 
 
@@ -255,13 +255,14 @@ def _times() -> list[Entry]:
               time_exponent(LISTED, "direct"), digits=1, note=OTHER_MACHINE),
         Entry(f"{name}.time_saving_at_368", "time saved by the plain list, N = 368",
               time_saving(368), rule=OWN_TERMS, note=OTHER_MACHINE),
-        Entry("algorithm.first_radius_inside", "least radius of the list whose force lies within a "
-              "deviation of the direct sum's", first_inside(RADII, "direct 368"), "D",
-              note="The choice hangs on the deviation of three starts."),
+        Entry("algorithm.first_radius_inside",
+              "smallest list radius with a force within a deviation of the direct sum's",
+              first_inside(RADII, "direct 368"), "D",
+              note="The choice depends on the deviation of three starts."),
         *(
             Entry(f"{name}.direct_sum_hours_at_{n}", f"hours of the direct sum, N = {n}",
                   mean_of(f"direct {n}", "seconds", 1.0 / 3600.0), "h", OWN_TERMS,
-                  note="The same protocol with other steps, code and machine.")
+                  note="The same protocol with different steps, code and machine.")
             for n in (368, 736)
         ),
     ]  # fmt: skip
@@ -283,7 +284,7 @@ def _polygons() -> list[Entry]:
 def _mixtures() -> list[Entry]:
     name = "bidisperse_r_half"
     rows = [
-        Entry(f"{name}.least_piston_distance[{k}]", f"least distance to the piston, a = {a:g}",
+        Entry(f"{name}.least_piston_distance[{k}]", f"smallest distance to the piston, a = {a:g}",
               mean_of(mixture_name(a, 0.5), "least_distance_D"), "D", note=LEAST)
         for k, a in enumerate(ASPECTS)
     ]  # fmt: skip
@@ -309,31 +310,32 @@ def _mixtures() -> list[Entry]:
     beds = [mixture_name(a, r) for a in ASPECTS for r in RATIOS[1:]]
     return [
         *rows,
-        Entry("bidisperse_further.greatest_force_difference", "greatest difference of the force "
-              "between two starts of one mixture", greatest_pair_difference(beds), "N", digits=1,
+        Entry("bidisperse_further.greatest_force_difference",
+              "maximum force difference of two starts of one mixture",
+              greatest_pair_difference(beds), "N", digits=1,
               note=TWO_STARTS),
     ]  # fmt: skip
 
 
 LEAST = (
     "De Paula's friction law at its own step, and the cell of 0.36 m that its Table 4.3 prints, "
-    "where text and Table A.1 have 0.33 m, move this distance; see Causes. A cell of 0.36 m "
+    "while text and Table A.1 have 0.33 m, change this distance; see Causes. A cell of 0.36 m "
     "contradicts the packing of 0.34."
 )
 RATIO = (
-    f"{UNEXPLAINED}de Paula's friction law, which moves it the other way, its mixing rule, and the "
-    "wide cell; see Causes."
+    f"{UNEXPLAINED}de Paula's friction law, which changes it in the other direction, its mixing rule, and "
+    f"the wide cell; see Causes."
 )
 LARGE_FORCES = (
-    f"{UNEXPLAINED}de Paula's friction at its step with the fitted first grid: one start of 1472 "
-    "grains then lies about a third as far off, but 736 grains keep their force. Every pair was "
-    "printed of one run, and the list, of three, is high by about the same: a common cause is "
-    "likely. Friction's weight in the force grows with N: half of it takes 12 % off at 368 grains "
-    "and 17 % at 736."
+    f"{UNEXPLAINED}de Paula's friction at its step with the fitted first grid: the deviation of one start "
+    f"of 1472 grains is then a third as large, but 736 grains keep their force. The values for every pair "
+    f"are from one run, and the values for the list, from three, are high by about the same: a common cause "
+    f"is likely. The contribution of friction to the force grows with N: half the friction lowers the force "
+    f"by 12 % at 368 grains and 17 % at 736."
 )
 REGULAR = (
-    "With de Paula's regularised friction at its own step (1e-6 T) grains creep where the exact "
-    "law holds them; see Causes."
+    "With de Paula's regularised friction at its step (1e-6 T) grains creep, while the exact law holds "
+    "them; see Causes."
 )
 
 
@@ -348,14 +350,15 @@ def _orders() -> list[Entry]:
                   f"fraction of hexagons, a = {a:g}", correlation(a), digits=3)
             for k, a in enumerate(ASPECTS)
         ),
-        Entry("bidisperse_variants.least_correlation", "the same: the least of the variants and "
-              "of the mixture of 6 and 8 mm", least_of([*variants, correlation(0.75, 0.008)]),
+        Entry("bidisperse_variants.least_correlation",
+              "the same: minimum over variants and the 6 and 8 mm mixture",
+              least_of([*variants, correlation(0.75, 0.008)]),
               rule=Rule(limit="least")),
     ]  # fmt: skip
 
 
 def _biexponentials() -> list[Entry]:
-    """The curves of [D, Table 4.5]: the four numbers of a fit are one curve, and judged as that."""
+    """Return the entries of [D, Table 4.5]: the four numbers of a fit are judged as one curve."""
     rows = []
     for k, label in enumerate(ASPECT_NAMES):
         aspect, big = (0.75, 0.008) if k == 3 else (float(label), 0.005)
@@ -363,7 +366,7 @@ def _biexponentials() -> list[Entry]:
         numbers = [f"biexponential_fmax.{name}[{k}]" for name in CURVE]
         covers = (*numbers[1:], f"fmax_over_r.at_zero[{k}]", f"fmax_over_r.at_half[{k}]")
         measure = over_curve(partial(_curve, numbers), RATIOS, beds)
-        words = f"F(R)/F(1) over the printed curve where they differ most, a = {label}"
+        words = f"F(R)/F(1) over the printed curve at the maximum difference, a = {label}"
         rows.append(Entry(numbers[0], words, measure, rule=Rule(looks=len(RATIOS) - 1), digits=3,
                           covers=covers, note=RATIO, reference=1.0))  # fmt: skip
     return rows
@@ -381,7 +384,7 @@ def _damper() -> list[Entry]:
     law = "damper.van_der_pol_like"
     source = damper_name(MASSES[1], SOURCE_DRAG)
     return [
-        Entry("damper.rest_height", "height of rest of the damper",
+        Entry("damper.rest_height", "equilibrium height of the damper",
               mean_of(damper_name(MASSES[1]), "rest_height_D"), "D", MADE,
               note="The thesis does not print the piston's mass; 6.24 kg were chosen."),
         Entry("damper.nudge", "lift after the rest", mean_of(source, "nudge_D"), "D", MADE),
@@ -391,12 +394,12 @@ def _damper() -> list[Entry]:
               covers=(f"{law}.z0", f"{law}.v0"), note=UNIT),
         Entry(f"{law}.g0", "g0 of the same", mean_of(source, "g0"), "", OWN_TERMS,
               note=SCALED_BY_EYE),
-        Entry("damper_implied.alpha_over_omega", "alpha/omega of the same, which needs no unit",
+        Entry("damper_implied.alpha_over_omega", "alpha/omega of the same, dimensionless",
               mean_of(source, "alpha_over_omega"), "", MADE, digits=3),
         Entry("damper_implied.g0_over_omega2", "g0/omega² of the same",
               mean_of(source, "g0_over_omega2"), digits=3,
-              note="It is the height of rest in de Paula's scaling; what the fit misses of it is "
-              "that the law does not follow the swing."),
+              note="It is the equilibrium height in de Paula's scaling; the fit deviates from it because "
+                   "the law does not follow the oscillation."),
         Entry("damper_implied.damping_ratio_at_rest", "damping ratio of the law at rest, 1 kg/s",
               mean_of(source, "ratio_of_source_law"), "", MADE, digits=3,
               note="gamma, which is not printed, was chosen to give alpha/omega."),
@@ -405,7 +408,7 @@ def _damper() -> list[Entry]:
               covers=("damper.damped_oscillator_demo",)),
         Entry("oscillator.frequency", "frequency found in it",
               calculation("oscillator", "frequency"), "", MADE),
-        Entry("experiment.greatest_force_N", "experiment: force up to which it compresses",
+        Entry("experiment.greatest_force_N", "experiment: maximum force of the compression",
               mean_of("pressed, R = 0.5", "force"), "N", OWN_TERMS, digits=0,
-              note="Mixtures pressed so far stand under Experiment."),
+              note="Mixtures pressed to this force are under Experiment."),
     ]  # fmt: skip

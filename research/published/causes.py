@@ -1,4 +1,4 @@
-"""What moves the figures: the same bed with one thing changed, or with several."""
+"""Causes of differences: the same bed with one or several changes."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from research.published.results import Results
 from validation.measured_quantities import published_value
 
 ROUNDING = 0.005
-"""Half of the last digit of what is printed here."""
+"""Half of the last printed digit."""
 CAUSE_SIZES = 2
-"""A cause must give the published figure within scatter at so many sizes."""
+"""A cause must reproduce the published figure within scatter at this many sizes."""
 
 
 class ChangedFigure(NamedTuple):
@@ -34,7 +34,7 @@ class ChangedFigure(NamedTuple):
     ----------
     change, bed, figure, unit : str
     published : float or None
-        What de Paula prints for this bed.
+        Published value of this bed.
     without, with_it : Finding
     """
 
@@ -48,10 +48,10 @@ class ChangedFigure(NamedTuple):
 
     @property
     def matters(self) -> bool | None:
-        """Whether the means differ beyond Student's interval of 95 %.
+        """Return True if the means differ beyond Student's interval of 95 %.
 
-        None where neither bed was run from several starts. A bed with one start is taken to
-        scatter like the other one.
+        None if neither bed was run from several starts. A bed with one start is assumed to scatter like the
+        other one.
         """
         from scipy.special import stdtrit
 
@@ -65,16 +65,16 @@ class ChangedFigure(NamedTuple):
 
     @property
     def explains(self) -> bool | None:
-        """Whether the published figure is met with the change and not without it.
+        """Return True if the published figure is met with the change and not without it.
 
-        It is met within Student's interval of the mean, of 95 %, by the scatter of both beds.
+        It is met if it lies within Student's 95 % interval of the mean, from the pooled scatter of both beds.
         """
         meets = self._meets(self.with_it)
         return None if meets is None else meets and not self._meets(self.without)
 
     @property
     def misses(self) -> bool:
-        """Whether the published figure is known not to be met with the change."""
+        """Return True if the published figure is known not to be met with the change."""
         return self._meets(self.with_it) is False
 
     def _meets(self, item: Finding) -> bool | None:
@@ -83,7 +83,7 @@ class ChangedFigure(NamedTuple):
         return _is_met(item, self.published, *deviation)
 
     def _pooled(self) -> tuple[float, int] | None:
-        """Deviation of single starts by both beds together, and its degrees of freedom."""
+        """Return the pooled deviation of single starts of both beds, and its degrees of freedom."""
         both = (self.without, self.with_it)
         known = [(item.starts - 1, item.spread) for item in both if item.spread is not None]
         if not known:
@@ -117,7 +117,7 @@ _MIXTURE_FIGURES = ("force", "least_distance_D", "hexagons_full", "regularity_fu
 
 
 class Change(NamedTuple):
-    """A bed with one thing changed.
+    """A bed with a change.
 
     Attributes
     ----------
@@ -141,12 +141,12 @@ HYSTERESIS_CHANGES = {
     "all together": "de Paula's friction, wider cell and loose start together",
     "half the friction": "half the coefficients of friction (none of them printed by de Paula)",
 }
-"""Changes by which the hysteresis was looked into, by the ends of the series' names."""
+"""Changes tested as causes of the hysteresis, by the ends of the series' names."""
 MIXTURES = (mixture_name(0.6, 0.0), *(mixture_name(a, 0.5) for a in ASPECTS))
 
 
 def changes() -> list[Change]:
-    """All changes, in the order of the report."""
+    """Return all changes, in the order of the report."""
     middle = mixture_name(0.6, 0.5)
     return [
         *(
@@ -195,7 +195,7 @@ def changes() -> list[Change]:
 
 
 def comparisons(results: Results) -> list[ChangedFigure]:
-    """All changes and shorter protocols whose runs are there, by every protocol that both have."""
+    """Return all changes and shorter protocols with complete runs, by every protocol that both have."""
     result: list[ChangedFigure | None] = []
     for change in changes():
         for protocol in BEST_FIRST:
@@ -236,7 +236,7 @@ def _comparison(
 
 
 def published_figure(bed: str, figure: str) -> float | None:
-    """What de Paula prints of a figure of a bed, if anything."""
+    """Return the published figure of a bed, if there is one."""
     way, _, size = bed.partition(" ")
     if way == "direct" and int(size) in SIZES:
         position = SIZES.index(int(size))
@@ -263,10 +263,10 @@ def published_figure(bed: str, figure: str) -> float | None:
 
 
 def verdict_on_hysteresis(result: Sequence[ChangedFigure]) -> str:
-    """What the comparisons say of the hysteresis of the mean distance, in a few sentences.
+    """Return the text on the comparisons of the hysteresis of the mean distance.
 
-    Of a change that was run by several protocols at one size the longest counts. A hysteresis that
-    is met is no more than the difference of two distances, which are told of too.
+    If a change was run by several protocols at one size, the longest counts. A hysteresis that is met is only
+    a difference of two distances, which are also given.
     """
     named = _FIGURES["hysteresis_D"][0]
     rows = [item for item in result if item.figure == named and item.published is not None]
@@ -295,17 +295,17 @@ def verdict_on_hysteresis(result: Sequence[ChangedFigure]) -> str:
     ]
     if not causes:
         alone = "; ".join(f"{item.change} at {item.bed}" for item in met)
-        tail = f" Met at one size alone: {alone}." if met else ""
-        return f"{started} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{tail}"
+        tail = f" Met at one size only: {alone}." if met else ""
+        return f"{started} Not explained: no tested change reproduces it at {CAUSE_SIZES} sizes.{tail}"
     said = " ".join(_record(result, words, list(best.values())) for words in causes)
     return (
-        f"{started} Published in brackets. {said} Where the two distances are off alike, the "
-        "difference is met and the bed is not."
+        f"{started} Published values in brackets. {said} If both distances deviate equally, the difference "
+        f"is met but the bed is not."
     )
 
 
 def _record(result: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFigure]) -> str:
-    """At which sizes a change gives the published hysteresis, and at which it does not."""
+    """Return the text on the sizes at which a change does and does not give the published hysteresis."""
     of_it = [item for item in best if item.change == words]
     met = [item for item in of_it if item.explains]
     missed = [item for item in of_it if item.misses]
@@ -320,16 +320,16 @@ def _record(result: Sequence[ChangedFigure], words: str, best: Sequence[ChangedF
     )
     alike = [item.bed for item in of_it if item not in met and item not in missed]
     if alike:
-        started += f"; at {', '.join(alike)} the bed has it, or may have it, without that too"
+        started += f"; at {', '.join(alike)} the bed has it, or may have it, also without that change"
     if not missed:
         return f"{started}."
     gaps = ", ".join(f"{item.with_it.value:.2f} D ({item.published:.2f}) at {item.bed}" for item in missed)
-    judgement = " So it is no explanation." if len(missed) >= len(met) else ""
+    judgement = "  So it is not an explanation." if len(missed) >= len(met) else ""
     return f"{started}. It does not at {len(missed)}: {gaps}.{judgement}"
 
 
 def words_on_large_beds(results: Results) -> str:
-    """Why the force on the largest beds is higher here, as far as that was looked into."""
+    """Return the text on possible causes of the higher force on the largest beds."""
     off = []
     for position, n in enumerate(LARGE, len(LISTED)):
         for words, bed, section in (
@@ -367,7 +367,7 @@ def words_on_large_beds(results: Results) -> str:
 
 
 def _ends(result: Sequence[ChangedFigure], item: ChangedFigure) -> str:
-    """The mean distances at start and end of the bed that a comparison is of."""
+    """Return the text on the mean distances at start and end of the bed of a comparison."""
     adjacent = [
         other
         for other in result

@@ -1,4 +1,4 @@
-"""Results of a plan: from the cases that a directory keeps, and from an earlier file."""
+"""Results of a plan, from cases cached in a directory and from an earlier file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from research.published.series import Series
 from research.published.series_runs import case_keys, outcomes_in_order, references_in
 
 COURSES = ("down", "up", "half_course_D")
-"""Courses, which are kept where they are shown: the file is to stay small."""
+"""Curves, stored only for the series that show them, to keep the file small."""
 WITH_COURSES = ("starts", "second order", "second order, 0.8", "drag", "slabs", "infinite walls", "mixture")
 
 
@@ -32,19 +32,20 @@ def collected(
     former: Sequence[Results] = (),
     sittings: int | None = None,
 ) -> Results:
-    """The results of all series of a plan, of those too of which nothing was run.
+    """Return the results of all series of a plan, including series without any run.
 
     Parameters
     ----------
     groups : sequence of Group
     directory : Path
-        That the runs were kept in.
+        Directory of the cached runs.
     command : str
-        That made them.
+        Command that made the results.
     former : sequence of Results
-        Whose starts of the same scenes count where the directory has none, the first that has them.
+        Earlier results whose starts of the same scenes are used if missing in the directory; the first one
+        counts.
     sittings : int, optional
-        How often the command was begun; as often as for the former results if not given.
+        Number of times the command was started. Default: the number of the former results.
     """
     series = [item for group in groups for item in group.series]
     result = {item.key: _series_results(item, directory, former) for item in series}
@@ -56,9 +57,9 @@ def collected(
 
 
 def former_of(own: Results, package: Results) -> list[Results]:
-    """What a directory's file and that of the package know, the directory's first.
+    """Return the results of a directory's file and of the package's file, the directory's first.
 
-    Of series that are stale in the directory, or run anew, what the package holds does not count.
+    The package's results of series that are stale in the directory, or being repeated, are not used.
     """
     rest = {key: item for key, item in package.series.items() if not _is_anew(own.series.get(key, {}))}
     both = (own, Results(rest, package.calculations, package.made))
@@ -66,13 +67,13 @@ def former_of(own: Results, package: Results) -> list[Results]:
 
 
 def still_stale(results: Results, own: Results) -> Results:
-    """The results with every series that a directory's file marks stale as it stands there."""
+    """Return the results, with every series marked stale in a directory's file taken from there."""
     stale = {key: item for key, item in own.series.items() if key in results.series and item.get("stale")}
     return Results({**results.series, **stale}, results.calculations, results.made)
 
 
 def missing(series: Series, directory: Path, former: Sequence[Results]) -> list[int]:
-    """The starts of a series that neither the directory nor an earlier file has."""
+    """Return the starts of a series missing both in the directory and in earlier files."""
     done = _series_results(series, directory, former)["done"]
     return [seed for seed in series.seeds if seed not in done]
 
@@ -80,7 +81,7 @@ def missing(series: Series, directory: Path, former: Sequence[Results]) -> list[
 def checked(
     results: Results, groups: Sequence[Group], say: Callable[[str], None] = lambda _: None
 ) -> Results:
-    """The results with every series marked stale whose reference today's code does not give."""
+    """Mark as stale every series whose reference run the present code does not reproduce."""
     plain = dict(results.series)
     for series in (item for group in groups for item in group.series):
         item = plain.get(series.key)
@@ -89,7 +90,7 @@ def checked(
         stale = not agrees(item["reference"], reference(series))
         plain[series.key] = {**item, "stale": stale}
         if stale:
-            say(f"stale: {series.key}; the code gives something else than when it was run")
+            say(f"stale: {series.key}; the present code does not reproduce its reference")
     return Results(plain, results.calculations, results.made)
 
 
@@ -120,12 +121,12 @@ def _series_results(series: Series, directory: Path, former: Sequence[Results]) 
 
 
 def _is_anew(item: Plain) -> bool:
-    """Whether a series is being run anew, as the code has changed: no older file counts."""
+    """Return True if a series is being repeated because the code has changed: older files do not count."""
     return bool(item.get("stale") or item.get("anew"))
 
 
 def _starts(series: Series, directory: Path, former: Sequence[Results]) -> list[tuple[int, Plain]]:
-    """Each start that is known, from the directory or from the first file that has it."""
+    """Return each known start, from the directory or from the first file that has it."""
     result = []
     keys = case_keys(series)
     kept_here = outcomes_in_order(keys, directory)
@@ -165,7 +166,7 @@ def _from_file(results: Results, series: Series, key: str) -> Plain | None:
 
 
 def _reference(series: Series, directory: Path, former: Sequence[Results]) -> Reference:
-    """Of the file that has it, else made now and kept beside the cases."""
+    """Return the reference from a file, or compute it and cache it with the cases."""
     keys = set(case_keys(series))
     for item in former:
         plain = item.series.get(series.key, {})
@@ -193,7 +194,7 @@ def _distinct(some: list[Plain]) -> list[Plain]:
 
 
 def _code_of_figures() -> str:
-    """A digest of the code that computes figures: they are made anew when it changes."""
+    """Return a digest of the code that computes figures, which are recomputed when it changes."""
     directory = Path(__file__).parent
     code = b"".join((directory / name).read_bytes() for name in ("figures.py", "swing.py"))
     return hashlib.sha256(code).hexdigest()[:8]

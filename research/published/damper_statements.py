@@ -1,4 +1,4 @@
-"""Tests of what de Paula says without a number of the damper, regression and experiment."""
+"""Tests of de Paula's qualitative statements on the damper, regression and experiment."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def symbolic(results: Results) -> StatementCheck | None:
         return None
     return StatementCheck(
         misfit < 1e-3,
-        f"pyoperon finds an expression of {length:.0f} symbols that leaves {misfit:.1e} of the "
-        "motion; of PySR, which needs Julia, de Paula prints no settings",
+        f"pyoperon finds an expression of {length:.0f} symbols with a relative residual of {misfit:.1e}; de "
+        f"Paula prints no settings of PySR, which needs Julia",
     )
 
 
@@ -38,7 +38,7 @@ def van_der_pol(results: Results) -> StatementCheck | None:
         if item is not None
     )
     return StatementCheck(
-        at_source[0] < 0.5 * at_source[1], f"what both leave over of the swing: {listed} kg/s"
+        at_source[0] < 0.5 * at_source[1], f"residuals of both, relative to the oscillation: {listed} kg/s"
     )
 
 
@@ -48,7 +48,7 @@ def van_der_pol_printed(results: Results) -> StatementCheck | None:
         return None
     return StatementCheck(
         result[0] < 0.5 * result[1],
-        f"{100.0 * result[0]:.2f} and {100.0 * result[1]:.2f} % of the swing are left over",
+        f"{100.0 * result[0]:.2f} and {100.0 * result[1]:.2f} % of the oscillation are residuals",
     )
 
 

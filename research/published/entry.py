@@ -1,4 +1,4 @@
-"""An entry: one published number, how ours is found, and the rule of its verdict."""
+"""An entry: one published number, the measure of our value, and the rule of its verdict."""
 
 from __future__ import annotations
 
@@ -18,35 +18,34 @@ NOT_RUN = "not run"
 VERDICTS = (AGREES, DIFFERS, BY_CONSTRUCTION, NOT_COMPARABLE, NOT_RUN)
 
 UNEXPLAINED = "Not explained: tried "
-"""How the note of a difference begins whose cause is not known."""
+"""Beginning of the note on a difference of unknown cause."""
 
 CONFIDENCE = 0.95
-"""Of the interval of a difference: outside of it means differ."""
+"""Confidence of the interval of a difference; means differ outside it."""
 
 PUBLISHED_STARTS = 3
-"""Runs behind a published deviation [D, Tables 3.2, 5.2, A.2]."""
+"""Number of runs behind a published deviation [D, Tables 3.2, 5.2, A.2]."""
 
 SHARP = 0.1
-"""A comparison can fail if its interval, from end to end twice this, is below a fifth of the
-published value."""
+"""A comparison can fail if its half interval is below this fraction of the published value, that is, its
+interval below a fifth."""
 
 
 class Rule(NamedTuple):
-    """How a comparison is judged.
+    """Rule of the verdict on a comparison.
 
     Attributes
     ----------
     limit : str
-        ``""``; ``"most"`` or ``"least"`` where de Paula prints a bound.
+        ``""``; ``"most"`` or ``"least"`` if de Paula prints an upper or lower bound.
     comparable : bool
-        False where de Paula's figure depends on something that it does not print, or on its
-        machine.
+        False if de Paula's figure depends on something that is not printed, or on the machine.
     constructed : bool
-        True where ours was made from the published number, so that it cannot differ.
+        True if ours was made from the published number, so that it cannot differ.
     draws : int
-        Runs behind a published number without a deviation.
+        Number of runs behind a published number without a deviation.
     looks : int
-        Values of which the worst is judged: its interval has a confidence of 1 - 0.05/looks.
+        Number of values of which the worst is judged: its interval has a confidence of 1 - 0.05/looks.
     """
 
     limit: str = ""
@@ -67,23 +66,23 @@ class Entry:
     Attributes
     ----------
     key : str
-        Where it stands in ``published.toml``: ``"section.name[place]"``.
+        Key in ``published.toml``: ``"section.name[index]"``.
     what : str
     measure : callable
-        Ours from the results; None where the runs it needs are not there.
+        Returns our value from the results; None if its runs are missing.
     unit : str
     rule : Rule
     spread_key : str
-        Where the published standard deviation stands, if one is printed.
+        Key of the published standard deviation, if one is printed.
     digits : int
-        Decimals that are printed.
+        Number of printed decimals.
     covers : tuple of str
-        Further keys that say the same.
+        Further keys with the same content.
     note : str
-        Why ours differs, or cannot be compared; shown where it does. It names a cause that was
-        run, or begins with `UNEXPLAINED` and says what was tried.
+        Reason why ours differs or cannot be compared; shown in that case. It gives a cause that was run, or
+        begins with `UNEXPLAINED` and lists the changes tested.
     reference : float, optional
-        What ours is compared with where it is not the value at the key.
+        Reference value, if not the value at the key.
     """
 
     key: str
@@ -99,18 +98,18 @@ class Entry:
 
 
 class Verdict(NamedTuple):
-    """A verdict.
+    """A verdict on an entry.
 
     Attributes
     ----------
     words : str
         One of `VERDICTS`.
     allowed : float or None
-        The difference up to which ours would agree; None where that is not asked.
+        Maximum difference at which ours would agree; None if not applicable.
     can_fail : bool
-        Whether that is less than `SHARP` of the published value.
+        True if ``allowed`` is less than `SHARP` of the published value.
     p : float or None
-        Probability of so great a difference by chance; None where nothing is random.
+        Probability of such a difference by chance; None if nothing is random.
     """
 
     words: str
@@ -120,20 +119,19 @@ class Verdict(NamedTuple):
 
     @property
     def agrees(self) -> bool | None:
-        """None where no verdict of agreement or difference was given."""
+        """True or False for a verdict of agreement or difference; None for other verdicts."""
         return {AGREES: True, DIFFERS: False}.get(self.words)
 
 
 def verdict(
     published: float, published_spread: float | None, result: Finding | None, rule: Rule, digits: int
 ) -> Verdict:
-    """Whether ours differs from the published value.
+    """Return the verdict on the difference of ours from the published value.
 
     The difference of two means is judged by Student's interval of 95 % with the standard errors of
-    both (Welch 1947). A published number without a deviation is one draw, with our own scatter: it
-    is judged by a prediction interval, whose variance is the scatter's times 1 + 1/n for n starts
-    of ours. Half of the last printed digit comes on top. Where ours has no scatter, the printed
-    digits decide.
+    both (Welch 1947). A published number without a deviation is one draw, with our scatter: it is judged by a
+    prediction interval, whose variance is the variance of our n starts times 1 + 1/n. Half of the last
+    printed digit is added. If ours has no scatter, the printed digits decide.
 
     Parameters
     ----------
@@ -142,7 +140,7 @@ def verdict(
     result : Finding or None
     rule : Rule
     digits : int
-        Decimals that are printed: half of the last one is rounding.
+        Number of printed decimals: half of the last one is rounding.
     """
     if result is None or not math.isfinite(result.value):
         return Verdict(NOT_RUN)
@@ -163,10 +161,11 @@ def verdict(
 def error_of_difference(
     published_spread: float | None, result: Finding, draws: int = 1
 ) -> tuple[float, float]:
-    """Standard error of the difference, and its degrees of freedom; 0 where nothing scatters.
+    """Return the standard error of the difference, and its degrees of freedom; 0 without scatter.
 
-    Of a published number without a deviation: of a prediction. Where ours has no scatter of single
-    starts but an error, the published one, found in the same way, has the same.
+    For a published number without a deviation it is the standard error of a prediction. If ours has an error
+    but no scatter of single starts, the published value, found by the same method, is assumed to have the
+    same error.
     """
     ours, freedom = result.error or 0.0, result.freedom
     if published_spread is None or not math.isfinite(published_spread):
@@ -182,7 +181,7 @@ def error_of_difference(
 
 
 def quantile(freedom: float, looks: int = 1) -> float:
-    """Student's, of an interval of 95 %, or of the worst of some values; 0 without a freedom."""
+    """Return Student's quantile of a 95 % interval, or of the worst of some values; 0 without freedom."""
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, 1.0 - 0.5 * (1.0 - CONFIDENCE) / looks)) if freedom > 0.0 else 0.0

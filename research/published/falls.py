@@ -1,4 +1,4 @@
-"""How well one fall of the packaged damper predicts others: the errors of many falls."""
+"""Prediction of other falls of the packaged damper from one fall: errors of many falls."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from granular.scene.scene import Scene
 DIAMETER = 0.006
 FITTED_HEIGHT, FITTED_SEED = 20.0, 1
 HEIGHTS = (14.0, 16.0, 18.0, 20.0, 22.0, 24.0, 26.0, 28.0)
-"""Of falls [D]."""
+"""Range of heights of falls [D]."""
 FALLS = 32
 SEED = 52
-"""Of the draw of heights; the beds' own seeds follow the fitted one."""
+"""Seed of the random heights; the beds' seeds follow the seed of the fitted fall."""
 THEORY = ("lam", "weight", "power")
-"""Parameters that the scene gives where only three are fitted."""
+"""Parameters taken from the scene if only three are fitted."""
 HEAVY = 15.0
-"""A second piston, whose equilibrium height is compared too [kg]."""
+"""Mass of a second piston, whose equilibrium height is also compared [kg]."""
 
 
 def fall(scene: Scene, height: float, seed: int) -> PistonRecord:
-    """Three seconds of a piston that falls from a height [D]."""
+    """Simulate three seconds of a piston that falls from a height [D]."""
     changes = {
         "piston.height": height * DIAMETER,
         "arrangement.height": (height - 1.0) * DIAMETER,
@@ -38,20 +38,20 @@ def fall(scene: Scene, height: float, seed: int) -> PistonRecord:
     return simulate(scene.replace(**changes), dt="auto*2", threads=1, progress=False).piston()
 
 
-def level_of(record: PistonRecord) -> float:
-    """Mean of a record's last tenth [m]."""
+def equilibrium_height(record: PistonRecord) -> float:
+    """Return the equilibrium height: the mean of a record's last tenth [m]."""
     return float(record.height[-len(record) // 10 :].mean())
 
 
 def fall_errors() -> dict[str, float]:
-    """Errors of `FALLS` falls, over the drop, by a law that was fitted to another fall [%].
+    """Return the errors of `FALLS` falls, relative to the drop, by a law fitted to another fall [%].
 
     Returns
     -------
     dict
-        Of six numbers fitted and of three, with the others by `predict`'s theory: ``median``,
-        ``nine_tenths``, ``worst``; what three of the six are; and the predicted level of rest less
-        the simulated one [%], of 7.5 and of 15 kg.
+        With six fitted numbers and with three, the others from `predict`'s theory: ``median``,
+        ``nine_tenths``, ``worst``; the values of three of the six; and the predicted minus the simulated
+        equilibrium height [%], for 7.5 and 15 kg.
     """
     from reduced_models import FitOptions, Parameter, fit
     from reduced_models.falls.predicted_law import predict_bed_parameters
@@ -60,7 +60,7 @@ def fall_errors() -> dict[str, float]:
     scene = damper()
     theory = predict_bed_parameters(scene)
     record = fall(scene, FITTED_HEIGHT, FITTED_SEED)
-    level = level_of(record)
+    level = equilibrium_height(record)
     heights = np.random.default_rng(SEED).choice(HEIGHTS, FALLS)
     others = [fall(scene, h, FITTED_SEED + 1 + k) for k, h in enumerate(heights)]
     numbers: dict[str, float] = {"falls": float(FALLS)}
@@ -78,10 +78,10 @@ def fall_errors() -> dict[str, float]:
         numbers |= _named(words, errors)
         numbers |= {f"{words}_{name}": float(x) for name, x in model.parameters.items()}
     numbers |= {f"theory_{name}": value for name, value in theory.items()}
-    simulated = float(np.mean([level_of(other) for other in others]))
+    simulated = float(np.mean([equilibrium_height(other) for other in others]))
     numbers["rest_off"] = 100.0 * (theory["rest"] / simulated - 1.0)
     heavy = damper(HEAVY)
-    levels = [level_of(fall(heavy, FITTED_HEIGHT, seed)) for seed in (1, 2, 3)]
+    levels = [equilibrium_height(fall(heavy, FITTED_HEIGHT, seed)) for seed in (1, 2, 3)]
     numbers["rest_off_heavy"] = 100.0 * (predict_bed_parameters(heavy)["rest"] / float(np.mean(levels)) - 1.0)
     return numbers
 
@@ -95,7 +95,7 @@ def _named(words: str, errors: np.ndarray) -> dict[str, float]:
 
 
 def words_on_falls(numbers: Mapping[str, float]) -> str:
-    """The distribution, in a few sentences."""
+    """Return the text on the distribution."""
     if not numbers:
         return "The errors of many falls: not run."
     six, three = (

@@ -1,4 +1,4 @@
-"""Figures of one start, from what was written down of its run."""
+"""Figures of one start, from the stored record of its run."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ Figures = dict[str, Any]
 DIGITS = 6
 
 COURSE_TIMES = np.linspace(0.0, 3.0, 61)
-"""Instants of the course of the mean distance, from the start of the compression [T]."""
+"""Times of the curve of the mean distance, from the start of the compression [T]."""
 STROKES = 51
-"""Places of the course of the force that are kept, on the way down and up."""
+"""Number of stored points of the force curve, on the way down and up."""
 STRIPS = 10
-"""Strips of the profile below the piston."""
+"""Number of strips of the profile below the piston."""
 SMOOTHED = 9
-"""Samples over which a course is smoothed to see what is rough in it."""
+"""Number of samples over which a curve is smoothed to measure its roughness."""
 
 
 def rest_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
-    """The figures of a bed or a damper.
+    """Return the figures of a bed or a damper.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def _distances(record: Mapping[str, Any], scene: Scene) -> Figures:
 
 
 def _courses(record: Mapping[str, Any]) -> Figures:
-    """The force on the way down and up, and what is rough in it, over its greatest."""
+    """Return the force on the way down and up, and its roughness, over its maximum."""
     made: Figures = {}
     for way in ("down", "up"):
         trajectory = np.array(record[way])
@@ -118,7 +118,7 @@ def _courses(record: Mapping[str, Any]) -> Figures:
 
 
 def _order(positions: np.ndarray, when: str) -> Figures:
-    """Shares of polygons, Psi6, and regularity of the hexagons with its deviation."""
+    """Return fractions of polygons, Psi6, and regularity of the hexagons with its deviation."""
     cells = voronoi_cells(positions)
     fractions = polygon_fractions(cells)
     regularity = hexagon_regularity(cells)
@@ -134,19 +134,19 @@ def _order(positions: np.ndarray, when: str) -> Figures:
 
 
 def _profile(positions: np.ndarray, height: float, scene: Scene, when: str) -> Figures:
-    """Local area fraction from the bottom to the piston."""
+    """Return the local area fraction from the bottom to the piston."""
     edges = np.linspace(0.0, height, STRIPS + 1)
     diameters = scene.grains.diameters()
     return {f"profile_{when}": area_fraction_profile(positions, diameters, scene.cell.width, edges)}
 
 
 def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
-    """Forces on the grains with an interior Voronoi cell, as in [D, 4.3.5].
+    """Return forces on the grains with an interior Voronoi cell, as in [D, 4.3.5].
 
     Compressive forces: mean by species, the dip test of all together, the fraction of the small
-    grains below the median of all. Resulting forces: mean fluctuation, and whether they prefer a
-    direction. Along chains, the compressive forces of neighbours would be alike: their correlation,
-    over the mean of the species.
+    grains below the median of all. Resulting forces: mean fluctuation, and axial order parameter of their
+    directions. Along chains, the compressive forces of neighbours would be similar: their correlation, over
+    the mean of the species.
     """
     positions, owner = np.array(record["full"]), scene.grains.species_indices()
     inside = voronoi_cells(positions).interior
@@ -177,12 +177,12 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
             made[f"{name}_compression"] = float(pressed[chosen].mean())
             made[f"{name}_force"] = float(sizes[chosen].mean())
             made[f"{name}_below_median"] = float((pressed[chosen] < median).mean())
-    made["neighbours_alike"] = _alike(positions, np.where(inside, relative, np.nan))
+    made["neighbours_alike"] = _neighbour_correlation(positions, np.where(inside, relative, np.nan))
     return made
 
 
-def _alike(positions: np.ndarray, values: np.ndarray) -> float:
-    """Correlation of a value of neighbours: of grains up to 1.3 mean spacings apart."""
+def _neighbour_correlation(positions: np.ndarray, values: np.ndarray) -> float:
+    """Return the correlation of a value between neighbours: grains up to 1.3 mean spacings apart."""
     points = positions[np.isfinite(values)]
     spacing = float(np.sqrt(np.ptp(points, axis=0).prod() / len(points)))
     result = spatial_correlation(positions, values, np.array([0.0, 1.3 * spacing]))
@@ -190,7 +190,7 @@ def _alike(positions: np.ndarray, values: np.ndarray) -> float:
 
 
 def _shells(positions: np.ndarray) -> Figures:
-    """How many shells g(r) shows: maxima above 1.1 between values below 0.95."""
+    """Return the number of shells of g(r): maxima above 1.1 between values below 0.95."""
     result = radial_distribution(positions)
     smooth = np.convolve(result.values, np.full(3, 1.0 / 3.0), mode="same")
     shells, low = 0, True

@@ -1,4 +1,4 @@
-"""What the toolkit finds for a published number."""
+"""The toolkit's value for a published number."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from typing import NamedTuple
 
 
 class Finding(NamedTuple):
-    """What the toolkit finds.
+    """The toolkit's value, with its scatter and error.
 
     Attributes
     ----------
     value : float
-        The mean over the starts.
+        Mean over the starts.
     spread : float or None
         Standard deviation of single starts; None for one start.
     starts : int
-        0 where nothing is random.
+        Number of starts; 0 if nothing is random.
     protocol : str
     step : str
     error : float or None
-        Standard error of the value; None where it is not known.
+        Standard error of the value; None if unknown.
     freedom : float
         Degrees of freedom of that error.
     """
@@ -33,7 +33,7 @@ class Finding(NamedTuple):
     freedom: float = 0.0
 
     def half_width(self, confidence: float = 0.95) -> float | None:
-        """Half the width of Student's interval of the value."""
+        """Return half the width of Student's interval of the value."""
         from scipy.special import stdtrit
 
         if self.error is None or self.freedom <= 0.0:

@@ -1,4 +1,4 @@
-"""Blocks of README and guide that say how the published values compare."""
+"""Blocks of README and guide on the comparison with the published values."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ PAGES: Mapping[str, str] = {
     "damper law": "docs/results/laws.md",
     "falls": "docs/results/laws.md",
 }
-"""Files by the blocks that they hold."""
+"""Files of the blocks."""
 
 
 def blocks(results: Results) -> dict[str, Block]:
-    """The text of every block."""
+    """Return the text of every block."""
     makers: Mapping[str, Callable[[Results], str]] = {
         "summary": _summary,
         "counts": _counts,
@@ -120,7 +120,7 @@ def _row(row: Judged) -> str:
 
 
 def _modes(results: Results) -> list[str | Table]:
-    """The dip test of compressive forces, by the longest protocol that was run."""
+    """Return the dip test of compressive forces, by the longest protocol that was run."""
     rows = []
     beds = [("R = 0", mixture_name(0.6, 0.0))]
     beds += [(f"R = 0.5, a = {a:g}", mixture_name(a, 0.5)) for a in ASPECTS]
@@ -144,7 +144,7 @@ EXPECTED = (
     ("period of small oscillations", "period", " s", "0.288 ± 0.003 s"),
     ("damping ratio", "damping_ratio", "", "0.037 ± 0.003"),
 )
-"""Figures of the packaged damper, and what an independent simulation gave."""
+"""Figures of the packaged damper, and their values from an independent simulation."""
 
 
 def _packaged_damper(results: Results) -> str:
@@ -157,7 +157,7 @@ def _packaged_damper(results: Results) -> str:
 
 
 def _damper_law(results: Results) -> str:
-    """Residuals of de Paula's law over the drag."""
+    """Return the residuals of de Paula's law over the drag."""
     lines = [
         "| drag of a grain | damping ratio | residual of de Paula's law | of the linear law | "
         "alpha/omega in de Paula's scaling |",

@@ -1,4 +1,4 @@
-"""Entries, judged: the rows of the report and of the results file."""
+"""Judged entries: the rows of the report and of the results file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from validation.measured_quantities import published_value
 
 
 class Judged(NamedTuple):
-    """An entry with the published value, ours and the verdict."""
+    """An entry with the published value, our value and the verdict."""
 
     entry: Entry
     published: float
@@ -37,21 +37,21 @@ class Judged(NamedTuple):
 
     @property
     def source(self) -> str:
-        """The section's table or figure."""
+        """Table or figure of the section."""
         return str(published_value(f"{self.entry.key.split('.')[0]}.source"))
 
     @property
     def note(self) -> str:
-        """Why ours differs or cannot be compared."""
+        """Reason why ours differs or cannot be compared."""
         return self.entry.note if self.verdict.words in (DIFFERS, NOT_COMPARABLE) else ""
 
     @property
     def by_the_sources_protocol(self) -> bool:
-        """Whether ours rests on runs of de Paula's own protocol."""
+        """True if ours is based on runs of de Paula's protocol."""
         return self.found is not None and self.found.protocol == PUBLISHED.name
 
     def to_plain(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return plain data for JSON."""
         found = self.found
         half = None if found is None else found.half_width()
         return {
@@ -76,10 +76,10 @@ class Judged(NamedTuple):
 
 
 def judged(results: Results) -> list[Judged]:
-    """All entries; those of them differ that a false discovery rate over all lets stand.
+    """Return all judged entries; differences are limited by a false discovery rate over all entries.
 
-    Of many comparisons some differ by chance. By Benjamini and Hochberg (1995) at most 5 % of the
-    differences that are left are expected to be of that kind.
+    Some of many comparisons differ by chance. By Benjamini and Hochberg (1995) at most 5 % of the remaining
+    differences are expected to be by chance.
     """
     from scipy.stats import false_discovery_control
 
@@ -96,13 +96,13 @@ def judged(results: Results) -> list[Judged]:
 
 
 def counts(rows: Sequence[Judged]) -> dict[str, int]:
-    """How many entries have each verdict."""
+    """Return the number of entries with each verdict."""
     kinds = Counter(row.verdict.words for row in rows)
     return {name: kinds[name] for name in VERDICTS}
 
 
 def strength(rows: Sequence[Judged]) -> dict[str, int]:
-    """How many entries were judged by an interval that they could fail, and by whose protocol."""
+    """Return the number of entries that could have failed, and the number by de Paula's protocol."""
     differ = [row for row in rows if row.verdict.words == DIFFERS]
     unexplained = sum(row.note.startswith(UNEXPLAINED) for row in differ)
     agree = [row for row in rows if row.verdict.words == AGREES]
@@ -115,7 +115,7 @@ def strength(rows: Sequence[Judged]) -> dict[str, int]:
 
 
 def said(rows: Sequence[Judged]) -> str:
-    """Both in words."""
+    """Return both counts as text."""
     numbers = {**counts(rows), **strength(rows)}
     return ", ".join(f"{number} {_PLURALS.get(name, name)}" for name, number in numbers.items())
 
@@ -124,7 +124,7 @@ _PLURALS = {AGREES: "agree", DIFFERS: "differ"}
 
 
 def judge(entry: Entry, results: Results) -> Judged:
-    """One entry."""
+    """Judge one entry."""
     published = float(published_value(entry.key) if entry.reference is None else entry.reference)
     spread = float(published_value(entry.spread_key)) if entry.spread_key else None
     spread = None if spread is None or math.isnan(spread) else spread
@@ -134,7 +134,7 @@ def judge(entry: Entry, results: Results) -> Judged:
 
 
 class _Watched(dict[str, Plain]):
-    """The series of results, which remembers those that were asked for."""
+    """Mapping of series that records the keys that were read."""
 
     def __init__(self, series: Mapping[str, Plain]) -> None:
         super().__init__(series)
@@ -147,7 +147,7 @@ class _Watched(dict[str, Plain]):
 
 
 def series_behind(entry: Entry, results: Results) -> list[str]:
-    """The keys of the series that an entry rests on."""
+    """Return the keys of the series behind an entry."""
     watched = _Watched(results.series)
     entry.measure(Results(watched, results.calculations, results.made))
     return watched.asked

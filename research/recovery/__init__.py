@@ -1,1 +1,1 @@
-"""Do fits reach the true optimum? Thirteen made systems, with noise, beside SciPy."""
+"""Test whether fits reach the true optimum: thirteen synthetic systems with noise, compared with SciPy."""

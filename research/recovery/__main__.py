@@ -12,19 +12,19 @@ from research.recovery.text import recovery_markdown, recovery_text
 
 
 def run(options: Any) -> Plain:
-    """Rows of all systems."""
+    """Return the rows of all systems."""
     from research.recovery.runner import recovery
 
     return recovery(options.out, full=options.full, progress=not options.quiet)
 
 
 def blocks(result: Plain) -> Mapping[str, Block]:
-    """The table for the guide."""
+    """Return the table for the guide."""
     return {"table": Block("docs/results/real-records.md", recovery_markdown(result))}
 
 
 def add_options(item: Parser) -> None:
-    """The user's file of the Silverbox benchmark."""
+    """Add the option for a file of the Silverbox benchmark."""
     item.add_argument(
         "--silverbox",
         metavar="FILE",
@@ -33,7 +33,7 @@ def add_options(item: Parser) -> None:
 
 
 def instead(options: Any) -> tuple[Plain, str] | None:
-    """Errors of laws on the Silverbox record, where it is given."""
+    """Return the errors of laws on the Silverbox record if its file is given."""
     if options.silverbox is None:
         return None
     from research.recovery.silverbox import silverbox, silverbox_text
@@ -44,7 +44,7 @@ def instead(options: Any) -> tuple[Plain, str] | None:
 
 CAMPAIGN: Campaign[Plain] = Campaign(
     name="recovery",
-    purpose="How often fits reach the true optimum, beside SciPy.",
+    purpose="Fraction of fits that reach the true optimum, compared with SciPy.",
     quick="one level of noise and one seed, in minutes",
     full="four levels of noise and five seeds, in an hour",
     run=run,
@@ -57,7 +57,7 @@ CAMPAIGN: Campaign[Plain] = Campaign(
     instead=instead,
     examples="""\
 examples:
-  %(prog)s --full -o out/recovery     # an hour; goes on where it was stopped
+  %(prog)s --full -o out/recovery     # an hour; resumes an interrupted run
   %(prog)s --silverbox SNLS80mV.csv""",
 )
 parser = CAMPAIGN.parser

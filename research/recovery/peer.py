@@ -1,4 +1,4 @@
-"""What fifteen lines of SciPy reach from the same starts: least squares through an ODE solver."""
+"""Fits by fifteen lines of SciPy from the same starts: least squares through an ODE solver."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from reduced_models.laws.law import Law
 from reduced_models.records.inputs import TIME, input_column
 
 MOST_CALLS = 1500
-"""Calls of a law for each sample of a record, after which least squares from a start is stopped.
+"""Maximum number of calls of a law per sample of a record for least squares from one start.
 
-What converges needs 100 to 1000. Without a limit, laws that have a variable step shrink to nothing
-at some trial parameters keep SciPy busy for hours.
+Converging fits need 100 to 1000. Without a limit, the variable step of the solver becomes vanishingly small
+for some trial parameters, and SciPy would run for hours.
 """
-_MOST_OF_A_SOLUTION = 100  # calls for each sample, after which a solution is given up
+_MOST_OF_A_SOLUTION = 100  # maximum number of calls per sample for one solution
 _MOST_TRIALS = 40
 _FAR = 1e6
-_DIFFERENCE = 1e-5  # of an entry, for slopes: the solver's error is far below what that changes
+_DIFFERENCE = 1e-5  # relative change for finite differences, far above the solver's error
 _DIGITS = 24
 
 
@@ -41,9 +41,9 @@ class Attempt(NamedTuple):
     residual : float
         Root mean square of the best trial [m].
     calls : int
-        Of the law.
+        Number of calls of the law.
     stopped : bool
-        Whether it was stopped at its limit of calls.
+        True if it was stopped at its limit of calls.
     """
 
     residual: float
@@ -52,16 +52,16 @@ class Attempt(NamedTuple):
 
 
 class _GivenUpError(Exception):
-    """A solution takes too long."""
+    """A solution has reached its limit of calls."""
 
 
 class _StoppedError(Exception):
-    """There are no calls left."""
+    """A fit has reached its limit of calls."""
 
 
 @dataclasses.dataclass
 class _Calls:
-    """How often a law was called: since the start, and for a solution."""
+    """Number of calls of a law: in total, and for the present solution."""
 
     most: int
     most_of_a_solution: int
@@ -78,7 +78,7 @@ class _Calls:
 
 
 class Problem(NamedTuple):
-    """A record, the unknowns of a law, and where the search of `fit` starts."""
+    """A record, the unknowns of a law, and the starts of the search of `fit`."""
 
     record: PistonRecord
     unknowns: Unknowns
@@ -86,7 +86,7 @@ class Problem(NamedTuple):
 
 
 def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
-    """The first of the random starts that ``fit(record, law)`` searches from."""
+    """Return the problem with the first random starts of ``fit(record, law)``."""
     data = data_of_record(law, record, TEST_FRACTION)
     data = dataclasses.replace(data, unknowns=scale_unknowns(data))
     result = start_vectors(data, STARTS, np.random.default_rng(0), {})
@@ -94,7 +94,7 @@ def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
 
 
 def problem_key(given: Problem) -> str:
-    """A digest of all that determines what SciPy makes of a problem."""
+    """Return a digest of everything that determines SciPy's result for a problem."""
     import scipy
 
     record, law = given.record, given.unknowns.law
@@ -110,7 +110,7 @@ def problem_key(given: Problem) -> str:
 
 
 def scipy_fit(given: Problem) -> list[Attempt]:
-    """What least squares reaches from each start."""
+    """Return the result of least squares from each start."""
     return [_attempt(given, theta) for theta in given.starts]
 
 
@@ -119,7 +119,7 @@ def _attempt(given: Problem, theta: np.ndarray) -> Attempt:
 
     samples = len(given.record)
     calls = _Calls(MOST_CALLS * samples, _MOST_OF_A_SOLUTION * samples)
-    held = np.arange(len(theta)) >= len(given.unknowns.law.parameters) + 2  # hidden states at the start
+    held = np.arange(len(theta)) >= len(given.unknowns.law.parameters) + 2  # initial hidden states
     solved = _residuals(given, calls)
     best = np.inf
 
@@ -137,7 +137,7 @@ def _attempt(given: Problem, theta: np.ndarray) -> Attempt:
 
 
 def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarray]:
-    """Solution minus record [m] (n,) as a function of the search vector."""
+    """Return the function of the search vector that gives solution minus record [m] (n,)."""
     from scipy.integrate import odeint
     from scipy.interpolate import CubicSpline
 
@@ -160,7 +160,7 @@ def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarr
 
         full = np.full(len(time), _FAR)
         with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of solutions that end early
+            warnings.simplefilter("ignore")  # warnings of solutions that end early
             try:
                 result, told = odeint(
                     rates,

@@ -1,4 +1,4 @@
-"""How often fits reach the true optimum of thirteen made systems, beside SciPy."""
+"""Fraction of fits that reach the true optimum of thirteen synthetic systems, compared with SciPy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.shared.files import ResultCache, digest
-from research.campaign import RESULTS, kept_rows, made_now, write_results
+from research.campaign import RESULTS, cached_rows, made_now, write_results
 from research.recovery.peer import Problem, problem, problem_key, scipy_fit
 from research.recovery.systems import (
     LOST,
@@ -35,7 +35,7 @@ _QUICK_PEER_STARTS = 1
 
 
 class Case(NamedTuple):
-    """A record of a system: the system's place in `SYSTEMS`, its noise, and the noise's seed."""
+    """A record of a system: the system's index in `SYSTEMS`, its noise, and the noise's seed."""
 
     system: int
     noise: float
@@ -43,13 +43,12 @@ class Case(NamedTuple):
 
 
 def recovery(out: str | Path | None = None, *, full: bool = False, progress: bool = True) -> dict[str, Any]:
-    """Fit all systems; a row for each of them, and the totals.
+    """Fit all systems, and return a row for each of them, and the totals.
 
     ``full`` takes four levels of noise and five seeds, otherwise one of each. SciPy's least squares
-    fits the first seed of each level from the first three starts of the search, or from one; the
-    best of them counts. Each fit is kept in ``out`` as soon as it is done, and found again there
-    while nothing that determines it has changed. Times are of the processor, so that other work
-    beside does not count. ``results.json`` is written there too.
+    fits the first seed of each level from the first three starts of the search, or from one; the best of them
+    counts. Each fit is cached in ``out`` as soon as it is done, and reused until something that determines it
+    changes. Times are processor times, which exclude other programs. ``results.json`` is also written there.
     """
     noises, seeds = (NOISES, SEEDS) if full else (_QUICK, 1)
     cases = [
@@ -60,14 +59,14 @@ def recovery(out: str | Path | None = None, *, full: bool = False, progress: boo
     ]
     starts = _PEER_STARTS if full else _QUICK_PEER_STARTS
     cache = None if out is None else ResultCache(Path(out) / "fits")
-    fits = kept_rows(cases, _key, _fitted, cache, what="fits", progress=progress)
+    fits = cached_rows(cases, _key, _fitted, cache, label="fits", progress=progress)
     adjacent = [case for case in cases if not case.seed]
-    peers = kept_rows(
+    peers = cached_rows(
         adjacent,
         partial(_peer_key, starts=starts),
         partial(_peer, starts=starts),
         cache,
-        what="SciPy",
+        label="SciPy",
         progress=progress,
     )
     rows = [
@@ -113,7 +112,7 @@ def _peer(case: Case, starts: int) -> dict[str, Any]:
 
 
 def _noise_of(case: Case, record: PistonRecord) -> float:
-    """Root mean square of the noise in a record [m]: no fit of the true law leaves more."""
+    """Return the rms noise in a record [m]: the maximum residual of a fit of the true law."""
     return float(np.sqrt(((record.height - clean_motion(case.system).height) ** 2).mean()))
 
 
@@ -123,7 +122,7 @@ def _fitted(case: Case) -> dict[str, Any]:
     record = made_record(*case)
     begun = time.process_time()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what is doubted is counted here
+        warnings.simplefilter("ignore")  # doubtful results are counted here
         model = fit(record, SYSTEMS[case.system].law)
     return {
         "ratio": model.quality.residual / _noise_of(case, record),
@@ -144,7 +143,7 @@ def _key(case: Case) -> str:
 
 @cache
 def _sources() -> str:
-    """A digest of all code that a fit may depend on."""
+    """Return a digest of all code that a fit may depend on."""
     import granular
     import reduced_models
 

@@ -1,10 +1,10 @@
 """The Silverbox benchmark: an electronic Duffing oscillator under a force.
 
-The record (T. Wigren, J. Schoukens 2013, doi:10.23919/ECC.2013.6669201; to be had from
-https://www.nonlinearbenchmark.org) has 131,072 samples at 610.35 Hz. An arrow of growing noise, of
-40,400 samples, stands before ten odd multisines; laws are fitted to nine of these, and judged by a
-free run over the tenth and over the arrow, with and without the part that is larger than what the
-fit has seen. The data do not come with this package.
+The record (T. Wigren, J. Schoukens 2013, doi:10.23919/ECC.2013.6669201; available from
+https://www.nonlinearbenchmark.org) has 131,072 samples at 610.35 Hz. An arrow of growing noise, of 40,400
+samples, precedes ten odd multisines. Laws are fitted to nine of these, and tested by a free run over the
+tenth and over the arrow, with and without the part that exceeds the amplitudes of the fit. The data are not
+part of this package.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from reduced_models.records.inputs import input_column
 SAMPLING = 1e7 / 2**14
 """[Hz]"""
 ARROW = 40_400
-"""Samples of the arrow."""
+"""Number of samples of the arrow."""
 _MOST_BYTES = 2**26
-_TEST = 8192  # samples at the end: the tenth multisine
-_WASHED_OUT = 50  # samples at a part's start that are not judged, as the benchmark asks
-_SMALL_ARROW = 31_000  # samples of the arrow up to which it stays within what was fitted
+_TEST = 8192  # number of samples at the end: the tenth multisine
+_WASHED_OUT = 50  # number of samples at the start of a part without score, as the benchmark requires
+_SMALL_ARROW = 31_000  # number of samples of the arrow within the fitted amplitudes
 LAWS = {
     "Duffing": "z'' + c*z' + k*z + b*z**3 = g*force + f",
     "with z^2 and z^2 z'": "z'' + c*z' + k*z + a*z**2 + b*z**3 + d*z**2*z' = g*force + f",
@@ -111,7 +111,7 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def silverbox_text(result: dict[str, Any]) -> str:
-    """The errors of the free runs as a table."""
+    """Return the errors of the free runs as a table."""
     parts = tuple(result["rows"][0]["errors"])
     rows = [
         (

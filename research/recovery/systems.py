@@ -1,6 +1,6 @@
-"""Thirteen oscillators with known parameters, and records made of them.
+"""Thirteen oscillators with known parameters, and synthetic records of them.
 
-The motions are solved by SciPy, so that nothing of what is tested makes them.
+The motions are solved by SciPy, independently of the tested code.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 
 NOISES = (0.001, 0.01, 0.03, 0.1)
-"""Standard deviations of the noise, over that of the motion."""
+"""Standard deviations of the noise, over the standard deviation of the motion."""
 SEEDS = 5
 REACHED = 1.05
-"""A residual up to so many times the noise that was added is that of the true optimum."""
+"""A residual up to this many times the added noise counts as the true optimum."""
 LOST = 1.5
-"""Above so many times it, no search may say that all of its starts agree."""
+"""Above this many times the noise a search must not report that all starts agree."""
 
 
 class System(NamedTuple):
@@ -34,13 +34,13 @@ class System(NamedTuple):
     law : str
         A law of the package by its name, or an equation.
     true : mapping of str to float
-        Its parameters.
+        True parameters of the law.
     start : tuple of float
-        Height, velocity and hidden states at the start.
+        Initial height, velocity and hidden states.
     duration, samples : float, int
-        Of a record [s].
+        Duration [s] and number of samples of a record.
     driven : bool
-        Whether the record has a force.
+        True if the record has a force.
     """
 
     name: str
@@ -140,7 +140,7 @@ SYSTEMS = (
 
 
 def law_of_system(system: System) -> Law:
-    """Its law."""
+    """Return the law of a system."""
     from reduced_models.fitting.fit import resolve_law
 
     return resolve_law(system.law, _with_force(system, np.linspace(0.0, 1.0, 2), np.zeros(2)))
@@ -148,7 +148,7 @@ def law_of_system(system: System) -> Law:
 
 @functools.cache
 def clean_motion(system: int) -> PistonRecord:
-    """The motion of the system with that place in `SYSTEMS`, by SciPy at a tolerance of 1e-10."""
+    """Return the motion of the system with an index in `SYSTEMS`, by SciPy at a tolerance of 1e-10."""
     from scipy.integrate import solve_ivp
 
     item = SYSTEMS[system]
@@ -166,7 +166,7 @@ def clean_motion(system: int) -> PistonRecord:
 
 
 def made_record(system: int, noise: float, seed: int) -> PistonRecord:
-    """A record of the system with that place, with white noise."""
+    """Make a record of the system with that index, with white noise."""
     clean = clean_motion(system)
     random = np.random.default_rng([system, seed, round(1e6 * noise)])
     return PistonRecord(
@@ -177,7 +177,7 @@ def made_record(system: int, noise: float, seed: int) -> PistonRecord:
 
 
 def multisine(t: np.ndarray | float) -> np.ndarray:
-    """A force of ten sines up to twice the small swing's frequency."""
+    """Return a force of ten sines up to twice the natural frequency of small oscillations."""
     random = np.random.default_rng(0)
     phases = random.uniform(0.0, 2.0 * math.pi, 10)
     pitches = np.linspace(0.15, 2.1, 10)

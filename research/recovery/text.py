@@ -1,4 +1,4 @@
-"""What the recovery suite found, in words and tables: on the console and for a page."""
+"""Results of the recovery suite as text and tables, for the console and for a page."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _HEADER = (
 
 
 def recovery_text(result: Mapping[str, Any]) -> str:
-    """The table, and the totals in words."""
+    """Return the table, and the totals as text."""
     if not result:
         return "no results are committed; run it with --quick or --full"
     return f"{_table(result)}\n{_totals(result)}"
 
 
 def recovery_markdown(result: Mapping[str, Any]) -> str:
-    """The same for a page, with the day and the command that found it."""
+    """Return table and totals for a page, with command and date."""
     made = result["made"]
     by = f"`{made['command']}` on {made['date']}, {made['cores']} cores, {made['processor']}"
     return f"{markdown_of(_table(result))}\n\n{_totals(result)}\n({by}.)"
@@ -66,7 +66,7 @@ def _totals(result: Mapping[str, Any]) -> str:
 
 
 def _stopped(row: Mapping[str, Any]) -> str:
-    """How many of SciPy's starts were stopped, and where."""
+    """Return the text on the number of SciPy's starts that were stopped, and after how many calls."""
     if not row["SciPy starts stopped"]:
         return "none"
     return (

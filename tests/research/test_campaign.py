@@ -17,8 +17,8 @@ from research import campaign
 from research.campaign import (
     Block,
     Campaign,
+    cached_rows,
     committed_file,
-    kept_rows,
     markdown_table,
     read_results,
     rounded,
@@ -99,8 +99,8 @@ def test_rows_are_kept_and_found_again(tmp_path: Path) -> None:
 
     cache = ResultCache(tmp_path)
     with pytest.raises(KeyboardInterrupt):
-        kept_rows([0, 1, 2], str, stops, cache, what="rows", progress=False)
-    rows = kept_rows([0, 1, 2], str, lambda case: {"new": case}, cache, what="r", progress=False)
+        cached_rows([0, 1, 2], str, stops, cache, label="rows", progress=False)
+    rows = cached_rows([0, 1, 2], str, lambda case: {"new": case}, cache, label="r", progress=False)
     assert rows == [{"case": 0}, {"case": 1}, {"new": 2}]
 
 

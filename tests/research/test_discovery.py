@@ -16,7 +16,7 @@ from research.campaign import read_results
 from research.discovery import runner
 from research.discovery.__main__ import CAMPAIGN
 from research.discovery.cases import NOISES, OURS, SEEDS, SINDY, Case, all_cases, measured
-from research.discovery.judging import worth
+from research.discovery.judging import score_law
 from research.discovery.results import EMPTY, Results
 from research.discovery.runner import discovery
 from research.discovery.systems import INPUT, SYSTEMS, law_of, made_record, right_structures, system_named
@@ -25,7 +25,7 @@ from research.discovery.text import NOT_RUN, text
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda one: one.name)
 def test_the_true_law_is_exact_and_in_its_library(system: Any) -> None:
-    found = worth(law_of(system), system)
+    found = score_law(law_of(system), system)
     assert found.exact
     assert found.error == 0.0
     column = INPUT if system.driven else None
@@ -36,10 +36,10 @@ def test_the_true_law_is_exact_and_in_its_library(system: Any) -> None:
 def test_a_wrong_law_is_not_found() -> None:
     z, v, _ = state_symbols()
     system = system_named("hard Duffing")
-    linear = worth(-1.5 * z - sympy.Float(0.1) * v, system)
+    linear = score_law(-1.5 * z - sympy.Float(0.1) * v, system)
     assert not linear.exact
     assert not linear.usable
-    away = worth(sympy.Float(1.0) * z**3, system)
+    away = score_law(sympy.Float(1.0) * z**3, system)
     assert away.error is None
 
 
@@ -47,7 +47,7 @@ def test_a_law_of_the_swing_about_a_level_is_judged_as_a_height() -> None:
     z, v, _ = state_symbols()
     system = system_named("linear")
     moved = -1.1 * (z + sympy.Float(0.5)) - 0.1 * v
-    found = worth(moved, system, HeightLine(1.0, 2.0))  # z = (height - 1)/2
+    found = score_law(moved, system, HeightLine(1.0, 2.0))  # z = (height - 1)/2
     assert found.error == pytest.approx(0.0, abs=1e-6)
     assert not found.exact
 
@@ -107,7 +107,7 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_an_unknown_system_is_refused() -> None:
-    with pytest.raises(InputError, match="there is no system 'nope'; the systems are 'linear'"):
+    with pytest.raises(InputError, match="unknown system 'nope'; the systems are 'linear'"):
         discovery(systems=["nope"], progress=False)
 
 

@@ -17,10 +17,10 @@ from research.disorder.__main__ import CAMPAIGN
 from research.disorder.beds import GROUPS, all_beds, scene_of
 from research.disorder.candidates import CANDIDATES, ORDERS, local_kinetic_temperature, without_drive
 from research.disorder.cycles import annealing_scene, cycle_scene, plastic_by_law
-from research.disorder.data_collapse import collapse, rank_correlation, rising_curve, unseen_skill
-from research.disorder.dislocation_strain import carried
+from research.disorder.data_collapse import collapse, held_out_skill, rank_correlation, rising_curve
+from research.disorder.dislocation_strain import strain_fraction
 from research.disorder.force_heterogeneity import QUIET, SHELLS, ForceField, shells, shuffle
-from research.disorder.forces import interval, of_field
+from research.disorder.forces import field_row, interval
 from research.disorder.results import STUDIES, run_studies
 
 DRAWS = 40
@@ -67,7 +67,7 @@ def test_ranks_and_scales(random: np.random.Generator) -> None:
     x, y = random.integers(0, 6, size=(2, 30)).astype(float)
     assert rank_correlation(x, y) == pytest.approx(spearmanr(x, y).statistic)
     groups = np.arange(30) % 3
-    assert unseen_skill(x, y, groups) == pytest.approx(unseen_skill(np.exp(x), y**3, groups))
+    assert held_out_skill(x, y, groups) == pytest.approx(held_out_skill(np.exp(x), y**3, groups))
 
 
 def test_rising_curve_by_hand() -> None:
@@ -122,7 +122,7 @@ def made_field(random: np.random.Generator, *, uneven: float) -> ForceField:
 
 
 def test_unevenness_at_made_defects_is_found(random: np.random.Generator) -> None:
-    found = of_field(made_field(random, uneven=1.5))
+    found = field_row(made_field(random, uneven=1.5))
     assert found["uneven"] == pytest.approx(1.5, rel=0.05)
     assert found["uneven, shuffled"] == pytest.approx(1.0, abs=0.05)
     about = np.array(found["uneven about"])
@@ -130,7 +130,7 @@ def test_unevenness_at_made_defects_is_found(random: np.random.Generator) -> Non
     np.testing.assert_allclose(about[QUIET : QUIET + 3], 1.5, rtol=0.1)
     np.testing.assert_allclose(about[:QUIET], 1.0, rtol=0.1)
     assert found["force 5"] == 1.0
-    assert of_field(made_field(random, uneven=1.0))["uneven"] == pytest.approx(1.0, abs=0.05)
+    assert field_row(made_field(random, uneven=1.0))["uneven"] == pytest.approx(1.0, abs=0.05)
 
 
 def test_shuffling_keeps_frames_and_depths(random: np.random.Generator) -> None:
@@ -170,11 +170,11 @@ def made_cycles(random: np.random.Generator, fraction: float) -> list[dict[str, 
 
 
 def test_a_made_share_is_found(random: np.random.Generator) -> None:
-    found = carried(made_cycles(random, 0.7), ["moves"])
+    found = strain_fraction(made_cycles(random, 0.7), ["moves"])
     assert found[:3] == pytest.approx((0.7, 0.7, 0.7))
     assert found.left == pytest.approx(0.0, abs=1e-12)
     assert found.control < 0.5
-    assert carried(made_cycles(random, 0.0), ["moves"]).slope == 0.0
+    assert strain_fraction(made_cycles(random, 0.0), ["moves"]).slope == 0.0
 
 
 def test_the_law_has_no_plastic_strain_while_it_is_elastic() -> None:
@@ -191,7 +191,7 @@ def test_results_are_committed(
     question: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("research.disorder.temperature.DRAWS", 5)
-    monkeypatch.setattr("research.disorder.text.seen_share", lambda size: (0.8, 0.9))
+    monkeypatch.setattr("research.disorder.text.tracked_fraction", lambda size: (0.8, 0.9))
     rows = CAMPAIGN.committed()[question]["rows"]
     assert len(rows) == len(STUDIES[question].cases)
     assert launch(CAMPAIGN.main, [question, "--json", "--quiet"]) == 0
