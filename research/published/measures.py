@@ -1,4 +1,4 @@
-"""How ours is found from the results: figures of one series, and of several together."""
+"""Measures of our values from the results: figures of one series, and of several together."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ Measure = Callable[[Results], Finding | None]
 def mean_of(
     name: str, figure: str, scale: float = 1.0, pool: Sequence[str] = (), protocol: str | None = None
 ) -> Measure:
-    """Mean and deviation of a figure of one series.
+    """Make the measure of mean and deviation of a figure of one series.
 
-    The deviation is that of all series of ``pool`` together, whose starts scatter alike: of three
-    starts alone it is known so badly that hardly any difference would show.
+    The deviation is pooled over all series of ``pool``, whose starts have equal scatter: from three starts
+    alone it would be too uncertain to show most differences.
     """
 
     def measure(results: Results) -> Finding | None:
@@ -42,7 +42,7 @@ def mean_of(
 def pooled_deviation(
     results: Results, names: Sequence[str], figure: str, protocol: str
 ) -> tuple[float, int] | None:
-    """Deviation of single starts by several series together, and its degrees of freedom."""
+    """Return the pooled deviation of single starts of several series, and its degrees of freedom."""
     samples = [results.sample(name, figure, protocol) for name in names]
     values = [item.values for item in samples if item is not None and len(item.values) > 1]
     freedom = sum(len(item) - 1 for item in values)
@@ -52,7 +52,7 @@ def pooled_deviation(
 
 
 def calculation(name: str, figure: str) -> Measure:
-    """A number that needs no bed."""
+    """Make the measure of a number that needs no simulated bed."""
 
     def measure(results: Results) -> Finding | None:
         value = results.number(name, figure)
@@ -64,7 +64,7 @@ def calculation(name: str, figure: str) -> Measure:
 def together(
     names: Sequence[str], figure: str, results: Results, protocol: str | None = None
 ) -> list[Sample] | None:
-    """A figure of several series under one protocol, the best that is planned for all."""
+    """Return a figure of several series under one protocol, the best that is planned for all."""
     chosen = results.best(*names) if protocol is None else protocol
     if chosen is None:
         return None
@@ -74,7 +74,7 @@ def together(
 
 
 def percent_difference(count: int) -> Measure:
-    """Force with the list less that of the direct sum, in percent of the force with the list."""
+    """Make the measure of the force with the list minus the direct sum's, in % of the former."""
 
     def measure(results: Results) -> Finding | None:
         result = together([f"direct {count}", f"list {count}"], "force", results)
@@ -87,7 +87,7 @@ def percent_difference(count: int) -> Measure:
 
 
 def _of_ratio(item: Finding, other: Finding, value: Callable[[float], float], slope: float) -> Finding:
-    """A function of one over the other, whose slope over the ratio is given."""
+    """Return a function of the ratio of two findings; ``slope`` is its derivative by the ratio."""
     ratio = item.value / other.value
 
     def both(first: float | None, second: float | None) -> float | None:
@@ -113,7 +113,7 @@ class Line:
         return self._coefficient(results, 1)
 
     def r_squared(self, results: Results) -> Finding | None:
-        """Fraction of the means' variance that the line explains."""
+        """Return the fraction of the means' variance explained by the line."""
         result = self._samples(results)
         if result is None:
             return None
@@ -148,13 +148,13 @@ class Line:
 
 
 def without_error(value: float, result: Sequence[Sample]) -> Finding:
-    """A number from samples whose error is not known."""
+    """Return a finding from samples without a known error."""
     starts = sum(len(item.values) for item in result)
     return Finding(value, None, starts, result[0].protocol, result[0].step)
 
 
 def asymptote(direct: Line, listed: Line) -> Measure:
-    """Percent by which the list falls short in a very large bed, by the two lines [D, eq. 5.5]."""
+    """Make the measure of the list's loss [%] in a very large bed, by two lines [D, eq. 5.5]."""
 
     def measure(results: Results) -> Finding | None:
         item, other = direct.slope(results), listed.slope(results)
@@ -166,7 +166,7 @@ def asymptote(direct: Line, listed: Line) -> Measure:
 
 
 def time_exponent(sizes: Sequence[int], way: str) -> Measure:
-    """The b of time per sum = a n^b, by the plain loops."""
+    """Make the measure of b in time per sum = a n^b, by the plain loops."""
 
     def measure(results: Results) -> Finding | None:
         times = [results.number("loop_times", f"{way} {n}") for n in sizes]
@@ -181,7 +181,7 @@ def time_exponent(sizes: Sequence[int], way: str) -> Measure:
 
 
 def time_saving(count: int) -> Measure:
-    """Fraction of the plain loop's time that the plain list saves."""
+    """Make the measure of the fraction of the plain loop's time saved by the plain list."""
 
     def measure(results: Results) -> Finding | None:
         direct = results.number("loop_times", f"direct {count}")
@@ -194,10 +194,10 @@ def time_saving(count: int) -> Measure:
 
 
 def first_inside(radii: Sequence[float], reference: str) -> Measure:
-    """The least radius of the list whose mean force lies within a deviation of the direct sum's.
+    """Make the measure of the smallest list radius with a force within a deviation of the direct sum's.
 
-    That is de Paula's own choice of its radius [D, Fig. 5.2]. A list that loses so many pairs that
-    its energy stops every start has no force, and lies outside.
+    De Paula chooses its radius by this rule [D, Fig. 5.2]. A list that loses so many pairs that the energy
+    ledger stops every start has no force, and lies outside.
     """
 
     def measure(results: Results) -> Finding | None:
@@ -223,7 +223,7 @@ def _listed(radius: float) -> str:
 
 
 def deviation_at_full(name: str) -> Measure:
-    """Standard deviation of the force at full compression over the starts [N]."""
+    """Make the measure of the deviation over starts of the force at full compression [N]."""
 
     def measure(results: Results) -> Finding | None:
         sample = results.sample(name, "force")
@@ -235,7 +235,7 @@ def deviation_at_full(name: str) -> Measure:
 
 
 def greatest_deviation(name: str) -> Measure:
-    """Greatest deviation of the force anywhere in the cycle, over the mean greatest force."""
+    """Make the measure of the maximum deviation of the force in the cycle, over the mean maximum force."""
 
     def measure(results: Results) -> Finding | None:
         sample = results.sample(name, "force")
@@ -250,14 +250,14 @@ def greatest_deviation(name: str) -> Measure:
 
 
 def _deviation(value: float, sample: Sample) -> Finding:
-    """A deviation, whose own standard error is that of normally distributed samples."""
+    """Return a deviation, with the standard error for normally distributed samples."""
     free = len(sample.values) - 1
     error = value / math.sqrt(2.0 * free)
     return sample.finding()._replace(value=value, spread=None, error=error, freedom=float(free))
 
 
 def greatest_same_speed(speeds: Sequence[float], reference: str, allowed: float) -> Measure:
-    """Greatest speed [mm/s] up to which the force is that of the reference, within ``allowed``."""
+    """Make the measure of the maximum speed [mm/s] with the reference's force within ``allowed``."""
 
     def measure(results: Results) -> Finding | None:
         names = [f"speed {v:g}" for v in speeds]
@@ -276,7 +276,7 @@ def greatest_same_speed(speeds: Sequence[float], reference: str, allowed: float)
 
 
 def order_correlation(names: Sequence[str]) -> Measure:
-    """Pearson's correlation of Psi6 and the fraction of hexagons over beds at full compression."""
+    """Make the measure of Pearson's correlation of Psi6 and hexagon fraction at full compression."""
 
     def measure(results: Results) -> Finding | None:
         from granular.observables import pearson_correlation
@@ -299,7 +299,7 @@ def order_correlation(names: Sequence[str]) -> Measure:
 
 
 def least_of(measures: Sequence[Measure]) -> Measure:
-    """The least finding; of those that are there."""
+    """Make the measure of the smallest available finding."""
 
     def measure(results: Results) -> Finding | None:
         result = [item for item in (entry(results) for entry in measures) if item is not None]
@@ -309,7 +309,7 @@ def least_of(measures: Sequence[Measure]) -> Measure:
 
 
 def force_ratio(name: str, last: str) -> Measure:
-    """Force of a mixture over that of its small grains alone."""
+    """Make the measure of a mixture's force over the force of its small grains alone."""
 
     def measure(results: Results) -> Finding | None:
         result = together([name, last], "force", results)
@@ -322,7 +322,7 @@ def force_ratio(name: str, last: str) -> Measure:
 
 
 def over_curve(curve: Callable[[float], float], ratios: Sequence[float], names: Sequence[str]) -> Measure:
-    """F(R)/F(1) over a published curve of it, at the R where the two differ by most errors."""
+    """Make the measure of F(R)/F(1) over a published curve, at the R of the most significant difference."""
 
     def measure(results: Results) -> Finding | None:
         result = together(names, "force", results)
@@ -345,7 +345,7 @@ def _over(divisor: float, value: float) -> float:
 
 
 def greatest_pair_difference(names: Sequence[str]) -> Measure:
-    """Greatest difference of the forces of two starts of the same bed [N]."""
+    """Make the measure of the maximum force difference between two starts of the same bed [N]."""
 
     def measure(results: Results) -> Finding | None:
         result = together(names, "force", results)

@@ -1,4 +1,4 @@
-"""Tests of what de Paula says without a number of mixtures [D, chapter 4]."""
+"""Tests of de Paula's qualitative statements on mixtures [D, chapter 4]."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from research.published.statement import LEVEL, StatementCheck, mean_course
 from validation.measured_quantities import published_value
 
 ALIKE = 0.2
-"""Correlation of neighbours' forces up to which they are called independent."""
+"""Maximum correlation of neighbours' forces that counts as independent."""
 
 
 def scan(results: Results, aspect: float, figure: str, big: float = 0.005) -> np.ndarray | None:
@@ -64,7 +64,7 @@ def on_curves(results: Results) -> StatementCheck | None:
         worst = float(np.abs(off).max())
         holds.append(worst <= 0.02)
         words.append(f"{worst:.3f} (a = {label}{', 6:8 mm' if big != 0.005 else ''})")
-    return StatementCheck(all(holds), f"greatest distance from the curve: {', '.join(words)}")
+    return StatementCheck(all(holds), f"maximum distance from the curve: {', '.join(words)}")
 
 
 def ends_alike(results: Results) -> StatementCheck | None:
@@ -93,7 +93,7 @@ def two_modes(results: Results) -> StatementCheck | None:
     if result is None:
         return None
     worst = [float(item.values.max()) for item in result]
-    return StatementCheck(max(worst) < LEVEL, f"dip test, greatest p: {listed(worst, '.4f')}")
+    return StatementCheck(max(worst) < LEVEL, f"dip test, maximum p: {listed(worst, '.4f')}")
 
 
 def one_mode(results: Results) -> StatementCheck | None:
@@ -103,10 +103,10 @@ def one_mode(results: Results) -> StatementCheck | None:
         return None
     least = [float(item.values.min()) for item in result]
     words = ", ".join(f"{p:.2f}" for p in least)
-    # Of so many tests at once, by Bonferroni.
+    # Several simultaneous tests: Bonferroni correction.
     return StatementCheck(
         min(least) > LEVEL / sum(len(item.values) for item in result),
-        f"dip test, least p: {words} (R = 0; R = 1 of a = 0.75, 0.6, 0.5)",
+        f"dip test, minimum p: {words} (R = 0; R = 1 of a = 0.75, 0.6, 0.5)",
     )
 
 
@@ -129,7 +129,7 @@ def no_direction(results: Results) -> StatementCheck | None:
     greatest = max(float(item.values.max()) for item in orders)
     return StatementCheck(
         bool(p.min() > LEVEL / len(p)),
-        f"Rayleigh's test of the axes, least p of {len(p)} beds: {p.min():.3f}; greatest order "
+        f"Rayleigh's test of the axes, minimum p of {len(p)} beds: {p.min():.3f}; maximum order "
         f"{greatest:.2f} of 1",
     )
 
@@ -194,7 +194,7 @@ def least_order(results: Results) -> StatementCheck | None:
     if any(item is None for item in scans):
         return None
     least = [RATIOS[int(item.argmin())] for item in scans if item is not None]
-    return StatementCheck(all(0.3 <= item <= 0.7 for item in least), f"least at R = {listed(least, 'g')}")
+    return StatementCheck(all(0.3 <= item <= 0.7 for item in least), f"minimum at R =  {listed(least, 'g')}")
 
 
 def variant_forces(results: Results) -> StatementCheck | None:
@@ -207,7 +207,7 @@ def variant_forces(results: Results) -> StatementCheck | None:
     normal = means / means[:, -1:]
     worst = np.abs(normal[1:] - normal[0]).max(axis=1)
     words = ", ".join(f"{w:.3f} ({name})" for name, w in zip(VARIANTS, worst, strict=True))
-    return StatementCheck(bool(worst.max() <= 0.05), f"greatest difference of F(R)/F(1): {words}")
+    return StatementCheck(bool(worst.max() <= 0.05), f"maximum difference of F(R)/F(1): {words}")
 
 
 def two_mixtures(results: Results) -> StatementCheck | None:
@@ -215,7 +215,7 @@ def two_mixtures(results: Results) -> StatementCheck | None:
     if scans[0] is None or scans[1] is None:
         return None
     worst = float(np.abs(scans[0] / scans[0][-1] - scans[1] / scans[1][-1]).max())
-    return StatementCheck(worst <= 0.05, f"greatest difference {worst:.3f}")
+    return StatementCheck(worst <= 0.05, f"maximum difference {worst:.3f}")
 
 
 def grain_forces(results: Results) -> StatementCheck | None:

@@ -1,4 +1,4 @@
-"""The report: first what matters, then what differs, then the rest."""
+"""The report: first the most important figures, then the differences, then the rest."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FIRST = (
     "biexponential_fmax.A[1]",
     "bidisperse_r_half.hexagon_regularity_end[1]",
 )
-"""The ten figures that matter most."""
+"""The ten most important figures."""
 
 SECTIONS = {
     "Force on the piston": ("piston_force_direct_sum", "piston_force_verlet", "mono_further", "algorithm"),
@@ -58,18 +58,18 @@ SECTIONS = {
     "Experiment": ("experiment",),
     "Constants and the method": ("default_grain", "walls", "single_particle", "final_height", "oscillator"),
 }
-"""Sections of the report, with those of ``published.toml`` that they show."""
+"""Sections of the report, with their sections of ``published.toml``."""
 
 
 def page(shown: Results, quick: Results | None = None) -> Page:
-    """The report as a page.
+    """Return the report as a page.
 
     Parameters
     ----------
     shown : Results
-        Of the full run.
+        Results of the full run.
     quick : Results, optional
-        Of a quick run, shown in columns of its own.
+        Results of a quick run, shown in separate columns.
     """
     rows = judged(shown)
     return Page(TITLE, _lead(rows, shown, quick), tuple(_blocks(rows, shown, quick)), _footer(shown, quick))
@@ -103,7 +103,7 @@ def _lead(rows: Sequence[Judged], shown: Results, quick: Results | None) -> str:
     series = counted(shown)
     words = (
         f"{len(rows)} published numbers: {said(rows)}. {series['whole']} of "
-        f"{series['planned']} series are run whole, by today's code; {series['stopped']} were "
+        f"{series['planned']} series are complete with the present code; {series['stopped']} were "
         f"stopped in every start, {series['stale']} are stale. "
         f"Statements: {describe_fields(counted_statements(shown))}."
     )
@@ -111,12 +111,12 @@ def _lead(rows: Sequence[Judged], shown: Results, quick: Results | None) -> str:
 
 
 def describe_fields(numbers: dict[str, int]) -> str:
-    """Counts as words."""
+    """Return counts as text."""
     return ", ".join(f"{number} {name}" for name, number in numbers.items())
 
 
 def _first(rows: Sequence[Judged]) -> Iterator[Block]:
-    yield Heading("The ten figures that matter most")
+    yield Heading("The ten most important figures")
     chosen = [row for key in FIRST for row in rows if row.entry.key == key]
     yield from plots.adjacent(chosen)
     yield from _entries([(row, None) for row in chosen], False, notes=False)
@@ -124,22 +124,21 @@ def _first(rows: Sequence[Judged]) -> Iterator[Block]:
 
 def _how_to_read() -> Iterator[Block]:
     yield Text(
-        "Ours is the mean over starts with its interval of 95 % (Student); the number in brackets "
-        "says how many starts. A published mean with a deviation is judged by Welch's interval of "
-        "the difference, with both standard errors. A published number without one is one draw: "
-        "it is judged by a prediction interval, our own scatter times the root of 1 + 1/n. Half of "
-        "the last printed digit comes on top; where ours has no scatter the digits decide. "
-        "Distances in beds of equal grains scatter alike at all sizes, and have one deviation. Of "
-        "all differences those "
-        "are left that a false discovery rate of 5 % over all entries lets stand (Benjamini and "
-        "Hochberg). A comparison could fail if its interval is below a fifth of the published "
+        "Ours is the mean over starts with its interval of 95 % (Student); the number in brackets is the "
+        "number of starts. A published mean with a deviation is judged by Welch's interval of "
+        "the difference, with both standard errors. A published number without a deviation is one draw: it "
+        "is judged by a prediction interval, our scatter times the root of 1 + 1/n. Half of the last "
+        "printed digit is added; if ours has no scatter the digits decide. Distances in beds of equal "
+        "grains have equal scatter at all sizes, and one pooled deviation. Differences are limited by a "
+        "false discovery rate of 5 % over all entries (Benjamini and Hochberg). A comparison could fail if "
+        "its interval is below a fifth of the published "
         "value. The final heights of the mixtures are one formula and one entry; the four numbers "
         "of a fit are judged as the curve. "
         "By construction: ours was made from the published number. Protocols: published is "
         "de Paula's own (relaxation of 5 T; 8.33 or 5.63 mm/s, mixtures 1 mm/s); quick compresses "
-        "mixtures at 16 mm/s, and beds of equal grains at 33 mm/s after 5 s. An entry rests on the "
-        "longest protocol that is planned for it, and is not run until all of its starts are: no "
-        "shorter one stands in. What the quick one changes stands under Causes."
+        "mixtures at 16 mm/s, and beds of equal grains at 33 mm/s after 5 s. An entry is based on the "
+        "longest protocol planned for it, and counts as not run until all of its starts are done: no "
+        "shorter protocol replaces it. The effects of the quick protocol are under Causes."
     )
 
 
@@ -206,7 +205,7 @@ def _verdict(row: Judged) -> str:
 
 
 def published_of(row: Judged) -> str:
-    """The published value with its deviation."""
+    """Return the published value with its deviation."""
     spread = row.published_spread
     digits = row.entry.digits
     value = f"{row.published:.{digits}f}" if digits < 7 else f"{row.published:.2g}"
@@ -214,7 +213,7 @@ def published_of(row: Judged) -> str:
 
 
 def ours_of(result: Finding | None, unit: str) -> str:
-    """Value, half interval, unit and number of starts."""
+    """Return value, half interval, unit and number of starts."""
     if result is None:
         return "—"
     half = result.half_width()
@@ -229,7 +228,7 @@ def _unit(unit: str) -> str:
 
 def _statements(results: Results) -> Iterator[Block]:
     yield Heading("Statements")
-    yield Text("What de Paula says without a number, tested on the runs.")
+    yield Text("De Paula's qualitative statements, tested on the runs.")
     rows = []
     for item in statements():
         check = item.check(results)
@@ -279,10 +278,10 @@ def _causes(results: Results, result: Sequence[ChangedFigure]) -> Iterator[Block
     if large := words_on_large_beds(results):
         yield Text(large)
     yield Text(
-        "The same bed with one thing changed, or with several: what matters moves a mean beyond "
-        "Student's interval of 95 % for the starts that were run; what explains brings it to the "
-        "published number, within the interval of its mean. A bed without dissipation is left out: "
-        "it stays a hot gas whose force depends on the start, so that no figure has a meaning. The "
+        "The same bed with one or several changes. A change matters if it moves a mean beyond Student's "
+        "interval of 95 % for the starts that were run; it explains a difference if it brings the mean to "
+        "the published number, within the interval of the mean. A bed without dissipation is omitted: it "
+        "remains a hot gas whose force depends on the start, so its figures are meaningless. The "
         "cell of 0.36 m contradicts the packing of 0.34 that de Paula prints."
     )
     if not result:
@@ -325,7 +324,7 @@ def _state(results: Results) -> Iterator[Block]:
         if not is_whole(item) or item["coarse"] or worst_residual(item) > 1e-4
     ]
     if rows:
-        yield Text("Series that are not whole, or whose energy is off by more than 1e-4:")
+        yield Text("Series that are incomplete, or with an energy residual above 1e-4:")
         yield Table(("series", "state", "step", "energy residual"), rows)
 
 
@@ -350,7 +349,7 @@ def _footer(shown: Results, quick: Results | None) -> str:
 def _made_with(made: Mapping[str, Any]) -> str:
     versions = ", ".join(f"{k} {v}" for k, v in made.items() if k not in _OWN)
     command, date = (html.unescape(str(made[name])) for name in _OWN[:2])
-    return f"Made by {command} on {date}, begun {made.get('sittings', 1)} times, with {versions}."
+    return f"Made by {command} on {date}, in {made.get('sittings', 1)} parts, with {versions}."
 
 
 _OWN = ("command", "date", "sittings")

@@ -1,6 +1,6 @@
-"""De Paula's two ways of summing pairs, as plainly as it writes them, to time them side by side.
+"""De Paula's two methods of summing pairs, written as plainly as in the thesis, for timing.
 
-One loop over all pairs, one over a list of neighbours; no vectors, one thread.
+One loop over all pairs and one over a list of neighbours; without vector instructions, one thread.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def _pair(x: np.ndarray, y: np.ndarray, force: np.ndarray, i: int, j: int) -> No
 
 
 def neighbours(positions: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where each grain's list begins (n + 1,), and the later grains within the radius."""
+    """Return the start of each grain's list (n + 1,), and the later grains within the radius."""
     from scipy.spatial import cKDTree
 
     pairs = cKDTree(positions).query_pairs(radius, output_type="ndarray")
@@ -55,7 +55,7 @@ def neighbours(positions: np.ndarray, radius: float) -> tuple[np.ndarray, np.nda
 
 
 def loop_times(positions: np.ndarray, radius: float) -> tuple[float, float]:
-    """Processor time of one sum by either loop [us], the least of some; positions (n, 2) [D]."""
+    """Return the processor time [us] of one sum by either loop, minimum of repeats; positions (n, 2) [D]."""
     x, y = np.ascontiguousarray(positions[:, 0]), np.ascontiguousarray(positions[:, 1])
     force = np.zeros((2, len(x)))
     first, others = neighbours(positions, radius)
@@ -63,10 +63,10 @@ def loop_times(positions: np.ndarray, radius: float) -> tuple[float, float]:
     integer = force.copy()
     _listed(x, y, force, *neighbours(positions, np.inf))
     assert np.allclose(force, integer)
-    return _least(_direct, x, y, force), _least(_listed, x, y, force, first, others)
+    return _minimum_time(_direct, x, y, force), _minimum_time(_listed, x, y, force, first, others)
 
 
-def _least(loop: Callable[..., object], *arguments: np.ndarray) -> float:
+def _minimum_time(loop: Callable[..., object], *arguments: np.ndarray) -> float:
     least, sums = np.inf, max(1, 40_000_000 // arguments[0].size ** 2)
     for _ in range(REPEATS):
         started = time.process_time()

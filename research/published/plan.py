@@ -1,4 +1,4 @@
-"""What is run, group by group: the cheap and the most telling first."""
+"""Plan of the runs, group by group: cheap and informative ones first."""
 
 from __future__ import annotations
 
@@ -12,44 +12,45 @@ from validation.measured_quantities import compression_duration
 
 SIZES = (92, 184, 276, 368, 460, 552, 644, 736)
 LISTED = (368, 460, 552, 644, 736)
-"""Sizes that de Paula ran three times both ways."""
+"""Sizes that de Paula ran three times by both methods."""
 LARGE = (1472, 2208)
 ASPECTS = (0.75, 0.6, 0.5)
 RATIOS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 VARIANT_RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0)
 OWN_RATIOS = (0.25, 0.3, 0.4, 0.45, 0.55, 0.6, 0.7, 0.75)
-"""R of Table A.1 where de Paula's mixing rule makes another share than its R, or the next one."""
+"""Values of R in Table A.1 for which de Paula's mixing rule gives a fraction other than R, or the next
+one."""
 SPEEDS = (5.63, 8.33, 16.0, 32.0, 64.0, 128.0)
 """[mm/s]"""
 RADII = (6.26, 7.26, 8.26, 9.26, 10.26, 11.26, 12.26)
 """Radii of de Paula's list in Fig. 5.2 [D]."""
 TEN = tuple(range(1, 11))
 CYCLE_SPEED = 5.63e-3
-"""Speed of the studies of start and friction [m/s]."""
+"""Speed in the studies of start and friction [m/s]."""
 DRAG = {"coefficient": 0.1}
 MISPRINT = 42.0
 """Factor of the load on 5 mm grains when the angle of [D, eq. 4.10] is taken as printed."""
 WIDE_CELL = 0.36
-"""Width that [D, Table 4.3] prints, where text and Table A.1 have 0.33 [m]."""
+"""Width printed in [D, Table 4.3], while text and Table A.1 have 0.33 [m]."""
 WIDER = WIDE_CELL / 0.33
 """The same change of width for beds of equal grains."""
 LOOSE = 1.35
-"""Height of a loose arrangement over that of the compression's start: its grains stand farther
-apart, and fall from higher. The thesis does not print the height of the grid."""
+"""Height of a loose arrangement over the height at the compression's start: its grains are farther apart, and
+fall from a larger height. The thesis does not print the height of the grid."""
 MASSES = (7.5, 6.24)
-"""Pistons [kg]: that of the packaged damper, and the one that rests where de Paula's does."""
+"""Piston masses [kg]: of the packaged damper, and with the equilibrium height of de Paula's damper."""
 GAMMAS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1, 1.2)
 """Drag of a grain [kg/s]."""
 SOURCE_DRAG = 1.0
-"""Drag with which de Paula's law fits [kg/s]; the thesis prints none for its damper."""
+"""Drag at which de Paula's law fits [kg/s]; the thesis does not print the drag of its damper."""
 NEAR_MASSES = (6.0, 6.5)
-"""Pistons beside the one that rests where de Paula's does [kg]."""
+"""Further piston masses near the one with de Paula's equilibrium height [kg]."""
 MIXTURE_PERIOD = 400.0
 """Duration of the compression of a mixture at 1 mm/s [s], within 7 % for every size ratio."""
 HYSTERESIS_SIZES = (92, 184, 368, 736)
-"""Sizes at which causes of the hysteresis were looked for."""
+"""Sizes at which causes of the hysteresis were tested."""
 SPREADS = (0.0, 0.1)
-"""Scatter of the grains' moments with which a bed is pressed."""
+"""Relative scatter of the grains' moments in pressed beds."""
 VARIANTS: dict[str, dict[str, Any]] = {
     "dry and viscous": {"effects__drag": DRAG},
     "no gravity": {"effects__gravity": None},
@@ -74,19 +75,19 @@ class Group(NamedTuple):
 
 
 def mixture_name(aspect: float, ratio: float, big: float = 0.005) -> str:
-    """Name of a mixture's series; without small grains the aspect ratio is that of none."""
+    """Return the name of a mixture's series; without small grains it has no aspect ratio."""
     if big != 0.005:
         return f"mixture {1e3 * aspect * big:g}:{1e3 * big:g} mm, R = {ratio:g}"
     return "mixture, R = 0" if ratio == 0.0 else f"mixture a = {aspect:g}, R = {ratio:g}"
 
 
 def damper_name(mass: float, drag: float = 0.1) -> str:
-    """Name of a damper's series."""
+    """Return the name of a damper's series."""
     return f"damper {mass:g} kg" + ("" if drag == 0.1 else f", {drag:g} kg/s")
 
 
 def quick_plan() -> list[Group]:
-    """What fits into a quarter of an hour on two cores."""
+    """Return the plan for a quarter of an hour on two cores."""
     return [
         Group("sizes", [*_direct(QUICK), _listed(368, QUICK), _listed(736, QUICK)]),
         Group("damper", [fall(damper_name(MASSES[0]), MASSES[0], seeds=(1,))]),
@@ -96,7 +97,7 @@ def quick_plan() -> list[Group]:
 
 
 def full_plan() -> list[Group]:
-    """Everything: hours. What others are compared with, and what is cheap, comes first."""
+    """Return the full plan (hours), with references of comparisons and cheap runs first."""
     return [
         Group("dampers", _dampers()),
         Group("sizes, quick protocol", _direct(QUICK)),
@@ -140,7 +141,7 @@ def _listed(count: int, protocol: Protocol) -> Series:
 
 
 def _meshes() -> list[Series]:
-    """Beds that the direct sum would take hours for; and one that both ways can do."""
+    """Return beds too expensive for the direct sum, and one bed that both methods can run."""
     mesh: dict[str, Any] = {"pairs__method": "mesh"}
     return [
         mono("mesh 736", 736, PUBLISHED, **mesh),
@@ -154,14 +155,14 @@ def _friction(protocol: Protocol, speed: float | None = None) -> list[Series]:
     second = {"torque": "second"}
     return [
         mono("second order", 368, protocol, speed=speed, effects__friction=second),
-        # Rough grains slip in larger jumps, which longer steps do not follow.
+        # Grains with high friction slip in larger jumps, which longer steps cannot follow.
         mono("second order, 0.8", 368, protocol, speed=speed, step="auto/2", effects__friction=high),
         mono("drag", 368, protocol, speed=speed, **drag),
     ]
 
 
 def _cycle() -> list[Series]:
-    """The studies of start, speed and friction."""
+    """Return the studies of start, speed and friction."""
     return [
         mono("starts", 368, PUBLISHED, seeds=TEN, speed=CYCLE_SPEED),
         *_friction(PUBLISHED, CYCLE_SPEED),
@@ -170,14 +171,14 @@ def _cycle() -> list[Series]:
 
 
 def _halves(protocol: Protocol) -> list[Series]:
-    """R = 0.5 for every aspect ratio, and big grains alone."""
+    """Return R = 0.5 for every aspect ratio, and big grains alone."""
     return [mixture(mixture_name(0.6, 0.0), 0.6, 0.0, protocol)] + [
         mixture(mixture_name(a, 0.5), a, 0.5, protocol) for a in ASPECTS
     ]
 
 
 def _ends(protocol: Protocol) -> list[Series]:
-    """Small grains alone, which forces are measured by; and the mixture of 6 and 8 mm."""
+    """Return small grains alone, the reference of forces, and the mixture of 6 and 8 mm."""
     two = (1, 2)
     alone = [mixture(mixture_name(a, 1.0), a, 1.0, protocol, seeds=two) for a in ASPECTS]
     large = [
@@ -188,7 +189,7 @@ def _ends(protocol: Protocol) -> list[Series]:
 
 
 def _scan(protocol: Protocol) -> list[Series]:
-    """All other R, two starts each, as in the thesis."""
+    """Return all other R, two starts each, as in the thesis."""
     two = (1, 2)
     between = [r for r in reversed(RATIOS) if r not in (0.0, 0.5, 1.0)]
     return [mixture(mixture_name(a, r), a, r, protocol, seeds=two) for r in between for a in ASPECTS] + [
@@ -229,13 +230,13 @@ def _steps() -> list[Series]:
 
 
 def _source_friction(count: int) -> dict[str, Any]:
-    """Step and friction of a bed of equal grains, as the thesis has them."""
+    """Return step and friction of a bed of equal grains, as in the thesis."""
     period = compression_duration(count, PUBLISHED.speed)
     return {"step": 1e-6 * period, "effects__friction": regularised(period)}
 
 
 def _source_cycle(sizes: Sequence[int], seeds: Sequence[int] = (1, 2, 3)) -> list[Series]:
-    """De Paula's friction at its own step, through the thesis's protocol."""
+    """Return beds with de Paula's friction at its step, with the thesis's protocol."""
     return [
         mono(f"direct {n}, source's friction", n, PUBLISHED, seeds=seeds, **_source_friction(n))
         for n in sizes
@@ -243,7 +244,7 @@ def _source_cycle(sizes: Sequence[int], seeds: Sequence[int] = (1, 2, 3)) -> lis
 
 
 def _hysteresis_causes(sizes: Sequence[int]) -> list[Series]:
-    """One thing changed, and all of them."""
+    """Return beds with one change each, and with all changes."""
     made = []
     for n in sizes:
         name, two = f"direct {n}", (1, 2)
@@ -277,7 +278,7 @@ def _loose_starts(protocol: Protocol, sizes: Sequence[int] = SIZES) -> list[Seri
 
 
 def _rounded_184() -> Series:
-    """184 grains in a cell whose scale, sqrt(1/2), is rounded to 0.70."""
+    """Return 184 grains in a cell whose scale, sqrt(1/2), is rounded to 0.70."""
     scale, height = 0.7, 75.0
     start, end = scale * height * 0.006, scale * 20.0 * 0.006
     return mono(
@@ -294,9 +295,9 @@ def _rounded_184() -> Series:
 
 
 def _mixture_causes() -> list[Series]:
-    """De Paula's friction at its own step, the wide cell, both, and a misprint taken at its word.
+    """Return mixtures with de Paula's friction at its step, the wide cell, both, and a misprint as printed.
 
-    The step is 1e-6 T of the thesis's own compression.
+    The step is 1e-6 T of the thesis's compression.
     """
     friction: dict[str, Any] = {
         "step": 1e-6 * MIXTURE_PERIOD,
@@ -327,7 +328,7 @@ def _mixing_rule() -> list[Series]:
 
 
 def _pressed() -> list[Series]:
-    """Mixtures pressed until the experiment's force, with equal and with scattered moments."""
+    """Return mixtures pressed up to the experiment's force, with equal and with scattered moments."""
     return [
         pressed(f"pressed, R = {r:g}" + (f", moments ± {s:g}" if s else ""), 0.6, r, s)
         for r in (0.0, 0.1, 0.5, 0.9, 1.0)

@@ -39,7 +39,7 @@ _PUBLISHED = {"marker": "x", "linestyle": "none", "markersize": 7.0, "markeredge
 
 
 def section_pictures(section: str, results: Results) -> Iterator[Block]:
-    """Pictures of a section of the report."""
+    """Return the pictures of a section of the report."""
     for draw in _PICTURES.get(section, ()):
         yield from draw(results)
 
@@ -88,14 +88,14 @@ def adjacent(rows: Sequence[Judged]) -> Iterator[Block]:
 
 
 def both_causes(results: Results) -> Iterator[Block]:
-    """Add what start and end are off by, without and with both causes, and creep over the step."""
+    """Return the picture of errors of start and end, with and without both causes, and of creep."""
     drawing = both_causes_figure(results)
     if drawing is not None:
         yield Picture(lambda: drawing, BOTH_CAPTION)
 
 
 def both_causes_figure(results: Results) -> Figure | None:
-    """Draw the same; None where the runs are not there."""
+    """Draw errors of start and end, and creep over the step; None if runs are missing."""
     if not (with_both_causes(results) and creep_over_step(results)):
         return None
     with figure(1, 2, width=11.0, height=4.4) as (drawing, axes):
@@ -104,7 +104,7 @@ def both_causes_figure(results: Results) -> Figure | None:
 
 
 BOTH_CAPTION = (
-    "Left: half the mean distance at start and end, less the published one, by the exact law from "
+    "Left: half the mean distance at start and end, minus the published one, by the exact law from "
     "the usual grid, with both causes, and with the velocity of equation 2.17 a step late; bars "
     "are prediction intervals. Right: the end of "
     "the cycle of 368 grains over the time step; dotted: published."
@@ -145,7 +145,7 @@ def draw_both_causes(left: Any, right: Any, results: Results) -> None:
 def _points(
     results: Results, names: Sequence[str], places: Sequence[float], name: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places, means and half intervals of the series that were run, under their best protocol."""
+    """Return positions, means and half intervals of complete series, under their best protocol."""
     result = [
         (index, sample.finding())
         for index, series in zip(places, names, strict=True)
@@ -214,7 +214,7 @@ def _losses(results: Results) -> Iterator[Block]:
         )
         axes.set(xlabel="number of grains", ylabel="list less every pair [%]")
         axes.legend()
-        yield Picture(lambda: drawing, "What de Paula's list loses, in percent of its own force.")
+        yield Picture(lambda: drawing, "Loss of force by de Paula's list, in percent of its force.")
 
 
 def _distance_over_size(results: Results) -> Iterator[Block]:
@@ -274,7 +274,7 @@ def _shares_over_size(results: Results) -> Iterator[Block]:
             axes.set(xlabel="number of grains", ylim=limits)
             axes.legend(fontsize=8, loc="upper right")
         both[0].set_ylabel("fraction of polygons")
-        yield Picture(lambda: drawing, "Shares of polygons at full compression; crosses are published.")
+        yield Picture(lambda: drawing, "Fractions of polygons at full compression; crosses are published.")
 
 
 def _course(results: Results) -> Iterator[Block]:
@@ -330,7 +330,7 @@ def _force_over_ratio(results: Results) -> Iterator[Block]:
         axes.legend(fontsize=8)
         yield Picture(
             lambda: drawing,
-            "Greatest force over the fraction of small grains, with the curves of the published fits.",
+            "Maximum force over the fraction of small grains, with the curves of the published fits.",
         )
 
 
@@ -385,7 +385,7 @@ def _hysteresis(results: Results) -> Iterator[Block]:
             )
         axes.set(xlabel="number of grains", ylabel="hysteresis of the half mean distance [D]")
         axes.legend(fontsize=8)
-        yield Picture(lambda: drawing, "Half mean distance at the start less that at the end of the cycle.")
+        yield Picture(lambda: drawing, "Half mean distance at the start minus the end of the cycle.")
 
 
 def _speed_courses(results: Results) -> Iterator[Block]:
@@ -437,7 +437,7 @@ def _grain_forces(results: Results) -> Iterator[Block]:
 
 
 def _force_modes(results: Results) -> Iterator[Block]:
-    """Distributions pooled over the starts, over the greatest force, as de Paula draws them."""
+    """Draw distributions pooled over the starts, over the maximum force, as in the thesis."""
     beds = {f"R = {r:g}": mixture_name(0.6, r) for r in (0.0, 0.1, 0.5, 0.9, 1.0)}
     result = {label: np.array(results.lists(name, "modes")) for label, name in beds.items()}
     known = {label: item.sum(axis=0) for label, item in result.items() if item.ndim == 2}
@@ -456,9 +456,8 @@ def _force_modes(results: Results) -> Iterator[Block]:
         np.atleast_1d(row)[0].set_ylabel("density")
         yield Picture(
             lambda: drawing,
-            "Compressive force of the grains at full compression over its "
-            "greatest, both species together (a = 0.6), and the greatest p of the dip test "
-            "for one mode.",
+            "Compressive force of the grains at full compression over its maximum, both species together (a "
+            "= 0.6), and the maximum p of the dip test for one mode.",
         )
 
 
@@ -479,14 +478,15 @@ def _dampers(results: Results) -> Iterator[Block]:
                 x, 100.0 * y, 100.0 * errors, color=COLOURS[k], marker="os"[k], markersize=4, label=label
             )
         both[0].set(xlabel="drag of a grain [kg/s]", ylabel="alpha/omega", ylim=(0.0, None))
-        both[1].set(xlabel="drag of a grain [kg/s]", ylabel="left over of the swing [%]", ylim=(0.0, None))
+        both[1].set(
+            xlabel="drag of a grain [kg/s]", ylabel="residual of the oscillation [%]", ylim=(0.0, None)
+        )
         both[0].legend(fontsize=8)
         both[1].legend(fontsize=8)
         yield Picture(
             lambda: drawing,
-            "De Paula's law fitted to the swing after a lift of 0.2 D, 6.24 kg: "
-            "its alpha/omega in de Paula's scaling, and what it and the linear law leave "
-            "over with shift and scale free.",
+            "De Paula's law fitted to the oscillation after a lift of 0.2 D, 6.24 kg: its alpha/omega in de "
+            "Paula's scaling, and the residuals of it and of the linear law with shift and scale free.",
         )
 
 
@@ -514,8 +514,8 @@ def _pressed(results: Results) -> Iterator[Block]:
         axes.legend(fontsize=8)
         yield Picture(
             lambda: drawing,
-            "Mixtures of a = 0.6 pressed until 110 N as in the experiment, whose "
-            "numbers de Paula does not print.",
+            "Mixtures of a = 0.6 pressed up to 110 N as in the experiment, whose numbers de Paula does not "
+            "print.",
         )
 
 

@@ -1,4 +1,4 @@
-"""How long a bed relaxes, and how fast it is compressed: de Paula's protocol and shorter ones."""
+"""Relaxation times and compression speeds of beds: de Paula's protocol and shorter ones."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import NamedTuple
 from validation.measured_quantities import compression_duration
 
 STEP = "auto*1.5"
-"""Time step of the beds. Friction holds them at rest where the forces balance, whatever the step:
-a third of it, and fixed steps from 0.1 to 1 ms, move force and mean distance by less than the
-scatter of the starts (the report shows it)."""
+"""Time step of the beds. Friction holds them at rest when forces balance, whatever the step: a third of it,
+and fixed steps from 0.1 to 1 ms, change force and mean distance by less than the scatter of the starts (see
+the report)."""
 
 
 class Protocol(NamedTuple):
@@ -19,11 +19,11 @@ class Protocol(NamedTuple):
     ----------
     name : str
     speed : float
-        Of the piston on beds of equal grains [m/s].
+        Speed of the piston on beds of equal grains [m/s].
     settling : float or None
-        Length of their relaxation [s]; 5 T if None.
+        Duration of their relaxation [s]; 5 T if None.
     mixture_speed : float
-        On mixtures [m/s], whose relaxation always takes 5 T.
+        Speed of the piston on mixtures [m/s], whose relaxation always takes 5 T.
     """
 
     name: str
@@ -32,13 +32,13 @@ class Protocol(NamedTuple):
     mixture_speed: float
 
     def relaxation(self, count: int, speed: float) -> float:
-        """Length of the relaxation of a bed of equal grains, in units of T."""
+        """Return the duration of the relaxation of a bed of equal grains, in units of T."""
         if self.settling is None:
             return 5.0
         return self.settling / compression_duration(count, speed)
 
     def words(self, mixture: bool) -> str:
-        """The protocol in words."""
+        """Return the protocol as text."""
         speed = 1e3 * (self.mixture_speed if mixture else self.speed)
         settling = "5 T" if mixture or self.settling is None else f"{self.settling:g} s"
         return f"{self.name}: {speed:g} mm/s after {settling}"
@@ -47,7 +47,7 @@ class Protocol(NamedTuple):
 PUBLISHED = Protocol("published", 8.33e-3, None, 1e-3)
 QUICK = Protocol("quick", 33e-3, 5.0, 16e-3)
 HASTE = 4.0
-"""The accelerated cycle's speed over the published one's."""
+"""Speed of the accelerated cycle over the published speed."""
 ACCELERATED = Protocol("accelerated", HASTE * PUBLISHED.speed, None, 16e-3)
 
 BEST_FIRST = (PUBLISHED.name, QUICK.name, ACCELERATED.name)

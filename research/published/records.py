@@ -1,4 +1,4 @@
-"""What is written down of each run: enough to compute every figure later, without the run."""
+"""Stored records of each run: enough to compute every figure later, without the run."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from granular.run.trajectory import StageResult, Trajectory
 from granular.studies.cases import keep_measure_name
 
 STROKE_SAMPLES = 201
-"""Samples of the piston force on the way down, and as many on the way up."""
+"""Number of samples of the piston force on the way down, and as many on the way up."""
 
 SWING_SPAN, SWING_SAMPLES = 4.0, 801
-"""Greatest length of a motion of the damper that is written down [s], and its samples."""
+"""Maximum duration of a stored motion of the damper [s], and its number of samples."""
 
 PRESSED = 110.0
-"""Force on the piston up to which de Paula's experiment compresses [N] [D, 4.2.2]."""
+"""Maximum force on the piston in de Paula's experiment [N] [D, 4.2.2]."""
 
 
 @keep_measure_name("validation.measured_quantities.records:bed_record, 2")
 def bed_record(run: Trajectory) -> Mapping[str, Any]:
-    """The states before and after compression and at the end, and the courses between.
+    """Return the states before and after compression and at the end, and the curves between them.
 
     Returns
     -------
     mapping
         ``start``, ``full``, ``end``: positions (n, 2) [m] with ``start_height``, ``full_height``,
         ``end_height`` [m] (before and at full compression, and at the end of the run);
-        ``forces``: the magnetic force on each grain at full compression and weight (n, 2) [N];
-        ``down``, ``up``: piston force on even steps of the stroke [N]; ``walls``: the force on
+        ``forces``: magnetic force plus weight on each grain at full compression (n, 2) [N];
+        ``down``, ``up``: piston force at equal steps of the stroke [N]; ``walls``: the force on
         every wall before and at full compression [N]; of the frames from the start of the
-        compression on, ``times`` in T, ``half_distances`` and least ``piston_distances`` [m];
-        ``cost``: ``seconds``, ``steps``, ``ledger``, and who made it.
+        compression on, ``times`` in T, ``half_distances`` and smallest ``piston_distances`` [m];
+        ``cost``: ``seconds``, ``steps``, ``ledger``, and versions.
     """
     relax, compress = run.stage("relax"), run.stage("compress")
     period = compress.end - compress.start
@@ -68,13 +68,13 @@ def bed_record(run: Trajectory) -> Mapping[str, Any]:
 
 @keep_measure_name("validation.measured_quantities.records:pressed_record, 1")
 def pressed_record(run: Trajectory) -> Mapping[str, Any]:
-    """The state in which the force on the piston first reached `PRESSED`, if it did.
+    """Return the state at which the force on the piston first reached `PRESSED`, if it did.
 
     Returns
     -------
     mapping
         ``pressed``: positions (n, 2) [m] of the nearest frame; ``pressed_height`` [m],
-        ``pressed_force`` [N] there; ``greatest`` force of the run [N]; and the cost.
+        ``pressed_force`` [N] there; ``greatest``, the maximum force of the run [N]; and the cost.
     """
     force = run.dataset["piston_force"].values
     reached = np.flatnonzero(force >= PRESSED)
@@ -92,7 +92,7 @@ def pressed_record(run: Trajectory) -> Mapping[str, Any]:
 
 @keep_measure_name("validation.measured_quantities.records:damper_record, 2")
 def damper_record(run: Trajectory) -> Mapping[str, Any]:
-    """The fall, the rest, and the swing after the lift.
+    """Return the fall, the equilibrium, and the oscillation after the lift.
 
     Returns
     -------
@@ -142,7 +142,7 @@ def _at(run: Trajectory, name: str, time: float) -> float:
 
 
 def _force_in(run: Trajectory, stage: StageResult) -> list[float]:
-    """The piston force at even distances in time, which are even distances of the stroke."""
+    """Return the piston force at equal time intervals, which are equal intervals of the stroke."""
     samples = np.linspace(stage.start, stage.end, STROKE_SAMPLES)
     data = run.dataset
     result = np.interp(samples, data["time"].values, data["piston_force"].values)

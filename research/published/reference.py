@@ -1,7 +1,7 @@
-"""A short run of each series, by which one sees later whether the code still computes the same.
+"""A short reference run of each series, to test later whether the code still computes the same.
 
-A faster kernel rounds otherwise, another choice of the step errs otherwise: both stay within the
-error of the step. A law that was changed does not.
+A faster kernel changes rounding, another choice of the step changes its error: both stay within the error of
+the step. A changed law does not.
 """
 
 from __future__ import annotations
@@ -16,29 +16,29 @@ from granular.shared.errors import GranularError
 from research.published.series import Series
 
 Reference = dict[str, list[float]]
-"""By quantity: its value, and the error of the step."""
+"""Value and step error by quantity."""
 
 SPAN = 0.06
-"""Length of the run [s]: half of it with the first stage, which is cut short, half with the next.
-Grains fall by three diameters, push each other and the walls, and rub; and it is short enough that
-what differs in the last digit has not grown."""
+"""Duration of the run [s]: half of it in the shortened first stage, half in the next. Grains fall by three
+diameters, collide with each other and the walls, and rub; and it is short enough that differences in the last
+digit have not grown."""
 
 FINER = 4.0
-"""The reference takes a step that is so much shorter: its own error is to hide no change."""
+"""The reference uses a step shorter by this factor, so that its error does not hide a change."""
 
 FRACTION = 2e-3
-"""Part of its height that the piston comes down by in the first stage."""
+"""Fraction of its height by which the piston descends in the first stage."""
 
 ERRORS = 3.0
-"""A value may move by so many errors of the step."""
+"""A value may change by this many step errors."""
 ROUNDING = 1e-7
-"""Or by this much of its size."""
+"""Or by this fraction of its size."""
 
 
 def reference(series: Series) -> Reference:
-    """The reference run of a series, from its first start.
+    """Run the reference of a series, from its first start.
 
-    The error of a value is what half the step changes.
+    The error of a value is its change with half the step.
     """
     scene = _short(series.scene(series.seeds[0]))
     integer, halved = (_run(scene, _finer(series.step, by)) for by in (FINER, 2.0 * FINER))
@@ -46,7 +46,7 @@ def reference(series: Series) -> Reference:
 
 
 def agrees(former: Mapping[str, list[float]], present: Mapping[str, list[float]]) -> bool:
-    """Whether two references are of the same laws."""
+    """Return True if two references agree, that is, come from the same laws."""
     if set(former) != set(present):
         return False
     return all(
@@ -56,7 +56,7 @@ def agrees(former: Mapping[str, list[float]], present: Mapping[str, list[float]]
 
 
 def _short(scene: Scene) -> Scene:
-    """The scene with its first stage cut to half of `SPAN`, and to a little of its way."""
+    """Return the scene with its first stage cut to half of `SPAN` and a small part of its travel."""
     stages, height = scene.to_plain()["protocol"], scene.piston and scene.piston.height
     if stages[0]["kind"] == "descend" and height:
         stages[0] |= {"duration": 0.5 * SPAN, "to": (1.0 - FRACTION) * height}
@@ -65,13 +65,13 @@ def _short(scene: Scene) -> Scene:
 
 
 def _finer(step: float | str, by: float) -> float | str:
-    """A step, given in seconds or as a multiple of the automatic one, over a number."""
+    """Return a step, in seconds or as a multiple of the automatic step, divided by a number."""
     asked = parse_time_step(step)
     return f"auto/{by / asked.factor:.6f}" if asked.seconds is None else asked.seconds / by
 
 
 def _run(scene: Scene, step: float | str) -> dict[str, float]:
-    """Energies, forces on the walls and where the grains are, at the end."""
+    """Return energies, forces on the walls and positions of the grains, at the end."""
     from granular.observables import mean_pair_distance
     from granular.run.simulation import simulate
 

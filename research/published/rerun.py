@@ -1,4 +1,4 @@
-"""`rerun`: one entry anew, from nothing, beside what the results file says."""
+"""`rerun`: repeat one entry from scratch, and compare it with the results file."""
 
 from __future__ import annotations
 
@@ -17,34 +17,33 @@ from research.published.results import Results, committed
 from research.published.series_runs import run_groups
 
 TIMED = ("seconds",)
-"""Figures that are no two times the same."""
+"""Figures that differ from run to run (times)."""
 
 
 def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dict[str, Any]:
-    """Run all series behind an entry anew, and compare every figure with the committed file's.
+    """Repeat all series behind an entry, and compare every figure with the committed file.
 
     Parameters
     ----------
     key : str
-        Of the entry, such as ``"piston_force_direct_sum.mean[0]"``.
+        Key of the entry, such as ``"piston_force_direct_sum.mean[0]"``.
     workers : int, optional
-        How many processes; as many as there are processors if not given.
+        Number of processes. Default: the number of processors.
     progress : bool
-        Show what is run, and the time left, on standard error.
+        Show the present run, and the remaining time, on standard error.
 
     Returns
     -------
     dict
-        ``key``, ``series``; ``ours`` and ``committed`` values; ``timed``, whether these are times,
-        which are no two times the same; ``same``, whether every figure of every start, times
-        excepted, and the values themselves, unless timed, are the same to the last digit;
-        ``differences``, figures that are not; ``lacking``, series that the file does not hold
-        whole.
+        ``key``, ``series``; ``ours`` and ``committed`` values; ``timed``, True if these are times, which
+        differ from run to run; ``same``, True if every figure of every start except times, and the values
+        unless timed, are equal to the last digit; ``differences``, figures that differ; ``lacking``, series
+        that are incomplete in the file.
 
     Raises
     ------
     InputError
-        If there is no such entry.
+        If the entry is unknown.
     """
     known = {item.key: item for item in entries()}
     if key not in known:
@@ -85,7 +84,7 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
 
 
 def text(result: dict[str, Any]) -> str:
-    """For the console."""
+    """Return the text for the console."""
     lines = [f"{result['key']}: {result['ours']} now, {result['committed']} in the file"]
     lines += [f"the file lacks starts of {name}" for name in result["lacking"]]
     lines += result["differences"]
@@ -97,7 +96,7 @@ def text(result: dict[str, Any]) -> str:
 
 
 def _is_timed(entry: Entry, results: Results) -> bool:
-    """Whether an entry's value is a time, or made of times."""
+    """Return True if an entry's value is a time, or computed from times."""
     result = entry.measure(results)
     if result is None or result.protocol == "timed":
         return result is not None

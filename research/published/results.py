@@ -1,4 +1,4 @@
-"""What was run, as plain data: figures of every start by series, and calculations."""
+"""Results as plain data: figures of every start by series, and calculations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from research.published.finding import Finding
 from research.published.protocols import BEST_FIRST
 
 RESIDUAL = 1e-3
-"""Residual of the energy over that turned over, above which a series is told of."""
+"""Energy residual, over the energy turned over, above which a series is reported."""
 
 
 class Sample(NamedTuple):
@@ -23,7 +23,7 @@ class Sample(NamedTuple):
     Attributes
     ----------
     values : float array (starts,)
-        NaN left out.
+        Values without NaN.
     protocol, step : str
     """
 
@@ -32,7 +32,7 @@ class Sample(NamedTuple):
     step: str
 
     def finding(self) -> Finding:
-        """Mean and deviation over the starts, and the standard error of the mean."""
+        """Return mean and deviation over the starts, and the standard error of the mean."""
         count = len(self.values)
         mean = float(self.values.mean())
         if count < 2:
@@ -44,15 +44,15 @@ class Sample(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Results:
-    """Everything that was run, or is to be.
+    """Results of all planned series and calculations.
 
     Attributes
     ----------
     series : mapping
-        By ``"name | protocol"``: ``name``, ``protocol``, ``words``, ``step``, ``coarse`` (one of
-        de Paula's own schemes), ``seeds`` that are planned; of those that are done ``done``,
-        ``figures`` (lists over the starts by name), ``errors``, ``keys`` and ``versions``; the
-        ``reference`` run, and whether the series is ``stale``.
+        By ``"name | protocol"``: ``name``, ``protocol``, ``words``, ``step``, ``coarse`` (one of de Paula's
+        schemes), planned ``seeds``; for the finished ones ``done``, ``figures`` (lists over the
+        starts by name), ``errors``, ``keys`` and ``versions``; the ``reference`` run, and whether the series
+        is ``stale``.
     calculations : mapping
         Numbers by calculation.
     made : mapping
@@ -64,16 +64,16 @@ class Results:
     made: Mapping[str, Any]
 
     def best(self, *names: str) -> str | None:
-        """The best protocol that is planned for all of these series; what it gives may lack."""
+        """Return the best protocol planned for all of these series; its results may be missing."""
         for protocol in BEST_FIRST:
             if all(f"{name} | {protocol}" in self.series for name in names):
                 return protocol
         return None
 
     def sample(self, name: str, figure: str, protocol: str | None = None) -> Sample | None:
-        """A figure of a series under a protocol, or under the best that is planned.
+        """Return a figure of a series under a protocol, or under the best planned one.
 
-        None unless all of its starts were run by today's code: nothing stands in for them.
+        None unless all of its starts were run with the present code: nothing replaces them.
         """
         item = self._integer(name, protocol)
         numbers = [] if item is None else [x for x in item["figures"].get(figure, []) if x is not None]
@@ -82,13 +82,13 @@ class Results:
         return Sample(np.array(numbers, dtype=float), item["protocol"], str(item["step"]))
 
     def lists(self, name: str, figure: str, protocol: str | None = None) -> list[np.ndarray]:
-        """A figure that is a list of numbers, start by start."""
+        """Return a figure that is a list of numbers, by start."""
         item = self._integer(name, protocol)
         result = [] if item is None else item["figures"].get(figure, [])
         return [np.array(x, dtype=float) for x in result if x]
 
     def number(self, calculation: str, name: str) -> float | None:
-        """A number of a calculation."""
+        """Return a number of a calculation."""
         return self.calculations.get(calculation, {}).get(name)
 
     def _integer(self, name: str, protocol: str | None) -> Plain | None:
@@ -97,12 +97,12 @@ class Results:
         return item if item is not None and is_whole(item) else None
 
     def stopped(self, name: str, protocol: str) -> bool:
-        """Whether every start of a series was stopped by an error, its energy for instance."""
+        """Return True if every start of a series was stopped by an error, for example of its energy."""
         item = self.series.get(f"{name} | {protocol}")
         return item is not None and is_stopped(item)
 
     def to_plain(self) -> Plain:
-        """For JSON."""
+        """Return plain data for JSON."""
         return {
             "made": dict(self.made),
             "calculations": {name: dict(item) for name, item in self.calculations.items()},
@@ -111,7 +111,7 @@ class Results:
 
     @classmethod
     def from_plain(cls, plain: Plain) -> Results:
-        """From what `to_plain` made, also by way of JSON."""
+        """Return results from data made by `to_plain`, possibly read from JSON."""
         return cls(plain["series"], plain["calculations"], plain["made"])
 
 
@@ -119,17 +119,17 @@ EMPTY = Results({}, {}, {})
 
 
 def is_whole(item: Plain) -> bool:
-    """Whether all starts of a series are done, by today's code."""
+    """Return True if all starts of a series are done with the present code."""
     return bool(item["done"]) and item["done"] == list(item["seeds"]) and not item.get("stale")
 
 
 def is_stopped(item: Plain) -> bool:
-    """Whether all starts of a series were run by today's code, and each was stopped by an error."""
+    """Return True if all starts of a series were run with the present code and stopped by errors."""
     return len(item["errors"]) == len(item["seeds"]) and not item["done"] and not item.get("stale")
 
 
 def counted(results: Results) -> dict[str, int]:
-    """How many series are whole, stopped, begun, stale, not run, and miss the energy residual."""
+    """Return counts of complete, stopped, started, stale, missing series, and of large energy residuals."""
     integer = [item for item in results.series.values() if is_whole(item)]
     stale = [item for item in results.series.values() if item.get("stale")]
     started = [
@@ -151,26 +151,26 @@ def counted(results: Results) -> dict[str, int]:
 
 
 def worst_residual(item: Plain) -> float:
-    """Greatest residual of the energy of the starts of a series, over that turned over."""
+    """Return the maximum energy residual of the starts of a series, over the energy turned over."""
     return max((x for x in item["figures"].get("ledger", []) if x is not None), default=0.0)
 
 
 def read(path: Path) -> Results:
-    """Results from a file; empty where there is none.
+    """Return results from a file, empty if there is no file.
 
     Raises
     ------
     InputError
-        If the file holds something else.
+        If the file does not hold results.
     """
     return read_results(path, Results.from_plain, EMPTY)
 
 
 def committed() -> Results:
-    """The results that are committed."""
+    """Return the committed results."""
     return read(committed_file("published"))
 
 
 def sittings_of(former: Sequence[Results]) -> int:
-    """How often the full run was begun for earlier results."""
+    """Return the number of times the full run was started for earlier results."""
     return max((int(item.made.get("sittings", 0)) for item in former), default=0)

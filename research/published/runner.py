@@ -1,4 +1,4 @@
-"""`published`: run what is wanted, and write results and report."""
+"""`published`: run the selected cases, and write results and report."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ def published(
     Parameters
     ----------
     directory : str or Path, optional
-        Keeps every case as soon as it is done, so that an interrupted run goes on where it was;
-        ``results.json``, ``report.html`` and ``report.json`` are written there. Nothing is kept
-        or written without one.
+        Directory that caches every finished case, so that an interrupted run can be resumed;
+        ``results.json``, ``report.html`` and ``report.json`` are written there. Without it nothing is cached
+        or written.
     length : "quick", "full", "check" or None
-        Minutes or hours; "full" goes on from the committed results, and runs what
-        they lack or what the code has changed since. "check" runs the short references of all
-        series alone, and shows which results are stale. None runs nothing and shows what
-        ``directory`` keeps of a full run, and the committed results for the rest.
+        Minutes or hours. "full" continues from the committed results, and runs cases that are missing or
+        affected by changes of the code. "check" runs only the short references of all series, and shows stale
+        results. None runs nothing, and shows results of a full run in ``directory`` and committed results for
+        the rest.
     workers : int, optional
-        How many processes; as many as there are processors if not given.
+        Number of processes. Default: the number of processors.
     progress : bool
-        Show what is run, and the time left, on standard error.
+        Show the present run, and the remaining time, on standard error.
 
     Returns
     -------
     dict
-        What ``report.json`` holds: ``entries``, ``summary``, ``series``, ``statements``,
-        ``comparisons`` and ``made``; of a quick run its own ones under ``quick`` too.
+        Data of ``report.json``: ``entries``, ``summary``, ``series``, ``statements``,
+        ``comparisons`` and ``made``; those of a quick run also under ``quick``.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def published(
 
 
 class Shown(NamedTuple):
-    """Results, and what ``report.json`` holds."""
+    """Results, and the data of ``report.json``."""
 
     results: Results
     report: Plain | None = None
@@ -79,7 +79,7 @@ class Shown(NamedTuple):
 def compare(
     where: Path, length: Length | None = None, *, workers: int | None = None, progress: bool = True
 ) -> Shown:
-    """Run and write as `published` does; the results too."""
+    """Run and write like `published`, and also return the results."""
     make_directory(where)
     quick: Results | None = None
     if length == "quick":
@@ -98,7 +98,7 @@ def compare(
 
 
 def _kept(where: Path) -> Results:
-    """What a directory keeps of a full run, and the committed results for the rest."""
+    """Return a full run's results from a directory, and the committed results for the rest."""
     own = read(where / RESULTS)
     if not own.series and not (where / "cases").exists():
         return committed()
@@ -107,7 +107,7 @@ def _kept(where: Path) -> Results:
 
 
 def _full(where: Path, workers: int | None, progress: bool) -> Results:
-    """Run what is missing, and what today's code computes otherwise."""
+    """Run missing series, and series that the present code no longer reproduces."""
     plan, command = full_plan(), f"{COMMAND} --full"
     own = read(where / RESULTS)
     former = former_of(own, committed())
@@ -129,7 +129,7 @@ def _full(where: Path, workers: int | None, progress: bool) -> Results:
 
 
 def _waiting(plan: Sequence[Group], where: Path, former: Sequence[Results]) -> list[Group]:
-    """The plan with those starts alone that were not run yet."""
+    """Return the plan with only the starts that were not run yet."""
     return [
         Group(
             group.title,
@@ -164,7 +164,7 @@ def _write_report(shown: Results, quick: Results | None, where: Path) -> dict[st
 
 
 def summary(results: Results) -> dict[str, Any]:
-    """Entries with verdicts, statements and comparisons, as plain data."""
+    """Return entries with verdicts, statements and comparisons, as plain data."""
     rows = judged(results)
     checks = [(item, item.check(results)) for item in statements()]
     return {
@@ -201,7 +201,7 @@ def summary(results: Results) -> dict[str, Any]:
 
 
 def text(result: dict[str, Any]) -> str:
-    """The entries as a table for the console, and how many agree."""
+    """Return the entries as a table for the console, and the number of agreements."""
     from granular.shared.blocks import Table
 
     shown = result.get("quick", result)

@@ -1,4 +1,4 @@
-"""A series: one bed from several starts. What is measured in it is the scatter of the starts."""
+"""A series: one bed from several random starts, which give the scatter of the results."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from research.published.protocols import QUICK, STEP, Protocol
 from research.published.records import bed_record, damper_record, pressed_record
 
 RECORDS, FRAMES = 400, 20
-"""Records and frames of a compression."""
+"""Numbers of records and frames of a compression."""
 DEEPER = 0.6
-"""Height at which the pressing ends, over that of full compression."""
+"""Final height of the pressing, over the height of full compression."""
 
 
 class Series(NamedTuple):
-    """One bed from several starts.
+    """One bed from several random starts.
 
     Attributes
     ----------
     name : str
-        The same for the same bed under every protocol.
+        Name of the bed, the same under every protocol.
     protocol : str
         Name of the protocol.
     words : str
-        The protocol in words.
+        Text of the protocol.
     scene : callable
-        The scene of a start, by its seed.
+        Returns the scene of a start from its seed.
     seeds : sequence of int
     step : float or str
         Time step, as in `simulate`.
     measure : callable
-        What is written down of a run.
+        Returns the stored record of a run.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Series(NamedTuple):
 
     @property
     def key(self) -> str:
-        """Name and protocol, which no other series has."""
+        """Name and protocol, unique to the series."""
         return f"{self.name} | {self.protocol}"
 
 
@@ -62,9 +62,9 @@ def mono(
     step: float | str = STEP,
     **changes: Any,
 ) -> Series:
-    """A bed of equal grains through the whole cycle; ``speed`` [m/s] instead of the protocol's.
+    """Make the series of a bed of equal grains through the whole cycle; ``speed`` [m/s] replaces the default.
 
-    ``changes`` are those of `Scene.replace`, with ``__`` for dots.
+    ``changes`` are passed to `Scene.replace`, with ``__`` for dots.
     """
     chosen = protocol.speed if speed is None else speed
     relaxation = protocol.relaxation(count, chosen)
@@ -89,7 +89,7 @@ def mixture(
     step: float | str = STEP,
     **changes: Any,
 ) -> Series:
-    """A mixture up to full compression."""
+    """Make the series of a mixture up to full compression."""
 
     def scene(seed: int) -> Scene:
         made = bidisperse(aspect, ratio, big=big, mixing=mixing, speed=protocol.mixture_speed, seed=seed)
@@ -99,17 +99,17 @@ def mixture(
 
 
 def pressed(name: str, aspect: float, ratio: float, spread: float) -> Series:
-    """A mixture that is pressed beyond 110 N, with scattered moments.
+    """Make the series of a mixture pressed beyond 110 N, with scattered moments.
 
-    The force of a bed grows as the height falls, to the power 5/2: 0.6 of the usual height is
-    enough for every mixture.
+    The force of a bed grows as the height to the power -5/2: 0.6 of the usual height is enough for every
+    mixture.
     """
 
     def scene(seed: int) -> Scene:
         made = bidisperse(aspect, ratio, speed=QUICK.mixture_speed, seed=seed)
         pressed_to = made.protocol[1].prescribed_final_height()
         if pressed_to is None:
-            raise InputError(f"{name}: the second stage ends at no height; give it one")
+            raise InputError(f"{name}: the second stage has no final height; give one")
         end = DEEPER * pressed_to
         changes = {"protocol__compress__to": end, "grains__spread": spread, "grains__seed": seed}
         return _with_records(made, 2, changes if spread else {"protocol__compress__to": end}, 200)
@@ -119,7 +119,7 @@ def pressed(name: str, aspect: float, ratio: float, spread: float) -> Series:
 
 
 def fall(name: str, mass: float, *, drag: float = 0.1, seeds: Sequence[int] = (1, 2, 3)) -> Series:
-    """The damper: dropped from 20 D, at rest, lifted by 0.2 D, released."""
+    """Make the series of the damper: dropped from 20 D, at rest, lifted by 0.2 D, released."""
 
     def scene(seed: int) -> Scene:
         return damper(mass, drag=drag, seed=seed)
@@ -129,7 +129,7 @@ def fall(name: str, mass: float, *, drag: float = 0.1, seeds: Sequence[int] = (1
 
 
 def _with_records(scene: Scene, stages: int, changes: dict[str, Any], frames: int = FRAMES) -> Scene:
-    """The scene with its first stages, and as many records as the figures need."""
+    """Return the scene with its first stages, and the number of records needed by the figures."""
     period = 2000.0 * scene.output.scalars
     protocol = scene.to_plain()["protocol"][:stages]
     output = {"scalars": period / RECORDS, "frames": period / frames}

@@ -1,4 +1,4 @@
-"""The series of a plan through `granular.sweep`: what is done is found again, also after a kill."""
+"""Runs of the series of a plan by `granular.sweep`; finished cases are cached, also after a kill."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def run_groups(
     ----------
     groups : sequence of Group
     directory : Path
-        Keeps every outcome as soon as it is there.
+        Directory that stores every outcome as soon as it is available.
     executor, workers
         As in `granular.sweep`.
     progress : bool
-        Show groups, cases and the time left on standard error.
+        Show groups, cases and the remaining time on standard error.
     after : callable
         Called after each group.
     """
@@ -68,7 +68,7 @@ def run_groups(
 
 
 def _drop_runs(directory: Path) -> None:
-    """Delete the runs whose outcome is kept: they were there to go on from, had it been cut off."""
+    """Delete the runs whose outcome is cached: they were needed only to resume an interrupted sweep."""
     files = OutcomeCache(directory).files
     for run in (directory / "runs").glob("*"):
         if files.path(run.name).exists():
@@ -76,24 +76,24 @@ def _drop_runs(directory: Path) -> None:
 
 
 def outcomes_of(series: Series, directory: Path) -> list[CaseOutcome]:
-    """What is kept of the starts of a series; those not yet run are left out."""
+    """Return the cached outcomes of the starts of a series, without starts not yet run."""
     result = outcomes_in_order(case_keys(series), directory)
     return [item for item in result if item is not None]
 
 
 def outcomes_in_order(keys: Sequence[str], directory: Path) -> list[CaseOutcome | None]:
-    """What is kept under each key, None where nothing is."""
+    """Return the outcome cached under each key, or None."""
     cache = OutcomeCache(directory)
     return [cache.read(key) for key in keys]
 
 
 def references_in(directory: Path) -> ResultCache:
-    """Where reference runs are kept, under the key of the first start."""
+    """Return the cache of reference runs, keyed by the first start."""
     return ResultCache(directory / "references")
 
 
 def forget(series: Series, directory: Path) -> None:
-    """Delete what is kept of a series, whose code has changed: outcomes and reference."""
+    """Delete outcomes and reference of a series whose code has changed."""
     files, keys = OutcomeCache(directory).files, case_keys(series)
     for key in keys:
         files.path(key).unlink(missing_ok=True)
@@ -101,7 +101,7 @@ def forget(series: Series, directory: Path) -> None:
 
 
 def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
-    """The cases of all starts, each once."""
+    """Return the distinct cases of all starts."""
     cases = {}
     for item in series:
         for seed in item.seeds:
@@ -111,14 +111,14 @@ def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
 
 
 def case_keys(series: Series) -> list[str]:
-    """Digests of what determines each start: scene, step and what is written down."""
+    """Return digests of scene, step and record type of each start."""
     settings = {"dt": series.step, "t_end": None, "method": METHOD}
     cases = make_cases(load_scene("bed"), {}, _distinct([series]), settings, series.measure)
     return [case.key for case in cases]
 
 
 class _Clock:
-    """The time that the groups will take, from what those before took."""
+    """Estimate of the remaining time of the groups, from the time of earlier groups."""
 
     def __init__(self, groups: Sequence[Group], directory: Path, workers: int) -> None:
         self._groups, self._begun = groups, time.monotonic()
@@ -126,7 +126,7 @@ class _Clock:
         self._rate = _NOMINAL_RATE / workers
 
     def words(self, index: int) -> str:
-        """Which group comes, and the time left."""
+        """Return the text on the next group, and the remaining time."""
         done, left = sum(self._costs[:index]), sum(self._costs[index:])
         if done > 0.0:
             self._rate = (time.monotonic() - self._begun) / done
@@ -136,13 +136,13 @@ class _Clock:
 
 
 _NOMINAL_RATE = 5e-10
-"""Seconds of one process for a pair of grains in one step."""
+"""Processor time per pair of grains and step [s]."""
 _AUTOMATIC_STEP = 4e-4
-"""About, of a compressed bed [s]."""
+"""Approximate time step of a compressed bed [s]."""
 
 
 def _left(series: Series, directory: Path) -> float:
-    """Pairs times steps, about, of the starts of a series that were not run yet."""
+    """Return the approximate pairs times steps of the starts of a series that were not run yet."""
     waiting = len(series.seeds) - len(outcomes_of(series, directory))
     return waiting * _pair_steps(series.scene(series.seeds[0]), series.step)
 

@@ -1,10 +1,10 @@
 """Beds with both causes of de Paula's hysteresis: the height of the first grid, and creep.
 
-Under the regularised law the velocity of a grain changes within a step by far more than the law's
-threshold, so that a grain at rest chatters about zero and drifts along the force on it: by about
-a dt in velocity for an acceleration a. The distance it creeps grows with the step and with time.
-A cycle that is four times faster, at a step that is four times longer, creeps as far and takes a
-sixteenth of the steps; `ACCELERATED` is that cycle.
+Under the regularised law the velocity of a grain changes within a step by far more than the law's threshold.
+A grain at rest therefore chatters about zero and drifts along the force on it, with a velocity of about a dt
+for an acceleration a. The creep distance grows with step and time. A cycle that is four times faster, at a
+step that is four times longer, gives the same creep with a sixteenth of the steps; `ACCELERATED` is that
+cycle.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from research.published.series import Series, mono
 from validation.measured_quantities import compression_duration
 
 GRID = 1.15
-"""Height of the first grid, over the piston's height at the compression's start: the one number
-that is fitted, to the start of `FITTED_SIZE` grains alone under de Paula's friction, to a
-twentieth. De Paula does not print it."""
+"""Height of the first grid, over the piston's height at the compression's start: the only fitted number,
+adjusted in steps of 1/20 to the start of `FITTED_SIZE` grains under de Paula's friction. De Paula does not
+print it."""
 CREEP_GRID = 1.1
-"""The same where step and threshold are changed: the exact law's fit."""
+"""The same for changed step and threshold: fitted with the exact law."""
 FITTED_SIZE = 736
-"""The largest size of [D, Table 3.1], where the height moves the start by most deviations."""
+"""The largest size of [D, Table 3.1], at which the height changes the start by the most deviations."""
 STEPS = (0.5, 1.0, 2.0, 4.0)
-"""Steps, over the accelerated cycle's own."""
+"""Steps, over the step of the accelerated cycle."""
 DIAMETER = 0.006
 
 
 def regularised(period: float, diameter: float = DIAMETER, *, threshold: float = 1.0) -> dict[str, Any]:
-    """De Paula's friction, with its threshold of 1e-6 D/T times ``threshold``."""
+    """Return de Paula's friction, with its threshold of 1e-6 D/T times ``threshold``."""
     return {"scheme": "regularised", "threshold": threshold * 1e-6 * diameter / period}
 
 
 def grid_of_height(count: int, height: float) -> dict[str, Any]:
-    """Grains that stand farther apart at first, under a piston that starts higher."""
+    """Return a first grid with larger distances, under a piston that starts higher."""
     start = mono("", count, QUICK).scene(1).arrangement.height
     assert start is not None
     return {"arrangement__height": height * start, "piston__height": 1.1 * height * start}
@@ -51,7 +51,7 @@ def both_causes(
     grid: float = GRID,
     words: str = "both causes",
 ) -> Series:
-    """A bed with de Paula's friction at its step and the fitted height of the first grid.
+    """Return a bed with de Paula's friction at its step and the fitted height of the first grid.
 
     ``step`` and ``threshold`` are multiples of de Paula's; the step is longer by `HASTE` in the
     accelerated cycle.
@@ -70,12 +70,12 @@ def both_causes(
 
 
 def both_at(sizes: Sequence[int], protocol: Protocol, seeds: Sequence[int]) -> list[Series]:
-    """Both causes at several sizes."""
+    """Return beds with both causes at several sizes."""
     return [both_causes(count, protocol, seeds=seeds) for count in sizes]
 
 
 def creep(count: int, seeds: Sequence[int] = (1, 2)) -> list[Series]:
-    """Several steps, and a threshold of ten times de Paula's, through the accelerated cycle."""
+    """Return runs with several steps, and with ten times the threshold, for the accelerated cycle."""
     wide = both_causes(count, threshold=10.0, seeds=seeds, grid=CREEP_GRID, words="threshold ten times")
     return [
         *(
@@ -87,5 +87,5 @@ def creep(count: int, seeds: Sequence[int] = (1, 2)) -> list[Series]:
 
 
 def creep_name(step: float) -> str:
-    """End of the name of a series by its step."""
+    """Return the end of a series' name for its step."""
     return f"{step:g} times the step"

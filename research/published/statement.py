@@ -1,4 +1,4 @@
-"""What de Paula says without a number: a statement, its test, and what tests share."""
+"""Qualitative statements of de Paula, their tests, and functions shared by tests."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from research.published.results import Results
 FULL_PACKING = 0.2409
 """Packing fraction of equal grains at full compression: 368 (pi/4)/(60 20)."""
 LEVEL = 0.05
-"""Of tests."""
+"""Significance level of tests."""
 
 
 class StatementCheck(NamedTuple):
-    """Whether a statement holds, and the figures that say so."""
+    """Result of the test of a statement, and its figures."""
 
     holds: bool
     figures: str
 
 
 class Statement(NamedTuple):
-    """A statement of de Paula.
+    """A qualitative statement of de Paula.
 
     Attributes
     ----------
     source : str
     words : str
     test : callable
-        None where its runs are not there.
+        Returns the check, or None if runs are missing.
     """
 
     source: str
@@ -39,13 +39,13 @@ class Statement(NamedTuple):
     test: Callable[[Results], StatementCheck | None]
 
     def check(self, results: Results) -> StatementCheck | None:
-        """The test's outcome, with a plain truth value: comparisons of arrays make other ones."""
+        """Return the outcome of the test, with a plain bool instead of NumPy's."""
         result = self.test(results)
         return None if result is None else result._replace(holds=bool(result.holds))
 
 
 def packings(count: int, trajectory: np.ndarray, stretch: float = 1.0) -> np.ndarray:
-    """Packing at even steps of the stroke, from the start's height to the end's."""
+    """Return the packing fraction at equal steps of the stroke, from initial to final height."""
     size = (count / 368.0) ** 0.5
     start = max(75.0 * size, 50.0)
     heights = np.linspace(start, 20.0 * size, len(trajectory))
@@ -53,19 +53,19 @@ def packings(count: int, trajectory: np.ndarray, stretch: float = 1.0) -> np.nda
 
 
 def mean_course(results: Results, name: str, way: str) -> np.ndarray | None:
-    """Mean over the starts of a figure that is a list."""
+    """Return the mean over the starts of a figure that is a list."""
     courses = np.array(results.lists(name, way))
     return courses.mean(axis=0) if courses.ndim == 2 else None
 
 
 def means_of(results: Results, figure: str, first: str, second: str) -> tuple[float, float] | None:
-    """Means of a figure of two series under one protocol."""
+    """Return the means of a figure of two series under one protocol."""
     result = together([first, second], figure, results)
     return None if result is None else (result[0].values.mean(), result[1].values.mean())
 
 
 def course_of(results: Results, name: str) -> np.ndarray | None:
-    """Force over the mean greatest one, down and up, of every start."""
+    """Return the force over the mean maximum force, down and up, of every start."""
     courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
     if any(item.ndim != 2 for item in courses):
         return None

@@ -1,4 +1,4 @@
-"""What de Paula says without a number, tested on the runs."""
+"""Qualitative statements of de Paula, tested on the runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from research.published.statement import Statement
 
 
 def statements() -> tuple[Statement, ...]:
-    """All statements, in the order of de Paula."""
+    """Return all statements, in the order of the thesis."""
     return (
         Statement(
             "3.1",
@@ -19,25 +19,23 @@ def statements() -> tuple[Statement, ...]:
         ),
         Statement(
             "3.1",
-            "close to the piston the fully compressed bed is denser than half way (Fig. 3.2)",
+            "close to the piston the fully compressed bed is denser than at half height (Fig. 3.2)",
             bed.inversion,
         ),
         Statement("3.1", "a loose start gives another force than a standard one", bed.loose),
         Statement("3.3", "the force does not depend on the piston's speed, 8.33 to 128 mm/s", bed.speeds),
-        Statement("3.3", "nor does the course of the mean distance (Fig. 3.4b)", bed.speed_courses),
+        Statement("3.3", "nor does the curve of the mean distance (Fig. 3.4b)", bed.speed_courses),
         Statement("3.3", "on the way up the force oscillates more at higher speeds", bed.rough_up),
         Statement("3.3", "on the way down it jumps more at lower ones", bed.rough_down),
         Statement(
             "3.4", "torque of second order changes F/F_max no more than another start", bed.second_order
         ),
         Statement(
-            "3.4",
-            "it makes the hysteresis of the mean distance slightly greater",
-            bed.second_order_hysteresis,
+            "3.4", "it slightly increases the hysteresis of the mean distance", bed.second_order_hysteresis
         ),
         Statement(
             "3.4",
-            "high friction (0.8) makes the hysteresis of the mean distance much greater",
+            "high friction (0.8) strongly increases the hysteresis of the mean distance",
             bed.high_friction,
         ),
         Statement(
@@ -46,13 +44,13 @@ def statements() -> tuple[Statement, ...]:
             bed.high_friction_ways,
         ),
         Statement(
-            "3.4, 4.3.1", "greater friction needs a greater force at the same packing", bed.friction_force
+            "3.4, 4.3.1", "higher friction needs a larger force at the same packing", bed.friction_force
         ),
         Statement(
             "3.5", "F/F_max is the same for all sizes from 0.75 of the stroke on (Fig. 3.9)", bed.same_stroke
         ),
         Statement("3.5", "and from a packing of 0.14 on (Fig. 3.10)", bed.same_packing),
-        Statement("3.5", "the course of the force is smoother in larger beds", bed.smoother),
+        Statement("3.5", "the force curve is smoother in larger beds", bed.smoother),
         Statement("3.5", "the hysteresis of the mean distance grows with the bed", bed.growing),
         Statement("3.6", "slabs as walls cannot carry the bed", bed.slabs),
         Statement("3.6", "infinite walls do not give the force of the experimental law", bed.infinite_walls),
@@ -67,8 +65,8 @@ def statements() -> tuple[Statement, ...]:
         Statement("4.3.1", "at R = 0.5 the grain nearest to the piston is a small one", mixture.nearest),
         Statement("4.3.2", "the fraction of hexagons falls with a", mixture.hexagons_by_aspect),
         Statement("4.3.2", "pure beds are ordered, mixtures near R = 0.5 least", mixture.least_order),
-        Statement("4.3.2", "R = 0 and R = 1 are alike", mixture.ends_alike),
-        Statement("4.2.4", "g(r) is periodic: there is an order of long range", mixture.long_range),
+        Statement("4.3.2", "R = 0 and R = 1 are similar", mixture.ends_alike),
+        Statement("4.2.4", "g(r) is periodic: there is long-range order", mixture.long_range),
         Statement("4.3.3", "drag and weightlessness change the force little", mixture.variant_forces),
         Statement(
             "4.3.4",
@@ -87,7 +85,7 @@ def statements() -> tuple[Statement, ...]:
         Statement("5.2.1", "symbolic regression finds z(t) of a damped oscillator", damper.symbolic),
         Statement(
             "5.3.1",
-            "the Van der Pol-like law follows the swing better than the linear one",
+            "the Van der Pol-like law follows the oscillation better than the linear one",
             damper.van_der_pol,
         ),
         Statement(
@@ -98,7 +96,7 @@ def statements() -> tuple[Statement, ...]:
 
 
 def counted_statements(results: Results) -> dict[str, int]:
-    """How many statements hold, do not hold, and were not run."""
+    """Return the numbers of statements that hold, do not hold, and were not run."""
     result = [item.check(results) for item in statements()]
     return {
         "hold": sum(item is not None and item.holds for item in result),

@@ -1,4 +1,4 @@
-"""The laws that are fitted to a damper's swing: de Paula's, and the linear one."""
+"""Laws fitted to a damper's oscillation: de Paula's, and the linear one."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from granular.scene.scene import Scene
 from validation.measured_quantities import published_value
 
 LAW = "z'' + 2*alpha*(z**2 - 2*z)*z' + omega**2*z = g0"
-"""[D, eq. 5.12], in the height as it is given."""
+"""[D, eq. 5.12], in the unscaled height."""
 LINEAR = "z'' + 2*lam*z' + omega**2*z = g0"
 LENGTH = 1.0
-"""How long the swing is fitted [s]: at de Paula's damping it is at rest well before."""
+"""Duration of the fit [s]: at de Paula's damping the piston is at rest well before its end."""
 
 
 def source_height(heights: np.ndarray, rest: float) -> np.ndarray:
-    """Heights in the scaling of [D, Fig. 5.12], whatever their unit.
+    """Return heights in the scaling of [D, Fig. 5.12], whatever their unit.
 
-    There the motion begins at z = 1 and rests at z = g0/omega^2 = -0.907, which fixes shift and
+    In that scaling the motion begins at z = 1 and ends at z = g0/omega^2 = -0.907, which determines shift and
     scale.
     """
     law = published_value("damper.van_der_pol_like")
@@ -31,17 +31,16 @@ def source_height(heights: np.ndarray, rest: float) -> np.ndarray:
 
 
 def swing_figures(record: Mapping[str, Any], scene: Scene) -> dict[str, Any]:
-    """Rest, period and damping of the small swing, and how the laws fit it.
+    """Return equilibrium, period and damping of the small oscillation, and residuals of the laws.
 
     Returns
     -------
     dict
-        ``alpha``, ``omega`` [1/s] and ``g0`` of de Paula's law in its own scaling, from rest at
-        z = 1; ``alpha_over_omega`` and ``g0_over_omega2``, which need no unit of time; ``unit``,
-        the unit of time [s] in which omega is the printed one; ``misfit`` and ``linear_misfit``,
-        what the laws leave over of the swing's rms there; ``free_misfit`` and
-        ``free_linear_misfit``, with shift, scale and start fitted too; ``swing_z``, some of the
-        heights in de Paula's scaling.
+        ``alpha``, ``omega`` [1/s] and ``g0`` of de Paula's law in its scaling, from rest at z = 1;
+        ``alpha_over_omega`` and ``g0_over_omega2``, which are dimensionless; ``unit``, the unit of time [s]
+        in which omega has the printed value; ``misfit`` and ``linear_misfit``, residuals of the laws over the
+        rms displacement there; ``free_misfit`` and ``free_linear_misfit``, with shift, scale and start also
+        fitted; ``swing_z``, some of the heights in de Paula's scaling.
     """
     diameter = scene.grains.species[0].diameter
     times, heights = (np.array(record["swing"][name]) for name in ("times", "heights"))

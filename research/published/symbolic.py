@@ -7,11 +7,11 @@ import numpy as np
 SAMPLES = 600
 GENERATIONS = 200
 SYMBOLS = "add,sub,mul,div,sin,cos,exp,constant,variable"
-"""Those of de Paula's demonstration, whose result it prints with cos, exp, - and /."""
+"""Functions of de Paula's demonstration, whose printed result uses cos, exp, - and /."""
 
 
 def demonstration(total_duration: float) -> dict[str, float]:
-    """Fit z(t) = cos(t - 0.0996) exp(0.0503 (0.0996 - t)) by an expression that is searched for.
+    """Fit z(t) = cos(t - 0.0996) exp(0.0503 (0.0996 - t)) by symbolic regression.
 
     Parameters
     ----------
@@ -21,8 +21,7 @@ def demonstration(total_duration: float) -> dict[str, float]:
     Returns
     -------
     dict
-        ``misfit``: what the expression leaves over of the motion's rms; ``length``: how many
-        symbols it has.
+        ``misfit``: residual of the expression over the rms of the motion; ``length``: its number of symbols.
     """
     from pyoperon.sklearn import SymbolicRegressor
 

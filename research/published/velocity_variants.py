@@ -1,10 +1,10 @@
-"""De Paula's friction in an independent loop: what its velocity was.
+"""De Paula's friction in an independent loop, with two variants of its velocity.
 
-[D, eq. 2.17] takes the velocity at a step from the position after it, which friction is to decide.
-The thesis does not say which velocity friction had. Two that a position-Verlet loop has at hand:
-the last difference, (x_n - x_(n-1))/h, and [D, eq. 2.17] of the step before, (x_n - x_(n-2))/2h.
-With the first a grain that chatters drifts by its acceleration times the step, with the toolkit's
-two kicks a step by half of that.
+[D, eq. 2.17] takes the velocity at a step from the position after it, which itself depends on friction. The
+thesis does not specify the velocity in the friction law. Two are available in a position-Verlet loop: the
+last difference, (x_n - x_(n-1))/h, and [D, eq. 2.17] of the step before, (x_n - x_(n-2))/2h. With the first a
+chattering grain drifts at its acceleration times the step, with the toolkit's two kicks per step at half of
+that.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ LATE_HASTE = 8.0
 """Speed of the cycle and length of the step over de Paula's, as in `start_and_creep`."""
 LATE_SEEDS = (1,)
 RELAXATION = 5.0
-"""In units of T."""
+"""Times in units of T."""
 
 
 @numba.njit(cache=True, fastmath=True)
 def _forces(
     x: np.ndarray, y: np.ndarray, width: float, piston: float, gravity: float, force: np.ndarray
 ) -> None:
-    """Magnetic forces, weight and sum of r^-3 of every grain, in natural units."""
+    """Return magnetic force plus weight, and sum of r^-3, of every grain, in natural units."""
     force[0, :] = 0.5 * (x**-3.5 - (width - x) ** -3.5)
     force[1, :] = 0.5 * (y**-3.5 - (piston - y) ** -3.5) - gravity
     force[2, :] = 0.0
@@ -69,7 +69,7 @@ def _half_mean_distance(x: np.ndarray, y: np.ndarray) -> float:
 
 @numba.njit(cache=True, fastmath=True)
 def _height(time: float, heights: tuple[float, float, float]) -> float:
-    """Of the piston, at a time in T after the start of the relaxation [D, 2.3.2]."""
+    """Return the height of the piston at a time in T after the start of the relaxation [D, 2.3.2]."""
     top, start, end = heights
     if time < RELAXATION:
         bottom = math.exp(-RELAXATION)
@@ -91,7 +91,7 @@ def _cycle(
     threshold: float,
     late: bool,
 ) -> tuple[float, float]:
-    """Half the mean distance before the compression and at t = 3 T."""
+    """Return half the mean distance before the compression and at t = 3 T."""
     now = positions.copy()
     before = now - step * velocities
     earlier = before - step * velocities
@@ -125,7 +125,7 @@ def _cycle(
 
 
 def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
-    """Half the mean distance at start and end of a bed's cycle [D].
+    """Return half the mean distance at start and end of a bed's cycle [D].
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
     step : float
         Time step [s].
     late : bool
-        Friction by [D, eq. 2.17] of the step before, instead of the last difference.
+        Use [D, eq. 2.17] of the previous step in the friction, instead of the last difference.
     """
     friction, piston = scene.effects.friction, scene.piston
     assert piston is not None
@@ -161,9 +161,9 @@ def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
 
 
 def late_cycle(count: int, seed: int) -> tuple[float, float]:
-    """Half the mean distance at start and end of a bed with both causes [D].
+    """Return half the mean distance at start and end of a bed with both causes [D].
 
-    With [D, eq. 2.17] of the step before, through a cycle that is `LATE_HASTE` times faster.
+    Friction uses [D, eq. 2.17] of the previous step, in a cycle `LATE_HASTE` times faster.
     """
     period = compression_duration(count, PUBLISHED.speed)
     bed = mono(
@@ -178,7 +178,7 @@ def late_cycle(count: int, seed: int) -> tuple[float, float]:
 
 
 def late_cycles(sizes: Sequence[int]) -> dict[str, float]:
-    """Starts and ends of `late_cycle` by bed and seed."""
+    """Return starts and ends of `late_cycle` by bed and seed."""
     distances = {}
     for count in sizes:
         for seed in LATE_SEEDS:
