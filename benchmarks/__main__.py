@@ -18,10 +18,10 @@ EXAMPLES = "\n".join(f"  {name:10}{words}" for name, words in PARTS.items())
 
 
 def parser() -> Parser:
-    """The command line's grammar."""
+    """Make the parser of the command line."""
     item = Parser(
         prog="python -m benchmarks",
-        description="Speed, side by side.",
+        description="Comparison of speeds.",
         epilog=f"parts:\n{EXAMPLES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -37,24 +37,20 @@ def parser() -> Parser:
     item.add_argument(
         "--history",
         metavar="FILE",
-        help="measure a few kernels only, add them to this file as ratios to a plain loop, and "
-        "show the last entries",
+        help="measure a few kernels only, add their ratios to a plain loop to this file, and show the last ones",
     )
     item.add_argument(
         "--prices",
         metavar="FILE",
-        help="measure anew the table that accuracies are promised from, and write it here; "
-        "granular/run/work_precision.toml is the one that is read",
+        help="measure the table behind promised accuracies again, and write it here; "
+        "granular/run/work_precision.toml is the table in use",
     )
     item.add_argument(
-        "-o",
-        "--out",
-        metavar="DIR",
-        help="directory for the report; what is measured is kept there and found again",
+        "-o", "--out", metavar="DIR", help="directory for the report; results are stored there and reused"
     )
     length = item.add_mutually_exclusive_group()
     length.add_argument("--quick", action="store_true", help="within a few minutes (default)")
-    length.add_argument("--full", action="store_true", help="everything, an hour or so")
+    length.add_argument("--full", action="store_true", help="everything, about an hour")
     add_group(item, Output)
     return item
 
@@ -86,7 +82,7 @@ def _history(options: Any) -> None:
 
     _alone(options, "--history")
     path = Path(options.history)
-    read(path)  # before minutes are spent
+    read(path)  # fails before minutes are spent
     entries = add(path, measured())
     print_result(entries[-1], [history_table(entries)], options.json)
 
@@ -103,7 +99,7 @@ def _alone(options: Any, name: str) -> None:
     both = options.history is not None and options.prices is not None
     if both or options.parts or options.out is not None or options.full:
         others = "--part, --out, --full and " + ("--prices" if name == "--history" else "--history")
-        raise InputError(f"{name} measures what it does; leave {others} out")
+        raise InputError(f"{name} has a fixed extent; omit {others}")
 
 
 if __name__ == "__main__":

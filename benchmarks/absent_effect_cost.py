@@ -1,4 +1,4 @@
-"""What an absent effect costs: the engine against steps written by hand without it."""
+"""Cost of an absent effect: the engine against handwritten steps without it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.engine import bed_of
 from benchmarks.handwritten_steps import KERNELS, Bed
-from benchmarks.timing import least_seconds
+from benchmarks.timing import minimum_seconds
 from granular.effects.effect import DissipativeEffect
 from validation.overview import STEP, EngineSteps
 
@@ -17,7 +17,7 @@ from validation.overview import STEP, EngineSteps
 def hand_and_engine(
     scenery: str, count: int, steps: int
 ) -> tuple[Bed, EngineSteps, dict[str, Callable[[], None]]]:
-    """A bed by hand, the same by the engine, and the calls that advance each."""
+    """Return a bed for handwritten steps, the same for the engine, and the calls that advance each."""
     kernel, changes = KERNELS[scenery]
     engine = EngineSteps(bed_of(count, changes))
     system, bed = engine.run.system, bed_by_hand(engine)
@@ -33,12 +33,12 @@ def hand_and_engine(
 def cost_of_absence(
     counts: tuple[int, ...] = (92, 368), *, steps: int = 4096, rounds: int = 12
 ) -> list[dict[str, Any]]:
-    """Time of a step by the engine and by hand [s], and their ratio, a row each."""
+    """Return the time of a step by the engine and by hand [s], and their ratio, one row each."""
     rows = []
     for scenery in KERNELS:
         for count in counts:
             _, _, calls = hand_and_engine(scenery, count, steps)
-            result = least_seconds(calls, rounds=rounds)
+            result = minimum_seconds(calls, rounds=rounds)
             hand, engine = result["by hand"] / steps, result["engine"] / steps
             rows.append(
                 {
@@ -53,7 +53,7 @@ def cost_of_absence(
 
 
 def bed_by_hand(engine: EngineSteps) -> Bed:
-    """A copy of the state for the steps by hand."""
+    """Return a copy of the state for the handwritten steps."""
     state, constants = engine.run.state, engine.run.constants
     return Bed(
         x=state.x.copy(),

@@ -1,4 +1,4 @@
-"""Which other engines can be timed here, and why the rest cannot."""
+"""Other engines that can be timed here, and reasons for missing ones."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ FOLDER = "benchmarks.other_engines"
 NAMES = {"openmm": "OpenMM", "lammps": "LAMMPS"}
 
 
-def why_not(name: str) -> str | None:
-    """Why the engine cannot be timed here; None where it can."""
+def unavailability_reason(name: str) -> str | None:
+    """Return the reason why an engine cannot be timed here, or None."""
     module = _module(name)
     if module is None:
         return (
-            f"{NAMES[name]} is timed from the sources only, which a wheel leaves out; run "
+            f"{NAMES[name]} is timed only from a checkout, since a wheel omits it; run "
             "python -m benchmarks in a checkout, with pip install '.[peers]'"
         )
     reason: str | None = module.missing()
@@ -23,8 +23,8 @@ def why_not(name: str) -> str | None:
 
 
 def engine(name: str) -> ModuleType | None:
-    """What times the engine; None where it cannot be timed here."""
-    return None if why_not(name) else _module(name)
+    """Return the module that times an engine, or None if it cannot be timed here."""
+    return None if unavailability_reason(name) else _module(name)
 
 
 def _module(name: str) -> ModuleType | None:

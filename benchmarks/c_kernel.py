@@ -1,4 +1,4 @@
-"""The C kernel that the pair sum is measured against, compiled where a compiler can."""
+"""C kernel for comparison with the pair sum, compiled if a compiler is available."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-shared", "-fPIC")
 
 
 def missing() -> str | None:
-    """Why the kernel cannot be run here; None where it can."""
+    """Return the reason why the kernel cannot run here, or None."""
     import llvmlite.binding
 
     if shutil.which("gcc") is None:
@@ -36,7 +36,7 @@ def _library() -> ctypes.CDLL:
 
 
 def pair_forces(x: np.ndarray, y: np.ndarray, fx: np.ndarray, fy: np.ndarray) -> Callable[[], None]:
-    """A call of the C kernel on padded arrays; it overwrites the forces [F*]."""
+    """Make a call of the C kernel on padded arrays; it overwrites the forces [F*]."""
     function = _library().pair_forces
     function.restype = None
     size = ctypes.c_long(x.size)

@@ -1,7 +1,7 @@
-"""Functions of this project that a fit or an identification calls: ``python -m benchmarks.calls fit``.
+"""Count of project functions called by a fit or an identification: ``python -m benchmarks.calls fit``.
 
-The tasks are ``fit`` and ``identify`` of a laboratory's record, and ``damper``, the main job. Files that a
-source passes are those with a called function that is handed a scene, a run or a record.
+The tasks are ``fit`` and ``identify`` of a laboratory record, and ``damper``, the main job. A source (scene,
+run or record) passes a file if a called function of the file gets it as an argument.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SOURCES = {"Scene", "Trajectory", "PistonRecord"}
 
 
 class Calls(NamedTuple):
-    """Different functions that were called, their files, those that a source passes, and imported modules."""
+    """Numbers of called functions, of their files, of files passed by a source, and of imported modules."""
 
     functions: int
     files: int
@@ -34,7 +34,7 @@ class Calls(NamedTuple):
 
 
 def count_calls(task: Callable[[], Any]) -> Calls:
-    """Count the functions of this project that a task calls, in all threads, without lambdas and classes."""
+    """Count the project functions called by a task, in all threads, without lambdas and classes."""
     seen: set[tuple[str, int]] = set()
     passed: set[str] = set()
 
@@ -61,7 +61,7 @@ def count_calls(task: Callable[[], Any]) -> Calls:
 
 
 def laboratory_record() -> Path:
-    """Write a decaying motion with noise, as a laboratory has it, and return its file."""
+    """Write a decaying motion with noise, like a laboratory record, and return its file."""
     time = np.linspace(0.0, 4.0, 2000)
     random = np.random.default_rng(0)
     height = 60.0 + np.exp(-0.8 * time) * np.cos(21.8 * time) + 2e-3 * random.normal(size=2000)
@@ -73,7 +73,7 @@ def laboratory_record() -> Path:
 
 
 def main(what: str) -> None:
-    """Print what one task calls; each needs a process of its own, for what it imports."""
+    """Print the counts of one task; each task needs a separate process to count its imports."""
     warnings.simplefilter("ignore")
     path = laboratory_record()
 

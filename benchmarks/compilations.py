@@ -1,4 +1,4 @@
-"""Processor time of fits without stored code, and the part of JAX: ``python -m benchmarks.compilations``."""
+"""Processor time of fits without cached code, and JAX's part of it: ``python -m benchmarks.compilations``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ noise = np.random.default_rng(0).normal(0.0, 1e-5, len(time))
 model = fit(PistonRecord(time, z + noise), "z'' + 2*lam*z' + k*(z - rest) + beta*(z - rest)**3 = 0")
 print(model.parameters)
 """
-"""A law as a text, fitted to 500 periods."""
+"""Fit of a law given as text to 500 periods."""
 TASKS: dict[str, tuple[str, ...]] = {"duffing": ("-c", DUFFING), "identify": JOBS[MAIN]}
 _STEPS = {
     "tracing": r"Finished tracing (\S+) for \S+ in ([\d.e-]+) sec",
@@ -35,16 +35,16 @@ _STEPS = {
 
 
 class Compilations(NamedTuple):
-    """Processor time [s] of a task, and the programs that JAX made in all of its processes."""
+    """Processor time [s] of a task, and the programs compiled by JAX in all of its processes."""
 
     processor: float
     counts: dict[str, int]
     seconds: dict[str, float]
-    longest: tuple[tuple[float, str], ...]  # programs that took the longest to compile
+    longest: tuple[tuple[float, str], ...]  # programs with the longest compilation times
 
 
 def count_compilations(words: Sequence[str]) -> Compilations:
-    """Run Python with arguments, without stored code, and count what JAX traces, lowers and compiles."""
+    """Run Python with arguments, without cached code, and count programs traced, lowered, compiled by JAX."""
     with tempfile.TemporaryDirectory() as folder:
         store = {"NUMBA_CACHE_DIR": f"{folder}/numba", "JAX_COMPILATION_CACHE_DIR": f"{folder}/jax"}
         environment = os.environ | store | {"JAX_LOG_COMPILES": "1", "PYTHONPATH": str(ROOT)}
@@ -67,7 +67,7 @@ def count_compilations(words: Sequence[str]) -> Compilations:
 
 
 def main(names: Sequence[str]) -> None:
-    """Print the figures of some tasks."""
+    """Print the figures of the given tasks."""
     for name in names:
         result = count_compilations(TASKS[name])
         print(f"{name}: {result.processor:.1f} s of processor")

@@ -12,20 +12,20 @@ from granular.observables import depaula_pair_distance
 from granular.run.trajectory import Trajectory
 
 SPEED = 8.33e-3
-"""Of the piston [m/s]: T = stroke/speed = 39.6 s, and eight T in all."""
+"""Speed of the piston [m/s]: T = stroke/speed = 39.6 s; the protocol takes eight T."""
 
 PUBLISHED = {"force": 15.26, "half distance": 10.90}
 """Force on the piston [N] and half of the mean distance [D] at full compression [D, Table 3.2]."""
 
 
 FAR_EVERY = (1, 8)
-"""Steps from one sum over the far pairs to the next."""
+"""Steps between successive sums over the far pairs."""
 
 
 def compression(seed: int, speed: float = SPEED) -> list[dict[str, Any]]:
-    """Relaxation 5 T, compression, expansion, relaxation: wall time [s] and what comes out.
+    """Run relaxation 5 T, compression, expansion, relaxation; return wall time [s] and results.
 
-    At the automatic step, with far pairs at every step and at every eighth.
+    Runs use the automatic step, with far pairs at every step and at every eighth.
 
     ``python -m benchmarks --part protocol`` is the command. At a ``speed`` above the
     published one the bed has less time to settle.

@@ -1,7 +1,7 @@
-"""The table of prices that `granular` promises accuracies from: measured here, kept there.
+"""Measurement of the work-precision table from which `granular` promises accuracies.
 
-A rung is a method with a multiple of the automatic step, in one scene: what it errs at most, by
-quantity, and what a run of it takes.
+An entry ("rung") is a method with a multiple of the automatic step, in one scene: upper bound of its error,
+by quantity, and time of a run.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Priced(NamedTuple):
 
     @property
     def key(self) -> Plain:
-        """What its pieces are kept under."""
+        """Key of its cached results."""
         return {
             "scene": self.scene.digest(),
             "quantities": list(self.quantities),
@@ -69,7 +69,7 @@ class Priced(NamedTuple):
 
 
 def priced_scenes() -> tuple[Priced, ...]:
-    """Two dampers, a bed at rest, and a compression under dry friction."""
+    """Return two dampers, a bed at rest, and a compression with dry friction."""
     swings = ("rest height", "period", "damping ratio", "energy")
     presses = ("piston force", "mean distance", "energy")
     bed = load_scene("bed").replace(
@@ -90,10 +90,10 @@ def priced_scenes() -> tuple[Priced, ...]:
 
 
 def costs(path: Path, progress: bool = True) -> dict[str, Any]:
-    """Measure the table, and write it where `granular` reads it, or to another file.
+    """Measure the table, and write it to the file read by `granular`, or to another file.
 
-    What is finished is kept in a folder of the file's name (``out/prices`` without a file), and is
-    taken from there when the same is asked again.
+    Finished measurements are cached in a folder of the file's name (``out/prices`` without a file), and
+    reused.
 
     Raises
     ------
@@ -124,12 +124,12 @@ def costs(path: Path, progress: bool = True) -> dict[str, Any]:
 
 
 def _references(scenes: Sequence[Priced]) -> list[Task]:
-    """What each scene's settings are measured against."""
+    """Return the references of each scene."""
     return [Task(item.scene.name, item.key, partial(_truth, item)) for item in scenes]
 
 
 def _rungs(scenes: Sequence[Priced], known: Sequence[Plain]) -> list[Task]:
-    """The settings of all scenes."""
+    """Measure the settings of all scenes."""
     return [
         Task(
             f"{item.scene.name}, {setting.family}, {setting.dt}",
@@ -142,13 +142,13 @@ def _rungs(scenes: Sequence[Priced], known: Sequence[Plain]) -> list[Task]:
 
 
 def _settings(item: Priced) -> list[SolverSettings]:
-    """What is run in a scene."""
+    """Return the settings to run in a scene."""
     others = [SolverSettings("blanes-moan-4", dt) for dt in item.others]
     return [SolverSettings("stormer-verlet", dt) for dt in item.steps] + others
 
 
 def _truth(item: Priced) -> Plain:
-    """Values of each quantity over the starts, and their scatter."""
+    """Return the values of each quantity over the starts, and their scatter."""
     scenes = scenes_with_other_seeds(item.scene, item.starts - 1)
     reference = SolverSettings("stormer-verlet", item.reference)
     chosen = [QUANTITIES[name] for name in item.quantities]
@@ -161,7 +161,7 @@ def _truth(item: Priced) -> Plain:
 
 
 def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
-    """A row of the table; empty for a setting that fails."""
+    """Return an entry of the table; empty for a setting that fails."""
     scenes = scenes_with_other_seeds(item.scene, item.starts - 1)
     chosen = [QUANTITIES[name] for name in item.quantities]
     known = [ReferenceValue("", tuple(entry["values"]), entry["floor"]) for entry in truth.values()]
@@ -169,7 +169,7 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     result = [point for point in points if point is not None]
     if any(entry.has_failed for entry in result):
         return {}
-    started = time.process_time()  # other programs take none of it
+    started = time.process_time()  # processor time, which excludes other programs
     seen = run_setting(item.scene, setting, None).settings()["step_times_highest_frequency"]
     seconds = time.process_time() - started
     return {
@@ -187,7 +187,7 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
 
 
 def _row(item: Priced, truth: Plain, entries: Sequence[Plain]) -> Plain:
-    """A scene of the table."""
+    """Return a scene's part of the table."""
     return {
         "name": item.scene.name,
         "grains": item.scene.grains.count,
@@ -200,12 +200,12 @@ def _row(item: Priced, truth: Plain, entries: Sequence[Plain]) -> Plain:
 
 
 def _clear(names: Sequence[str], result: Sequence[WorkPrecisionPoint]) -> list[str]:
-    """Quantities whose error stands out against its doubt, and so falls with the step."""
+    """Return quantities whose error exceeds its uncertainty, and so falls with the step."""
     return [name for name, item in zip(names, result, strict=True) if item.error > 2.0 * item.doubt]
 
 
 def rounded(value: float) -> float:
-    """Three digits, upwards."""
+    """Round up to three digits."""
     if value == 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(abs(value))) - 2)
@@ -213,7 +213,7 @@ def rounded(value: float) -> float:
 
 
 def prices_text(result: Mapping[str, Any]) -> str:
-    """The table for people."""
+    """Return the table as text."""
     lines = []
     for scene in result["scenes"]:
         lines.append(f"{scene['name']} ({scene['starts']} starts): scatter {scene['floors']}")

@@ -1,4 +1,4 @@
-"""What an effect of one's own costs: a spring built in, as a user's class, and as a formula."""
+"""Cost of a custom effect: the same spring built in, as a user's class, and as a formula."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from benchmarks.engine import bed_of
 from benchmarks.process import finished
-from benchmarks.timing import least_seconds
+from benchmarks.timing import minimum_seconds
 from granular.compiled import Array, compiled
 from granular.effects.effect import EFFECTS, Effect, EffectContext, energy_variable
 from granular.kernel_data.state import Bed
@@ -48,11 +48,11 @@ ADDED: dict[str, dict[str, Any]] = {
     "class": {"effects.class_spring": {"k": "10 N/m", "height": "1 cm"}},
     "formula": {"effects.field": [{"energy": "k*(y - h)**2/2", "k": "10 N/m", "h": "1 cm"}]},
 }
-"""The same spring, in all the ways of bringing it."""
+"""The same spring, in all forms of definition."""
 
 
 class BuiltInSpring(Effect):
-    """The spring as an effect of the package is written."""
+    """The spring, written like an effect of the package."""
 
     key = "built_in_spring"
     example: ClassVar[Any] = {"k": "1 N/m"}
@@ -62,7 +62,7 @@ class BuiltInSpring(Effect):
     height: float = quantity("m", default=0.0)
 
     def make_kernel_law(self, context: EffectContext) -> BuiltInSpringLaw:
-        """The law in natural units."""
+        """Return the law in natural units."""
         scales = context.scales
         return BuiltInSpringLaw(self.k / scales.natural_unit("N/m"), self.height / scales.length)
 
@@ -93,7 +93,7 @@ class BuiltInSpringLaw(NamedTuple):
         stiffness: Array,
         energies: Array,
     ) -> int:
-        """Enter the energy, and what the spring adds to the stiffness."""
+        """Add the spring's energy and stiffness."""
         state, total = bed.state, 0.0
         for i in range(bed.constants.grains):
             total += 0.5 * law.k * (state.y[i] - law.height) ** 2
@@ -102,11 +102,11 @@ class BuiltInSpringLaw(NamedTuple):
         return 0
 
 
-def own_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
-    """Time of a step with the spring brought in each way [s], over that of the one built in.
+def custom_effect_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
+    """Return the time of a step with each form of the spring [s], and its ratio to the built-in spring.
 
-    A call makes two thousand steps, about as many as those of a run: it takes a tenth of a
-    millisecond longer where an own effect acts: Numba then looks at its arguments more slowly.
+    A call makes two thousand steps, about as many as a run makes per call. With a custom effect a call takes
+    a tenth of a millisecond longer, since Numba inspects its arguments more slowly.
     """
     with tempfile.TemporaryDirectory() as folder:
         import_user_code([_class_file(folder)])
@@ -114,7 +114,7 @@ def own_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
     steps = max(2048, 400_000 // count**2 * 16)
     engines = {name: EngineSteps(bed_of(count, changes)) for name, changes in ADDED.items()}
     calls = {name: _call(engine, steps) for name, engine in engines.items()}
-    result = least_seconds(calls, rounds=rounds)
+    result = minimum_seconds(calls, rounds=rounds)
     return [
         {"spring": name, "grains": count, "seconds": seconds / steps, "ratio": seconds / result["built in"]}
         for name, seconds in result.items()
@@ -125,8 +125,8 @@ def _call(engine: EngineSteps, steps: int) -> Any:
     return lambda: engine.make_steps(steps)
 
 
-def own_starts(rounds: int = 5) -> list[dict[str, Any]]:
-    """Least wall time [s] of a process that runs 0.01 s of the bed and compiles nothing."""
+def custom_effect_starts(rounds: int = 5) -> list[dict[str, Any]]:
+    """Return the minimum wall time [s] of a process that runs 0.01 s of the bed without compiling."""
     with tempfile.TemporaryDirectory() as folder:
         file = _class_file(folder)
         formula = Path(folder) / "formula.toml"

@@ -1,4 +1,4 @@
-"""Processor time and errors of `design` for drawn targets: ``python -m benchmarks.design_targets 0 20``."""
+"""Processor time and errors of `design` for random targets: ``python -m benchmarks.design_targets 0 20``."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ TARGETS = (
     *((3.376, 0.1065), (2.950, 0.0879), (4.967, 0.0306), (2.716, 0.0870), (3.449, 0.1801)),
     *((2.935, 0.0377), (3.687, 0.0578), (4.598, 0.1157), (4.731, 0.0271), (3.452, 0.0503)),
 )
-"""Frequencies [Hz] and damping ratios, drawn evenly from 2.4 to 5.6 Hz and, by their logarithms, from 0.024
-to 0.25, without those that `design` could not reach."""
+"""Frequencies [Hz] and damping ratios: uniform from 2.4 to 5.6 Hz, and log-uniform from 0.024 to 0.25,
+without targets that `design` could not reach."""
 
 
 def main(first: int, last: int, own_falls: bool) -> None:

@@ -1,4 +1,4 @@
-"""Beds that the benchmark times steps of."""
+"""Beds whose steps the benchmark times."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 
 PAIR_METHODS = tuple(name for name in METHODS if name != "auto")
-"""Every way of summing pairs that a scene can name."""
+"""All methods of summing pairs that a scene can select."""
 
 
 def bed_of(count: int, changes: dict[str, Any]) -> Scene:
-    """The packaged bed with that many grains, scaled to the same packing."""
+    """Return the packaged bed with a number of grains, scaled to the same packing."""
     scale = math.sqrt(count / 368.0)
     shape = {
         "grains.count": count,

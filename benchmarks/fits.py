@@ -1,7 +1,7 @@
-"""How long a fit takes: with nothing compiled, in a later process, and again in the same one.
+"""Time of a fit: without compiled code, in a later process, and again in the same process.
 
-Each law is fitted to records of its own motion with noise, in processes of its own
-(``python -m benchmarks.fits``), the first of which finds an empty store of compiled code.
+Each law is fitted to records of its motion with noise, in separate processes (``python -m benchmarks.fits``);
+the first process starts with an empty cache of compiled code.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import numpy as np
 from benchmarks.process import finished
 
 DURATION = 40.0
-"""Of a record, in the laws' own time unit: about seven periods."""
+"""Duration of a record, in the law's time unit: about seven periods."""
 NOISE = 0.01
-"""Of a record, in its standard deviations."""
+"""Noise of a record, in its standard deviations."""
 
 
 class Truth(NamedTuple):
-    """The motion of a law: its parameters, and z at the start, from rest."""
+    """True motion of a law: its parameters, and initial z, with zero velocity."""
 
     parameters: Mapping[str, float]
     start: float
@@ -40,23 +40,23 @@ TRUTHS = {
 
 
 def fits(law: str, samples: int, rounds: int = 7) -> list[dict[str, Any]]:
-    """Seconds of the first fit, of the first one in a later process, and of further ones.
+    """Return the times [s] of the first fit, of the first one in a later process, and of further fits.
 
     Parameters
     ----------
     law : str
         One of `TRUTHS`.
     samples : int
-        Of a record.
+        Number of samples of a record.
     rounds : int
-        Further fits, each of another record.
+        Number of further fits, each of another record.
 
     Returns
     -------
     list of one dict
-        ``cold``, ``next process``, ``warm`` (the median) [s]; ``error``, the greatest relative
-        error of a parameter in the median of the records; ``converged``, the least fraction of
-        random starts that led to a fit.
+        ``cold``, ``next process``, ``warm`` (the median) [s]; ``error``, the median over records of the
+        maximum relative error of a parameter; ``converged``, the minimum fraction of random starts that
+        converged to the fit.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def _measured(law: str, samples: int, rounds: int, store: str) -> dict[str, Any]
 
 
 def measured_here(law: str, samples: int, rounds: int) -> dict[str, Any]:
-    """Seconds of the first fit and of some further ones in this process, and how good they are."""
+    """Return the times [s] of the first and of further fits in this process, with their errors."""
     from granular.records.record import PistonRecord
     from reduced_models.fitting.fit import fit
     from reduced_models.laws.catalogue import law_named

@@ -1,4 +1,4 @@
-"""Measurements that need a process of their own: peak memory, and starts with and without a cache.
+"""Measurements that need a separate process: peak memory, and starts with and without a cache.
 
 ``python -m benchmarks.fresh_process GRAINS METHOD`` prints the peak memory of a few steps.
 """
@@ -26,13 +26,13 @@ simulate(load_scene(sys.argv[1]), t_end=1e-6, progress=False)
 
 
 def peak_memory(count: int, method: str) -> list[dict[str, Any]]:
-    """Largest memory [bytes] of a process that makes and advances a bed."""
+    """Return the peak memory [bytes] of a process that makes and advances a bed."""
     command = [sys.executable, "-m", "benchmarks.fresh_process", str(count), method]
     return [{"method": method, "grains": count, **json.loads(finished(command))}]
 
 
 def starts() -> list[dict[str, Any]]:
-    """Wall time [s] of a process that imports, of one that compiles, and of one that need not."""
+    """Return the wall time [s] of processes that import, that compile, and that use cached code."""
     with tempfile.TemporaryDirectory() as cache:
         store = {"NUMBA_CACHE_DIR": cache}
         timed = {
@@ -53,12 +53,12 @@ def _seconds(words: Sequence[str], environment: Mapping[str, str]) -> float:
 
 
 def _peak() -> int:
-    """Largest memory that this process has had [bytes]."""
+    """Return the peak memory of this process [bytes]."""
     import resource
 
     status = Path("/proc/self/status")
     if status.is_file():
-        # Linux lets a process inherit what getrusage tells from the one that started it.
+        # On Linux a process inherits the peak of getrusage from its parent process.
         (line,) = (item for item in status.read_text().splitlines() if item.startswith("VmHWM:"))
         return 1024 * int(line.split()[1])
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -1,8 +1,8 @@
-"""Time steps written by hand, without a trace of an effect that a scene leaves out.
+"""Handwritten time steps, without any code of absent effects.
 
-The yardstick of the engine's claim that an absent effect costs nothing: kick, drift, pair sum and
-wall loops called directly. They keep what the engine keeps of the effects that act: the force on
-every wall, and the energy that drag takes.
+Reference for the engine's claim that an absent effect costs nothing: kick, drift, pair sum and wall loops
+called directly. They record the same quantities of active effects as the engine: the force on every wall, and
+the energy dissipated by drag.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ _by_hand = numba.njit(error_model="numpy", nogil=True)
 
 
 class Bed(NamedTuple):
-    """A bed under a piston that stands still, in natural units.
+    """A bed under a fixed piston, in natural units.
 
     Attributes
     ----------
     x, y, vx, vy, fx, fy, push : float64 (m,)
-        Padded.
+        Padded arrays.
     totals : float64 (5,)
         Force on the left, right, bottom and top wall [F*]; energy lost to drag [F* D].
     grains : int
     width, height : float
-        Of the cell [D].
+        Size of the cell [D].
     """
 
     x: np.ndarray
@@ -104,7 +104,7 @@ def _kick_with_drag(bed: Bed, rate: float, total_duration: float) -> None:
 
 @_by_hand
 def pairs_and_walls(bed: Bed, gravity: float, rate: float, h: float, steps: int) -> None:
-    """Steps with dipole and walls alone."""
+    """Make steps with dipoles and walls only."""
     for _ in range(steps):
         _kick(bed, 0.5 * h)
         _drift(bed, h)
@@ -115,7 +115,7 @@ def pairs_and_walls(bed: Bed, gravity: float, rate: float, h: float, steps: int)
 
 @_by_hand
 def with_gravity(bed: Bed, gravity: float, rate: float, h: float, steps: int) -> None:
-    """Steps with dipole, walls and gravity."""
+    """Make steps with dipoles, walls and gravity."""
     for _ in range(steps):
         _kick(bed, 0.5 * h)
         _drift(bed, h)
@@ -128,7 +128,7 @@ def with_gravity(bed: Bed, gravity: float, rate: float, h: float, steps: int) ->
 
 @_by_hand
 def with_gravity_and_drag(bed: Bed, gravity: float, rate: float, h: float, steps: int) -> None:
-    """Steps with dipole, walls, gravity and drag."""
+    """Make steps with dipoles, walls, gravity and drag."""
     for _ in range(steps):
         _kick_with_drag(bed, rate, 0.5 * h)
         _drift(bed, h)
@@ -144,4 +144,4 @@ KERNELS: dict[str, tuple[Any, dict[str, Any]]] = {
     "dipole, walls, gravity": (with_gravity, {"effects.drag": None}),
     "dipole, walls, gravity, drag": (with_gravity_and_drag, {}),
 }
-"""Each kernel by hand, with the keys of the packaged bed that make the same scene."""
+"""Each handwritten kernel, with the keys of the packaged bed that give the same scene."""

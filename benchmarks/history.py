@@ -1,8 +1,8 @@
-"""Speed from commit to commit: times over that of a reference kernel in the same run.
+"""Speed from commit to commit: times over the time of a reference kernel in the same run.
 
-Machines differ, and a busy one slows all alike; the ratio to a plain loop that nobody changes
-stays. Each run adds a line of JSON to a file, and a table shows the last ones. Nothing passes or
-fails by it: a person looks.
+Machines differ, and load slows all kernels equally; the ratio to a fixed plain loop is constant. Each run
+adds a line of JSON to a file, and a table shows the last lines. There is no pass or fail; a person judges the
+table.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.jobs import JOBS, job_times
-from benchmarks.timing import least_seconds
+from benchmarks.timing import minimum_seconds
 from granular.shared.blocks import Table
 from granular.shared.errors import InputError
 from granular.shared.version import versions
@@ -24,7 +24,7 @@ from granular.shared.version import versions
 GRAINS, MANY = 368, 1472
 
 STEPS = 64
-"""Steps of the engine timed together."""
+"""Number of engine steps timed together."""
 
 REFERENCE = "plain loop over the pairs of 368 grains"
 
@@ -33,13 +33,13 @@ _SHOWN = 12
 
 
 class Kernel(NamedTuple):
-    """What is timed.
+    """A timed kernel.
 
     Attributes
     ----------
     call : callable
     times : int
-        How often a call does what the figure is of.
+        Number of repetitions of the timed operation per call.
     """
 
     call: Callable[[], Any]
@@ -69,12 +69,12 @@ def _kernels() -> dict[str, Kernel]:
 
 
 def measured(rounds: int = 40, jobs: Sequence[str] = tuple(JOBS)) -> dict[str, Any]:
-    """One entry: seconds of the reference, and the ratio of every other time to it."""
+    """Return one entry: time of the reference [s], and the ratios of all other times to it."""
     from benchmarks.fits import measured_here
 
     kernels = _kernels()
     calls = {name: kernel.call for name, kernel in kernels.items()}
-    result = least_seconds(calls, rounds=rounds, seconds=0.002)
+    result = minimum_seconds(calls, rounds=rounds, seconds=0.002)
     seconds = {name: time / kernels[name].times for name, time in result.items()}
     seconds["fit, linear law"] = min(measured_here("linear", 1000, _FITS)["warm"])
     seconds |= {f"{row['job']}, processor": row["processor"] for row in job_times(jobs)}
@@ -89,7 +89,7 @@ def measured(rounds: int = 40, jobs: Sequence[str] = tuple(JOBS)) -> dict[str, A
 
 
 def _commit() -> dict[str, Any]:
-    """Commit of the sources, and whether files differ from it; none where git cannot tell."""
+    """Return the commit of the sources, and True if files differ from it; empty without git."""
     here = Path(__file__).parent
 
     def git(*words: str) -> str | None:
@@ -106,7 +106,7 @@ def _commit() -> dict[str, Any]:
 
 
 def read(path: Path) -> list[dict[str, Any]]:
-    """Entries of a file, the oldest first; none where there is no file.
+    """Return the entries of a file, oldest first; empty if there is no file.
 
     Raises
     ------
@@ -130,11 +130,11 @@ def _entry(line: str, where: str) -> dict[str, Any]:
         ratios = {str(name): float(value) for name, value in result["ratios"].items()}
         return {"commit": None, "changed": False, "date": ""} | result | {"ratios": ratios}
     except (ValueError, TypeError, KeyError, AttributeError):
-        raise InputError(f"{where} is not an entry of a history; take it out") from None
+        raise InputError(f"{where} is not an entry of a history; remove it") from None
 
 
 def add(path: Path, entry: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Add an entry to the file; all entries.
+    """Add an entry to the file, and return all entries.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def add(path: Path, entry: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def history_table(entries: Sequence[Mapping[str, Any]]) -> Table:
-    """The last entries, a row each, and the newest over the median of those shown before it."""
+    """Return the table of the last entries, and of the newest over the median of the earlier ones shown."""
     shown = entries[-_SHOWN:]
     names = list(dict.fromkeys(name for item in shown for name in item["ratios"]))
     rows = [

@@ -1,4 +1,4 @@
-"""Whole jobs in processes of their own, as users start them: wall and processor time, and parts."""
+"""Whole jobs in separate processes, as started by users: wall time, processor time, and parts."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ JOBS: dict[str, tuple[str, ...]] = {
     "examples of records": (*PROGRAM, "example", "-o", "lab", "--quiet"),
     "fit of a record": (*PROGRAM, "fit", "lab/lvdt.toml", "--law", "linear", "--quiet"),
 }
-"""Arguments of Python by the name of each job. They run one after the other in one directory, with
-one cache, which is empty at first; each but the first runs twice, and the second time counts."""
+"""Arguments of Python by the name of each job. Jobs run in sequence in one directory, with one cache,
+initially empty; each but the first runs twice, and the second time counts."""
 
 
 def job_times(names: Sequence[str] = tuple(JOBS)) -> list[dict[str, Any]]:
-    """Wall and processor time [s] of each job, and of its parts where it tells them.
+    """Return wall and processor time [s] of each job, and of its parts if it reports them.
 
-    ``cores`` is how many processors it kept busy. Processor time is that of the process and of
-    those that it started and waited for.
+    ``cores`` is the mean number of busy processors. Processor time includes child processes that were waited
+    for.
     """
     rows = []
     with tempfile.TemporaryDirectory() as folder:
@@ -78,13 +78,13 @@ def _timed(words: Sequence[str], folder: str) -> tuple[float, float, str]:
 
 
 def _processor_of_children() -> float:
-    """Processor time of the processes that this one started and waited for [s]."""
+    """Return the processor time of finished child processes [s]."""
     used = os.times()
     return used.children_user + used.children_system
 
 
 def _parts(said: str) -> dict[str, float]:
-    """Wall time of a job's parts [s], by what it prints."""
+    """Return the wall time of a job's parts [s], from its output."""
     try:
         result = json.loads(said)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What the package weighs: its size as a wheel packs it, and how long imports take."""
+"""Size of the package as a wheel, and time of imports."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from benchmarks.process import finished
 PACKAGES = ("granular", "reduced_models", "validation")
 
 LEFT_OUT = ("__pycache__",)
-"""Folders that a wheel does not hold."""
+"""Folders that are not in a wheel."""
 
 IMPORTS = (
     "pass",
@@ -25,11 +25,11 @@ IMPORTS = (
     "from reduced_models import fit",
     "from validation.console_script import dispatch_command",
 )
-"""Statements, each timed in processes of its own; the first is Python's own start."""
+"""Statements, each timed in separate processes; the first is the start of Python."""
 
 
 def package_figures(rounds: int = 5) -> list[dict[str, Any]]:
-    """Size [bytes], and least time [s] of each import, the start of Python taken off."""
+    """Return the size [bytes], and the minimum time [s] of each import minus the start of Python."""
     rows: list[dict[str, Any]] = [{"what": "the wheel", "bytes": packed_size()}]
     times = {item: min(_seconds(item) for _ in range(rounds)) for item in IMPORTS}
     start = times["pass"]
@@ -40,7 +40,7 @@ def package_figures(rounds: int = 5) -> list[dict[str, Any]]:
 
 
 def packed_size() -> int:
-    """Bytes of the packages' files in a ZIP archive, which is what a wheel is."""
+    """Return the bytes of the packages' files in a ZIP archive, the format of a wheel."""
     target = io.BytesIO()
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for package in PACKAGES:

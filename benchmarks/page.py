@@ -1,4 +1,4 @@
-"""The benchmark's results for people: tables on the console, tables and plots on a page."""
+"""Presentation of the results: tables on the console, tables and plots on a page."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LINEAR_FROM = 1000
-"""Grains from which the growth of the time is fitted."""
+"""Minimum number of grains in the fit of the growth of the time."""
 
 Row = Mapping[str, Any]
 
 
 class Sheet(NamedTuple):
-    """How a part is shown.
+    """Presentation of a part.
 
     Attributes
     ----------
     title : str
     columns : tuple of (str, callable)
-        Header, and what makes a row's cell.
+        Header, and function that makes a row's cell.
     label : str or None
-        Key of the rows that names a curve of time against grains.
+        Key of the rows with the name of a curve of time against grains.
     """
 
     title: str
@@ -81,7 +81,7 @@ SHEETS: dict[str, Sheet] = {
         ),
         "sum",
     ),
-    "lists": Sheet("Pairs within 11.26 D, lists made anew as grains move", _SUMS, "sum"),
+    "lists": Sheet("Pairs within 11.26 D, with lists rebuilt as grains move", _SUMS, "sum"),
     "methods": Sheet(
         "A whole step of the engine, by method of summing pairs",
         (
@@ -93,7 +93,7 @@ SHEETS: dict[str, Sheet] = {
         "method",
     ),
     "errors": Sheet(
-        "What a method of summing pairs leaves, against the direct sum",
+        "Errors of methods of summing pairs, against the direct sum",
         (
             _plain("method"),
             _plain("grains"),
@@ -102,7 +102,7 @@ SHEETS: dict[str, Sheet] = {
         ),
     ),
     "rest": Sheet(
-        "Forces of a bed at rest by approximate sums, and how far from the direct sum",
+        "Forces of a bed at rest by approximate sums, and deviations from the direct sum",
         (
             _plain("method"),
             _plain("grains"),
@@ -111,7 +111,7 @@ SHEETS: dict[str, Sheet] = {
                 _number(f"{side}_force off", "+.4f", f"{side} off [%]", 100.0)
                 for side in ("piston", "left", "right", "bottom")
             ),
-            _number("greatest_speed", ".1e", "greatest speed [m/s]"),
+            _number("greatest_speed", ".1e", "maximum speed [m/s]"),
         ),
     ),
     "threads": Sheet(
@@ -126,7 +126,7 @@ SHEETS: dict[str, Sheet] = {
         ),
     ),
     "effects": Sheet(
-        "A whole step with dipoles and walls, and what each effect adds",
+        "A whole step with dipoles and walls, and time added by each effect",
         (
             _plain("effect"),
             _plain("grains"),
@@ -136,7 +136,7 @@ SHEETS: dict[str, Sheet] = {
         ),
     ),
     "absent": Sheet(
-        "A step of the engine and by hand, without the effects left out",
+        "A step of the engine and by hand, without the absent effects",
         (
             ("effects that act", lambda row: str(row["effects"])),
             _plain("grains"),
@@ -146,12 +146,12 @@ SHEETS: dict[str, Sheet] = {
         ),
     ),
     "own": Sheet(
-        "A whole step with a spring of your own, and later processes that run with it",
+        "A whole step with a custom spring, and later processes that run with it",
         (
             _plain("spring"),
             _number("grains", ".0f"),
             _MICROSECONDS,
-            _number("ratio", ".3f", "over the one built in"),
+            _number("ratio", ".3f", "over the built-in one"),
             _number("start", ".2f", "start [s]"),
             _number("later", "+.2f", "later than without [s]"),
         ),
@@ -168,7 +168,7 @@ SHEETS: dict[str, Sheet] = {
     ),
     "start": Sheet("Start on the command line", (_plain("start"), _number("seconds", ".2f", "s"))),
     "package": Sheet(
-        "The wheel, and imports in processes of their own",
+        "The wheel, and imports in separate processes",
         (_plain("what"), _number("bytes", ".0f", "kB", 1e-3), _number("seconds", ".0f", "ms", 1e3)),
     ),
     "study": Sheet(
@@ -208,16 +208,16 @@ SHEETS: dict[str, Sheet] = {
             _number("next process", ".2f", "next process [s]"),
             _number("warm", ".3f", "warm [s]"),
             _number("error", ".1e"),
-            _number("converged", ".2f", "starts that led to it"),
+            _number("converged", ".2f", "converged starts"),
         ),
     ),
     "jobs": Sheet(
-        "Whole jobs in processes of their own",
+        "Whole jobs in separate processes",
         (
             _plain("job"),
             _number("seconds", ".1f", "wall time [s]"),
             _number("processor", ".1f", "processor time [s]"),
-            _number("cores", ".2f", "processors kept busy"),
+            _number("cores", ".2f", "busy processors"),
             ("parts [s of wall time]", _job_parts),
         ),
     ),
@@ -236,14 +236,14 @@ _GROWTH = Sheet(
 
 
 def rows_of(results: Sequence[Plain]) -> list[Row]:
-    """The rows of a part's pieces that did not fail."""
+    """Return the rows of a part's tasks that did not fail."""
     return [row for item in results if FAILED not in item for row in item["rows"]]
 
 
 def growth(parts: Mapping[str, Sequence[Plain]]) -> list[dict[str, Any]]:
-    """Exponents of time against the number of grains, with their 95 % intervals.
+    """Return the exponents of time against the number of grains, with their 95 % intervals.
 
-    Fitted from `LINEAR_FROM` grains on, where there are three counts or more.
+    They are fitted to counts from `LINEAR_FROM` grains, if there are three or more.
     """
     result = []
     for part, results in parts.items():
@@ -268,7 +268,7 @@ def _table(sheet: Sheet, rows: Sequence[Row]) -> Table:
 
 
 def _sections(result: Mapping[str, Any]) -> list[tuple[Sheet, list[Row], list[str]]]:
-    """Each part's sheet, its rows, and what failed."""
+    """Return each part's sheet, its rows, and its failures."""
     sections = []
     for name, results in result["parts"].items():
         failures = [f"{item['label']} failed: {item[FAILED]}" for item in results if FAILED in item]
@@ -277,7 +277,7 @@ def _sections(result: Mapping[str, Any]) -> list[tuple[Sheet, list[Row], list[st
 
 
 def benchmark_text(result: Mapping[str, Any]) -> str:
-    """The tables, for the console."""
+    """Return the tables for the console."""
     lines = []
     for sheet, rows, failures in _sections(result):
         if rows or failures:
@@ -291,12 +291,12 @@ def _machine(result: Mapping[str, Any]) -> str:
 
 
 def page(result: Mapping[str, Any]) -> Page:
-    """The page."""
+    """Return the page."""
     when = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     kind = "full" if result["full"] else "quick"
     return Page(
         "Speed",
-        "Least times of several, taken in turn; all of a table in one run.",
+        "Minimum of several times, measured in turn; each table was measured in one run.",
         tuple(_blocks(result)),
         f"Made on {when} ({kind}) with {_machine(result)}",
     )

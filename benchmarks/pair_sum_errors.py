@@ -1,7 +1,7 @@
-"""Forces of a bed at rest by approximate sums over pairs, against the direct sum's.
+"""Forces of a bed at rest by approximate pair sums, compared with the direct sum.
 
-A bed with drag alone at packing 0.241 comes to rest by the direct sum; from there it is brought to
-rest again by each method, so that nothing but the sum tells the two apart.
+A bed with drag only at packing 0.241 comes to rest by the direct sum; from there each method brings it to
+rest again, so that the results differ only by the sum.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ FORCES = ("piston_force", "left_force", "right_force", "bottom_force")
 METHODS = ("mesh", "cut-off")
 
 FIRST, AGAIN = 20.0, 8.0
-"""Time to come to rest from a lattice, and again [s]: several decay times of the slowest mode."""
+"""Times to come to rest from a lattice, and again [s]: several decay times of the slowest mode."""
 
 STEP = "auto*4"
-"""What rest is does not depend on the step."""
+"""Time step: the equilibrium does not depend on it."""
 
 
 def _at_rest(scene: Scene, method: str, seconds: float) -> tuple[Scene, dict[str, float]]:
-    """Where the scene has come to after a time [s], as a scene; forces and greatest speed there."""
+    """Return the scene after a time [s], with forces and maximum speed."""
     changes: dict[str, Any] = {
         "pairs.method": method,
         "protocol": [{"name": "settle", "kind": "hold", "duration": seconds}],
@@ -35,7 +35,7 @@ def _at_rest(scene: Scene, method: str, seconds: float) -> tuple[Scene, dict[str
 
 
 def forces_at_rest(count: int) -> list[dict[str, Any]]:
-    """Piston and wall forces [N] at rest by each method, and their deviation from the direct sum's.
+    """Return piston and wall forces [N] at rest by each method, and deviations from the direct sum.
 
     The mesh settles the bed first, which saves the direct sum most of its time.
     """

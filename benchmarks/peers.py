@@ -1,4 +1,4 @@
-"""Pair sums as one writes them first: the plain numba loop, plain JAX, and a plain Verlet list."""
+"""Straightforward pair sums: a plain numba loop, plain JAX, and a plain Verlet list."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _plain = numba.njit(error_model="numpy", nogil=True)
 
 @_plain
 def plain_loop(x: np.ndarray, y: np.ndarray, fx: np.ndarray, fy: np.ndarray, count: int) -> None:
-    """Forces [F*] of every pair."""
+    """Compute the forces [F*] of all pairs."""
     fx[:] = 0.0
     fy[:] = 0.0
     for i in range(count):
@@ -38,7 +38,7 @@ def plain_loop_with_load(
     weight: np.ndarray,
     count: int,
 ) -> None:
-    """Forces [F*] and friction loads of every pair."""
+    """Compute the forces [F*] and friction loads of all pairs."""
     fx[:] = 0.0
     fy[:] = 0.0
     load[:] = 0.0
@@ -57,14 +57,14 @@ def plain_loop_with_load(
 
 
 class PlainVerletList(NamedTuple):
-    """Partners j > i of every grain i, within radius and skin where the list was made.
+    """Partners j > i of every grain i, within radius and skin when the list was built.
 
     Attributes
     ----------
     begins : int64 (n + 1,)
     partner : int32 (p,)
     built : float64 (2, n)
-        Places where the list was made; not a number before.
+        Positions when the list was built; NaN before.
     """
 
     begins: np.ndarray
@@ -73,7 +73,7 @@ class PlainVerletList(NamedTuple):
 
 
 def verlet_list_workspace(count: int, partners: int) -> PlainVerletList:
-    """Workspace for that many partners a grain, on the mean."""
+    """Return the workspace for a mean number of partners per grain."""
     return PlainVerletList(
         np.zeros(count + 1, dtype=np.int64),
         np.zeros(max(1, count * partners), dtype=np.int32),
@@ -105,7 +105,7 @@ def _fill(known: PlainVerletList, x: np.ndarray, y: np.ndarray, count: int, reac
                         dx, dy = x[i] - x[j], y[i] - y[j]
                         if dx * dx + dy * dy < reach * reach:
                             if filled == known.partner.size:
-                                raise ValueError("the list is full; give it more room")
+                                raise ValueError("the list is full; give more partners per grain")
                             known.partner[filled] = j
                             filled += 1
                     j = following[j]
@@ -125,7 +125,7 @@ def plain_verlet_list(
     fy: np.ndarray,
     count: int,
 ) -> None:
-    """Forces [F*] of pairs within the radius; the list is made anew where half the skin is used."""
+    """Compute forces [F*] of pairs within the radius; rebuild the list once half the skin is used."""
     stale = False
     for i in range(count):
         dx, dy = x[i] - known.built[0, i], y[i] - known.built[1, i]
@@ -148,7 +148,7 @@ def plain_verlet_list(
 
 
 def jax_forces(positions: np.ndarray) -> Callable[[], Any]:
-    """A call of the full matrix of pairs in JAX, in double precision; returns forces (n, 2)."""
+    """Make a call of the full matrix of pairs in JAX, in double precision, that returns forces (n, 2)."""
     import jax
     import jax.numpy as jnp
 

@@ -1,4 +1,4 @@
-"""Other processes that measure."""
+"""Processes for measurements."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from granular.shared.errors import GranularError
 
 
 class ProcessError(GranularError):
-    """A process that measures has failed."""
+    """A process for a measurement has failed."""
 
 
 def finished(
     command: Sequence[str], environment: Mapping[str, str] | None = None, index: Path | None = None
 ) -> str:
-    """What a command prints.
+    """Run a command, and return its output.
 
     Parameters
     ----------
     command : sequence of str
     environment : mapping of str to str, optional
-        Added to this process's.
+        Variables added to the environment of this process.
     place : Path, optional
         Directory to run it in.
 
     Raises
     ------
     ProcessError
-        If it ends with another code than 0.
+        If it ends with a code other than 0.
     """
     done = subprocess.run(
         command,

@@ -1,4 +1,4 @@
-"""The parts of the benchmark and their pieces, each of which is kept on disk when it is done."""
+"""The parts of the benchmark and their tasks; each finished task is cached on disk."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 from benchmarks import PARTS, c_kernel
 from benchmarks.absent_effect_cost import cost_of_absence
-from benchmarks.available_engines import NAMES, why_not
+from benchmarks.available_engines import NAMES, unavailability_reason
 from benchmarks.compression import SPEED, compression
-from benchmarks.custom_effect_cost import own_starts, own_steps
+from benchmarks.custom_effect_cost import custom_effect_starts, custom_effect_steps
 from benchmarks.engine import PAIR_METHODS
 from benchmarks.fits import TRUTHS, fits
 from benchmarks.fresh_process import peak_memory, starts
@@ -40,14 +40,14 @@ def _rounds(full: bool) -> int:
 
 
 def _once(measure: Callable[[], _Rows]) -> _Part:
-    """Part that is one measurement."""
+    """Make a part with one measurement."""
     return lambda full: iter([({}, measure)])
 
 
 def _for_each(
     key: str, measure: Callable[..., _Rows], quick: Sequence[int], full: Sequence[int], share: float = 0.0
 ) -> _Part:
-    """Part that measures some values of a key, with a share of the usual rounds if it takes rounds."""
+    """Make a part that measures several values of a key, with a fraction of the usual rounds, if any."""
 
     def work(is_full: bool) -> _Work:
         rounds = (int(share * _rounds(is_full)),) if share else ()
@@ -64,8 +64,8 @@ def _methods(full: bool) -> _Work:
 
 
 def _own(full: bool) -> _Work:
-    yield from _for_each("grains", own_steps, (92, 368), (92, 368), 4.0)(full)
-    yield {}, own_starts
+    yield from _for_each("grains", custom_effect_steps, (92, 368), (92, 368), 4.0)(full)
+    yield {}, custom_effect_starts
 
 
 def _memory(full: bool) -> _Work:
@@ -110,7 +110,7 @@ _WORK: dict[str, _Part] = {
 
 
 def _tasks(name: str, full: bool) -> list[Task]:
-    """Tasks of a part of the benchmark."""
+    """Return the tasks of a part of the benchmark."""
     return [_task(name, key, full, rows) for key, rows in _WORK[name](full)]
 
 
@@ -120,12 +120,12 @@ def _task(name: str, key: dict[str, Any], full: bool, rows: Callable[[], _Rows])
 
 
 def _missing() -> list[dict[str, str]]:
-    """What is not measured here, and why."""
+    """Return the measurements that are missing here, with reasons."""
     from importlib.util import find_spec
 
     reasons = {
         "C kernel": c_kernel.missing(),
-        **{title: why_not(name) for name, title in NAMES.items()},
+        **{title: unavailability_reason(name) for name, title in NAMES.items()},
         "plain JAX": None if find_spec("jax") else "JAX is not installed",
     }
     return [{"what": what, "why": why} for what, why in reasons.items() if why is not None]
@@ -134,9 +134,9 @@ def _missing() -> list[dict[str, str]]:
 def benchmark(
     out: str | None, *, parts: Sequence[str] = tuple(PARTS), full: bool = False, progress: bool = True
 ) -> dict[str, Any]:
-    """Measure; a page with tables and plots, and a JSON file, go to ``out`` where it is given.
+    """Measure, and write a page with tables and plots, and a JSON file, to ``out`` if given.
 
-    What was measured before with the same sources, on the same machine, is read from
+    Earlier results with the same sources, on the same machine, are read from
     ``out``/pieces.
 
     Parameters
@@ -144,16 +144,16 @@ def benchmark(
     out : str, optional
         Directory for ``benchmark.html`` and ``benchmark.json``.
     parts : sequence of str
-        Which of `PARTS`.
+        Names from `PARTS`.
     full : bool
-        More grains and more repeats: an hour or so instead of some minutes.
+        More grains and more repeats: about an hour instead of some minutes.
     progress : bool
         Show a progress bar on standard error.
 
     Returns
     -------
     dict
-        The results of each part, growth with the number of grains, what is missing, the machine.
+        Results of each part, growth with the number of grains, missing measurements, the machine.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Whole steps of the engine: by method of pairs, by number of threads, and effect by effect."""
+"""Whole steps of the engine: by pair sum, by number of threads, and by effect."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from benchmarks.engine import PAIR_METHODS, bed_of
-from benchmarks.timing import least_seconds
+from benchmarks.timing import minimum_seconds
 from granular import evaluate, simulate
 from granular.pairs.direct_sum import MIN_GRAINS_FOR_PARTS
 from granular.scene.scene import Scene
@@ -20,10 +20,10 @@ from granular.shared.errors import EnergyError
 from validation.overview import EngineSteps
 
 STEPS = 32
-"""Steps timed together, so that they share what is done once in several steps."""
+"""Number of steps timed together, so that they share work done once in several steps."""
 
 DRIFT_STEPS = 2000
-"""Steps over which the energy is watched."""
+"""Number of steps over which the energy drift is measured."""
 
 _PLATE = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
 
@@ -47,7 +47,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
         ]
     },
 }
-"""What is added to, or changed in, a bed with dipoles and walls alone."""
+"""Changes to a bed with dipoles and walls only."""
 
 MIN_GRAINS_FOR_MESH = 2000
 
@@ -55,10 +55,10 @@ _BARE: dict[str, Any] = {"effects.gravity": None, "effects.drag": None}
 
 
 def method_steps(count: int, rounds: int) -> list[dict[str, Any]]:
-    """Time of a step [s] by each method of summing pairs, on one core; grains move."""
+    """Return the time of a step [s] by each pair sum, on one core, with moving grains."""
     engines = {name: EngineSteps(bed_of(count, {"pairs.method": name})) for name in PAIR_METHODS}
     calls = {name: partial(engine.make_steps, STEPS) for name, engine in engines.items()}
-    result = least_seconds(calls, rounds=rounds, seconds=0.0)
+    result = minimum_seconds(calls, rounds=rounds, seconds=0.0)
     return [
         {"method": name, "grains": count, "seconds": time / STEPS, "times direct": result["direct"] / time}
         for name, time in result.items()
@@ -66,7 +66,7 @@ def method_steps(count: int, rounds: int) -> list[dict[str, Any]]:
 
 
 def thread_steps(count: int, rounds: int) -> list[dict[str, Any]]:
-    """Time of a step [s] with one and two threads, by each method of summing pairs."""
+    """Return the time of a step [s] with one and two threads, by each pair sum."""
     if numba.config.NUMBA_NUM_THREADS < 2 or count < MIN_GRAINS_FOR_PARTS:
         return []
     rows = []
@@ -74,7 +74,7 @@ def thread_steps(count: int, rounds: int) -> list[dict[str, Any]]:
         scene = bed_of(count, {"pairs.method": name})
         engines = {threads: EngineSteps(scene, threads) for threads in (1, 2)}
         calls = {str(k): partial(engine.make_steps, STEPS) for k, engine in engines.items()}
-        result = least_seconds(calls, rounds=rounds, seconds=0.0)
+        result = minimum_seconds(calls, rounds=rounds, seconds=0.0)
         alike = bool((engines[1].run.state.x == engines[2].run.state.x).all())
         rows += [
             {
@@ -91,9 +91,9 @@ def thread_steps(count: int, rounds: int) -> list[dict[str, Any]]:
 
 
 def effect_steps(count: int, rounds: int) -> list[dict[str, Any]]:
-    """Time of a step [s] with each effect, and what it adds to one with dipoles and walls alone.
+    """Return the time of a step [s] with each effect, and the difference to dipoles and walls only.
 
-    Large beds are summed by the mesh, which slabs do not go with.
+    Large beds are summed by the mesh, which does not support slabs.
     """
     bare, effects = _BARE, EFFECTS
     if count > MIN_GRAINS_FOR_MESH:
@@ -102,7 +102,7 @@ def effect_steps(count: int, rounds: int) -> list[dict[str, Any]]:
     engines = {name: EngineSteps(bed_of(count, bare | changes)) for name, changes in effects.items()}
     steps = max(STEPS, math.ceil(2e7 / count**2))
     calls = {name: partial(engine.make_steps, steps) for name, engine in engines.items()}
-    result = least_seconds(calls, rounds=rounds, seconds=0.0)
+    result = minimum_seconds(calls, rounds=rounds, seconds=0.0)
     base = next(iter(result.values()))
     return [
         {
@@ -117,7 +117,7 @@ def effect_steps(count: int, rounds: int) -> list[dict[str, Any]]:
 
 
 def method_errors(count: int) -> list[dict[str, Any]]:
-    """What each method of summing pairs leaves of forces and energy."""
+    """Return the errors of forces and energy by each pair sum."""
     bare = _BARE | {"arrangement.speed": "0.1 D/s"}
     scenes = {name: bed_of(count, bare | {"pairs.method": name}) for name in PAIR_METHODS}
     positions, _ = scenes["direct"].initial_positions_and_velocities()
@@ -133,7 +133,7 @@ def method_errors(count: int) -> list[dict[str, Any]]:
 
 
 def _magnitude(scene: Scene, positions: np.ndarray) -> float:
-    """Root mean square over the grains of the sum of |f| of their pairs [N]."""
+    """Return the rms over the grains of the sum of |f| of their pairs [N]."""
     scales = Scales.from_grains(scene.grains)
     index, sums = positions / scales.length, np.zeros(len(positions))
     for i in range(len(index)):
@@ -144,9 +144,9 @@ def _magnitude(scene: Scene, positions: np.ndarray) -> float:
 
 
 def _drift(scene: Scene) -> float:
-    """How far the ledger of a run without dissipation is off, over the energy turned over.
+    """Return the residual of the ledger of a run without dissipation, over the energy turned over.
 
-    Of a run that was stopped for that, where it stopped.
+    If the ledger stops the run, it is the residual at that time.
     """
     dt = 0.02 * Scales.from_grains(scene.grains).time
     scene = scene.replace(
@@ -156,7 +156,7 @@ def _drift(scene: Scene) -> float:
         }
     )
     with warnings.catch_warnings():
-        # What a poor sum does to the energy is measured here, not warned of.
+        # The energy error of a poor sum is measured here, so its warning is suppressed.
         warnings.simplefilter("ignore")
         try:
             run = simulate(scene, dt=dt, threads=1, progress=False)

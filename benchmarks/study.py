@@ -1,4 +1,4 @@
-"""A study of many small dampers: what a sweep adds to its runs, and how far it fills the cores."""
+"""A study of many small dampers: overhead of a sweep, and its use of the cores."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _SHAPE: dict[str, Any] = {
 
 
 def small_damper() -> Scene:
-    """The packaged damper at half its width and height, released for a second."""
+    """Return the packaged damper at half its width and height, released for a second."""
     return load_scene("damper").replace(**_SHAPE)
 
 
 def rest_height(run: Trajectory) -> dict[str, float]:
-    """Height of the piston [m] at the end, and its mean force [N]."""
+    """Return the final height of the piston [m], and its mean force [N]."""
     data = run.dataset
     return {
         "height": float(data["piston_height"].values[-1]),
@@ -38,9 +38,9 @@ def rest_height(run: Trajectory) -> dict[str, float]:
 
 
 def study_times(cases: int) -> list[dict[str, Any]]:
-    """Wall time [s] of a sweep over masses and seeds, and of a run alone.
+    """Return the wall time [s] of a sweep over masses and seeds, and of a single run.
 
-    ``filled`` is how much of the processors' time the runs alone would take.
+    ``filled`` is the fraction of the processors' time that the runs alone would take.
     """
     scene = small_damper()
     grid: dict[str, list[Any]] = {

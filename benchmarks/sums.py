@@ -1,4 +1,4 @@
-"""Pair sums side by side, on one arrangement and in one run."""
+"""Comparison of pair sums, on one arrangement and in one run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from benchmarks.peers import (
     plain_verlet_list,
     verlet_list_workspace,
 )
-from benchmarks.timing import least_seconds
+from benchmarks.timing import minimum_seconds
 from granular.compiled import entry
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.direct_sum import (
@@ -36,26 +36,26 @@ from granular.pairs.stripes import Stripes, stripes_workspace
 _direct_sum = entry(direct_sum)
 
 DENSITY = 0.307
-"""Grains on a square diameter: packing fraction 0.241, as in de Paula's compressed bed."""
+"""Number of grains per square diameter: packing fraction 0.241, as in de Paula's compressed bed."""
 
 SKIN = 1.0
-"""Of the plain Verlet list [D]: a tenth of the radius, the usual choice."""
+"""Skin of the plain Verlet list [D]: a tenth of the radius, the usual choice."""
 
 STEP = 2e-3
-"""Way of a grain from sum to sum [D]: a speed of 0.1 D/tau and steps of 0.02 tau."""
+"""Displacement of a grain between sums [D]: a speed of 0.1 D/tau and steps of 0.02 tau."""
 
 BATCH = 250
-"""Sums timed together, so that they share the lists' making."""
+"""Number of sums timed together, so that they share the building of lists."""
 
 _LAMMPS_PAIRS = 2e6
-"""About how many pairs LAMMPS sums in one run, in five steps at least."""
+"""Approximate number of pairs summed by LAMMPS in one run of five or more steps."""
 
 _JAX_MOST = 3000
-"""Grains beyond which the matrix of all pairs fills the memory."""
+"""Number of grains above which the matrix of all pairs exceeds the memory."""
 
 
 def arrangement(count: int, seed: int = 1) -> np.ndarray:
-    """Grains of the compressed bed's density, near the places of a square grid (n, 2) [D]."""
+    """Return positions (n, 2) [D] at the compressed bed's density, near the sites of a square grid."""
     random = np.random.default_rng(seed)
     side, spacing = int(np.ceil(np.sqrt(count))), DENSITY**-0.5
     index = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
@@ -63,13 +63,13 @@ def arrangement(count: int, seed: int = 1) -> np.ndarray:
 
 
 class TimedSum(NamedTuple):
-    """One way to sum.
+    """A timed pair sum.
 
     Attributes
     ----------
     call : callable
     force : callable
-        The forces of the last call (n, 2) [F*].
+        Returns the forces of the last call (n, 2) [F*].
     """
 
     call: Callable[[], Any]
@@ -85,7 +85,7 @@ class PaddedGrains:
         self.weight = pad_values(np.ones(self.count))
 
     def sums(self) -> np.ndarray:
-        """Workspace for three sums."""
+        """Return the workspace for three sums."""
         return np.zeros((3, self.x.size))
 
     def timed(self, sums: np.ndarray, call: Callable[[], Any]) -> TimedSum:
@@ -126,7 +126,7 @@ def in_jax(grains: PaddedGrains) -> TimedSum:
 
 @numba.njit(error_model="numpy")
 def _move(x: np.ndarray, y: np.ndarray, start: np.ndarray, way: np.ndarray, at: int) -> None:
-    """Grains go to and fro on straight lines, so that lists are made anew as in a run."""
+    """Move grains back and forth on straight lines, so that lists are rebuilt as in a run."""
     turn = 500 - abs(at % 1000 - 500)
     for i in range(start.shape[1]):
         x[i] = start[0, i] + turn * way[0, i]
@@ -166,8 +166,8 @@ def _list_steps(
         plain_verlet_list(known, radius, SKIN, x, y, sums[0], sums[1], start.shape[1])
 
 
-def _ways(count: int) -> np.ndarray:
-    """Way of each grain from sum to sum (n, 2) [D]."""
+def _displacements(count: int) -> np.ndarray:
+    """Return the displacement of each grain between sums (n, 2) [D]."""
     angle = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, count)
     return STEP * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -176,25 +176,25 @@ def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> TimedSum:
     grains = PaddedGrains(positions)
     sums, at = grains.sums(), iter(range(0, 10**12, BATCH))
     start = np.stack([grains.x, grains.y])[:, : grains.count].copy()
-    way = _ways(grains.count).T.copy()
+    way = _displacements(grains.count).T.copy()
     return grains.timed(
         sums, lambda: steps(lists, SOURCE_RADIUS, grains.x, grains.y, sums, start, way, next(at))
     )
 
 
 def by_cut_off(positions: np.ndarray) -> TimedSum:
-    """`BATCH` sums of moving grains a call."""
+    """Make a call of `BATCH` sums of moving grains."""
     size = PaddedGrains(positions).x.size
     return _in_motion(positions, _cut_off_steps, stripes_workspace(size, moments=False, with_loads=False))
 
 
 def by_plain_list(positions: np.ndarray) -> TimedSum:
-    """`BATCH` sums of moving grains a call."""
+    """Make a call of `BATCH` sums of moving grains."""
     return _in_motion(positions, _list_steps, verlet_list_workspace(len(positions), 200))
 
 
 def exact_forces(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Forces (n, 2) in extended precision, and the sums of their magnitudes (n,) [F*]."""
+    """Return forces (n, 2) in extended precision, and the sums of their magnitudes (n,) [F*]."""
     index = positions.astype(np.longdouble)
     force, magnitude = np.zeros_like(index), np.zeros(len(index), dtype=np.longdouble)
     for i in range(len(index)):
@@ -207,7 +207,7 @@ def exact_forces(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
-    """All pairs, summed by each: time [s], and largest error over a grain's sum of |f|."""
+    """Return time [s] of each sum over all pairs, and maximum error over a grain's sum of |f|."""
     grains = PaddedGrains(arrangement(count))
     entries = {"plain numba loop": plain(grains), "direct sum": direct(grains)}
     if c_kernel.missing() is None:
@@ -222,7 +222,7 @@ def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     if count >= MIN_GRAINS_FOR_PARTS and numba.config.NUMBA_NUM_THREADS > 1:
         entries[f"direct sum, {numba.get_num_threads()} threads"] = direct(grains, threaded=True)
     calls = {name: item.call for name, item in entries.items()}
-    seconds = least_seconds(calls, rounds=rounds, seconds=0.002)
+    seconds = minimum_seconds(calls, rounds=rounds, seconds=0.002)
     forces = {name: item.force() for name, item in entries.items()}
     if lammps := engine("lammps"):
         for style in (lammps.TABLE, lammps.EXACT):
@@ -248,18 +248,23 @@ def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
 
 
 def cut_off_sums(count: int, rounds: int) -> list[dict[str, Any]]:
-    """Pairs within de Paula's radius, lists made anew as grains move: time of a sum [s]."""
+    """Return the time of a sum [s] over pairs within de Paula's radius, with lists rebuilt as grains move."""
     from scipy.spatial import cKDTree
 
     positions = arrangement(count)
     pairs = len(cKDTree(positions).query_pairs(SOURCE_RADIUS, output_type="ndarray"))
     entries = {"plain Verlet list": by_plain_list(positions), "cut-off": by_cut_off(positions)}
     calls = {name: item.call for name, item in entries.items()}
-    result = least_seconds(calls, rounds=rounds, seconds=0.0)
+    result = minimum_seconds(calls, rounds=rounds, seconds=0.0)
     seconds = {name: time / BATCH for name, time in result.items()}
     if lammps := engine("lammps"):
         seconds[lammps.TABLE] = lammps.steps(
-            positions, lammps.TABLE, count=BATCH, cut=SOURCE_RADIUS, velocities=_ways(count) / 0.02, dt=0.02
+            positions,
+            lammps.TABLE,
+            count=BATCH,
+            cut=SOURCE_RADIUS,
+            velocities=_displacements(count) / 0.02,
+            dt=0.02,
         ).seconds
     return [
         {
@@ -274,9 +279,9 @@ def cut_off_sums(count: int, rounds: int) -> list[dict[str, Any]]:
 
 
 def exponent(counts: np.ndarray, seconds: np.ndarray) -> tuple[float, float]:
-    """Exponent of the growth of the time with the number of grains, and half its 95 % interval.
+    """Return the exponent of the time's growth with the number of grains, and half its 95 % interval.
 
-    From at least three counts, whose logarithms' scatter about the line counts as normal.
+    It needs three or more counts; the scatter of their logarithms about the line is assumed normal.
     """
     from scipy.stats import t as student
 

@@ -1,4 +1,4 @@
-"""Wall time of calls: the least of many, taken in turn, so that a slow spell hits all alike."""
+"""Wall time of calls: minimum of many, measured in turn, so that load affects all equally."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ def _seconds(call: Callable[[], object], repeats: int) -> float:
     return (time.perf_counter() - started) / repeats
 
 
-def least_seconds(
+def minimum_seconds(
     calls: Mapping[str, Callable[[], object]], *, rounds: int = 15, seconds: float = 0.01
 ) -> dict[str, float]:
-    """Least time of one call of each [s].
+    """Return the minimum time of each call [s].
 
     Parameters
     ----------
     calls : mapping of str to callable
-        Each is called once before, which compiles and warms up.
+        Calls to time. Each is called once before, which compiles it.
     rounds : int
-        How often each is measured, in turn.
+        Number of measurements of each call, in turn.
     seconds : float
-        About how long one measurement repeats its call [s].
+        Approximate duration of one measurement, which repeats its call [s].
     """
     repeats = {}
     for name, call in calls.items():

@@ -1,4 +1,4 @@
-"""Programs of others that the benchmark times, one a file.
+"""Third-party programs timed by the benchmark, one per file.
 
-The wheel leaves this folder out: whoever compares engines has the sources.
+The wheel omits this folder: comparisons of engines need the sources.
 """

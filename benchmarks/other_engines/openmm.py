@@ -11,20 +11,20 @@ import numpy as np
 from granular.pairs import dipole_law
 
 PLATFORMS = ("Reference", "CPU")
-"""In double precision, plain; in single precision, vectorised."""
+"""Reference: plain double precision. CPU: vectorised single precision."""
 
 
 def missing() -> str | None:
-    """Why OpenMM cannot be run here; None where it can."""
+    """Return the reason why OpenMM cannot run here, or None."""
     if importlib.util.find_spec("openmm") is None:
         return "OpenMM is not installed; pip install openmm"
     return None
 
 
 def steps(positions: np.ndarray, platform: str) -> tuple[Callable[[], None], Callable[[], np.ndarray]]:
-    """A call that makes one step on one core, and the forces (n, 2) [F*].
+    """Make a call for one step on one core, and a call for the forces (n, 2) [F*].
 
-    Lengths are in D in place of nm; the grains are so heavy that they stay.
+    Lengths are in D in place of nm; the grains are so heavy that they do not move.
     """
     import openmm
 

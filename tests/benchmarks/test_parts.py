@@ -23,7 +23,7 @@ from benchmarks.handwritten_steps import KERNELS
 from benchmarks.package import IMPORTS, packed_size
 from benchmarks.pair_sum_errors import FORCES, forces_at_rest
 from benchmarks.steps import EFFECTS, effect_steps, method_errors, method_steps
-from benchmarks.timing import least_seconds
+from benchmarks.timing import minimum_seconds
 from granular import Scene
 from granular.commands.console import launch
 from granular.kernel_data.state import LOSSES
@@ -94,13 +94,13 @@ def test_steps_by_hand_are_the_engine_s(scenery: str) -> None:
     assert bed.totals[4] == pytest.approx(state.ledger[LOSSES:].sum(), rel=1e-12)
 
 
-def test_least_seconds_calls_each_as_often() -> None:
+def test_minimum_seconds_calls_each_as_often() -> None:
     counts = {"a": 0, "b": 0}
 
     def call(name: str) -> None:
         counts[name] += 1
 
-    found = least_seconds({"a": lambda: call("a"), "b": lambda: call("b")}, rounds=3, seconds=0.0)
+    found = minimum_seconds({"a": lambda: call("a"), "b": lambda: call("b")}, rounds=3, seconds=0.0)
     assert set(found) == {"a", "b"}
     assert min(found.values()) > 0.0
     assert counts == {"a": 5, "b": 5}

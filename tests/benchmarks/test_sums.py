@@ -133,7 +133,7 @@ def test_engines_that_the_wheel_leaves_out_are_named(monkeypatch: pytest.MonkeyP
     for name in available_engines.NAMES:
         monkeypatch.setitem(sys.modules, f"{available_engines.FOLDER}.{name}", None)  # as if not there
         assert available_engines.engine(name) is None
-        assert "from the sources only" in str(available_engines.why_not(name))
+        assert "only from a checkout" in str(available_engines.unavailability_reason(name))
 
 
 def test_process_that_fails_is_a_typed_error() -> None:
