@@ -37,7 +37,7 @@ def parser() -> Parser:
     item.add_argument(
         "--history",
         metavar="FILE",
-        help="measure a few kernels only, add their ratios to a plain loop to this file, and show the last ones",
+        help="measure a few kernels only, add their ratios to a plain loop to this file, show the last ones",
     )
     item.add_argument(
         "--prices",

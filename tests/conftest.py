@@ -1,4 +1,4 @@
-"""Scenes and helpers that many tests share."""
+"""Scenes and helpers shared by many tests."""
 
 from __future__ import annotations
 
@@ -52,21 +52,20 @@ LONG_FILES = (
     "reduced_models/laws/test_laws.py",
     "reduced_models/records/test_release.py",
 )
-"""Files that take longest where nothing is compiled yet, some ten seconds and more.
+"""Files that take longest without compiled code, ten seconds or more.
 
-Fits and simulations take turns: two workers that start next to each other then seldom compile the
-same code twice.
+Fits and simulations alternate, so that two neighbouring workers rarely compile the same code twice.
 """
 
 
 LEAST_SECONDS = 60.0
-"""Runs that are shorter show no seconds by folder."""
+"""Minimum duration of a run that shows seconds by folder."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Workers take the files in the order below, not those of the most tests first.
+    """Let workers take the files in the order below, instead of most tests first.
 
-    They fill the cores: threads of linear algebra beside them would wait for one another.
+    Workers use all cores, so threads of linear algebra would only compete.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if hasattr(config.option, "loadscopereorder"):
@@ -74,15 +73,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files first: a long one that starts last leaves the other workers idle."""
+    """Put long files first: a long file that starts last leaves the other workers idle."""
     place = {ROOT / "tests" / name: k for k, name in enumerate(LONG_FILES)}
     items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
 def pytest_collection_finish() -> None:
-    """Look for garbage seldom: compilers make objects by the million, and few of them cycles.
+    """Collect garbage rarely: compilers make millions of objects with few cycles.
 
-    That saves an eighth of the time of compiling.
+    This saves an eighth of the compilation time.
     """
     gc.collect()
     gc.freeze()
@@ -90,7 +89,7 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Show what CONTRIBUTING.md gives a budget to: seconds of each folder of tests."""
+    """Show the seconds of each folder of tests, which have a budget in CONTRIBUTING.md."""
     seconds: Counter[str] = Counter()
     for reports in terminalreporter.stats.values():
         for one in reports:
@@ -104,7 +103,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def user_table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep what is measured of scenes apart from the table of who runs the tests."""
+    """Store measured costs of scenes separately from the user's table."""
     kept = ResultCache(tmp_path_factory.mktemp("work-precision"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("granular.run.work_precision.user_table", lambda: kept)
@@ -113,19 +112,19 @@ def user_table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def bed() -> Scene:
-    """The packaged bed."""
+    """Return the packaged bed."""
     return load_scene("bed")
 
 
 @pytest.fixture(scope="session")
 def damper() -> Scene:
-    """The packaged damper."""
+    """Return the packaged damper."""
     return load_scene("damper")
 
 
 @pytest.fixture(scope="session")
 def small_bed(bed: Scene) -> Scene:
-    """A bed of 23 grains, for tests that need many runs."""
+    """Return a bed of 23 grains, for tests that need many runs."""
     return bed.replace(
         **{"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "arrangement.height": "5.5 D"}
     )
@@ -133,7 +132,7 @@ def small_bed(bed: Scene) -> Scene:
 
 @pytest.fixture(scope="session")
 def small_damper(damper: Scene) -> Scene:
-    """A damper of 23 grains, with a mass that rests on it."""
+    """Return a damper of 23 grains, with a piston at rest on it."""
     return damper.replace(
         **{
             "grains.count": 23,
@@ -151,7 +150,7 @@ FRAMES, GRAINS = 90, 7
 
 @pytest.fixture(scope="session")
 def mixture(small_bed: Scene) -> Scene:
-    """Seven grains of two species, held for a second and compressed for two."""
+    """Return seven grains of two species, held for one second and compressed for two."""
     return small_bed.replace(
         **{
             "grains.count": GRAINS,
@@ -169,7 +168,7 @@ def mixture(small_bed: Scene) -> Scene:
 
 @pytest.fixture(scope="session")
 def run(mixture: Scene) -> Trajectory:
-    """Random motion, a frame every 250 steps of the source; the last grain leaves after 40 frames."""
+    """Return a random motion with a frame every 250 steps of de Paula; one grain leaves after 40 frames."""
     random = np.random.default_rng(7)
     height = 0.03
     every = 2.5e-4 * 2.0
@@ -206,7 +205,7 @@ def run(mixture: Scene) -> Trajectory:
 
 @pytest.fixture
 def interruptible() -> Iterator[None]:
-    """Let Ctrl-C stop this process and those that it starts, also where a shell has it ignored."""
+    """Let Ctrl-C stop this process and its children, even if the shell ignores it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -219,7 +218,7 @@ def random() -> np.random.Generator:
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Install a distribution for one test: what it offers to granular, and its module's source."""
+    """Install a distribution for one test, given its entry points and its module's source."""
 
     def install(kind: str, source: str, offered: dict[str, str]) -> None:
         module = f"laboratory_{kind}"
@@ -240,12 +239,12 @@ Done = subprocess.CompletedProcess[str]
 
 @pytest.fixture(scope="session")
 def command() -> Callable[..., Done]:
-    """Run the command line of a package in this process: what it prints, and its exit code."""
+    """Run the command line of a package in this process, and return output and exit code."""
 
     def run(package: str, *words: str) -> Done:
         main = importlib.import_module(f"{package}.__main__").main
         said, told = io.StringIO(), io.StringIO()
-        # What a command does to warnings stays with it.
+        # Changes of warning filters by a command must not persist.
         with redirect_stdout(said), redirect_stderr(told), warnings.catch_warnings():
             try:
                 code = launch(main, words)
@@ -258,7 +257,7 @@ def command() -> Callable[..., Done]:
 
 @pytest.fixture(scope="session")
 def process() -> Callable[..., Done]:
-    """Run ``python -m`` with the given words in a process, and in surroundings, of its own."""
+    """Run ``python -m`` with arguments in a separate process and environment."""
 
     def run(*words: str, **environment: str) -> Done:
         return subprocess.run(

@@ -1,10 +1,10 @@
-"""Processes that tests start."""
+"""Processes started by tests."""
 
 from pathlib import Path
 
 
 def living(group: int) -> list[int]:
-    """Processes of a group, without those that only wait to be noticed as dead."""
+    """Return the processes of a group, without zombies."""
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:

@@ -1,4 +1,4 @@
-"""A scene computes only the effects that it names: no array, and no trace in the machine code."""
+"""Absent effects of a scene have no array and no trace in the machine code."""
 
 import pickle
 import re
@@ -22,7 +22,7 @@ BARE = {"effects.dipole": None, "effects.walls": None, "effects.drag": None, "ef
 
 
 def symbols(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the toolkit's functions in the stored machine code of the loop for a scene."""
+    """Return names of the toolkit's functions in the cached machine code of a scene's loop."""
     asked: list[tuple[Any, ...]] = []
 
     def spy(*arguments: Any) -> Any:
@@ -50,7 +50,7 @@ def test_compiled_code_holds_no_trace_of_absent_effects(monkeypatch: pytest.Monk
     assert any("advance" in symbol for symbol in bare)
     assert traces(bare) == set()
     assert "log1p" not in bare
-    # The same search finds them where they act, in code that other tests compile.
+    # The same search finds them in scenes that contain them, in code compiled by other tests.
     rubbing = symbols(lone_grain(), monkeypatch)
     touching = symbols(head_on_collision(0.1, 0.5), monkeypatch)
     assert traces(rubbing) | traces(touching) == set(TRACES)
@@ -58,7 +58,7 @@ def test_compiled_code_holds_no_trace_of_absent_effects(monkeypatch: pytest.Monk
 
 
 def test_absent_effects_allocate_nothing() -> None:
-    """Only the arrays of motion and one scratch array are left."""
+    """Only the arrays of motion and one scratch array are allocated."""
     scene = load_scene("bed").replace(**{"effects.drag": None})
     system = scene_in_natural_units(scene)
     start = ([[1.0, 1.0]] * scene.grains.count,) * 2

@@ -1,4 +1,4 @@
-"""The names that users touch first have an example in their docstring, and it runs.
+"""The main public names have an example in their docstring, and it runs.
 
 `examples.txt` lists them; those marked "long" simulate or fit.
 """
@@ -16,7 +16,7 @@ LONG = [pytest.param(name, marks=[pytest.mark.long] if mark else []) for name, *
 
 
 def named(path: str) -> Any:
-    """The object of a dotted path."""
+    """Return the object of a dotted path."""
     parts = path.split(".")
     for length in range(len(parts), 0, -1):
         try:
@@ -26,7 +26,7 @@ def named(path: str) -> Any:
         for part in parts[length:]:
             found = getattr(found, part)
         return found
-    raise AssertionError(f"there is no {path}")
+    raise AssertionError(f"{path} does not exist")
 
 
 def test_sixty_names_have_examples() -> None:
@@ -34,7 +34,7 @@ def test_sixty_names_have_examples() -> None:
 
 
 @pytest.mark.parametrize("name", LONG)
-def test_the_example_says_what_comes_out(name: str) -> None:
+def test_the_example_shows_its_result(name: str) -> None:
     text = inspect.getdoc(named(name)) or ""
     example = doctest.DocTestParser().get_doctest(text, {}, name, None, None)
     assert any(one.want for one in example.examples), f"{name} has no example with an output"

@@ -1,4 +1,4 @@
-"""Imports go one way, and importing costs next to nothing."""
+"""Imports go in one direction, and importing is fast."""
 
 import ast
 import importlib
@@ -21,7 +21,7 @@ HEAVY = ("numba", "jax", "matplotlib", "pandas", "xarray", "zarr", "sympy", "sci
 
 
 def imported(path: Path) -> set[str]:
-    """Top-level packages that a file imports, anywhere in it."""
+    """Return the top-level packages imported anywhere in a file."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -37,7 +37,7 @@ def module_name(path: Path, root: Path) -> str:
 
 
 def named_modules(path: Path, root: Path) -> set[str]:
-    """What a file imports from, anywhere in it: every dotted name that may be a module."""
+    """Return every dotted name in a file's imports that may be a module."""
     package = module_name(path.parent, root)
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -52,18 +52,18 @@ def named_modules(path: Path, root: Path) -> set[str]:
 
 
 def imports_within(package: str, root: Path = ROOT) -> dict[str, set[str]]:
-    """Each module of a package, and those of the package that it imports."""
+    """Return each module of a package with the modules of the package that it imports."""
     paths = {module_name(path, root): path for path in (root / package).rglob("*.py")}
     return {name: (named_modules(path, root) & paths.keys()) - {name} for name, path in paths.items()}
 
 
 def folder_of(module: str) -> str:
-    """The folder of a package that a module stands in, or the module itself."""
+    """Return the folder of a package that contains a module, or the module itself."""
     return ".".join(module.split(".")[:2])
 
 
 def imports_of_folders(package: str, root: Path = ROOT) -> dict[str, set[str]]:
-    """As `imports_within`, of the folders; the package itself, which hands names on, left out."""
+    """Return `imports_within` by folder, without the package itself, which re-exports names."""
     arrows: dict[str, set[str]] = {}
     for name, ends in imports_within(package, root).items():
         if name != package:
@@ -73,7 +73,7 @@ def imports_of_folders(package: str, root: Path = ROOT) -> dict[str, set[str]]:
 
 
 def circles(arrows: dict[str, set[str]]) -> set[str]:
-    """What stands in a circle of imports, or leads into one and out of it."""
+    """Return the modules in a circle of imports, or on a path between two circles."""
     while True:
         reached = set().union(*arrows.values())
         left = {name for name, ends in arrows.items() if ends and name in reached}
@@ -86,18 +86,18 @@ WITHOUT_CIRCLES = tuple(FORBIDDEN)
 
 
 @pytest.mark.parametrize("package", WITHOUT_CIRCLES)
-def test_no_circle(package: str) -> None:
-    """Also inside functions, and for type checkers alone."""
+def test_modules_have_no_circular_imports(package: str) -> None:
+    """Also inside functions, and in imports for type checkers only."""
     assert circles(imports_within(package)) == set()
 
 
 @pytest.mark.parametrize("package", WITHOUT_CIRCLES)
-def test_no_circle_of_folders(package: str) -> None:
-    """So that there is an order in which to read them; `lint-imports` says which."""
+def test_folders_have_no_circular_imports(package: str) -> None:
+    """Folders therefore have a reading order; `lint-imports` checks it."""
     assert circles(imports_of_folders(package)) == set()
 
 
-def test_a_circle_is_seen(tmp_path: Path) -> None:
+def test_a_circular_import_is_detected(tmp_path: Path) -> None:
     (tmp_path / "house" / "room").mkdir(parents=True)
     for name, text in {
         "__init__": "from house.room import table",
@@ -116,7 +116,7 @@ def test_a_circle_is_seen(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("package", FORBIDDEN)
-def test_arrows(package: str) -> None:
+def test_imports_between_packages_go_one_way(package: str) -> None:
     files = sorted((ROOT / package).rglob("*.py"))
     assert files
     wrong = {str(path): imported(path) & FORBIDDEN[package] for path in files}
@@ -143,13 +143,13 @@ PACKAGES = (
 
 @pytest.mark.parametrize("name", PACKAGES)
 def test_no_module_hides_a_public_name(name: str) -> None:
-    """A module that is imported becomes an attribute of its package, whatever stood there."""
+    """An imported module becomes an attribute of its package, and replaces an equal name."""
     package = importlib.import_module(name)
     modules = {one.name for one in pkgutil.iter_modules(package.__path__)}
     assert not modules & set(package.__all__)
 
 
-def test_files_stay_small() -> None:
+def test_files_have_at_most_600_lines() -> None:
     long = {
         str(path.relative_to(ROOT)): lines
         for package in FORBIDDEN

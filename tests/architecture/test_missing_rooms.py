@@ -1,4 +1,4 @@
-"""Each room that registers itself can be missing: the main job runs, lists lack it, and asking says so."""
+"""Each optional folder can be missing: the main job runs, lists omit it, and requests report it."""
 
 import json
 import os
@@ -30,7 +30,7 @@ ROOMS = {
     ),
     "response": (["granular.response"], "response", "granular response machine --from 1Hz --to 2Hz"),
 }
-"""Modules of each room, the name by which one asks for it, and a command that does."""
+"""Modules of each optional folder, the name of its part, and a command that requests it."""
 
 ANSWERS = {
     "FMU": "ends in '.fmu'; give one of .py, .c, .m, .mo",
@@ -100,7 +100,7 @@ print(json.dumps({"all": seen(*rooms), "none": seen(), **{name: seen(name) for n
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Outcomes of one process: all rooms are missing first, before anything is imported, then each."""
+    """Return outcomes of one process, first with all rooms missing before any import, then with each one."""
     here = tmp_path_factory.mktemp("rooms")
     time = np.linspace(0.0, 3.0, 300)
     height = 0.06 + 0.004 * np.exp(-0.8 * time) * np.cos(21.0 * time)
@@ -134,7 +134,7 @@ def test_the_main_job_runs_without_a_room(seen: dict[str, Any], room: str) -> No
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_lists_lack_a_missing_room_alone(seen: dict[str, Any], room: str) -> None:
+def test_lists_omit_only_the_missing_room(seen: dict[str, Any], room: str) -> None:
     name = ROOMS[room][1]
     assert name in seen["none"]["listed"]
     assert not {listed[1] for listed in ROOMS.values()} & set(seen["all"]["listed"])
@@ -143,14 +143,14 @@ def test_lists_lack_a_missing_room_alone(seen: dict[str, Any], room: str) -> Non
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_asking_for_a_missing_room_is_a_line_that_says_so(seen: dict[str, Any], room: str) -> None:
+def test_requesting_a_missing_room_gives_a_one_line_error(seen: dict[str, Any], room: str) -> None:
     code, _, error = seen[room]["asked"][room]
     assert code == 2
     assert error.count("\n") == 1
     assert ANSWERS[room] in error
 
 
-def test_a_room_that_needs_a_missing_one_says_so(seen: dict[str, Any]) -> None:
+def test_a_room_that_needs_a_missing_one_reports_it(seen: dict[str, Any]) -> None:
     needs = {("C", "FMU"): "reduced_models.models.c_code", ("response", "machines"): "granular.response"}
     for (missing, asked), module in needs.items():
         code, _, error = seen[missing]["asked"][asked]

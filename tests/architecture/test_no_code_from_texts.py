@@ -1,4 +1,4 @@
-"""No text of a user's becomes code: what could do that is called only in places with a reason."""
+"""User text never becomes code: functions that could do so are called only in listed places."""
 
 import ast
 from collections.abc import Iterator
@@ -37,34 +37,31 @@ ALLOWED = {
     (
         "granular/formulas/algebra.py",
         "lambdify",
-    ): "the one place where formulas become code: trees of the grammar, names made there",
-    ("granular/shared/user_file.py", "exec"): "the file that a user names on the command line, by --import",
+    ): "the one place at which formulas become code: trees of the grammar, with generated names",
+    ("granular/shared/user_file.py", "exec"): "the file given by the user on the command line, by --import",
     ("granular/shared/user_file.py", "compile"): "the same file",
     ("granular/run/plan.py", "import_module"): "two modules of Numba, by names in the source",
     ("granular/shared/errors.py", "import_module"): "libraries of the extras, by names in the source",
     (
         "granular/compiled/kernel_cache.py",
         "pickle.loads",
-    ): "compiled code that was sealed, in a folder that belongs to the user alone",
-    ("granular/effects/custom_law.py", "compile"): "Numba's method, of a function that stands in a file",
-    (
-        "reduced_models/jax_setup.py",
-        "pickle.loads",
-    ): "programs that were sealed, in a folder that belongs to the user alone",
+    ): "sealed compiled code, in a folder owned by the user alone",
+    ("granular/effects/custom_law.py", "compile"): "Numba's method, for a function defined in a file",
+    ("reduced_models/jax_setup.py", "pickle.loads"): "sealed programs, in a folder owned by the user alone",
     ("benchmarks/available_engines.py", "import_module"): "names from a table in the source",
     ("validation/console_script.py", "import_module"): "the three packages' own names",
     ("validation/console_script.py", "complete with shell"): "prints a script; runs no shell",
 }
-"""Where such a call stands, and why no text of a user's comes to it."""
+"""Places of such calls, and the reason why they never get user text."""
 
 
 def is_constant(node: ast.Call) -> bool:
-    """Whether all that is given stands in the source itself."""
+    """Return True if all arguments are constants in the source."""
     return bool(node.args) and all(isinstance(one, ast.Constant) for one in node.args)
 
 
 def suspicious(node: ast.Call) -> str | None:
-    """What a call could run, by the name of it; None where it runs nothing."""
+    """Return the name of a function that a call could run as code, or None."""
     function = node.func
     if isinstance(function, ast.Name):
         name, owner = function.id, ""
@@ -111,7 +108,7 @@ def test_no_text_becomes_code() -> None:
     assert len(files) > 100
     calls = [call for path in files for call in found(path)]
     assert not [call for call in calls if call[:2] not in ALLOWED]
-    # A place that is named here and gone is named no more.
+    # A listed place that no longer exists must be removed from the list.
     assert set(ALLOWED) == {call[:2] for call in calls}
 
 
@@ -137,7 +134,9 @@ def test_no_text_becomes_code() -> None:
         "np.load(path, allow_pickle=True)",
     ],
 )
-def test_the_walk_sees(source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_search_detects_code_from_texts(
+    source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(globals(), "ROOT", tmp_path)
     (tmp_path / "module.py").write_text(source)
     assert list(found(tmp_path / "module.py"))
@@ -155,7 +154,7 @@ def test_the_walk_sees(source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
         "ast.parse(text, mode='eval')",
     ],
 )
-def test_the_walk_lets_pass(source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_search_accepts_safe_calls(source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(globals(), "ROOT", tmp_path)
     (tmp_path / "module.py").write_text(source)
     assert not list(found(tmp_path / "module.py"))

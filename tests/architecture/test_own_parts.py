@@ -1,4 +1,4 @@
-"""A package of a user's own brings a part of every kind; one that fails is named, and hinders no other."""
+"""A user's package provides a part of every kind; a broken part is reported, and affects no other."""
 
 import importlib
 import pkgutil
@@ -48,7 +48,7 @@ Command = Callable[..., CompletedProcess[str]]
 
 
 def registries() -> dict[str, Registry[Any]]:
-    """Registries of all kinds by their groups."""
+    """Return the registries of all kinds by group."""
     programs = [sys.modules[f"{package}.__main__"].PROGRAM for package in COMMANDS]
     every: list[Registry[Any]] = [
         *(EFFECTS, WALL_LAWS, METHODS, ENGINES, OBSERVABLES, MEASURES, READERS, EXPORTERS, ADDED_BLOCKS),
@@ -62,7 +62,7 @@ def registries() -> dict[str, Registry[Any]]:
 def package(
     tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> Iterator[None]:
-    """Install the package as its pyproject.toml says."""
+    """Install the package as described by its pyproject.toml."""
     for program in COMMANDS:
         command(program, "--version")
     place = tmp_path_factory.mktemp("installed")
@@ -92,7 +92,7 @@ def test_the_package_has_a_part_of_every_kind() -> None:
 
 
 @pytest.mark.parametrize("group", OFFERED)
-def test_tables_of_built_in_parts_hold_what_their_kind_takes(group: str) -> None:
+def test_built_in_parts_have_the_type_of_their_kind(group: str) -> None:
     registry = registries()[group]
     assert tuple(registry._built_in) == registry.built_in
     for name in registry.built_in:
@@ -108,7 +108,7 @@ def test_the_table_of_effects_is_complete() -> None:
 
 
 @pytest.mark.parametrize("group", OFFERED)
-def test_a_part_is_listed_and_a_broken_one_named(group: str) -> None:
+def test_a_part_is_listed_and_a_broken_one_reported(group: str) -> None:
     registry = registries()[group]
     good, broken = OFFERED[group]
     assert set(registry) >= {good, broken, *registry.built_in}
@@ -135,8 +135,8 @@ def test_commands_are_in_help_and_run(command: Command, program: str) -> None:
     assert "did you mean 'bench'" in command(program, "bensh").stderr
 
 
-def test_a_part_hinders_no_other(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A command that no parser can be made of, one named as a built-in one, and a broken reader of text."""
+def test_a_broken_part_does_not_affect_others(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A command without a valid parser, one with a built-in name, and a broken reader of text."""
     points = [
         EntryPoint("untyped", "laboratory_parts.commands:UNTYPED", "granular.commands"),
         EntryPoint("run", "laboratory_parts.commands:bench", "granular.commands"),

@@ -1,4 +1,4 @@
-"""What the distribution says of itself agrees with itself, and either half works alone."""
+"""Metadata of the distribution is consistent, and either half works alone."""
 
 import os
 import re
@@ -25,14 +25,14 @@ PROJECT: dict[str, Any] = PROJECT_FILE["project"]
 
 
 def group(name: str) -> set[str]:
-    """Requirements of a dependency group, those of the groups it includes among them."""
+    """Return the requirements of a dependency group, including nested groups."""
     found: set[str] = set()
     for one in PROJECT_FILE["dependency-groups"][name]:
         found |= {one} if isinstance(one, str) else group(one["include-group"])
     return found
 
 
-def test_the_two_halves_are_the_whole() -> None:
+def test_the_two_halves_cover_all_requirements() -> None:
     assert group("simulation") | group("fits") == set(PROJECT["dependencies"])
 
 
@@ -43,12 +43,12 @@ def test_extra_all_holds_every_extra_of_users() -> None:
     assert inside == set(PROJECT["optional-dependencies"]) - for_developers
 
 
-def test_version_stands_in_the_citation_too() -> None:
+def test_citation_has_the_version() -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {__version__}\n" in citation
 
 
-def test_changelog_begins_with_what_is_to_come_or_this_version() -> None:
+def test_changelog_begins_with_unreleased_or_this_version() -> None:
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     versions = re.findall(r"^## \[(.+?)\]", text, re.MULTILINE)
     assert versions[0] == "Unreleased"
@@ -66,7 +66,7 @@ def test_the_readme_of_the_distribution_has_no_relative_link() -> None:
     assert PROJECT["urls"]["Source"] + "/docs/images/fall.gif" in made
 
 
-def test_the_recipe_for_conda_asks_for_the_same_as_pip() -> None:
+def test_the_conda_recipe_has_the_requirements_of_pip() -> None:
     recipe = (ROOT / "recipe" / "recipe.yaml").read_text(encoding="utf-8")
     assert f'version: "{__version__}"' in recipe
     run = recipe.partition("  run:\n")[2].partition("tests:")[0]
@@ -74,7 +74,7 @@ def test_the_recipe_for_conda_asks_for_the_same_as_pip() -> None:
     assert asked == {"python" + PROJECT["requires-python"]} | set(PROJECT["dependencies"])
 
 
-def test_workflows_run_what_is_there_on_every_version_that_is_promised() -> None:
+def test_workflows_run_existing_scripts_on_every_supported_version() -> None:
     text = "".join(one.read_text() for one in sorted((ROOT / ".github/workflows").glob("*.yml")))
     scripts = set(re.findall(r"- run: (\.ci/\w+)", text))
     assert {".ci/run", ".ci/lowest", ".ci/wheel", ".ci/coverage"} <= scripts
@@ -84,7 +84,7 @@ def test_workflows_run_what_is_there_on_every_version_that_is_promised() -> None
     assert re.findall(r"3\.\d+", matrix) == promised
 
 
-def test_installation_page_names_what_each_half_needs() -> None:
+def test_installation_page_lists_the_requirements_of_each_half() -> None:
     page = (ROOT / "docs" / "guide" / "installation.md").read_text(encoding="utf-8")
     for name in ("simulation", "fits"):
         (line,) = re.findall(rf"^pip install (.+?) +# {name}$", page, re.MULTILINE)
@@ -92,7 +92,7 @@ def test_installation_page_names_what_each_half_needs() -> None:
 
 
 def half(without: str, code: str) -> None:
-    """Run code in a process where modules of one half of the requirements are not there."""
+    """Run code in a process without the modules of one half of the requirements."""
     blocked = [name for name, need in NEEDED_BY.items() if need == without]
     # Pillow comes with matplotlib, which both halves have.
     hidden = f"import sys; sys.modules |= dict.fromkeys({blocked!r}); sys.modules.pop('PIL', None)"
@@ -112,7 +112,7 @@ else:
 """
 
 
-def test_fits_need_nothing_of_the_simulation() -> None:
+def test_fits_work_without_the_requirements_of_simulations() -> None:
     half(
         "simulation",
         "from granular import PistonRecord\n"
@@ -124,7 +124,7 @@ def test_fits_need_nothing_of_the_simulation() -> None:
     )
 
 
-def test_simulations_need_nothing_of_the_fits() -> None:
+def test_simulations_work_without_the_requirements_of_fits() -> None:
     half(
         "fits",
         "from granular import evaluate, load_scene, simulate, sweep\n"
@@ -134,7 +134,7 @@ def test_simulations_need_nothing_of_the_fits() -> None:
     )
 
 
-def test_a_module_that_is_none_of_the_toolkit_s_keeps_its_own_error() -> None:
+def test_a_foreign_missing_module_keeps_its_error() -> None:
     error = ModuleNotFoundError("No module named 'tea'", name="tea")
     assert missing_package_error(error) is None
 
@@ -145,7 +145,7 @@ def test_a_module_that_is_none_of_the_toolkit_s_keeps_its_own_error() -> None:
         with_missing_package_advice(attribute)("leaves")
 
 
-def test_what_is_missing_is_bad_input_and_an_import_error() -> None:
+def test_a_missing_requirement_is_bad_input_and_an_import_error() -> None:
     found = missing_package_error(ModuleNotFoundError("No module named 'jax.numpy'", name="jax.numpy"))
     assert isinstance(found, MissingPackageError)
     assert isinstance(found, InputError)

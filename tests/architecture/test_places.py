@@ -1,4 +1,4 @@
-"""Nothing names a place or a tool of one machine, and nothing reads above the repository."""
+"""No file refers to paths or tools of one machine, or reads above the repository."""
 
 import re
 from pathlib import Path
@@ -44,11 +44,11 @@ def places_in(text: str) -> list[str]:
         ("z''/work per cycle", False),
     ],
 )
-def test_places_are_found(text: str, named: bool) -> None:
+def test_paths_of_a_machine_are_detected(text: str, named: bool) -> None:
     assert bool(places_in(text)) == named
 
 
-def test_no_file_names_a_place_of_one_machine() -> None:
+def test_no_file_contains_a_path_of_one_machine() -> None:
     files = text_files()
     assert len(files) > 300
     found = {}

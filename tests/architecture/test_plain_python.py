@@ -1,6 +1,6 @@
-"""All that acts also runs where numba does not compile, and keeps the ledger there.
+"""All effects also run without numba's compiler, and close the energy ledger.
 
-Pytest runs in a process of its own, since numba is told once.
+Pytest runs in a separate process, since numba reads this setting only once.
 """
 
 import os
@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def run_tests(folder: Path, words: tuple[str, ...], **environment: str) -> None:
-    """Run some tests in a process of their own; none of them may be skipped."""
+    """Run some tests in a separate process; none of them may be skipped."""
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--basetemp={folder}", *words],
         capture_output=True,
@@ -37,7 +37,7 @@ def test_small_runs_in_plain_python(words: tuple[str, ...], tmp_path: Path) -> N
     run_tests(tmp_path / "runs", (*words, "tests/plain_python", *marked), NUMBA_DISABLE_JIT="1")
 
 
-@pytest.mark.long  # quick: the same in plain Python, where numpy looks at every index
+@pytest.mark.long  # quick: the same in plain Python, in which numpy checks every index
 def test_no_compiled_index_is_out_of_bounds(tmp_path: Path) -> None:
     file = "tests/plain_python/test_memory_bounds.py"
     run_tests(tmp_path / "runs", (file,), NUMBA_BOUNDSCHECK="1", NUMBA_CACHE_DIR=str(tmp_path / "cache"))

@@ -1,4 +1,4 @@
-"""The two commands of the README, where `.ci/run` and `.ci/wheel` read them."""
+"""The two commands of the README, as read by `.ci/run` and `.ci/wheel`."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def commands(heading: str) -> list[str]:
-    """The lines of the block of commands behind a line of the README that begins so."""
+    """Return the block of commands after a line of the README with the given beginning."""
     found = re.search(
         rf"^{heading}.*?^```sh\n(.*?)^```$",
         (ROOT / "README.md").read_text(encoding="utf-8"),

@@ -1,4 +1,4 @@
-"""The files that a record passes in a fit are few enough to be read one after the other."""
+"""A record passes only a limited number of files in a fit."""
 
 import dataclasses
 import sys
@@ -15,7 +15,7 @@ MOST_FILES = 18
 
 
 def holds_record(value: object) -> bool:
-    """Whether a value is a record, or data that hold one."""
+    """Return True if a value is a record, or data that contain one."""
     if isinstance(value, PistonRecord):
         return True
     if isinstance(value, str | np.ndarray):
@@ -30,7 +30,7 @@ def holds_record(value: object) -> bool:
 
 
 class Follower:
-    """Notes each file of the package that has a function which was given a record."""
+    """Trace function that records the files of functions called with a record."""
 
     def __init__(self) -> None:
         self.files: set[str] = set()
@@ -46,8 +46,8 @@ class Follower:
             self.files.add(str(Path(code.co_filename).relative_to(PACKAGE)))
 
 
-def test_files_that_a_record_passes() -> None:
-    """Followed as it happens: functions whose argument is a record, or data that hold one."""
+def test_a_record_passes_few_files() -> None:
+    """Trace functions with a record, or data that contain one, as an argument."""
     from reduced_models import fit
 
     time = np.linspace(0.0, 40.0, 2000)

@@ -1,4 +1,4 @@
-"""The pages of the reference name only what there is."""
+"""The pages of the reference list only existing names."""
 
 import importlib
 import importlib.util
@@ -14,7 +14,7 @@ BLOCK = re.compile(r"^::: ([\w.]+)\n((?:[ ]+.*\n|\n(?=[ ]))*)", re.MULTILINE)
 
 
 def _blocks() -> Iterator[tuple[str, list[str]]]:
-    """Names behind ``:::`` with their members."""
+    """Return the names after ``:::`` with their members."""
     for page in sorted(PAGES.rglob("*.md")):
         for name, options in BLOCK.findall(page.read_text() + "\n"):
             listed = re.search(r"members: \[([^\]]*)\]", options)
@@ -38,7 +38,7 @@ def _find(name: str) -> object:
 
 
 @pytest.mark.parametrize(("name", "members"), BLOCKS)
-def test_members_of_pages_are_there(name: str, members: list[str]) -> None:
+def test_members_of_pages_exist(name: str, members: list[str]) -> None:
     owner = _find(name)
     fields = getattr(owner, "__annotations__", {})
     assert not [member for member in members if not hasattr(owner, member) and member not in fields]
@@ -48,7 +48,7 @@ def test_pages_list_members() -> None:
     assert sum(bool(members) for _, members in BLOCKS) > 50
 
 
-def test_the_way_of_a_fall_names_files_and_functions_that_are_there() -> None:
+def test_the_path_of_a_fall_lists_existing_files_and_functions() -> None:
     page = (PAGES / "where-things-are.md").read_text()
     rows = re.findall(r"^\| .*? \| `([\w/]+\.py)`.*? \| `(\w+)`", page, re.MULTILINE)
     assert len(rows) > 15
@@ -57,13 +57,13 @@ def test_the_way_of_a_fall_names_files_and_functions_that_are_there() -> None:
         assert any(re.search(rf"^(def|class) {name}\b|^{name} =", text, re.MULTILINE) for text in texts), name
 
 
-def test_paths_of_pages_are_there() -> None:
+def test_paths_of_pages_exist() -> None:
     path = re.compile(r"`((?:granular|reduced_models|validation|docs|tests|benchmarks)/[\w./-]*)`")
     for page in (PAGES / "where-things-are.md", ROOT / "CONTRIBUTING.md"):
         assert not [name for name in path.findall(page.read_text()) if not (ROOT / name).exists()]
 
 
-def test_the_page_of_files_is_that_which_its_command_writes() -> None:
+def test_the_page_of_files_is_up_to_date() -> None:
     script = importlib.util.spec_from_file_location("files", ROOT / "docs" / "files.py")
     assert script is not None
     assert script.loader is not None

@@ -1,4 +1,4 @@
-"""What is public is written down, is there, and is all that notebooks, guide and README use."""
+"""Public names are documented, exist, and are the only ones used by notebooks, guide and README."""
 
 import ast
 import importlib
@@ -15,7 +15,7 @@ OURS = ("granular", "reduced_models", "validation")
 
 
 def written() -> dict[str, set[str]]:
-    """Public names of each module by the page's table, and by its lists under headings."""
+    """Return the public names of each module from the page's table, and from its lists under headings."""
     text = PAGE.read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([\w.]+)` \| (.+) \|$", text, re.MULTILINE)
     rows += re.findall(r"^### From `([\w.]+)`$\n(.*?)(?=^#)", text, re.MULTILINE | re.DOTALL)
@@ -28,7 +28,7 @@ _PROGRAM = re.compile(r"^from (granular|reduced_models|validation)", re.MULTILIN
 
 
 def texts() -> Iterator[tuple[str, str]]:
-    """Code that users read: notebooks, and the Python blocks of guide and README."""
+    """Return the code read by users: notebooks, and the Python blocks of guide and README."""
     for path in sorted((ROOT / "notebooks").glob("*.py")):
         yield path.name, path.read_text(encoding="utf-8")
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
@@ -38,7 +38,7 @@ def texts() -> Iterator[tuple[str, str]]:
 
 
 def imports(code: str) -> Iterator[tuple[str, str]]:
-    """Module and name of every import of ours, those in texts of programs among them."""
+    """Return module and name of every import of the toolkit, including imports in program texts."""
     for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in OURS:
             for alias in node.names:
@@ -51,7 +51,7 @@ def imports(code: str) -> Iterator[tuple[str, str]]:
             yield from imports(str(node.value))
 
 
-def test_every_public_room_is_written_down() -> None:
+def test_every_public_module_is_documented() -> None:
     assert set(OURS) < set(PUBLIC)
     for package in OURS:
         found = importlib.import_module(package)
@@ -61,7 +61,7 @@ def test_every_public_room_is_written_down() -> None:
 
 
 @pytest.mark.parametrize("name", PUBLIC)
-def test_public_names_are_those_written_down(name: str) -> None:
+def test_public_names_are_the_documented_ones(name: str) -> None:
     module = importlib.import_module(name)
     assert set(module.__all__) == PUBLIC[name]
     for public in module.__all__:

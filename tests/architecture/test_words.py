@@ -1,4 +1,4 @@
-"""Names and docstrings are in the field's words, which a newcomer knows already."""
+"""Names and docstrings use the field's terms."""
 
 import ast
 import inspect
@@ -19,23 +19,23 @@ one ones each found place places span spans room rooms way ways told swung begun
 thinned gathered holdout held_out whole share shares prices rung rungs glance shelf deed kept stored
 course departed departure kick_all held_back at_home with_walk
 """
-"""Words that once stood for an item, an index, a duration, a buffer, a displacement, a fraction."""
+"""Former words for an item, an index, a duration, a buffer, a displacement, a fraction."""
 
 KEYS = {("apparatus.py", "share")}
-"""Keys of scenes, by which kept runs and results are found again."""
+"""Keys of scenes, by which cached runs and results are identified."""
 
 PRIVATE_PREFIXES = ("own_", "room_")
 
 
 @cache
 def trees() -> list[tuple[Path, ast.Module]]:
-    """Every file of the packages with its syntax tree."""
+    """Return every file of the packages with its syntax tree."""
     paths = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
     return [(path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))) for path in paths]
 
 
 def names(tree: ast.AST) -> Iterator[tuple[str, int]]:
-    """Names that a file gives, with their lines."""
+    """Return the names defined in a file, with their lines."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             yield node.name, node.lineno
@@ -46,7 +46,7 @@ def names(tree: ast.AST) -> Iterator[tuple[str, int]]:
 
 
 def is_private(name: str) -> bool:
-    """True for a word that a newcomer would take for something else."""
+    """Return True for a word that a newcomer would misunderstand."""
     bare = name.strip("_").lower()
     return bare in PRIVATE.split() or bare.startswith(PRIVATE_PREFIXES) or bare.endswith("_room")
 
@@ -65,7 +65,7 @@ def test_no_private_words() -> None:
 
 
 def docstrings(tree: ast.AST) -> Iterator[str]:
-    """Docstrings of a file, its classes and functions, and the strings behind assignments."""
+    """Return docstrings of a file, its classes and functions, and the strings after assignments."""
     owners = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module
     for node in ast.walk(tree):
         if not isinstance(node, owners):
@@ -89,6 +89,6 @@ def test_docstrings_open_with_an_imperative_or_a_noun(package: str) -> None:
     assert not openings, "\n".join(openings)
 
 
-def test_strings_behind_assignments_are_read() -> None:
+def test_strings_after_assignments_are_checked() -> None:
     tree = ast.parse('limit = 3\n"""Of a file."""\nclass A:\n    x: int\n    """How many."""\n')
     assert set(docstrings(tree)) == {"", "Of a file.", "How many."}

@@ -1,4 +1,4 @@
-"""What the benchmark times is what its rows say, with its table of prices and its history of speed."""
+"""Parts of the benchmark and their rows, the work-precision table, and the history of speed."""
 
 import json
 from pathlib import Path
@@ -33,7 +33,7 @@ from validation.report_tasks import Plain
 
 
 @pytest.mark.long
-def test_rows_of_every_method_and_effect() -> None:
+def test_rows_cover_every_method_and_effect() -> None:
     rows = method_steps(92, rounds=1)
     assert [row["method"] for row in rows] == list(PAIR_METHODS)
     assert all(row["seconds"] > 0.0 for row in rows)
@@ -43,7 +43,7 @@ def test_rows_of_every_method_and_effect() -> None:
 
 
 @pytest.mark.long
-def test_direct_sum_leaves_no_error_and_the_cut_off_does() -> None:
+def test_direct_sum_is_exact_and_the_cut_off_is_not() -> None:
     rows = {row["method"]: row for row in method_errors(368)}
     assert rows["direct"]["force error"] == 0.0
     assert 1e-4 < rows["cut-off"]["force error"] < 1e-2
@@ -53,8 +53,8 @@ def test_direct_sum_leaves_no_error_and_the_cut_off_does() -> None:
 
 
 @pytest.mark.long
-def test_mesh_leaves_the_forces_at_rest() -> None:
-    """Within 0.05 % of the direct sum's; the cut-off takes off 2 % and more."""
+def test_mesh_gives_accurate_forces_at_rest() -> None:
+    """Within 0.05 % of the direct sum; the cut-off loses 2 % or more."""
     rows = {row["method"]: row for row in forces_at_rest(368)}
     assert rows["mesh"]["greatest_speed"] < 1e-5
     assert all(abs(rows["mesh"][f"{name} off"]) < 5e-4 for name in FORCES)
@@ -62,16 +62,16 @@ def test_mesh_leaves_the_forces_at_rest() -> None:
 
 
 @pytest.mark.long
-def test_memory_and_starts_come_from_other_processes() -> None:
+def test_memory_and_start_times_are_measured_in_other_processes() -> None:
     (row,) = peak_memory(20000, "cut-off")
-    # Coordinates, velocities and forces alone take 48 bytes a grain.
+    # Coordinates, velocities and forces alone take 48 bytes per grain.
     assert row["bytes"] - row["of 92 grains"] > 48 * 20000
     times = {row["start"].split(":")[0]: row["seconds"] for row in starts()}
     assert set(times) == {"import granular", "cold run", "warm run", "first step of a damper"}
 
 
 @pytest.mark.long
-def test_fast_compression_is_near_the_published_one() -> None:
+def test_fast_compression_is_close_to_the_published_one() -> None:
     (row,) = compression(1, speed=0.1)
     assert row["simulated"] == pytest.approx(8.0 * 0.33 / 0.1, rel=1e-6)
     assert row["ledger"] < 1e-2
@@ -83,7 +83,7 @@ def test_fast_compression_is_near_the_published_one() -> None:
 @pytest.mark.parametrize(
     "scenery", [pytest.param(one, marks=() if "drag" in one else pytest.mark.long) for one in KERNELS]
 )
-def test_steps_by_hand_are_the_engine_s(scenery: str) -> None:
+def test_handwritten_steps_agree_with_the_engine(scenery: str) -> None:
     bed, engine, calls = hand_and_engine(scenery, 92, 100)
     for call in calls.values():
         call()
@@ -94,7 +94,7 @@ def test_steps_by_hand_are_the_engine_s(scenery: str) -> None:
     assert bed.totals[4] == pytest.approx(state.ledger[LOSSES:].sum(), rel=1e-12)
 
 
-def test_minimum_seconds_calls_each_as_often() -> None:
+def test_minimum_seconds_measures_each_call_equally_often() -> None:
     counts = {"a": 0, "b": 0}
 
     def call(name: str) -> None:
@@ -106,14 +106,14 @@ def test_minimum_seconds_calls_each_as_often() -> None:
     assert counts == {"a": 5, "b": 5}
 
 
-def test_a_measured_fit_is_a_good_one() -> None:
+def test_a_timed_fit_is_accurate() -> None:
     found = measured_here("linear", 500, 2)
     assert len(found["warm"]) == 2
     assert 0.0 < found["error"] < 0.01
     assert found["converged"] > 0.8
 
 
-def test_truths_name_all_parameters() -> None:
+def test_true_motions_define_all_parameters() -> None:
     from reduced_models.laws import law_named
 
     for name, truth in TRUTHS.items():
@@ -129,7 +129,7 @@ print(json.dumps({"seconds": {"loop": 0.3}}))
 """
 
 
-def test_processor_time_and_parts_are_those_of_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processor_time_and_parts_come_from_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jobs, "JOBS", {jobs.MAIN: ("-c", BUSY), "idle": ("-c", "pass")})
     busy, idle = jobs.job_times([jobs.MAIN, "idle"])
     assert 0.3 <= busy["processor"] <= busy["seconds"] + 0.5
@@ -142,7 +142,7 @@ ONE = "from reduced_models.jax_setup import jax; jax.jit(lambda x: x + 1.0)({0})
 BOTH = f"{ONE.format('1.0')}; jax.jit(lambda x: x - 1.0)(jax.numpy.ones(3))"
 
 
-def test_programs_are_counted() -> None:
+def test_compiled_programs_are_counted() -> None:
     few, more = (count_compilations(("-c", code)) for code in (ONE.format("1.0"), BOTH))
     assert 1 <= few.counts["compiling"] < more.counts["compiling"]
     assert 0.0 < more.seconds["compiling"] < more.processor
@@ -152,7 +152,7 @@ def test_programs_are_counted() -> None:
 ROOT = Path(__file__).parents[2]
 
 
-def test_size_is_that_of_the_files_packed() -> None:
+def test_size_is_the_size_of_the_packed_files() -> None:
     files = [
         path
         for package in ("granular", "reduced_models", "validation")
@@ -190,7 +190,7 @@ def found(priced: Priced, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
         return path, costs(path, progress=False)
 
 
-def test_what_is_written_is_what_promises_are_made_from(
+def test_the_written_table_gives_the_promised_accuracies(
     found: tuple[Path, Plain], priced: Priced, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, plain = found
@@ -216,7 +216,7 @@ def test_what_is_written_is_what_promises_are_made_from(
     assert "stormer-verlet auto*8" in text
 
 
-def test_what_was_measured_is_taken_up_again(
+def test_measured_entries_are_reused(
     found: tuple[Path, Plain], priced: Priced, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, before = found
@@ -226,7 +226,7 @@ def test_what_was_measured_is_taken_up_again(
     assert costs(path, progress=False)["scenes"] == before["scenes"]
 
 
-def test_scenes_of_the_table_are_of_their_kinds() -> None:
+def test_scenes_of_the_table_cover_all_kinds() -> None:
     scenes = priced_scenes()
     assert {stored.damping_kind(one.scene) for one in scenes} == {"friction", "drag"}
     assert len({str(one.key) for one in scenes}) == len(scenes)
@@ -241,7 +241,7 @@ def entry(ratio: float, **more: Any) -> dict[str, Any]:
     return {"commit": "abc", "changed": False, "date": "2026-01-01 00:00", **more, "ratios": {"sum": ratio}}
 
 
-def test_entries_are_added_one_a_line(tmp_path: Path) -> None:
+def test_entries_are_added_one_per_line(tmp_path: Path) -> None:
     path = tmp_path / "speed.jsonl"
     assert history.read(path) == []
     for k in range(3):
@@ -259,7 +259,7 @@ def test_table_compares_the_newest_with_the_median_before() -> None:
     assert len(history.history_table(many[:1]).rows) == 1
 
 
-def test_a_kernel_that_is_new_has_nothing_to_be_compared_with() -> None:
+def test_a_new_kernel_has_no_comparison() -> None:
     new = entry(1.0)
     new["ratios"] = {"step": 5.0}
     shown = history.history_table([entry(1.0), new])
@@ -268,14 +268,14 @@ def test_a_kernel_that_is_new_has_nothing_to_be_compared_with() -> None:
 
 
 @pytest.mark.parametrize("line", ["nonsense", "[]", "{}", '{"ratios": {"sum": "fast"}}', "7"])
-def test_a_line_that_is_none_is_named(line: str, tmp_path: Path) -> None:
+def test_an_invalid_line_is_reported(line: str, tmp_path: Path) -> None:
     path = tmp_path / "speed.jsonl"
     path.write_text(json.dumps(entry(1.0)) + "\n" + line + "\n")
     with pytest.raises(InputError, match="line 2 is not an entry"):
         history.read(path)
 
 
-def test_command_adds_an_entry_and_refuses_what_it_does_not_heed(
+def test_command_adds_an_entry_and_refuses_unused_options(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(history, "measured", lambda: entry(0.5))
@@ -290,7 +290,7 @@ def test_command_adds_an_entry_and_refuses_what_it_does_not_heed(
 
 
 @pytest.mark.long
-def test_ratios_are_those_of_the_kernels() -> None:
+def test_ratios_cover_all_kernels() -> None:
     found = history.measured(rounds=2, jobs=["compression of 92 grains"])
     assert found["reference"]["seconds"] > 0.0
     wanted = {"direct sum", "step, drag", "fit, linear law", "compression of 92 grains, processor"}

@@ -1,4 +1,4 @@
-"""The benchmark's parts can be chosen, go on where they stopped, and are shown as measured."""
+"""The benchmark's parts can be selected and resumed, and are shown as measured."""
 
 import json
 import re
@@ -18,7 +18,7 @@ from granular.shared.errors import InputError
 
 
 def read_row(text: str) -> tuple[str, dict[str, Any]]:
-    """Part and row of a line of the table below."""
+    """Return part and row of a line of the table below."""
     part, _, entries = text.partition(": ")
     row: dict[str, Any] = dict(entry.split("=") for entry in entries.split("; "))
     for name, value in row.items():
@@ -50,7 +50,7 @@ ROWS = dict(map(read_row, TABLE.splitlines()))
 
 @pytest.fixture
 def measured(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Made-up measurements of direct sums at three counts; how many were made."""
+    """Replace measurements by synthetic direct sums at three counts; return the number made."""
     made: list[int] = []
 
     def piece(count: int) -> tuple[dict[str, Any], Callable[[], list[dict[str, Any]]]]:
@@ -71,7 +71,7 @@ def test_every_part_is_planned_and_shown() -> None:
     assert set(PARTS) == set(runner._WORK) == set(SHEETS) == set(ROWS)
 
 
-def test_results_are_written_and_found_again(measured: list[int], tmp_path: Path) -> None:
+def test_results_are_written_and_reused(measured: list[int], tmp_path: Path) -> None:
     found = runner.benchmark(str(tmp_path), parts=["sums"], progress=False)
     assert found["growth"][0]["exponent"] == pytest.approx(2.0)
     assert found["growth"][0]["counts"] == 3
@@ -94,7 +94,7 @@ def test_text_shows_the_rows_and_what_failed(measured: list[int]) -> None:
 
 
 @pytest.mark.parametrize("part", ROWS)
-def test_every_part_has_a_table_and_a_place_on_the_page(part: str, tmp_path: Path) -> None:
+def test_every_part_has_a_table_and_a_section_of_the_page(part: str, tmp_path: Path) -> None:
     results = {part: [{"rows": [ROWS[part]]}]}
     found = {
         "parts": results,
@@ -116,20 +116,20 @@ def test_growth_needs_three_large_counts() -> None:
     assert found["exponent"] == pytest.approx(1.0)
 
 
-def test_every_method_of_pairs_takes_part() -> None:
+def test_every_pair_sum_is_included() -> None:
     assert set(PAIR_METHODS) == set(METHODS) - {"auto"}
     planned = {key["method"] for key, _ in runner._WORK["memory"](True)}
     assert planned == set(PAIR_METHODS)
 
 
-def test_directory_that_cannot_be_written(measured: list[int], tmp_path: Path) -> None:
+def test_directory_that_cannot_be_written_is_refused(measured: list[int], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here")
     with pytest.raises(InputError, match="cannot be made"):
         runner.benchmark(str(tmp_path / "file"), parts=["sums"], progress=False)
     assert measured == []
 
 
-def test_command_line_chooses_parts() -> None:
+def test_command_line_selects_parts() -> None:
     options = parser().parse_args(["--part", "sums", "--part", "start", "--full"])
     assert options.parts == ["sums", "start"]
     assert options.full

@@ -1,4 +1,4 @@
-"""What the benchmark compares is the same sum, also in other programs."""
+"""All compared programs compute the same sum."""
 
 import sys
 
@@ -25,7 +25,7 @@ from benchmarks.sums import (
 
 
 @pytest.mark.parametrize("way", [plain, direct, in_jax, in_c])
-def test_every_way_sums_the_same(way) -> None:
+def test_all_methods_give_the_same_sum(way) -> None:
     if way is in_c and c_kernel.missing():
         pytest.skip(c_kernel.missing())
     positions = arrangement(93)
@@ -42,13 +42,13 @@ def test_lists_of_moving_grains_agree() -> None:
     for _ in range(5):
         one.call()
         other.call()
-        # Some grains pass each other closely, with forces that are a million times greater.
+        # Some grains pass each other closely, with forces a million times larger.
         scale = np.abs(other.force()).max()
         np.testing.assert_allclose(one.force(), other.force(), rtol=1e-12, atol=1e-13 * scale)
 
 
 def test_full_list_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In plain Python: compiled code of the list is for the long tests alone."""
+    """In plain Python: compiled code of the list is only for the long tests."""
     grains = PaddedGrains(arrangement(200))
     sums = grains.sums()
     fill, summed = (getattr(one, "py_func", one) for one in (peers._fill, plain_verlet_list))
@@ -57,7 +57,7 @@ def test_full_list_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         summed(verlet_list_workspace(200, 3), 11.0, 1.0, grains.x, grains.y, sums[0], sums[1], 200)
 
 
-def test_rows_say_what_was_measured() -> None:
+def test_rows_describe_the_measurement() -> None:
     rows = direct_sums(92, rounds=1)
     assert {row["grains"] for row in rows} == {92}
     ours = [row for row in rows if not row["sum"].startswith(("LAMMPS", "OpenMM"))]
@@ -67,14 +67,14 @@ def test_rows_say_what_was_measured() -> None:
     assert {row["sum"]: row["over direct"] for row in rows}["direct sum"] == 1.0
 
 
-def test_exponent_of_a_power_law() -> None:
+def test_exponent_of_a_power_law_is_recovered() -> None:
     counts = np.array([1e3, 3e3, 1e4, 3e4])
     slope, half = exponent(counts, 2e-7 * counts**1.5)
     assert slope == pytest.approx(1.5, abs=1e-12)
     assert half < 1e-9
 
 
-def test_interval_of_the_exponent_holds_the_truth_as_often_as_it_says(random: np.random.Generator) -> None:
+def test_interval_of_the_exponent_has_its_stated_coverage(random: np.random.Generator) -> None:
     counts = np.array([1e3, 2e3, 5e3, 2e4, 1e5])
     inside = 0
     for _ in range(1000):
@@ -86,7 +86,7 @@ def test_interval_of_the_exponent_holds_the_truth_as_often_as_it_says(random: np
 
 TOLERANCES = {lammps.TABLE: 1e-4, lammps.EXACT: 1e-13}
 SINGLE = 1e-4
-"""Single precision, in a sum of 92 terms, leaves this of the sum of magnitudes."""
+"""Error of single precision in a sum of 92 terms, relative to the sum of magnitudes."""
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def error(force: np.ndarray, positions: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("style", TOLERANCES)
-def test_lammps_sums_the_same(positions: np.ndarray, style: str) -> None:
+def test_lammps_gives_the_same_sum(positions: np.ndarray, style: str) -> None:
     if lammps.missing():
         pytest.skip(lammps.missing())
     found = lammps.steps(positions, style, count=2)
@@ -121,7 +121,7 @@ def test_lammps_ends_pairs_at_the_cut_off(positions: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("platform", openmm.PLATFORMS)
-def test_openmm_sums_the_same(positions: np.ndarray, platform: str) -> None:
+def test_openmm_gives_the_same_sum(positions: np.ndarray, platform: str) -> None:
     if openmm.missing():
         pytest.skip(openmm.missing())
     step, forces = openmm.steps(positions, platform)
@@ -129,13 +129,13 @@ def test_openmm_sums_the_same(positions: np.ndarray, platform: str) -> None:
     assert error(forces(), positions) < (1e-13 if platform == "Reference" else SINGLE)
 
 
-def test_engines_that_the_wheel_leaves_out_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_engines_missing_in_the_wheel_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in available_engines.NAMES:
-        monkeypatch.setitem(sys.modules, f"{available_engines.FOLDER}.{name}", None)  # as if not there
+        monkeypatch.setitem(sys.modules, f"{available_engines.FOLDER}.{name}", None)  # as if missing
         assert available_engines.engine(name) is None
         assert "only from a checkout" in str(available_engines.unavailability_reason(name))
 
 
-def test_process_that_fails_is_a_typed_error() -> None:
+def test_failed_process_raises_a_typed_error() -> None:
     with pytest.raises(ProcessError, match="ended with 3: no place"):
         finished(["python", "-c", "import sys; print('no place', file=sys.stderr); sys.exit(3)"])

@@ -1,4 +1,4 @@
-"""Which quick tests stand for a file: those that look at it most closely, the fastest first."""
+"""Quick tests that cover a file most closely, the fastest first."""
 
 from typing import NamedTuple
 
@@ -19,10 +19,10 @@ _RUBBING = tuple(
         "weight_above_static_friction_slides_with_dynamic_friction",
     )
 )
-"""A lone grain over some hundred steps."""
+"""A lone grain over a few hundred steps."""
 
 _OF_ONES_OWN = (Stage(False, (_SMALL,)), Stage(True, ("tests/granular/effects/test_custom.py",)))
-"""Laws that users write, as formulas or in Python."""
+"""User-defined laws, as formulas or in Python."""
 _OF_A_LONE_GRAIN = (Stage(False, (_SMALL,)), Stage(True, ("tests/granular/effects/test_single_grain.py",)))
 
 _OF_THE_LOOP = (
@@ -69,8 +69,8 @@ FULL = Stage(True, ("tests",))
 
 
 def stages(path: str) -> tuple[Stage, ...]:
-    """Tests for a file, by the longest prefix of its path that is listed."""
+    """Return the tests for a file, by the longest listed prefix of its path."""
     known = [prefix for prefix in _BY_PREFIX if path.startswith(prefix)]
     if not known:
-        raise KeyError(f"no tests are named for {path}; add them to tests/mutation/covering.py")
+        raise KeyError(f"no tests are listed for {path}; add them to tests/mutation/covering.py")
     return _BY_PREFIX[max(known, key=len)]

@@ -13,13 +13,13 @@ AREAS = {
     "pairs": ("granular/pairs",),
     "fitting": ("reduced_models/fitting",),
 }
-"""Folders that faults are drawn from, by turns."""
+"""Folders from which faults are drawn, in turn."""
 
 KINDS = ("sign", "factor", "index", "comparison", "dropped")
 
 
 class Fault(NamedTuple):
-    """One change of one place."""
+    """One change at one position of a file."""
 
     path: str
     line: int
@@ -33,19 +33,19 @@ class Fault(NamedTuple):
         return f"{self.path}:{self.line} {self.kind}: {short(self.before)} -> {short(self.after)}"
 
     def planted(self, source: str) -> str:
-        """The file's text with the fault in it."""
+        """Return the file's text with the fault."""
         data = source.encode()
         return (data[: self.begin] + self.after.encode() + data[self.end :]).decode()
 
 
 def short(text: str, most: int = 60) -> str:
-    """A text on one line."""
+    """Return a text on one line."""
     line = " ".join(text.split())
     return line if len(line) <= most else f"{line[:most]}..."
 
 
 def drawn(root: Path, seed: int, count: int) -> list[Fault]:
-    """That many faults: areas by turns, then a kind, then a place of it, all by the seed."""
+    """Draw a number of faults by the seed: folders in turn, then a kind, then a position."""
     random = Random(seed)
     areas = {name: by_kind(root, folders) for name, folders in AREAS.items()}
     found: list[Fault] = []
@@ -60,7 +60,7 @@ def drawn(root: Path, seed: int, count: int) -> list[Fault]:
 
 
 def by_kind(root: Path, folders: tuple[str, ...]) -> dict[str, list[Fault]]:
-    """Every fault that the files of some folders can hold, by its kind."""
+    """Return all possible faults in the files of some folders, by kind."""
     found: dict[str, list[Fault]] = {kind: [] for kind in KINDS}
     for folder in folders:
         for path in sorted((root / folder).rglob("*.py")):
@@ -71,7 +71,7 @@ def by_kind(root: Path, folders: tuple[str, ...]) -> dict[str, list[Fault]]:
 
 
 def faults(source: str, path: str) -> Iterator[Fault]:
-    """Every fault that a file can hold, in its order."""
+    """Return all possible faults in a file, in its order."""
     begins = [0]
     for line in source.encode().splitlines(keepends=True):
         begins.append(begins[-1] + len(line))
@@ -84,7 +84,7 @@ def faults(source: str, path: str) -> Iterator[Fault]:
 
 
 def _places(tree: ast.Module) -> Iterator[tuple[ast.expr | ast.stmt, frozenset[str]]]:
-    """Nodes of function bodies and of constants of the module, with the indices used around them."""
+    """Return nodes of function bodies and of module constants, with the indices used around them."""
     for statement in tree.body:
         for function in ast.walk(statement):
             if isinstance(function, ast.FunctionDef):
@@ -130,13 +130,13 @@ _COMPARISONS: dict[type, ast.cmpop] = {
 
 
 def _changes(node: ast.expr | ast.stmt, indices: frozenset[str]) -> Iterator[tuple[str, str]]:
-    """Kind and new text of every change of a node itself, not of what is inside it."""
+    """Return kind and new text of every change of a node itself, without its children."""
     match node:
         case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.AugAssign(op=ast.Add() | ast.Sub()):
             yield "sign", _with(node, op=_SIGNS[type(node.op)])
         case ast.BinOp(op=ast.Mult() | ast.Div()):
             yield "factor", _with(node, op=_PRODUCTS[type(node.op)])
-            yield "factor", f"({ast.unparse(node.left)})"  # the second factor is forgotten
+            yield "factor", f"({ast.unparse(node.left)})"  # the second factor is dropped
             if _is_number(node.left):
                 yield "factor", _with(node, left=ast.Constant(2 * node.left.value))
         case ast.UnaryOp(op=ast.USub()) if not _is_number(node.operand):

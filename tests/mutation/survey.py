@@ -1,11 +1,11 @@
-"""Do the tests bite? Plant faults, drawn by a seed, one at a time, and see whether a test fails.
+"""Mutation survey: plant random faults, one at a time, and check that a test fails.
 
-    python tests/mutation/survey.py --list                      what would be planted
-    python tests/mutation/survey.py -o mutation.json            all of them; again: goes on
+    python tests/mutation/survey.py --list                      the faults to be planted
+    python tests/mutation/survey.py -o mutation.json            all of them; repeated: resumes
     python tests/mutation/survey.py -o mutation.json --again    survivors once more, with new tests
 
-Each fault goes into a temporary copy of the tree, where the quick tests that cover the file are run
-until one fails, or take many times as long as without a fault. Exit code: 0, or 1 with survivors.
+Each fault is planted in a temporary copy of the tree, in which the quick tests that cover the file are run
+until one fails, or until they take many times as long as without a fault. Exit code: 0, or 1 with survivors.
 """
 
 import argparse
@@ -39,9 +39,9 @@ PARTS = [
     "validation",
 ]
 KERNELS = (b"@compiled", b"@entry", b"@intrinsic", b"llvmlite")
-"""Marks of files whose change makes every compiled function of the package stale."""
+"""Patterns of files whose change makes every compiled function of the package stale."""
 PATIENCE = 5.0
-"""How many times as long as without a fault tests may take."""
+"""Maximum time of tests, over their time without a fault."""
 FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
 
 
@@ -83,15 +83,17 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("-o", "--out", metavar="FILE", default="mutation.json")
-    parser.add_argument("--only", type=int, nargs="+", metavar="N", help="these numbers only")
+    parser.add_argument(
+        "--only", type=int, nargs="+", metavar="N", help="run only the faults with these numbers"
+    )
     parser.add_argument("--again", action="store_true", help="try survivors again")
-    parser.add_argument("--whole", action="store_true", help="then all quick tests on what survives its own")
-    parser.add_argument("--list", action="store_true", help="show the faults, and plant none")
+    parser.add_argument("--whole", action="store_true", help="then run all quick tests on surviving faults")
+    parser.add_argument("--list", action="store_true", help="show the faults without planting them")
     return parser.parse_args()
 
 
 def _digest() -> str:
-    """Digest of the files that faults are drawn from: other sources, other faults."""
+    """Return a digest of the files from which faults are drawn."""
     digest = hashlib.sha256()
     for folder in (folder for folders in AREAS.values() for folder in folders):
         for path in sorted((ROOT / folder).rglob("*.py")):
@@ -101,7 +103,7 @@ def _digest() -> str:
 
 @contextlib.contextmanager
 def workplace() -> Iterator[tuple[Path, Path]]:
-    """Make a copy of the tree, and a store of its compiled code."""
+    """Make a copy of the tree, and a cache of its compiled code."""
     with tempfile.TemporaryDirectory() as folder:
         tree, store = Path(folder, "tree"), Path(folder, "store")
         tree.mkdir()
@@ -115,10 +117,10 @@ def workplace() -> Iterator[tuple[Path, Path]]:
 
 
 def caught_by(fault: Fault, tree: Path, store: Path, sound: dict[str, float], more: tuple[Stage, ...]) -> str:
-    """Plant a fault, run the tests that cover its file, and take it out again: what caught it, or nothing."""
+    """Plant a fault, run the tests that cover its file, remove it, and return the failing test or ''."""
     path = tree / fault.path
     source = path.read_text(encoding="utf-8")
-    # A fault in a kernel makes all compiled code stale, so that it gets a store of its own.
+    # A fault in a kernel makes all compiled code stale, so it gets a separate cache.
     kernel = any(mark in path.read_bytes() for mark in KERNELS)
     for stage in (*stages(fault.path), *more):
         key = f"{'compiled' if stage.compiled else 'plain'}: {' '.join(stage.paths)}"
@@ -139,7 +141,7 @@ def caught_by(fault: Fault, tree: Path, store: Path, sound: dict[str, float], mo
 
 
 def _run(stage: Stage, tree: Path, store: Path, limit: float | None) -> str:
-    """Run tests until one fails: its name, or what else went wrong."""
+    """Run tests until one fails, and return its name or another cause of failure."""
     environment = os.environ | {
         "NUMBA_CACHE_DIR": str(store),
         "NUMBA_DISABLE_JIT": "0" if stage.compiled else "1",

@@ -1,4 +1,4 @@
-"""The planted faults are faults: one place of the file differs, and it can still be read."""
+"""Planted faults change one position of a file, which can still be parsed."""
 
 import ast
 import importlib.util
@@ -13,7 +13,7 @@ ROOT = HERE.parents[1]
 
 
 def loaded(name: str) -> ModuleType:
-    """A script's file next to this one."""
+    """Load a script next to this file."""
     spec = importlib.util.spec_from_file_location(f"mutation_{name}", HERE / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
@@ -44,7 +44,7 @@ def kick(v: list[float], f: list[float], h: float) -> float:
 
 
 def changed() -> dict[str, set[str]]:
-    """Every change of the source above, by kind."""
+    """Return all changes of the source above, by kind."""
     found: dict[str, set[str]] = {}
     for one in faults.faults(SOURCE, "kick.py"):
         found.setdefault(one.kind, set()).add(f"{one.before} -> {one.after}")
@@ -66,17 +66,17 @@ def changed() -> dict[str, set[str]]:
         ("dropped", "v[i] += 0.5 * h * f[j] -> pass"),
     ],
 )
-def test_each_kind_of_fault_is_found(kind: str, change: str) -> None:
+def test_each_kind_of_fault_is_generated(kind: str, change: str) -> None:
     assert change in changed()[kind]
 
 
-def test_words_are_left_alone() -> None:
+def test_texts_are_not_changed() -> None:
     befores = {change.split(" -> ")[0] for found in changed().values() for change in found}
     assert not befores & {"h + 1.0", "2 * h", "a + b", "range(1)"}
 
 
 def found(path: Path) -> list:
-    """Every fault that a file can hold."""
+    """Return all possible faults in a file."""
     return list(faults.faults(path.read_text(encoding="utf-8"), path.name))
 
 
@@ -85,8 +85,8 @@ def draw() -> list:
     return faults.drawn(ROOT, seed=1, count=40)
 
 
-def test_the_seed_decides(tmp_path: Path) -> None:
-    """Whatever the files: here one of each folder, so that they are soon read."""
+def test_faults_are_determined_by_the_seed(tmp_path: Path) -> None:
+    """Independent of the files; here one of each folder, for speed."""
     for folder in (one for folders in faults.AREAS.values() for one in folders):
         first = next((path for path in sorted((ROOT / folder).rglob("*.py")) if found(path)), None)
         if first is not None:
@@ -99,7 +99,7 @@ def test_the_seed_decides(tmp_path: Path) -> None:
     assert faults.drawn(tmp_path, seed=1, count=12) == draw[:12]
 
 
-def test_areas_come_by_turns_and_every_kind_is_there(draw: list) -> None:
+def test_folders_alternate_and_every_kind_occurs(draw: list) -> None:
     assert len(set(draw)) == 40
     for folders in faults.AREAS.values():
         assert sum(one.path.startswith(folders) for one in draw) == 10
@@ -115,7 +115,7 @@ def test_a_planted_fault_changes_one_place_of_a_program(draw: list) -> None:
         assert planted.encode().endswith(source.encode()[one.end :])
 
 
-def test_tests_that_cover_a_file_are_there() -> None:
+def test_tests_that_cover_a_file_exist() -> None:
     places = [one for folders in faults.AREAS.values() for one in folders if (ROOT / one).is_dir()]
     for path in (path for place in places for path in (ROOT / place).rglob("*.py")):
         for stage in covering.stages(path.relative_to(ROOT).as_posix()):

@@ -1,6 +1,6 @@
-"""The notebooks run, say what they say with the numbers of the run, and fit their scripts.
+"""The notebooks run, their numbers are correct, and they match their scripts.
 
-Quick: the first as a script. Long: all of them, each in a kernel of its own.
+Quick: the first as a script. Long: all of them, each in a separate kernel.
 """
 
 import json
@@ -21,20 +21,20 @@ Numbers = Mapping[str, Any]
 
 
 def first_bed(found: Numbers) -> None:
-    # Walls carry the weight of what is at rest; drag at rest leaves less than its last second does.
+    # Walls carry the weight at rest; the residual is below the momentum change of the last second.
     assert found["weight_error"] < 1e-4
     assert found["same_force"] < 1e-9
     assert found["same_bits"]
-    # The limit from which a run is called doubtful.
+    # The limit above which a run gets a warning.
     assert found["ledger_error"] < 1e-4
-    # Six starts come to 6.80 to 6.92 N.
+    # Six starts give 6.80 to 6.92 N.
     assert found["piston_force"] == pytest.approx(6.86, abs=0.15)
 
 
 def compression(found: Numbers) -> None:
-    # One start: the published starts scatter by 1.6 %, ours alike.
+    # One start: the published starts scatter by 1.6 %, like ours.
     assert found["force_368"] == pytest.approx(found["published_force"], rel=0.05)
-    # As tests/regression/test_compression.py, where the mean of three starts is within 0.5 %.
+    # As in tests/regression/test_compression.py; there the mean of three starts is within 0.5 %.
     assert found["distance_small"] == pytest.approx(found["published_small"], rel=0.01)
     assert found["distance_368"] == pytest.approx(found["published_368"], rel=0.005)
     # Three deviations of the published starts.
@@ -44,12 +44,12 @@ def compression(found: Numbers) -> None:
 
 
 def bidisperse(found: Numbers) -> None:
-    # Forces of single starts scatter by about 1 %; the published ratio is that of fitted curves.
+    # Forces of single starts scatter by about 1 %; the published ratio is a ratio of fitted curves.
     assert found["force_ratio"] == pytest.approx(found["published_ratio"], rel=0.05)
     assert found["nearest_kind"] == "small"
     # The known difference: 0.82 to 0.85 D here, 0.88 D published, 0.86 D in the wider cell.
     assert found["least_distance"] == pytest.approx(found["published_least"], abs=0.08)
-    # Six starts of big grains alone: 0.933 with a deviation of 0.010, below what is published.
+    # Six starts of big grains alone: 0.933 with a deviation of 0.010, below the published value.
     assert found["regularities"][0.0] == pytest.approx(0.933, abs=0.03)
     assert found["regularities"][0.0] < found["published_regularity"][0.0]
     assert found["regularities"][0.5] == pytest.approx(found["published_regularity"][0.5], abs=0.05)
@@ -59,11 +59,11 @@ def bidisperse(found: Numbers) -> None:
 
 def damper_to_equation(found: Numbers) -> None:
     # 368 grains rest at 9.86 D with a period of 0.288 s. A quarter of them is half as high, and the
-    # period goes with the root of the height: 0.288/sqrt(9.86/5.21) = 0.209 s.
+    # period scales with the root of the height: 0.288/sqrt(9.86/5.21) = 0.209 s.
     assert found["rest_height"] == pytest.approx(5.2, abs=0.1)
     assert found["period"] == pytest.approx(0.207, abs=0.004)
     assert found["damping_ratio"] == pytest.approx(0.0128, abs=0.002)
-    # The source's law is as bad as the linear one; springs that stiffen are ten times better.
+    # De Paula's law is as bad as the linear one; stiffening springs are ten times better.
     errors = found["errors"]
     assert errors["van-der-pol-like"] == pytest.approx(errors["linear"], rel=0.15)
     assert errors["polynomial-spring"] < 0.1 * errors["linear"]
@@ -74,15 +74,15 @@ def damper_to_equation(found: Numbers) -> None:
 def laboratory_record(found: Numbers) -> None:
     # The truth is known: the fit's own 95 % interval is about 0.06 wide to each side.
     assert found["power_corrected"] == pytest.approx(found["TRUTH"]["power"], abs=0.12)
-    # The spring's first two derivatives tell the exponent: (n + 1)/r = (2.5 + 1)/59 mm, and with
+    # The spring's first two derivatives determine the exponent: (n + 1)/r = (2.5 + 1)/59 mm, and with
     # the offset r is 63 mm.
     assert found["power_as_read"] == pytest.approx(3.5 * 63 / 59 - 1, abs=0.12)
     assert found["envelope_decay"] == pytest.approx(found["TRUTH"]["lam"], rel=0.03)
     assert found["residual"] == pytest.approx(found["NOISE"], rel=0.1)
-    # An interval of 95 % twice as wide misses once in ten thousand times.
+    # A 95 % interval twice as wide misses once in ten thousand times.
     assert found["far"] == []
     assert found["dampings"]["profile"][0] == 0.0
-    # A tenth of a millimetre of a swing of twelve.
+    # A tenth of a millimetre, for a peak-to-peak displacement of twelve.
     assert found["prediction_error"] < 1e-4
     assert len(found["refused"]) == len(found["bad"])
     assert all(found["doubts"].values())
@@ -93,16 +93,16 @@ def what_accuracy_costs(found: Numbers) -> None:
     orders = {"symplectic-euler": 1, "stormer-verlet": 2, "blanes-moan-4": 4, "blanes-moan-6": 6}
     for name, order in orders.items():
         assert found["slopes"][name] == pytest.approx(order, abs=0.05)
-    # Few steps lie between too coarse and rounding.
+    # Few steps are between too coarse and rounding.
     assert found["slopes"]["kahan-li-8"] == pytest.approx(8, abs=0.2)
-    # The cut-off takes 2 to 10 % off, more in larger beds; the mesh's tolerance is 3e-4 of a force.
+    # The cut-off loses 2 to 10 %, more in larger beds; the mesh's tolerance is 3e-4 of a force.
     assert -0.06 < found["biases"]["cut-off"] < -0.02
     assert found["biases"]["mesh"] == pytest.approx(0.0, abs=2e-3)
 
 
 def hard_cases(found: Numbers) -> None:
     assert found["nearest"] == pytest.approx(found["CLOSEST"], rel=0.05)
-    # 470 variable steps were enough, and 2700 equal ones.
+    # 470 variable steps were enough, or 2700 equal ones.
     assert found["variable_steps"] < 1000
     assert found["equal_steps"] > 2000
     assert found["silent"] == []
@@ -124,7 +124,7 @@ def own_effect_and_law(found: Numbers) -> None:
 
 
 def designing_a_damper(found: Numbers) -> None:
-    # What `design` promises, for a random start that neither the scaling laws nor its checks used.
+    # The tolerances of `design`, for a random start used neither by the scaling laws nor by its checks.
     assert found["own_frequency"] == pytest.approx(found["wanted_frequency"], rel=0.02)
     assert found["own_damping"] == pytest.approx(found["wanted_damping"], rel=0.05)
     assert found["loaded"].mass == 4.0
@@ -132,20 +132,20 @@ def designing_a_damper(found: Numbers) -> None:
 
 
 def why_a_bed_damps(found: Numbers) -> None:
-    # Drag stops grains at once: they never hold a piston's energy.
+    # Drag stops grains immediately: they never hold the piston's energy.
     assert found["greatest_share"] < 0.03
-    # Far from even: half a spacing of the squeezed lattice and more.
+    # Strongly non-affine: half a spacing of the compressed lattice or more.
     assert found["typical"] > 0.3
     assert found["likeness"] > 0.8
-    # What the law promises of falls that nothing was fitted to.
+    # The stated error of the law for falls without a fit.
     assert found["error"] < 0.025
-    # Large swings rearrange the bed, small ones do not.
+    # Large oscillations rearrange the bed, small ones do not.
     assert found["first_loss"] > 1.3
     assert found["last_loss"] == pytest.approx(1.0, abs=0.1)
 
 
 def damper_at_work(found: Numbers) -> None:
-    # The machine alone: force over (2 pi)^2 f0 f c, closely; its own dashpot is 0.5 % of critical.
+    # The machine alone: approximately force over (2 pi)^2 f0 f c; its dashpot is 0.5 % of critical.
     weak, strong = found["weak"], found["strong"]
     assert weak["alone"] == pytest.approx(10.0 / (14.4 * 2.0 * 3.14159265 * 4.6), rel=0.01)
     assert weak["reduction"] > 4.0
@@ -156,9 +156,9 @@ def damper_at_work(found: Numbers) -> None:
 
 def defects_on_the_move(found: Numbers) -> None:
     assert found["tracks"].get("dislocation", 0) > 0
-    # Two thermometers over 80 frames of 92 grains, which are not independent.
+    # Two thermometers over 80 correlated frames of 92 grains.
     assert found["bath_error"] < 0.08
-    # What friction holds is cold, and no crystal.
+    # A bed held by friction is cold, but not a crystal.
     assert found["settled_heat"] < 0.01
     assert found["frozen"] > 0.05
     assert found["uneven"] > 1.2
@@ -168,18 +168,18 @@ def defects_on_the_move(found: Numbers) -> None:
 
 
 def real_magnets(found: Numbers) -> None:
-    # By the lattices; starts scatter by a few tenths of a per cent.
+    # From the lattices; starts scatter by a few tenths of a per cent.
     assert found["higher"] == pytest.approx(1.074, abs=0.015)
     assert found["faster"] == pytest.approx(0.94, abs=0.03)
     assert max(found["fall_errors"].values()) < 0.03
-    # A bed that is squeezed resists shear as well, of either kind.
+    # A compressed bed also resists shear, with either kind of magnet.
     ratios = found["over_lattice"]
     assert ratios["discs"] == pytest.approx(ratios["dipoles"], rel=0.06)
     assert 1.0 < ratios["dipoles"] < 1.3
 
 
 def small_motions(found: Numbers) -> None:
-    # The smallest lift is linear, and the largest one is not: errors grow with the amplitude.
+    # The smallest lift is linear, the largest is not: errors grow with amplitude.
     assert abs(found["frequency_errors"][0]) < 1e-5
     assert abs(found["damping_errors"][0]) < 1e-3
     assert abs(found["frequency_errors"][-1]) == pytest.approx(0.0030, abs=0.0005)
@@ -223,18 +223,18 @@ def _is_plain(value):
 with open({path!r}, "wb") as _file:
     _pickle.dump({{k: v for k, v in globals().items() if k[0] != "_" and _is_plain(v)}}, _file)
 """
-"""Cell that hands the plain numbers and texts of a kernel over."""
+"""Cell that writes the plain numbers and texts of a kernel to a file."""
 
 QUICK = ("01_first_bed",)
 
 
-def test_numbers_have_no_gap() -> None:
+def test_notebook_numbers_are_consecutive() -> None:
     assert [int(one.stem[:2]) for one in SCRIPTS] == list(range(1, len(SCRIPTS) + 1))
     assert SCRIPTS
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda one: one.stem)
-def test_notebook_is_that_of_its_script(script: Path) -> None:
+def test_notebook_has_the_cells_of_its_script(script: Path) -> None:
     ours, theirs = jupytext.read(script), jupytext.read(script.with_suffix(".ipynb"))
     assert [one.cell_type for one in ours.cells] == [one.cell_type for one in theirs.cells]
     for one, other in zip(ours.cells, theirs.cells, strict=True):
@@ -242,7 +242,7 @@ def test_notebook_is_that_of_its_script(script: Path) -> None:
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda one: one.stem)
-def test_notebook_was_executed(script: Path) -> None:
+def test_notebook_was_executed_without_errors(script: Path) -> None:
     path = script.with_suffix(".ipynb")
     cells = [one for one in json.loads(path.read_text())["cells"] if one["cell_type"] == "code"]
     assert [one["execution_count"] for one in cells] == list(range(1, len(cells) + 1))
@@ -255,7 +255,7 @@ def test_notebook_was_executed(script: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive")
 @pytest.mark.parametrize("name", QUICK)
-def test_script(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_script_gives_the_known_numbers(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     former = mpl.get_backend()
     mpl.use("Agg")
@@ -268,8 +268,8 @@ def test_script(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.long
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda one: one.stem)
-def test_notebook(script: Path, tmp_path: Path) -> None:
-    """Executed as a whole in a kernel of its own; its numbers are what is known."""
+def test_executed_notebook_gives_the_known_numbers(script: Path, tmp_path: Path) -> None:
+    """Execute the notebook in a separate kernel, and check its numbers."""
     from nbclient import NotebookClient
 
     book = nbformat.read(script.with_suffix(".ipynb"), as_version=4)

@@ -1,6 +1,4 @@
-"""What all campaigns share: blocks of pages, rows that are kept, and a command that edits no page
-unless it is asked to.
-"""
+"""Common parts of campaigns: blocks of pages, cached rows, and a command that edits pages only on request."""
 
 import importlib
 import json
@@ -63,7 +61,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_blocks_are_written_between_their_marks_alone(checkout: Path) -> None:
+def test_blocks_are_written_only_between_their_marks(checkout: Path) -> None:
     one = made()
     assert one.different(one.committed(), checkout) == ["page.md: sum"]
     assert one.write_pages(one.committed(), checkout) == [checkout / "page.md"]
@@ -76,7 +74,7 @@ def test_blocks_are_written_between_their_marks_alone(checkout: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"), [((), "[4, 5]"), (("--quick",), "[1, 2]"), (("--full",), "[1, 2, 3]")]
 )
-def test_the_command_runs_what_it_is_asked_to(
+def test_the_command_runs_the_selected_cases(
     words: tuple[str, ...], said: str, checkout: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = (checkout / "page.md").read_text()
@@ -85,13 +83,13 @@ def test_the_command_runs_what_it_is_asked_to(
     assert (checkout / "page.md").read_text() == before
 
 
-def test_what_is_stale_is_named(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stale_results_are_listed(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert launch(made(stale=lambda _: ["row 4"]).main, ["--check", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found == {"stale": ["row 4"], "pages": ["page.md: sum"]}
 
 
-def test_rows_are_kept_and_found_again(tmp_path: Path) -> None:
+def test_rows_are_cached_and_reused(tmp_path: Path) -> None:
     def stops(case: int) -> Plain:
         if case == 2:
             raise KeyboardInterrupt
@@ -110,7 +108,7 @@ def test_results_are_read_as_they_were_written(tmp_path: Path) -> None:
     assert read_results(path, dict, {}) == {}
     write_results(plain, path)
     assert read_results(path, dict, {}) == plain
-    assert path.read_text().count("\n") == 3  # a line a row
+    assert path.read_text().count("\n") == 3  # one line per row
     path.write_text("[1,")
     with pytest.raises(InputError, match="holds no results"):
         read_results(path, dict, {})
@@ -126,7 +124,7 @@ def test_every_campaign_has_committed_results(name: str) -> None:
     one: Campaign[Any] = importlib.import_module(f"research.{name}.__main__").CAMPAIGN
     assert one.name == name
     assert one.committed() != one.empty
-    if name != "disorder":  # its draws take seconds
+    if name != "disorder":  # its bootstrap takes seconds
         assert one.blocks(one.committed())
 
 

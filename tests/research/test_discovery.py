@@ -1,4 +1,4 @@
-"""The benchmark of discovery: its systems, what counts as found, and what is kept."""
+"""The benchmark of discovery: its systems, the score of laws, and cached cases."""
 
 import json
 from pathlib import Path
@@ -33,7 +33,7 @@ def test_the_true_law_is_exact_and_in_its_library(system: Any) -> None:
     assert right_structures(system)[0] <= library
 
 
-def test_a_wrong_law_is_not_found() -> None:
+def test_a_wrong_law_is_not_scored_as_found() -> None:
     z, v, _ = state_symbols()
     system = system_named("hard Duffing")
     linear = score_law(-1.5 * z - sympy.Float(0.1) * v, system)
@@ -43,7 +43,7 @@ def test_a_wrong_law_is_not_found() -> None:
     assert away.error is None
 
 
-def test_a_law_of_the_swing_about_a_level_is_judged_as_a_height() -> None:
+def test_a_law_of_the_displacement_is_scored_in_heights() -> None:
     z, v, _ = state_symbols()
     system = system_named("linear")
     moved = -1.1 * (z + sympy.Float(0.5)) - 0.1 * v
@@ -52,7 +52,7 @@ def test_a_law_of_the_swing_about_a_level_is_judged_as_a_height() -> None:
     assert not found.exact
 
 
-def test_noise_is_as_said_and_repeats() -> None:
+def test_noise_has_the_stated_size_and_is_reproducible() -> None:
     system = system_named("pendulum")
     clean, noisy = made_record(system, 0.0, 0), made_record(system, 0.03, 1)
     fraction = float((noisy.height - clean.height).std() / clean.height.std())
@@ -60,7 +60,7 @@ def test_noise_is_as_said_and_repeats() -> None:
     np.testing.assert_array_equal(noisy.height, made_record(system, 0.03, 1).height)
 
 
-def test_one_per_cent_comes_first() -> None:
+def test_cases_with_one_per_cent_of_noise_come_first() -> None:
     cases = all_cases()
     assert len({case.key for case in cases}) == len(cases)
     first = len(cases) // len(NOISES)
@@ -74,7 +74,7 @@ def test_a_peer_finds_a_linear_law() -> None:
     assert "crash" not in row
 
 
-def test_what_breaks_down_is_a_crash_that_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unexpected_error_is_counted_as_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
     def breaks(*_: object) -> None:
         raise ZeroDivisionError("once")
 
@@ -86,7 +86,7 @@ def test_what_breaks_down_is_a_crash_that_is_counted(monkeypatch: pytest.MonkeyP
     assert "Crashes of `discover`: 1 in 1 runs" in text(found)
 
 
-def test_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run: list[Case] = []
 
     def one(case: Case) -> dict[str, Any]:

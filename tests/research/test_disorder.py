@@ -1,4 +1,4 @@
-"""Temperatures, forces and slip: the measures on made data whose answers are known."""
+"""Temperatures, forces and slip: measures on synthetic data with known answers."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ def random() -> np.random.Generator:
     return np.random.default_rng(5)
 
 
-def test_a_made_collapse_is_found(random: np.random.Generator) -> None:
+def test_a_synthetic_collapse_is_detected(random: np.random.Generator) -> None:
     x = 10.0 ** random.uniform(-4.0, 1.0, len(OWNERS))
     y = np.tanh(0.4 * np.log(x) + 2.0) + 0.05 * random.normal(size=len(x))
     found = collapse(x, y, OWNERS, DRAWS)
@@ -43,14 +43,14 @@ def test_a_made_collapse_is_found(random: np.random.Generator) -> None:
     assert found.rank.low > 0.8
 
 
-def test_curves_of_their_own_are_no_collapse(random: np.random.Generator) -> None:
-    """In each group y rises with x, but in each it begins elsewhere."""
+def test_separate_curves_are_not_a_collapse(random: np.random.Generator) -> None:
+    """In each group y rises with x, but from a different start."""
     place = np.repeat(np.arange(4.0), 12)
     x = random.uniform(size=len(OWNERS)) + 3.0 - place
     y = x + 3.0 * place
     found = collapse(x, y, OWNERS, DRAWS)
     assert not found.orders
-    # A rising curve through groups that fall is level: it tells no more than the mean.
+    # A rising curve through falling groups is flat: it predicts no better than the mean.
     assert found.skill.value == pytest.approx(0.0, abs=1e-9)
     for group in range(4):
         assert rank_correlation(x[place == group], y[place == group]) == pytest.approx(1.0)
@@ -63,20 +63,20 @@ def test_chance_and_constants_order_nothing(random: np.random.Generator) -> None
     assert rank_correlation(np.zeros(len(x)), y) == 0.0
 
 
-def test_ranks_and_scales(random: np.random.Generator) -> None:
+def test_skill_depends_on_ranks_not_on_scales(random: np.random.Generator) -> None:
     x, y = random.integers(0, 6, size=(2, 30)).astype(float)
     assert rank_correlation(x, y) == pytest.approx(spearmanr(x, y).statistic)
     groups = np.arange(30) % 3
     assert held_out_skill(x, y, groups) == pytest.approx(held_out_skill(np.exp(x), y**3, groups))
 
 
-def test_rising_curve_by_hand() -> None:
+def test_rising_curve_agrees_with_a_hand_calculation() -> None:
     curve = rising_curve(np.array([1.0, 2.0, 2.0, 3.0]), np.array([0.0, 5.0, 3.0, 1.0]))
     # 4 twice and 1 fall: their mean is 3.
     np.testing.assert_allclose(curve(np.array([0.0, 1.0, 1.5, 2.0, 9.0])), [0.0, 0.0, 1.5, 3.0, 3.0])
 
 
-def test_shared_motion_is_no_local_temperature(random: np.random.Generator) -> None:
+def test_shared_motion_does_not_count_as_local_temperature(random: np.random.Generator) -> None:
     points = random.random((400, 2))
     cells, masses = voronoi_cells(points), np.full(400, 2.0)
     heat = random.normal(scale=3.0, size=points.shape)
@@ -86,20 +86,20 @@ def test_shared_motion_is_no_local_temperature(random: np.random.Generator) -> N
     )
 
 
-def test_what_is_in_step_is_taken_out(random: np.random.Generator) -> None:
+def test_the_response_to_the_drive_is_subtracted(random: np.random.Generator) -> None:
     time = np.arange(0.0, 6.0, 1e-3)
     noise = random.normal(size=len(time))
     drive = 7.0 * np.sin(2.0 * np.pi * 20.0 * time + 1.0) + np.cos(2.0 * np.pi * 60.0 * time)
     left = without_drive(time, 3.0 + 2.0 * time + drive + noise, 20.0)
     np.testing.assert_allclose(left, without_drive(time, noise, 20.0), atol=1e-9)
     assert np.mean(left**2) == pytest.approx(1.0, rel=0.1)
-    # The force of a bed that is squeezed by a fifth bends: as a line it would seem to fluctuate.
+    # The force of a bed compressed by a fifth is curved: with a straight line it would seem to fluctuate.
     bent = 9.0 * (1.0 - 0.03 * time) ** -2.5
     assert np.abs(without_drive(time, bent, None, 4)).max() < 1e-3
     assert np.ptp(without_drive(time, bent, None)) > 0.1
 
 
-def test_beds_have_starts_of_their_own() -> None:
+def test_beds_have_different_starts() -> None:
     beds = all_beds()
     assert len({one.seed for one in beds}) == len({one.key for one in beds}) == len(beds)
     assert {one.group for one in beds} == set(GROUPS)
@@ -108,7 +108,7 @@ def test_beds_have_starts_of_their_own() -> None:
 
 
 def made_field(random: np.random.Generator, *, uneven: float) -> ForceField:
-    """A line of grains; one pair of defects comes to each in turn and stays for three frames."""
+    """Make a line of grains; one pair of defects visits each in turn for three frames."""
     frames, grains = 60 * QUIET, 40
     away = np.full((frames, grains), SHELLS)
     for k, start in enumerate(range(2 * QUIET, frames - 2 * QUIET, 2 * QUIET)):
@@ -121,7 +121,7 @@ def made_field(random: np.random.Generator, *, uneven: float) -> ForceField:
     return ForceField(np.ones(away.shape), value, sides, away, np.array(depth))
 
 
-def test_unevenness_at_made_defects_is_found(random: np.random.Generator) -> None:
+def test_unevenness_at_synthetic_defects_is_detected(random: np.random.Generator) -> None:
     found = field_row(made_field(random, uneven=1.5))
     assert found["uneven"] == pytest.approx(1.5, rel=0.05)
     assert found["uneven, shuffled"] == pytest.approx(1.0, abs=0.05)
@@ -142,7 +142,7 @@ def test_shuffling_keeps_frames_and_depths(random: np.random.Generator) -> None:
     assert (other != chosen).any()
 
 
-def test_shells_are_ways_over_neighbours(random: np.random.Generator) -> None:
+def test_shells_count_neighbour_steps(random: np.random.Generator) -> None:
     cells = voronoi_cells(random.random((200, 2)))
     defects = np.zeros(200, dtype=bool)
     defects[17] = True
@@ -169,7 +169,7 @@ def made_cycles(random: np.random.Generator, fraction: float) -> list[dict[str, 
     return rows
 
 
-def test_a_made_share_is_found(random: np.random.Generator) -> None:
+def test_a_synthetic_strain_fraction_is_recovered(random: np.random.Generator) -> None:
     found = strain_fraction(made_cycles(random, 0.7), ["moves"])
     assert found[:3] == pytest.approx((0.7, 0.7, 0.7))
     assert found.left == pytest.approx(0.0, abs=1e-12)
@@ -177,7 +177,7 @@ def test_a_made_share_is_found(random: np.random.Generator) -> None:
     assert strain_fraction(made_cycles(random, 0.0), ["moves"]).slope == 0.0
 
 
-def test_the_law_has_no_plastic_strain_while_it_is_elastic() -> None:
+def test_the_law_has_no_plastic_strain_in_the_elastic_range() -> None:
     from reduced_models.laws.annealing_bed import MODULUS, STIFFENING
 
     height = np.linspace(1.0, 0.97, 20)
@@ -203,11 +203,11 @@ def test_results_are_committed(
 
 
 @pytest.mark.long  # quick: each text, with few draws
-def test_guide_says_what_the_results_say() -> None:
+def test_guide_agrees_with_the_results() -> None:
     assert CAMPAIGN.different(CAMPAIGN.committed()) == []
 
 
-def test_rows_are_kept_and_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_are_cached_and_reused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[object] = []
     for name in ("forces", "slip"):
         row = lambda case: made.append(case) or {"value": 1.0 / 3.0}  # noqa: E731
@@ -221,7 +221,7 @@ def test_rows_are_kept_and_found_again(tmp_path: Path, monkeypatch: pytest.Monke
     assert "forces: 2 of 24 beds are run" in text.text(written)
 
 
-def test_a_cycle_starts_from_the_bed_that_was_annealed() -> None:
+def test_a_cycle_starts_from_the_annealed_bed() -> None:
     places = annealing_scene(184, 3).initial_positions_and_velocities()[0]
     annealed = SimpleNamespace(dataset={"position": SimpleNamespace(values=places[None])})
     started, speeds = cycle_scene(184, 3, cast("Trajectory", annealed)).initial_positions_and_velocities()

@@ -12,7 +12,7 @@ from research.measured.measurements import MEASUREMENTS, largest_packing, scene_
 
 @pytest.mark.parametrize("name", MEASUREMENTS)
 def test_each_measurement_has_a_source_and_a_scene(name: str) -> None:
-    """Figures that were not read are named, and the scene can be run."""
+    """Missing figures are listed, and the scene can be run."""
     entry = MEASUREMENTS[name]
     assert entry["read"]
     assert entry["not_read"]
@@ -21,7 +21,7 @@ def test_each_measurement_has_a_source_and_a_scene(name: str) -> None:
     assert entry["source"] in CAMPAIGN.blocks(CAMPAIGN.committed())["measurements"].text
 
 
-def test_the_mixture_weighs_what_was_read() -> None:
+def test_the_mixture_has_the_published_weight() -> None:
     scene = scene_of("tsuchikusa")
     assert scene.piston.mass is not None
     assert scene.piston.mass * 9.8 == pytest.approx(110.0)
@@ -29,7 +29,7 @@ def test_the_mixture_weighs_what_was_read() -> None:
 
 
 def test_a_lattice_lifts_a_raised_dipole() -> None:
-    """At that packing the force out of the plane, summed over dipoles in space, is the weight."""
+    """At that packing the out-of-plane force, summed over dipoles in space, equals the weight."""
     scene, z = scene_of("taberlet"), 1e-5
     diameter, mass = scene.grains.species[0].diameter, float(scene.grains.masses()[0])
     a = diameter * math.sqrt(math.pi / (2.0 * math.sqrt(3.0)) / largest_packing(scene, z))
@@ -47,7 +47,7 @@ def test_a_lattice_lifts_a_raised_dipole() -> None:
 
 
 def test_committed_results_are_on_the_page() -> None:
-    """Equal groups give equal figures in five widths; and the page is that of the results."""
+    """Equal groups give equal figures in five widths, and the page agrees with the results."""
     result = CAMPAIGN.committed()
     assert CAMPAIGN.different(result) == []
     by_kappa: dict[str, list[tuple[float, ...]]] = {}

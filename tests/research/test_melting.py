@@ -1,4 +1,4 @@
-"""What is measured of melting, on layers made so that the answer is known."""
+"""Measures of melting, on synthetic layers with known answers."""
 
 import math
 
@@ -34,7 +34,7 @@ def test_every_grain_of_a_crystal_has_six_neighbours_also_across_the_sides() -> 
     np.testing.assert_allclose(abs(order.mean()), 1.0, atol=1e-12)
 
 
-def test_neighbours_and_order_are_those_of_freud() -> None:
+def test_neighbours_and_order_agree_with_freud() -> None:
     freud = pytest.importorskip("freud")
     _, periods, _ = crystal()
     places = np.random.default_rng(3).uniform(0.0, periods, (COLUMNS**2, 2))
@@ -45,15 +45,15 @@ def test_neighbours_and_order_are_those_of_freud() -> None:
     hexatic.compute(system, neighbors=judge.nlist)
     found = neighbours(places, periods)
     ours = set(zip(found.first.tolist(), found.second.tolist(), strict=True))
-    # Sides shorter than a rounding error aside.
+    # Except for sides shorter than a rounding error.
     assert len(ours ^ {(int(i), int(j)) for i, j in np.asarray(judge.nlist)}) <= 2
     off = np.abs(bond_order(found) - hexatic.particle_order)
     assert np.median(off) < 1e-5
     assert (off < 1e-4).mean() > 0.98
 
 
-def test_correlation_of_an_angle_field_falls_with_its_power() -> None:
-    """Order exp(i theta), theta a sum of waves whose squares go with 1/q^2, as in a hexatic."""
+def test_correlation_of_an_angle_field_decays_with_its_exponent() -> None:
+    """Order exp(i theta), with theta a sum of waves of mean square 1/q^2, as in a hexatic."""
     sites, periods, a = crystal()
     sites = np.concatenate([sites, sites + np.array([periods[0], 0.0])])
     periods = (2.0 * periods[0], periods[1])
@@ -77,18 +77,18 @@ def test_correlation_of_an_angle_field_falls_with_its_power() -> None:
         fraction = (1.0 - np.cos(ways @ vectors.T)) / (vectors**2).sum(axis=1)
         squares[k] = np.exp(-variances * fraction.sum(axis=1)).mean()
     found = totals[0] / np.maximum(totals[1], 1.0)
-    far = r > 2.5 * a  # nearer, sites lie at few distances
+    far = r > 2.5 * a  # at shorter distances sites have few distinct distances
     np.testing.assert_allclose(found[far], squares[far], atol=0.03)
 
 
-def test_exponent_of_a_power_and_what_is_lost() -> None:
+def test_exponent_of_a_power_law_and_of_lost_order() -> None:
     r = np.arange(0.75, 30.0, 0.5)
     assert exponent(r, 0.7 * r**-0.25) == pytest.approx(0.25)
     assert exponent(r, np.exp(-r) - 0.01) == math.inf
 
 
-def test_moduli_by_equipartition() -> None:
-    """Displacements drawn from the elastic energy of the crystal at rest give its K again."""
+def test_moduli_follow_from_equipartition() -> None:
+    """Displacements drawn from the elastic energy of the crystal at rest reproduce its K."""
     from granular.observables.moduli import crystal_moduli, melting_theory_modulus
 
     one = layer(100.0, COLUMNS)
@@ -116,7 +116,7 @@ def test_moduli_by_equipartition() -> None:
 
 
 def test_lindemann_parameter_of_independent_grains() -> None:
-    """<|du_i - du_j|^2> = 8 s^2 after any time, where each place is drawn anew."""
+    """<|du_i - du_j|^2> = 8 s^2 after any time if positions are independent in each frame."""
     sites, periods, a = crystal()
     random = np.random.default_rng(2)
     frames = sites + 0.05 * a * random.normal(size=(40, *sites.shape))
@@ -124,8 +124,8 @@ def test_lindemann_parameter_of_independent_grains() -> None:
     np.testing.assert_allclose(found, 8.0 * 0.05**2 / 2.0, rtol=0.05)
 
 
-def test_grains_that_trade_places_are_on_their_sites() -> None:
-    """Two grains at each other's site, a lattice that has moved, and places beyond the sides."""
+def test_exchanged_grains_are_assigned_to_their_present_sites() -> None:
+    """Two exchanged grains, a shifted lattice, and positions outside the cell."""
     sites, periods, a = crystal()
     random = np.random.default_rng(4)
     order = random.permutation(len(sites))
@@ -134,7 +134,7 @@ def test_grains_that_trade_places_are_on_their_sites() -> None:
     places = sites[order] + moved + turns + np.array([0.4, -0.2]) * a
     found = on_sites(places, sites, periods, a)
     shift = np.median(found.moved - moved, axis=0)
-    # Where the lattice is, is known up to its own vectors.
+    # The position of the lattice is known up to a lattice vector.
     assert len(np.unique(found.site)) == len(sites)
     np.testing.assert_allclose(found.moved - moved - shift, 0.0, atol=1e-9 * a)
     assert abs(shift).max() < 0.01 * a
@@ -145,7 +145,7 @@ def test_grains_that_trade_places_are_on_their_sites() -> None:
     assert gas.order < 0.2
 
 
-def test_ways_go_to_the_nearest_image() -> None:
+def test_displacements_go_to_the_nearest_image() -> None:
     ways = nearest(np.array([[0.9, -0.6], [0.4, 1.1]]), (1.0, 1.0))
     np.testing.assert_allclose(ways, [[-0.1, 0.4], [0.4, 0.1]])
 
@@ -158,7 +158,7 @@ def test_crossings_lie_between_layers_and_may_be_missing() -> None:
     assert crossing([60.0, 62.0], values[:2], 0.25, rising=False) is None
 
 
-def test_guide_says_what_the_results_say() -> None:
+def test_guide_agrees_with_the_results() -> None:
     results = CAMPAIGN.committed()
     assert results.layers
     assert CAMPAIGN.different(results) == []
@@ -167,7 +167,7 @@ def test_guide_says_what_the_results_say() -> None:
     ]
 
 
-def test_no_results_are_told_of() -> None:
+def test_missing_results_are_reported() -> None:
     assert "no results" in text(Results({}, ()))
     with pytest.raises(KeyError):
         layer_order({})

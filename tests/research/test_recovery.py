@@ -1,4 +1,4 @@
-"""The recovery suite: its systems are what they say, and one fit goes all the way."""
+"""The recovery suite: its systems, and one complete fit."""
 
 import datetime
 import json
@@ -28,8 +28,8 @@ def test_thirteen_systems() -> None:
     assert not np.array_equal(one.height, other.height)
 
 
-def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """What is done is found again."""
+def test_one_system_is_compared_with_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Finished fits are reused."""
     monkeypatch.setattr(runner, "SYSTEMS", SYSTEMS[:1])
     found = runner.recovery(tmp_path, progress=False)
     assert found["fits"] == found["reached"] == 1
@@ -43,14 +43,14 @@ def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     assert runner.recovery(tmp_path, progress=False) == found
 
 
-def test_the_guide_shows_what_the_file_says() -> None:
+def test_the_guide_agrees_with_the_results_file() -> None:
     found = CAMPAIGN.committed()
     assert CAMPAIGN.different(found) == []
     assert CAMPAIGN.different({**found, "reached": 0}) == ["docs/results/real-records.md: table"]
 
 
-def test_a_wave_that_multiplies_the_coordinate_is_found() -> None:
-    """Its frequency is no line of the spectrum, it parts the lines of the motion; 10 % of noise."""
+def test_a_parametric_drive_is_identified() -> None:
+    """Its frequency is not a line of the spectrum, but splits the lines of the motion; 10 % of noise."""
     system = next(k for k, item in enumerate(SYSTEMS) if item.name == "parametric")
     fitted = runner._fitted(runner.Case(system, 0.1, 0))
     assert fitted["ratio"] <= REACHED
@@ -58,7 +58,7 @@ def test_a_wave_that_multiplies_the_coordinate_is_found() -> None:
 
 
 def test_scipy_is_stopped_at_a_number_of_calls(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bouc-Wen, whose steps shrink to nothing at some parameters: the table says where it ended."""
+    """For Bouc-Wen the steps become tiny at some parameters; the table gives the number of calls."""
     place = [system.name for system in SYSTEMS].index("Bouc-Wen")
     record = made_record(place, 0.01, 0)
     given = peer.problem(record, law_of_system(SYSTEMS[place]), 1)
@@ -78,7 +78,7 @@ def test_scipy_is_stopped_at_a_number_of_calls(monkeypatch: pytest.MonkeyPatch) 
     assert "A start of SciPy is stopped after" in text
 
 
-def test_a_file_that_is_not_the_benchmark_says_so(tmp_path: Path) -> None:
+def test_a_wrong_benchmark_file_is_reported(tmp_path: Path) -> None:
     file = tmp_path / "other.csv"
     file.write_text("V1,V2\n0.1,0.2\n0.2,0.3\n")
     with pytest.raises(InputError, match="2 samples; the benchmark's record has"):

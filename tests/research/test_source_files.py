@@ -1,4 +1,4 @@
-"""The source's files, read back with numpy.loadtxt."""
+"""De Paula's files, read back with numpy.loadtxt."""
 
 import dataclasses
 import itertools
@@ -25,11 +25,11 @@ def files(run: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> dict[str
 
 
 def blocks(values: np.ndarray, every: int = 1) -> np.ndarray:
-    """What the frames hold, one under the other, without absent grains."""
+    """Return the frames' data, stacked, without absent grains."""
     return np.concatenate([one[np.isfinite(one).reshape(7, -1).all(axis=1)] for one in values[::every]])
 
 
-def test_units(run: Trajectory, files: dict[str, np.ndarray]) -> None:
+def test_units_are_de_paulas(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     """T is the duration of the compression: 10 mm at 5 mm/s."""
     assert depaula_time_units(run).time_unit == pytest.approx(T, rel=1e-14)
     assert depaula_time_units(run).frame_interval == pytest.approx(5e-4, rel=1e-14)
@@ -39,7 +39,7 @@ def test_units(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     np.testing.assert_allclose(files["scales"], np.array([1.0, 0.6])[species], rtol=1e-15)
 
 
-def test_files_are_those_of_the_source(files: dict[str, np.ndarray]) -> None:
+def test_file_names_are_de_paulas(files: dict[str, np.ndarray]) -> None:
     particle = {"posPart", "velPart", "forPart", "comPart", "comPart_norm", "posPart_norm"}
     assert set(files) == particle | {"piston", "piston_0", "charUnits", "avgDis", "scales"}
 
@@ -48,7 +48,7 @@ def test_files_are_those_of_the_source(files: dict[str, np.ndarray]) -> None:
     ("name", "field", "unit"),
     [("posPart", "position", D), ("velPart", "velocity", D / T), ("forPart", "force", FORCE)],
 )
-def test_particle_files(
+def test_particle_files_hold_the_frames(
     run: Trajectory, files: dict[str, np.ndarray], name: str, field: str, unit: float
 ) -> None:
     wanted = blocks(run.dataset[field].values)
@@ -68,7 +68,7 @@ def test_compression_is_the_sum_of_magnitudes(run: Trajectory, files: dict[str, 
     np.testing.assert_allclose(norm, every[there[::4]] / np.nanmax(every), rtol=1e-12)
 
 
-def test_average_distance_is_the_sources_half(run: Trajectory, files: dict[str, np.ndarray]) -> None:
+def test_average_distance_is_half_the_mean(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     place = run.dataset["position"].values
     wanted = []
     for frame in place[::4]:
@@ -79,16 +79,16 @@ def test_average_distance_is_the_sources_half(run: Trajectory, files: dict[str, 
     np.testing.assert_allclose(files["avgDis"][:, 0], np.arange(23) * 1e-3, rtol=1e-12)
 
 
-def test_piston_at_both_cadences(run: Trajectory, files: dict[str, np.ndarray]) -> None:
-    """The records stand every 25 steps: none is left out of the fine file, each tenth is usual."""
+def test_piston_is_written_at_both_cadences(run: Trajectory, files: dict[str, np.ndarray]) -> None:
+    """Records are every 25 steps: all are in the fine file, each tenth is in the usual one."""
     heights = run.dataset["piston_height"].values / D
     np.testing.assert_allclose(files["piston_0"][:, 1], heights, rtol=1e-15)
     np.testing.assert_allclose(files["piston"][:, 1], heights[::10], rtol=1e-15)
     np.testing.assert_allclose(files["piston"][:, 0], np.arange(90) * 2.5e-4, rtol=1e-12)
 
 
-def test_frames_finer_than_the_source_are_thinned(run: Trajectory, tmp_path: Path) -> None:
-    """Frames every 50 steps: each fifth in the usual file, all in the one with _0."""
+def test_frames_finer_than_the_thesis_are_downsampled(run: Trajectory, tmp_path: Path) -> None:
+    """Frames every 50 steps: each fifth is in the usual file, all are in the file with _0."""
     data = run.dataset.assign_coords(frame_time=("frame", np.arange(90) * 1e-4))
     written = to_depaula_files(dataclasses.replace(run, dataset=data), tmp_path)
     files = {path.stem: np.loadtxt(path) for path in written}
@@ -105,19 +105,19 @@ def test_coarser_frames_are_all_written_with_a_warning(run: Trajectory, tmp_path
     assert len(np.loadtxt(tmp_path / "posPart.dat")) == 40 * 7 + 50 * 6
 
 
-def test_absent_grains_are_named(run: Trajectory, tmp_path: Path) -> None:
+def test_absent_grains_are_listed(run: Trajectory, tmp_path: Path) -> None:
     to_depaula_files(run, tmp_path)
     heads = [line for line in (tmp_path / "posPart.dat").read_text().splitlines() if "frame" in line]
     assert "without" not in heads[39]
     assert heads[40].endswith("without grains 6")
 
 
-def test_run_without_compression_has_a_second_for_its_unit(run: Trajectory) -> None:
+def test_run_without_compression_uses_the_second_as_unit(run: Trajectory) -> None:
     scene = run.scene.replace(protocol=[{"kind": "hold", "name": "relax", "duration": 1.0}])
     assert depaula_time_units(dataclasses.replace(run, scene=scene)).time_unit == 1.0
 
 
-def test_the_command_writes_whole_files_or_none(tmp_path: Path) -> None:
+def test_the_command_writes_complete_files_or_none(tmp_path: Path) -> None:
     store = tmp_path / "run"
     simulate(load_scene("single-particle"), t_end=0.01, out=store, progress=False)
     main([str(store), "-o", str(tmp_path / "dat"), "--quiet"])

@@ -1,4 +1,4 @@
-"""Results made up in the test: which protocol counts, what is found from them, and the report."""
+"""Synthetic results: choice of the protocol, values computed from them, and the report."""
 
 import json
 from typing import Any
@@ -57,7 +57,7 @@ def row(found: Results, key: str) -> Judged:
 KEY = "piston_force_direct_sum.mean[0]"
 
 
-def test_nothing_is_not_run() -> None:
+def test_empty_results_count_as_not_run() -> None:
     rows = judged(EMPTY)
     assert {one.verdict.words for one in rows} == {"not run"}
     assert counts(rows)["not run"] == len(rows)
@@ -65,7 +65,7 @@ def test_nothing_is_not_run() -> None:
     assert "not done" in verdict_on_hysteresis([])
 
 
-def test_mean_and_error_of_the_starts() -> None:
+def test_finding_is_mean_and_error_over_starts() -> None:
     found = row(results(series("direct 368", force=[15.0, 15.3, 15.6])), KEY)
     assert found.found.value == pytest.approx(15.3)
     assert found.found.error == pytest.approx(0.3 / 3**0.5)
@@ -74,8 +74,8 @@ def test_mean_and_error_of_the_starts() -> None:
     assert found.verdict.words == "agrees"
 
 
-def test_nothing_stands_in_for_the_planned_protocol() -> None:
-    """Neither another protocol nor a part of the starts nor what other code gave."""
+def test_nothing_replaces_the_planned_protocol() -> None:
+    """Neither another protocol nor a part of the starts nor results of other code."""
     quick = series("direct 368", "quick", force=[14.0, 14.0, 14.0])
     none, part = series("direct 368"), series("direct 368", force=[15.0])
     integer = series("direct 368", force=[15.0, 15.1, 15.2])
@@ -93,7 +93,7 @@ def stopped(name: str, protocol: str) -> dict[str, dict[str, Any]]:
     return {f"{name} | {protocol}": plain | {"errors": ["EnergyError"] * len(plain["seeds"])}}
 
 
-def test_a_list_whose_starts_are_all_stopped_is_counted_and_lies_outside() -> None:
+def test_a_list_with_all_starts_stopped_is_counted_as_outside() -> None:
     direct = series("direct 368", "quick", force=[15.0, 15.1, 15.2])
     lists = [
         series(f"list of radius {radius:g} D", "quick", force=[force] * 3)
@@ -111,7 +111,7 @@ def test_a_list_whose_starts_are_all_stopped_is_counted_and_lies_outside() -> No
     assert numbers["stopped"] == numbers["whole"] == numbers["not run"] == 1
 
 
-def test_residuals_of_the_energy_are_counted() -> None:
+def test_large_energy_residuals_are_counted() -> None:
     good = series("a", ledger=[1e-5, 1e-4, 1e-6])
     bad = series("b", ledger=[1e-5, 2e-3, 1e-6])
     (plain,) = series("c", ledger=[0.1] * 3).values()
@@ -119,7 +119,7 @@ def test_residuals_of_the_energy_are_counted() -> None:
     assert counted(results(good, bad, own))["residual above 1e-3"] == 1
 
 
-def test_figures_of_several_beds_are_of_one_protocol() -> None:
+def test_figures_of_several_beds_use_one_protocol() -> None:
     direct = series("direct 368", force=[16.0] * 3)
     both = [
         series(f"{way} 368", "quick", force=[f, f + 0.1, f - 0.1])
@@ -133,7 +133,7 @@ def test_figures_of_several_beds_are_of_one_protocol() -> None:
     assert finding.error == pytest.approx(102.0 * 0.1 / 15.15 * (2.0 / 3.0) ** 0.5, rel=1e-2)
 
 
-def test_lines_of_the_published_forces_are_the_published_lines() -> None:
+def test_fits_to_published_forces_give_the_published_lines() -> None:
     names = {"direct": "piston_force_direct_sum", "list": "piston_force_verlet"}
     found = results(
         *(
@@ -154,7 +154,7 @@ def test_lines_of_the_published_forces_are_the_published_lines() -> None:
 
 
 def scan(aspect: float, place: int) -> list[dict[str, dict[str, Any]]]:
-    """Forces on the published curve, and orders that go together."""
+    """Forces on the published curve, and correlated orders."""
     names = ("A", "lambda1", "B", "lambda2")
     a, slow, b, fast = (published_value(f"biexponential_fmax.{name}[{place}]") for name in names)
     made = []
@@ -165,7 +165,7 @@ def scan(aspect: float, place: int) -> list[dict[str, dict[str, Any]]]:
     return made
 
 
-def test_the_published_curve_is_found_again() -> None:
+def test_the_published_curve_is_recovered() -> None:
     found = results(*scan(0.6, 1))
     one = row(found, "biexponential_fmax.A[1]")
     # The printed curve is not quite 1 at R = 1.
@@ -176,7 +176,7 @@ def test_the_published_curve_is_found_again() -> None:
     assert correlation.found.starts == 2 * len(RATIOS)
 
 
-def test_deviations_anywhere_in_the_cycle() -> None:
+def test_maximum_deviation_in_the_cycle() -> None:
     down = [[0.0, 2.5, 5.0, 7.5, 10.0], [0.0, 2.5, 6.0, 7.5, 10.0]]
     found = results(series("starts", planned=2, force=[10.0, 10.0], down=down, up=[[0.0]] * 2))
     one = row(found, "independence_of_start.std_over_mean_anywhere")
@@ -195,7 +195,7 @@ def test_a_change_matters_beyond_the_error_of_the_means() -> None:
 
 
 def beds(change: str, missing: float, hits: dict[int, bool]) -> Results:
-    """Hystereses that are 1.4 times the published ones, and with a change as published or off by a factor."""
+    """Hystereses 1.4 times the published ones; with a change as published or wrong by a factor."""
     some = []
     for n, hit in hits.items():
         printed = published_value(f"hysteresis_of_distance.hysteresis[{n // 92 - 1}]")
@@ -206,29 +206,29 @@ def beds(change: str, missing: float, hits: dict[int, bool]) -> Results:
 
 
 def test_a_cause_gives_the_published_figure_at_two_sizes() -> None:
-    """One size is not enough, and what met it without the change explains nothing."""
+    """One size is not enough, and a size that agrees without the change explains nothing."""
     met = beds("wider cell", 1.3, {92: True, 184: True, 368: False})
     found = verdict_on_hysteresis(comparisons(met))
     assert "A cell wider by 9 %, run at 3 sizes, gives it within scatter at 2" in found
     assert "It does not at 1: 1.29 D (0.99) at N = 368." in found
-    assert "no explanation" not in found
+    assert "not an explanation" not in found
     for first in (True, False):
         missed = beds("wider cell", 1.3, {92: first, 184: False, 368: False})
         assert "Not explained" in verdict_on_hysteresis(comparisons(missed))
 
 
-def test_a_cause_that_mostly_misses_is_no_explanation() -> None:
-    """It is told of with every size at which it was run."""
+def test_a_cause_that_mostly_fails_is_not_an_explanation() -> None:
+    """It is reported with every size at which it was run."""
     missed = beds("loose start", 1.2, {n: n < 200 for n in (92, 184, 276, 368, 460)})
     found = verdict_on_hysteresis(comparisons(missed))
     assert "gives it within scatter at 2" in found
     for n in (276, 368, 460):
         assert f"at N = {n}" in found.partition("It does not at 3:")[2]
-    assert "So it is no explanation" in found
+    assert "So it is not an explanation" in found
 
 
-def test_committed_series_are_those_of_the_plan() -> None:
-    """Every series of the plan is in the file, run or not; each start has its place in it."""
+def test_committed_series_match_the_plan() -> None:
+    """Every series of the plan is in the file, run or not, with every start."""
     plan = {one.key: one for group in full_plan() for one in group.series}
     found = committed().series
     assert set(found) == set(plan)
@@ -242,7 +242,7 @@ def test_committed_series_are_those_of_the_plan() -> None:
 
 
 def test_distances_with_both_causes_are_counted() -> None:
-    """A bed that is met with both causes and not without, and one that is met by neither."""
+    """One bed agrees only with both causes, another agrees in neither case."""
     beds, late = [], {}
     for n, printed, hit in ((368, (14.95, 13.96, 0.99), True), (736, (19.89, 18.82, 1.06), False)):
         for name, protocol, shift in (
@@ -275,8 +275,8 @@ def test_distances_with_both_causes_are_counted() -> None:
     assert "not run" in words_on_creep(found)
 
 
-def test_chance_differences_among_many_are_not_counted() -> None:
-    """One of the committed verdicts at least is taken back by the false discovery rate."""
+def test_the_false_discovery_rate_removes_chance_differences() -> None:
+    """One or more of the committed verdicts are changed by the false discovery rate."""
     found = committed()
     alone = [judge(one.entry, found).verdict for one in judged(found)]
     together = [one.verdict for one in judged(found)]
@@ -286,8 +286,8 @@ def test_chance_differences_among_many_are_not_counted() -> None:
     assert all((together[k].p or 0.0) > 0.01 for k in taken)
 
 
-def test_committed_results_hold_their_own_verdicts() -> None:
-    """The file's rows are found from its series; every difference has a cause, or says what was tried."""
+def test_committed_verdicts_follow_from_the_committed_series() -> None:
+    """The file's rows follow from its series; every difference has a cause or a list of tested changes."""
     plain = json.loads(CAMPAIGN.file.read_text(encoding="utf-8"))
     assert {"command", "date", "sittings", "numpy", "numba"} <= set(plain["made"])
     rows, numbers = judged(committed()), counted(committed())
@@ -300,14 +300,14 @@ def test_committed_results_hold_their_own_verdicts() -> None:
     assert strength(rows)["rest on de Paula's own protocol"] >= 74
 
 
-def test_plans_have_no_series_twice() -> None:
+def test_plans_have_no_duplicate_series() -> None:
     for plan in (quick_plan(), full_plan()):
         names = [series.key for group in plan for series in group.series]
         assert len(set(names)) == len(names)
 
 
-def test_the_guide_says_what_the_file_says() -> None:
-    """`python -m research.published --guide` writes it anew."""
+def test_the_guide_agrees_with_the_results_file() -> None:
+    """`python -m research.published --guide` writes the guide's blocks."""
     found = CAMPAIGN.committed()
     for name, block in CAMPAIGN.blocks(found).items():
         text = (ROOT / block.page).read_text(encoding="utf-8")

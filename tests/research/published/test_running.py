@@ -1,4 +1,4 @@
-"""Cases that are kept, found again, and go stale with the laws alone; and the command line."""
+"""Cached cases, which become stale only when laws change; and the command line."""
 
 import json
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ def found(groups: list[Group], kept: Path) -> Results:
     return collected(groups, kept, "test")
 
 
-def test_a_case_that_fails_loses_no_other(groups: list[Group], kept: Path, found: Results) -> None:
+def test_a_failed_case_does_not_affect_others(groups: list[Group], kept: Path, found: Results) -> None:
     good, bad = groups[0].series
     assert [one.error for one in outcomes_of(good, kept)] == [None, None]
     assert all(one.error for one in outcomes_of(bad, kept))
@@ -61,7 +61,7 @@ def test_a_case_that_fails_loses_no_other(groups: list[Group], kept: Path, found
     assert found.series[bad.key]["errors"][0] in page(found).to_html().replace("&#x27;", "'")
 
 
-def test_what_was_run_is_found_again(groups: list[Group], kept: Path) -> None:
+def test_finished_cases_are_reused(groups: list[Group], kept: Path) -> None:
     def times() -> dict[str, int]:
         return {path.name: path.stat().st_mtime_ns for path in (kept / "cases").iterdir()}
 
@@ -74,8 +74,8 @@ def test_what_was_run_is_found_again(groups: list[Group], kept: Path) -> None:
     assert not list((kept / "runs").iterdir())
 
 
-def test_the_file_alone_is_gone_on_from(groups: list[Group], found: Results, tmp_path: Path) -> None:
-    """A start that the file holds is not run again; one that it lacks is."""
+def test_a_run_continues_from_the_file_alone(groups: list[Group], found: Results, tmp_path: Path) -> None:
+    """A start in the file is not run again; a missing start is run."""
     good = groups[0].series[0]
     through_file = Results.from_plain(json.loads(json.dumps(found.to_plain())))
     again = collected(groups, tmp_path, "test", [through_file])
@@ -87,13 +87,13 @@ def test_the_file_alone_is_gone_on_from(groups: list[Group], found: Results, tmp
     assert missing(other, tmp_path, [through_file]) == [1, 2]
 
 
-def test_figures_of_a_bed_fit_its_geometry(groups: list[Group], found: Results) -> None:
+def test_figures_of_a_bed_match_its_geometry(groups: list[Group], found: Results) -> None:
     figures = found.series[groups[0].series[0].key]["figures"]
     size = (12 / 368) ** 0.5
     for start in range(2):
         assert figures["down"][start][-1] == pytest.approx(figures["force"][start])
         assert 0.0 < figures["least_distance_D"][start] < 20.0 * size
-        # The mean distance of two grains is between a grain's and the cell's diagonal.
+        # The mean distance of two grains is between a grain's diameter and the cell's diagonal.
         assert 0.5 < figures["half_full_D"][start] < 0.5 * (60.0**2 + 20.0**2) ** 0.5 * size
         assert figures["half_full_D"][start] < figures["half_end_D"][start]
         # 12 grains of 6 mm in a cell of 60 by 20 diameters times the size.
@@ -111,28 +111,28 @@ LAWS = [
 
 @pytest.mark.parametrize("changes", LAWS)
 def test_a_changed_law_makes_results_stale(changes: dict[str, Any]) -> None:
-    """Coefficients that are off by less than half a percent are seen."""
+    """Coefficients wrong by less than half a percent are detected."""
     before = reference.reference(small("direct 368"))
     after = reference.reference(small("direct 368", **changes))
     shared = {name: after[name] for name in before}
     assert not reference.agrees(before, shared)
 
 
-def test_another_step_does_not() -> None:
+def test_another_step_does_not_make_results_stale() -> None:
     before = reference.reference(small("direct 368"))
     assert reference.agrees(before, reference.reference(small("direct 368")))
     assert reference.agrees(before, reference.reference(small("direct 368", "auto/1.3")))
     assert not reference.agrees(before, {})
 
 
-@pytest.mark.long  # quick: that of a bed, above
+@pytest.mark.long  # quick: the reference of a bed, above
 def test_a_damper_has_a_reference() -> None:
     found = reference.reference(fall("damper", 7.5))
     assert {"piston_energy", "drag_loss", "pair_energy"} <= set(found)
     assert all(error < 1e-3 * abs(value) for value, error in found.values() if value)
 
 
-def test_stale_series_are_marked_and_run_anew(
+def test_stale_series_are_marked_and_repeated(
     groups: list[Group], found: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     good = groups[0].series[0]
@@ -153,7 +153,7 @@ def test_stale_series_are_marked_and_run_anew(
     assert outcomes_of(good, tmp_path) == []
 
 
-def test_an_entry_run_anew_is_compared_to_the_last_digit(
+def test_a_repeated_entry_is_compared_to_the_last_digit(
     groups: list[Group], found: Results, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     key = "piston_force_direct_sum.mean[0]"
@@ -177,7 +177,7 @@ def test_an_entry_run_anew_is_compared_to_the_last_digit(
 
 
 def test_an_entry_without_a_series_is_compared_by_its_value(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Calculations have no figures of starts; a time is compared with nothing."""
+    """Calculations have no figures of starts; times are not compared."""
     now = {"default_grain": {"mass_kg": 6.25e-4}, "loop_times": TIMES}
     monkeypatch.setattr(rerun, "calculated", lambda *_, **__: None)
     monkeypatch.setattr("research.published.collecting.kept", lambda _: now)
@@ -198,7 +198,7 @@ TIMES = {f"{way} {n}": n / 100.0 for way in ("direct", "list") for n in TIMED_SI
 
 @pytest.fixture
 def small_plan(groups: list[Group], monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
-    """The full plan is one small series, and the package holds nothing; the starts that are run."""
+    """Replace the full plan by one small series without committed results; record the starts that run."""
     asked: list[list[int]] = []
 
     def run(some: Sequence[Group], directory: Path, **settings: Any) -> None:
@@ -214,10 +214,10 @@ def small_plan(groups: list[Group], monkeypatch: pytest.MonkeyPatch) -> list[lis
     return asked
 
 
-def test_the_full_run_goes_on_from_the_file_that_comes_with_the_package(
+def test_the_full_run_continues_from_the_committed_file(
     groups: list[Group], small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In a new directory, with nothing but the file, only what it lacks is run."""
+    """In a new directory with only the committed file, only missing starts are run."""
     good = groups[0].series[0]
     for place, series in (("one", good._replace(seeds=(1,))), ("two", good), ("three", good)):
         monkeypatch.setattr(runner, "full_plan", lambda series=series: [Group("small", [series])])
@@ -229,10 +229,10 @@ def test_the_full_run_goes_on_from_the_file_that_comes_with_the_package(
     assert made.made["sittings"] == 3
 
 
-def test_a_changed_law_is_run_anew_once(
+def test_a_changed_law_is_rerun_once(
     small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The reference of the former code goes with its outcomes: nothing is stale for ever."""
+    """The reference of the old code is deleted with its outcomes, so results do not stay stale."""
 
     def publish_twice() -> None:
         for _ in range(2):
@@ -288,8 +288,8 @@ def test_an_unknown_entry_is_one_line(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.long
-def test_references_of_the_committed_file_are_todays() -> None:
-    """Three series drawn by a seed: what the code gives now is what it gave when they were run."""
+def test_committed_references_agree_with_the_present_code() -> None:
+    """For three random series the present code reproduces the committed references."""
     import random
 
     from research.published.plan import full_plan
@@ -303,7 +303,7 @@ def test_references_of_the_committed_file_are_todays() -> None:
 
 
 @pytest.mark.long
-def test_quick_run_reproduces_what_is_published(tmp_path: Path) -> None:
+def test_quick_run_reproduces_published_values(tmp_path: Path) -> None:
     from research.published.runner import published
 
     found = published(tmp_path, "quick", progress=False)

@@ -16,7 +16,7 @@ from validation.measured_quantities import compression_duration
 DIAMETER = 0.006
 
 
-def test_the_accelerated_cycle_takes_as_much_step_times_time() -> None:
+def test_the_accelerated_cycle_keeps_step_times_time() -> None:
     slow, fast = (both_causes(92, one) for one in (PUBLISHED, ACCELERATED))
     stages = [one.scene(1).protocol for one in (slow, fast)]
     heights = [one.scene(1).piston.height for one in (slow, fast)]  # type: ignore[union-attr]
@@ -28,7 +28,7 @@ def test_the_accelerated_cycle_takes_as_much_step_times_time() -> None:
     assert frictions[0] == frictions[1]
 
 
-def test_forces_of_the_loop_are_the_models(random: np.random.Generator) -> None:
+def test_forces_of_the_loop_agree_with_the_model(random: np.random.Generator) -> None:
     x, y = random.uniform(1.0, 9.0, (2, 7))
     force = np.zeros((3, 7))
     as_written = getattr(_forces, "py_func", _forces)  # a long test compiles it
@@ -42,7 +42,7 @@ def test_forces_of_the_loop_are_the_models(random: np.random.Generator) -> None:
         assert force[2, i] == pytest.approx((1.0 / r**3).sum())
 
 
-def test_the_piston_of_the_loop_goes_through_the_cycle() -> None:
+def test_the_piston_of_the_loop_follows_the_cycle() -> None:
     heights = (90.0, 75.0, 20.0)
     times = (0.0, 5.0, 6.0, 7.0, 8.0)
     assert [_height(one, heights) for one in times] == pytest.approx([90.0, 75.0, 20.0, 75.0, 75.0])
@@ -52,8 +52,8 @@ def test_the_piston_of_the_loop_goes_through_the_cycle() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("late", [False, True])
-def test_the_loop_gives_the_cycle_of_the_toolkit(late: bool) -> None:
-    """At a step so short that nothing creeps, whatever velocity friction has."""
+def test_the_loop_reproduces_the_toolkit_s_cycle(late: bool) -> None:
+    """At a step too short for creep both velocities in the friction law agree."""
     threshold = regularised(compression_duration(20, PUBLISHED.speed))
     bed = mono("", 20, PUBLISHED, speed=0.3, effects__friction=threshold)
     scene = bed.scene(1)
@@ -65,7 +65,7 @@ def test_the_loop_gives_the_cycle_of_the_toolkit(late: bool) -> None:
     assert [start, end] == pytest.approx(wanted, rel=0.02)
 
 
-def test_a_higher_grid_begins_higher() -> None:
+def test_a_higher_grid_starts_higher() -> None:
     low, high = (mono("", 92, PUBLISHED, **grid_of_height(92, one)).scene(1) for one in (1.0, 1.2))
     tops = [one.initial_positions_and_velocities()[0][:, 1].max() for one in (low, high)]
     assert tops[1] == pytest.approx(1.2 * tops[0], rel=0.05)
@@ -78,8 +78,8 @@ def test_committed_creep_grows_with_the_step() -> None:
     assert creep_over_step(EMPTY) == []
 
 
-@pytest.mark.long  # quick: the forces of the loop and the way of its piston
-def test_the_committed_loop_is_found_again_within_its_scatter() -> None:
+@pytest.mark.long  # quick: the forces of the loop and the motion of its piston
+def test_the_committed_loop_is_reproduced_within_its_scatter() -> None:
     found = committed()
     ends = [found.number("late_velocity", f"{when} 92, 1") for when in ("start", "end")]
     assert late_cycle(92, 1) == pytest.approx(ends, rel=1e-2)

@@ -22,8 +22,8 @@ def found(values: list[float]) -> Finding:
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.2, 0.35, 0.45, 0.6, 1.0])
-def test_means_are_judged_as_by_welch(shift: float, random: np.random.Generator) -> None:
-    """As scipy's test of two samples does it, whose p is below 5 % where they differ."""
+def test_means_are_judged_by_welch_s_test(shift: float, random: np.random.Generator) -> None:
+    """Verdicts agree with SciPy's two-sample test, with p below 5 % for a difference."""
     theirs = np.array([15.02, 15.26, 15.5])
     ours = theirs.mean() + shift + np.array([-0.1, 0.05, 0.05, 0.1, -0.1])
     said = verdict(theirs.mean(), theirs.std(ddof=1), found(list(ours)), Rule(), 12)
@@ -32,8 +32,8 @@ def test_means_are_judged_as_by_welch(shift: float, random: np.random.Generator)
     assert said.agrees is bool(p >= 0.05)
 
 
-def test_the_scatter_of_single_starts_is_allowed_to_one_draw_alone() -> None:
-    """Ten starts that scatter widely have a mean that is well known."""
+def test_only_a_single_published_draw_may_deviate_by_the_scatter_of_starts() -> None:
+    """Ten starts with wide scatter have an accurate mean."""
     ours = [15.6 + 0.3 * (-1) ** k for k in range(10)]
     assert abs(15.6 - 15.26) < 2.0 * np.std(ours, ddof=1)
     assert verdict(15.26, None, found(ours), Rule(draws=10), 2).words == "differs"
@@ -47,14 +47,14 @@ def test_half_of_the_last_digit_is_rounding() -> None:
     assert verdict(0.920, None, Finding(0.9204), Rule(), 3).agrees is True
 
 
-def test_bounds_are_bounds() -> None:
+def test_published_bounds_are_one_sided() -> None:
     least = Rule(limit="least")
     assert verdict(0.97, None, Finding(0.99), least, 2).agrees
     assert verdict(0.97, None, Finding(0.96), least, 2).agrees is False
     assert verdict(0.02, None, Finding(0.03), Rule(limit="most"), 2).agrees is False
 
 
-def test_what_is_not_judged_says_why() -> None:
+def test_entries_without_a_verdict_give_the_reason() -> None:
     assert verdict(1.0, None, None, Rule(), 2) == Verdict("not run")
     assert verdict(1.0, None, Finding(math.nan), Rule(), 2).words == "not run"
     assert verdict(18.0, None, Finding(0.01), Rule(comparable=False), 1).words == "not comparable"
@@ -62,14 +62,14 @@ def test_what_is_not_judged_says_why() -> None:
     assert verdict(14.0, None, None, Rule(constructed=True), 4).words == "not run"
 
 
-def test_wide_intervals_are_said_to_hardly_fail() -> None:
-    """Two starts far apart agree with anything, and say so."""
+def test_wide_intervals_are_reported_as_unable_to_fail() -> None:
+    """Two distant starts agree with any value, and the verdict reports it."""
     wide, sharp = found([10.0, 20.0]), found([15.1, 15.2, 15.3])
     assert verdict(15.26, 0.24, wide, Rule(), 2).words == "agrees"
     assert not verdict(15.26, 0.24, wide, Rule(), 2).can_fail
     assert verdict(15.26, 0.24, sharp, Rule(), 2).can_fail
     assert not verdict(-0.5, None, found([-0.4, -0.6, -0.2]), Rule(), 2).can_fail
-    # The difference that is allowed is half the interval, which is to be below a fifth.
+    # The allowed difference is half the interval, which must be below a fifth.
     edge = found([0.95, 1.0, 1.05])
     allowed = verdict(1.0, 0.0, edge, Rule(), 12).allowed
     assert allowed is not None
@@ -84,7 +84,7 @@ def test_a_single_start_has_no_interval() -> None:
 
 
 @pytest.mark.parametrize(("starts", "draws"), [(3, 1), (3, 3), (10, 1), (10, 10)])
-def test_a_published_draw_lies_in_the_prediction_interval_as_often_as_it_says(
+def test_the_prediction_interval_has_its_stated_coverage(
     starts: int, draws: int, random: np.random.Generator
 ) -> None:
     rule, agreed, p = Rule(draws=draws), [], []
@@ -97,7 +97,7 @@ def test_a_published_draw_lies_in_the_prediction_interval_as_often_as_it_says(
     assert stats.kstest(p, "uniform").pvalue > 1e-4
 
 
-def test_the_worst_of_several_values_is_allowed_more(random: np.random.Generator) -> None:
+def test_the_worst_of_several_values_has_a_wider_interval(random: np.random.Generator) -> None:
     agreed = []
     for _ in range(2000):
         rows = [
@@ -116,11 +116,11 @@ def covered() -> list[str]:
     return [key for one in entries() for key in (one.key, one.spread_key, *one.covers) if key]
 
 
-def test_every_value_has_one_entry() -> None:
+def test_every_published_value_has_one_entry() -> None:
     assert sorted(covered()) == sorted(published_keys())
 
 
-def test_every_section_names_its_tables_and_is_shown_once() -> None:
+def test_every_section_gives_its_tables_and_is_shown_once() -> None:
     shown = [name for sections in SECTIONS.values() for name in sections]
     assert sorted(shown) == sorted(published_values())
     assert all(one["source"] for one in published_values().values())
@@ -138,11 +138,11 @@ def test_values_are_found_by_key() -> None:
     assert published_value("piston_force_direct_sum.mean[4]") == 23.23
     assert published_value("damper.van_der_pol_like.alpha") == 0.17
     for key in ("nothing", "damper.nothing", "half_mean_distance.minimum[8]"):
-        with pytest.raises(InputError, match="no published value"):
+        with pytest.raises(InputError, match="not a published value"):
             published_value(key)
 
 
-def test_the_given_list_is_complete_here() -> None:
+def test_the_list_of_published_values_is_complete() -> None:
     given = tomllib.loads(GIVEN.read_text(encoding="utf-8"))
     for section, wanted in given.items():
         here = published_values()[section]

@@ -1,1 +1,1 @@
-"""Parts of a laboratory's own, one of each kind."""
+"""Custom parts of a laboratory, one of each kind."""

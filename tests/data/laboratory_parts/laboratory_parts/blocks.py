@@ -17,6 +17,6 @@ class Gauge:
 
 
 def bench_blocks(result):
-    """Gauge of a result that has a level; nothing on the pages of others."""
+    """Return the gauge of a result with a level; nothing for other results."""
     level = getattr(result, "level", None)
     return () if level is None else (Heading("Bench"), Gauge(level))

@@ -1,3 +1,3 @@
-"""A part that needs what is not there."""
+"""A part with a missing requirement."""
 
 raise RuntimeError("the driver\nof the bench is missing")

@@ -1,4 +1,4 @@
-"""A command of all three programs, and one whose options no parser can take."""
+"""A command of all three programs, and one whose options cannot be parsed."""
 
 from granular.commands.console import command, print_result
 from granular.commands.options import Output
