@@ -324,7 +324,7 @@ def _record(result: Sequence[ChangedFigure], words: str, best: Sequence[ChangedF
     if not missed:
         return f"{started}."
     gaps = ", ".join(f"{item.with_it.value:.2f} D ({item.published:.2f}) at {item.bed}" for item in missed)
-    judgement = "  So it is not an explanation." if len(missed) >= len(met) else ""
+    judgement = " So it is not an explanation." if len(missed) >= len(met) else ""
     return f"{started}. It does not at {len(missed)}: {gaps}.{judgement}"
 
 
