@@ -66,9 +66,9 @@ def find_dois(text: str) -> list[str]:
 
 def _strip_sentence_end(doi: str) -> str:
     """DOI without full stops and brackets of the surrounding sentence."""
-    doi = doi.rstrip(".")
+    doi = doi.rstrip(".:")
     while doi.endswith(")") and doi.count(")") > doi.count("("):
-        doi = doi[:-1].rstrip(".")
+        doi = doi[:-1].rstrip(".:")
     return doi
 
 

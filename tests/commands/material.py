@@ -1,4 +1,4 @@
-"""Files that commands and blocks of the pages read: files that pages print, records, a model."""
+"""Files for the commands and code blocks of the pages: files printed in pages, records, a model."""
 
 import shutil
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from .shown import ROOT, files
 
 
 def make_directory(here: Path) -> Path:
-    """The folder, with all of them."""
+    """Make the folder with all files."""
     for name, text in files().items():
         (here / name).write_text(text, encoding="utf-8")
     for number, name in enumerate(("a", "b", "c", "lift-1", "lift-2", "lift-3", "light", "heavy")):
@@ -29,7 +29,7 @@ def make_directory(here: Path) -> Path:
 
 
 def prepared_for_blocks(here: Path) -> Path:
-    """The folder, with what blocks of Python read besides: tables and a run."""
+    """Make the folder with further files for Python blocks: tables and a run."""
     make_directory(here)
     (here / "lab.csv").write_text("\n".join(["t,dist", *rows(1.0), ""]))
     plain = [f"{1e3 * t:.4f},{1e3 * z:.6f}" for t, z in swing(1.0)]
@@ -42,7 +42,7 @@ def prepared_for_blocks(here: Path) -> Path:
 
 
 def swing(amplitude: float) -> Iterator[tuple[float, float]]:
-    """A decaying motion like that of the packaged damper: seconds and metres."""
+    """A decaying oscillation like the packaged damper's: seconds and metres."""
     noise = np.random.default_rng(5).normal(size=1500)
     for time, error in zip(np.linspace(0.0, 6.0, 1500), noise, strict=True):
         fall = amplitude * np.exp(-0.8 * time) * np.cos(21.8 * time)
@@ -55,19 +55,19 @@ def rows(amplitude: float, *, sign: str = ".") -> list[str]:
 
 
 def shaken() -> list[str]:
-    """Next to the height the speed of the base."""
+    """A record of the height with the speed of the base."""
     pairs = [f"{t:.6f},{z:.9f},{0.01 * np.sin(7.0 * t):.9f}" for t, z in swing(1.0)]
     return ["time,height,base_speed", *pairs]
 
 
 def forced() -> list[str]:
-    """Next to the height the force on the piston."""
+    """A record of the height with the force on the piston."""
     pairs = [f"{t:.6f},{z:.9f},{73.5 + 0.5 * np.sin(9.0 * t):.9f}" for t, z in swing(1.0)]
     return ["time,height,force", *pairs]
 
 
 def geophone() -> list[str]:
-    """Volts of a geophone of 28 V s/m and 4.5 Hz on a piston that swings to rest."""
+    """Voltage of a geophone (28 V s/m, 4.5 Hz) on a decaying piston."""
     from scipy.signal import lsim
 
     times = np.arange(0.0, 6.0, 0.004)

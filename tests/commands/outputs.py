@@ -1,4 +1,4 @@
-"""What the Python blocks of README and guide print: run, compared, and written below them.
+"""Outputs of the Python blocks in README and guide: run, compared, and written below the blocks.
 
 ``python -m tests.commands.outputs [PAGE ...]`` runs the blocks of pages, each page in a process and
 a folder of its own, and writes what they print below them.
@@ -28,18 +28,18 @@ def with_blocks() -> list[Path]:
 
 
 def codes(page: str) -> list[str]:
-    """The blocks of a page that are run; files are imported by others."""
+    """Code blocks of a page to run, without blocks of files for import."""
     return [one["code"] for one in BLOCK.finditer(page) if not FILE.match(one["code"])]
 
 
 def shown(page: str) -> list[str]:
-    """What stands below each of them as its output; empty where nothing does."""
+    """Output shown below each block; empty if there is none."""
     found = [one for one in BLOCK.finditer(page) if not FILE.match(one["code"])]
     return [one["shown"] or "" for one in found]
 
 
 def printed(page: str, folder: Path) -> list[str]:
-    """What each block prints, run one after the other in the folder."""
+    """Run the blocks in turn in the folder; return the output of each."""
     script = folder / "page.py"
     parts = [f"{code}\nprint({BETWEEN!r}, flush=True)\n" for code in codes(page)]
     guard = 'if __name__ == "__main__":\n'  # sweeps start processes, which import the script
@@ -60,13 +60,13 @@ def printed(page: str, folder: Path) -> list[str]:
 
 
 def shortened(text: str) -> str:
-    """The first lines of an output, without spaces at their ends."""
+    """The first lines of an output, without trailing spaces."""
     lines = [line.rstrip() for line in text.splitlines()]
     return "\n".join([*lines[:MOST], "..."] if len(lines) > MOST + 1 else lines)
 
 
 def write(path: Path) -> None:
-    """Write what the blocks of a page print below them."""
+    """Write the outputs of a page's blocks below them."""
     page = path.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -1,4 +1,4 @@
-"""Every Python block of README and guide runs, and prints what stands below it."""
+"""Every Python block of README and guide runs, and prints the output shown below it."""
 
 import re
 from pathlib import Path
@@ -18,13 +18,13 @@ def test_blocks_and_their_outputs_are_found() -> None:
     assert sum(len(codes(path.read_text(encoding="utf-8"))) for path in with_blocks()) > 25
 
 
-def test_long_outputs_are_cut() -> None:
+def test_long_outputs_are_shortened() -> None:
     assert shortened("\n".join("abc")) == "a\nb\nc"
     assert shortened("\n".join(["x"] * 40)).splitlines()[MOST:] == ["..."]
 
 
-def test_a_block_prints_what_it_says(tmp_path: Path) -> None:
-    """Blocks of a page share their names; one that fails is told."""
+def test_block_output_agrees_with_the_page(tmp_path: Path) -> None:
+    """Blocks of a page share their variables; a failing block is reported."""
     page = "```python\nx = 2\n```\n\n```python\nprint(x / 3)\n```\n"
     assert printed(page, tmp_path) == ["", "0.6666666666666666"]
     with pytest.raises(AssertionError, match="ZeroDivisionError"):
@@ -34,7 +34,7 @@ def test_a_block_prints_what_it_says(tmp_path: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("path", with_blocks(), ids=lambda one: one.stem)
 def test_blocks_run_and_print_what_is_shown(path: Path, tmp_path: Path) -> None:
-    """The words unchanged, the numbers to a twentieth: other processors round otherwise."""
+    """Words are equal, numbers agree to 5 %, since processors round differently."""
     page = path.read_text(encoding="utf-8")
     outputs = printed(page, prepared_for_blocks(tmp_path))
     for text, output in zip(shown(page), outputs, strict=True):

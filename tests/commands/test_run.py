@@ -1,4 +1,4 @@
-"""Every command that guide, README and `--help` show runs, unchanged there.
+"""Every command shown in guide, README and `--help` runs unchanged.
 
 They run one after the other in one folder, in the order of the pages: what one makes, another
 reads.
@@ -43,7 +43,7 @@ BROUGHT = re.compile(r"SNLS80mV\.csv")
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the commands run."""
+    """Folder in which the commands run."""
     here = make_directory(tmp_path_factory.mktemp("work"))
     scene = mono_bed(368, speed=33e-3, relaxation=1.0).replace(**{"output.frames": 0.01})
     simulate(scene, t_end=20.0, out=here / "runs" / "compression", progress=False)  # as a page does
@@ -56,7 +56,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def prepare(line: str, folder: Path) -> None:
-    """Write `lab.csv` in the form of which the command speaks, and make room for a help's example."""
+    """Write `lab.csv` in the format for the command, and remove obstacles to an example of the help."""
     words = shlex.split(line, comments=True)
     if line in of_help() and "-o" in words and not {"--resume", "sweep"} & set(words):
         target = folder / words[words.index("-o") + 1]
@@ -74,7 +74,7 @@ def prepare(line: str, folder: Path) -> None:
 @pytest.mark.long
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("line", [one for one in commands() if not BROUGHT.search(one)])
-def test_it_runs_as_it_stands(line: str, folder: Path) -> None:
+def test_command_runs_as_shown(line: str, folder: Path) -> None:
     prepare(line, folder)
     seconds = STARTED if HOURS.search(line) else LONGEST
     status, said = ended(line, folder, seconds)
@@ -85,7 +85,7 @@ def test_it_runs_as_it_stands(line: str, folder: Path) -> None:
 
 
 def assert_shown(said: str) -> None:
-    """What the README shows of the main job is printed, its numbers to a hundredth."""
+    """The output in the README is printed, with numbers to 1 %."""
     printed: dict[str, list[list[float]]] = {}
     for one in said.splitlines():
         printed.setdefault(NUMBER.sub("#", one.strip()), []).append(numbers_of(one))
@@ -103,7 +103,7 @@ def numbers_of(line: str) -> list[float]:
 
 
 def ended(line: str, folder: Path, seconds: float) -> tuple[int, str]:
-    """Exit status of a command and its last words; Ctrl-C after some seconds."""
+    """Exit status and last output of a command; Ctrl-C after some seconds."""
     words = shlex.split(line, comments=True)
     paths = os.pathsep.join((str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])))
     start = [sys.executable, *(SCRIPT if words[0] == PROG else [])]

@@ -1,4 +1,4 @@
-"""Commands and options that pages, messages and help show exist."""
+"""Commands and options in pages, messages and help exist."""
 
 import ast
 import re
@@ -13,13 +13,13 @@ from granular.commands.console import Parser
 from .shown import PAGES, PARSERS, ROOT, commands, parser_of, parsers
 
 
-def test_there_are_commands() -> None:
+def test_commands_are_found_in_pages_and_help() -> None:
     assert len(commands()) > 60
 
 
 @pytest.mark.parametrize("line", commands())
-def test_a_command_that_is_shown_is_one(line: str) -> None:
-    """Names and options are those of the program."""
+def test_shown_commands_exist(line: str) -> None:
+    """The program has these names and options."""
     words = shlex.split(line.partition(" > ")[0], comments=True)
     parser, rest = parser_of(words)
     if rest and rest[0] not in ("--help", "--version"):
@@ -28,7 +28,7 @@ def test_a_command_that_is_shown_is_one(line: str) -> None:
 
 @pytest.mark.parametrize("parser", list(parsers()), ids=lambda parser: parser.prog)
 def test_examples_of_help_are_commands(parser: Parser) -> None:
-    """From the line "examples:" to the next empty one, comments aside, the program is called."""
+    """Each line from "examples:" to the next empty line, except comments, calls the program."""
     text = (parser.epilog or "").replace("\\\n", " ").partition("examples:\n")[2].partition("\n\n")[0]
     for line in text.splitlines():
         assert "%(prog)s" in line or line.strip().startswith("#"), line
@@ -39,7 +39,7 @@ TOOLS = ("granular", "reduced_models", "validation")
 
 
 def options() -> dict[str, set[str]]:
-    """Those of each command."""
+    """Options of each command."""
     parsers = (
         action.choices
         for tool in TOOLS
@@ -75,7 +75,7 @@ SEEN_ON = {
 
 
 def texts(path: Path) -> Iterator[str]:
-    """Texts of a file for people: no docstrings and examples, and no options alone."""
+    """Readable texts of a file, without docstrings, examples and bare options."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
@@ -88,14 +88,14 @@ def texts(path: Path) -> Iterator[str]:
 
 
 def commands_of(path: Path, text: str) -> list[tuple[str, ...]]:
-    """Groups of commands, in each of which an option of a text must be on all or on some."""
+    """Groups of commands; an option in a text must exist for all or for some commands of a group."""
     name = path.relative_to(ROOT).as_posix()
     room = next((room for room in SEEN_ON if name.startswith(room)), None)
     return [(command,) for command in SEEN_ON[room]] if room else [commands_defined_in(path)]
 
 
 def commands_defined_in(path: Path) -> tuple[str, ...]:
-    """Commands of a file, or all of them where it is of none."""
+    """Commands of a file, or all commands if it has none."""
     if path.parent.name != "commands" or path.name == "console.py":
         return tuple(OPTIONS)
     found = re.findall(r"@command\(\s*\"([a-z-]+)\"", path.read_text(encoding="utf-8"))
@@ -111,7 +111,7 @@ FILES = [
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_options_that_messages_name_are_there(path: Path) -> None:
+def test_options_in_messages_exist(path: Path) -> None:
     for text in texts(path):
         named = re.search(r"\b([a-z-]+) (--[a-z-]+)", text)
         groups = commands_of(path, text)
@@ -122,14 +122,14 @@ def test_options_that_messages_name_are_there(path: Path) -> None:
                 assert any(word in OPTIONS[name] for name in group), (text, word, group)
 
 
-def test_there_are_messages_that_name_options() -> None:
+def test_messages_with_options_are_found() -> None:
     named = {word for path in FILES for text in texts(path) for word in OPTION.findall(text)}
     assert {"--columns", "--between", "--release", "--import", "--force", "--drift"} <= named
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_options_that_pages_name_are_there(page: Path) -> None:
-    """One within a command that is shown is on that command, one alone on some command."""
+def test_options_in_pages_exist(page: Path) -> None:
+    """An option in a shown command exists for it; an option alone exists for some command."""
     every = set().union(
         *OPTIONS.values(),
         {"--version"},

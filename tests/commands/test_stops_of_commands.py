@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM at drawn times end every long command with one line and the right status."""
+"""Ctrl-C and SIGTERM at random times end every long command with one line and the right exit status."""
 
 import os
 import signal
@@ -55,7 +55,7 @@ def make_folder(folder: Path) -> Path:
 
 
 def catches_sigterm(pid: int) -> bool:
-    """True once the command has begun: before, Python and not the toolkit answers a signal."""
+    """True once the command has begun; before, Python handles a signal, not the toolkit."""
     status = Path(f"/proc/{pid}/status").read_text()
     caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
     return bool(int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
@@ -64,7 +64,7 @@ def catches_sigterm(pid: int) -> bool:
 def stop_command(
     words: str, folder: Path, delay: float, number: signal.Signals, to_group: bool, cache: Path | None
 ) -> str | None:
-    """Stop a command after a delay [s]: what was wrong with its end; None where it had ended before."""
+    """Stop a command after a delay [s]; return a fault of its end, or None if it had already ended."""
     own = {} if cache is None else {"XDG_CACHE_HOME": str(cache)}
     command = subprocess.Popen(
         [sys.executable, "-m", *words.split(), "--quiet"],
@@ -108,7 +108,7 @@ def stop_command(
 @pytest.mark.long  # quick: stops in every kind of code that wraps one, in granular/shared/test_stops.py
 @pytest.mark.parametrize("compiled", list(LATEST))
 @pytest.mark.parametrize("name", list(COMMANDS))
-def test_stops_at_drawn_times_end_a_command_with_one_line(name: str, compiled: str, tmp_path: Path) -> None:
+def test_stop_at_a_random_time_ends_a_command_with_one_line(name: str, compiled: str, tmp_path: Path) -> None:
     random = np.random.default_rng([*COMMANDS].index(name) + 100 * (compiled == "cold"))
     wrong = []
     for k in range(STOPS):

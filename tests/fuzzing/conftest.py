@@ -1,4 +1,4 @@
-"""Programs of random trials, run as their users run them."""
+"""Programs of random trials, run in separate processes."""
 
 import json
 import os
@@ -18,7 +18,7 @@ Tried = Callable[..., list[dict[str, Any]]]
 
 @pytest.fixture
 def tried() -> Tried:
-    """What became of the trials of a program; a process of its own, whose end is seen."""
+    """Outcomes of a program's trials, run in a separate process with a check of its end."""
 
     def tried(program: str, *words: str, compiled: bool = True) -> list[dict[str, Any]]:
         paths = (str(ROOT), os.environ.get("PYTHONPATH", ""))

@@ -1,4 +1,4 @@
-"""Fits of random records: finite parameters, or one line that says why there are none."""
+"""Fits of random records: finite parameters, or a one-line error with the reason."""
 
 import itertools
 import tempfile

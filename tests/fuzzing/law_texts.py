@@ -1,4 +1,4 @@
-"""Laws that nobody wrote: each text is read, and can be computed with, or refused in one line."""
+"""Random texts of laws: each is read and can be evaluated, or is refused in one line."""
 
 import sys
 import warnings
@@ -24,7 +24,7 @@ STRANGE = (
 
 
 def formula(random: Random, depth: int) -> str:
-    """A formula that the grammar may well know."""
+    """A random formula, mostly valid."""
     if depth <= 0 or random.uniform() < 0.2:
         return str(random.choice(NAMES if random.uniform() < 0.7 else NUMBERS))
     match int(random.integers(8)):
@@ -47,7 +47,7 @@ def formula(random: Random, depth: int) -> str:
 
 
 def made_text(random: Random) -> str:
-    """A law, and often something wrong about it."""
+    """A random law, often with an error."""
     parts = [f"z'' + {formula(random, int(random.integers(1, 7)))}"]
     if random.uniform() < 0.3:
         parts[0] = formula(random, 4)
@@ -72,7 +72,7 @@ def made_text(random: Random) -> str:
 
 
 def outcome(text: str) -> Outcome:
-    """What becomes of a text; a law that is read has an acceleration and slopes."""
+    """Outcome of a text; a law that is read has an acceleration and derivatives."""
     try:
         law = law_from_text(text)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""Random records as files and as arrays: read with finite figures, or refused in one line."""
+"""Random records as files and arrays: read with finite numbers, or refused in one line."""
 
 import sys
 import tempfile
@@ -40,7 +40,7 @@ ODD = (np.nan, np.inf, -np.inf, 0.0, -0.0, 5e-324, 1e308, -1e308, 1e-308)
 
 
 def made_columns(random: Random) -> dict[str, np.ndarray]:
-    """Time, height and perhaps more, as arrays; most of them with something odd about them."""
+    """Time, height and perhaps more columns as arrays, mostly with an anomaly."""
     count = int(random.choice([0, 1, 2, 19, 20, 25, 40, 100, 100, 400, 400, 1500]))
     match int(random.integers(10)):
         case 0:
@@ -184,7 +184,7 @@ def made_file(random: Random) -> bytes:
 
 
 def record_of(random: Random, folder: Path, show: bool = False) -> PistonRecord:
-    """A record, by way of a file or of arrays."""
+    """A record from a file or arrays."""
     if random.uniform() < 0.5:
         columns = made_columns(random)
         if show:
@@ -199,7 +199,7 @@ def record_of(random: Random, folder: Path, show: bool = False) -> PistonRecord:
 
 
 def glanced_at(random: Random, folder: Path, show: bool) -> Outcome:
-    """A record's figures are finite, or one line says why there are none."""
+    """The numbers of a record's overview are finite, or a one-line error gives the reason."""
     try:
         record = record_of(random, folder, show)
         for name, values in record.columns.items():

@@ -1,4 +1,4 @@
-"""Scenes by a seed and a number: sound, spoiled, and how they are to be run."""
+"""Random scenes by seed and number: valid, corrupted, and with settings of the run."""
 
 import copy
 import math
@@ -18,7 +18,7 @@ COMMON = (
 
 
 class Case:
-    """A scene and how it is run, from a seed and a number."""
+    """A scene and its run settings, from a seed and a number."""
 
     def __init__(self, seed: int, number: int) -> None:
         random = random_of(seed, number)
@@ -77,7 +77,7 @@ def walls(random: Random, width: float, height: float, widest: float, piston: bo
 
 
 def effects(random: Random, names: set[str], size: tuple[float, ...], piston: bool) -> Plain:
-    """The effects of those names, for a cell of a width and height, and the widest grain."""
+    """Effects by name, for a cell of given width and height, and the widest grain."""
     found: Plain = {name: {} for name in sorted(names)}
     if "walls" in names:
         found["walls"] = walls(random, *size, piston) if some(random, 0.6) else {}
@@ -145,7 +145,7 @@ def stage(random: Random, name: str, height: float, record: float, free: bool) -
 
 
 def sound_scene(random: Random, names: set[str], common: bool) -> Plain:
-    """Plain data of a scene that most often can be run."""
+    """Plain data of a scene that usually can be run."""
     kinds = species(random)[: 1 if common else 3]
     if common:
         kinds[0]["share"] = 1.0
@@ -220,7 +220,7 @@ CONTROLS = ("explicit-euler", "runge-kutta-4")
 
 
 def arguments(random: Random, plain: Plain, common: bool) -> Plain:
-    """How the scene is to be run."""
+    """Run settings of the scene."""
     record = plain["output"]["scalars"]
     found: Plain = {"dt": "auto"}
     effects = plain["effects"]
@@ -281,7 +281,7 @@ ODD: tuple[Any, ...] = (
 
 
 def leaves(plain: Any) -> Iterator[tuple[Any, Any]]:
-    """Every place of a nested structure: its container, and its key or index."""
+    """All leaves of a nested structure: container, and key or index."""
     items = plain.items() if isinstance(plain, dict) else enumerate(plain)
     for key, value in list(items):
         yield plain, key
@@ -290,7 +290,7 @@ def leaves(plain: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def spoil(random: Random, plain: Plain) -> None:
-    """Change one place into something odd; most often a number."""
+    """Replace one value by an unusual one, mostly a number."""
     places = list(leaves(plain))
     if some(random, 0.7):
         places = [one for one in places if isinstance(one[0][one[1]], float)] or places

@@ -1,4 +1,4 @@
-"""Random scenes, and what becomes of them: fine, refused, stopped, or a fault."""
+"""Random scenes and their outcomes: completed, refused, stopped, or a fault."""
 
 import contextlib
 import itertools
@@ -22,7 +22,7 @@ from trials import FAULT, LONGEST, MOST_MEMORY, Hang, Outcome, tell, wanted
 
 @contextlib.contextmanager
 def within(seconds: float) -> Iterator[None]:
-    """Ctrl-C after some seconds of the processor, and `Hang` later."""
+    """Send Ctrl-C after some seconds of processor time, and raise `Hang` later."""
     started = time.process_time()
 
     def alarm(*_: object) -> None:
@@ -41,7 +41,7 @@ def within(seconds: float) -> Iterator[None]:
 
 
 def tried(case: Case, seconds: float, *, figures: bool = False) -> Outcome:
-    """The outcome of a case, and what is to be said of it; or figures of its second record."""
+    """Outcome of a case with a remark, or numbers of its second record."""
     from granular.shared.errors import InputError, RunError
 
     with warnings.catch_warnings(record=True) as said:
@@ -99,7 +99,7 @@ def main() -> None:
 
 
 def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
-    """The run of a case, and assert what holds of every run."""
+    """Run a case, and assert the properties of all runs."""
     import tomllib
 
     from granular import Scene, simulate
@@ -137,7 +137,7 @@ def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
 
 
 def not_finite(run: Any) -> str:
-    """What of a run is not finite, in words."""
+    """Description of values of a run that are not finite."""
     data = run.dataset
     gone = "grain_count" in data and (data["grain_count"].values < run.scene.grains.count).any()
     for name in data.variables:
@@ -152,7 +152,7 @@ def not_finite(run: Any) -> str:
 
 
 def check_resumed(case: Case, integer: Any) -> None:
-    """A run that is cut and goes on has the bits of one that was not."""
+    """A resumed run has the bits of an uninterrupted one."""
     from granular import Scene, load_trajectory, simulate
 
     assert case.resumed is not None
@@ -177,7 +177,7 @@ def check_resumed(case: Case, integer: Any) -> None:
 
 @contextlib.contextmanager
 def silent_overflow() -> Iterator[None]:
-    """NumPy says what overflows in pure Python, where compiled code is silent."""
+    """Silence NumPy's overflow warnings in pure Python; compiled code gives none."""
     with np.errstate(all="ignore"):
         yield
 

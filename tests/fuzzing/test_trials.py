@@ -1,4 +1,4 @@
-"""Random scenes, records and laws are run or read, or refused in one line: nothing else becomes of them."""
+"""Random scenes, records and laws are run or read, or refused in one line, without other outcomes."""
 
 import json
 import math
@@ -22,13 +22,13 @@ def check(cases: list[dict[str, Any]], count: int) -> None:
     assert min(found["fine"], found["refused"]) > 0.1 * count
 
 
-def test_some_random_scenes(tried: Any) -> None:
+def test_some_random_scenes_run_or_are_refused(tried: Any) -> None:
     words = ("--count", "20", "--seconds", "0.5")
     check(tried("scenes.py", *words, compiled=False), 20)
 
 
-def test_a_case_follows_from_its_number_alone() -> None:
-    """And not from the order that Python gives to the members of a set."""
+def test_random_case_depends_only_on_its_number() -> None:
+    """It does not depend on Python's order of sets."""
     code = "from scene_cases import Case; print([Case(1, number).plain for number in range(40)])"
     here = Path(__file__).parent
     paths = os.pathsep.join((str(here), str(here.parents[1])))
@@ -41,13 +41,13 @@ def test_a_case_follows_from_its_number_alone() -> None:
 
 
 @pytest.mark.long
-def test_many_random_scenes(tried: Any) -> None:
+def test_many_random_scenes_run_or_are_refused(tried: Any) -> None:
     check(tried("scenes.py", "--count", "5000", compiled=False), 5000)
 
 
 @pytest.mark.long
-def test_random_scenes_compiled(tried: Any) -> None:
-    """The first of them whose effects are common, next to what plain Python makes of them."""
+def test_random_scenes_agree_between_compiled_and_plain_python(tried: Any) -> None:
+    """The first scenes with common effects, compared with plain Python."""
     words = ("--count", "300", "--common", "--seconds", "20", "--figures")
     compiled, plain = tried("scenes.py", *words), tried("scenes.py", *words, compiled=False)
     check(compiled, 300)
@@ -59,7 +59,7 @@ def test_random_scenes_compiled(tried: Any) -> None:
 
 
 def assert_same(one: dict[str, float], other: dict[str, float], case: int) -> None:
-    """But for rounding, which a few steps have hardly let grow."""
+    """Equal up to rounding, which hardly grows in a few steps."""
     assert set(one) == set(other)
     energy = max((abs(one[name]) for name in one if name.endswith("_energy")), default=0.0)
     for name, value in one.items():

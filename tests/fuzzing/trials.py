@@ -1,4 +1,4 @@
-"""Numbered trials: what becomes of each as a line of JSON, and of all of them as a count.
+"""Numbered trials: the outcome of each as a line of JSON, and counts of outcomes.
 
 What a trial is, follows from the seed and its number alone. Each of the programs next to this file
 
@@ -47,7 +47,7 @@ def random_of(seed: int, number: int) -> Random:
 
 
 def wanted(program: str | None) -> argparse.ArgumentParser:
-    """The options that all programs have."""
+    """Options shared by all programs."""
     parser = argparse.ArgumentParser(description=(program or "").splitlines()[0])
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--first", type=int, default=0, help="number of the first trial")
@@ -58,7 +58,7 @@ def wanted(program: str | None) -> argparse.ArgumentParser:
 
 @contextlib.contextmanager
 def a_minute() -> Iterator[None]:
-    """Where nothing may take longer."""
+    """Limit the time of a trial to a minute."""
 
     def over(*_: object) -> None:
         raise Hang
@@ -73,7 +73,7 @@ def a_minute() -> Iterator[None]:
 
 
 def refused(error: InputError) -> Outcome:
-    """One line, that a person can read."""
+    """A refusal is one readable line."""
     text = str(error)
     assert text.isprintable(), repr(text)
     assert len(text) < 1000, text
@@ -81,7 +81,7 @@ def refused(error: InputError) -> Outcome:
 
 
 def watched(trial: Callable[[int], Outcome], number: int) -> Outcome:
-    """The outcome of a trial, whatever it does."""
+    """Outcome of a trial, including crashes."""
     try:
         return trial(number)
     except Hang:
@@ -91,7 +91,7 @@ def watched(trial: Callable[[int], Outcome], number: int) -> Outcome:
 
 
 def tell(trial: Callable[[int], Outcome], numbers: Iterable[int]) -> None:
-    """Print the outcomes line by line; at the end, next to them, how many there were of each."""
+    """Print the outcomes line by line, and finally the count of each."""
     count: Counter[str] = Counter()
     for number in numbers:
         started = time.monotonic()
@@ -116,5 +116,5 @@ def one_of(random: Random, choices: Any) -> Any:
 
 
 def between(random: Random, low: float, high: float) -> float:
-    """A number whose logarithm is evenly spread."""
+    """A random number with a uniformly distributed logarithm."""
     return float(math.exp(random.uniform(math.log(low), math.log(high))))

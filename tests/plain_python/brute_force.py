@@ -1,4 +1,4 @@
-"""Forces and energies of a bed summed pair by pair and wall by wall, from the formulas of the guide alone.
+"""Forces and energies of a bed summed pair by pair and wall by wall, only from the formulas of the guide.
 
 Everything is in SI. Of the package, only the exact laws of two discs are used, which are tested against
 magpylib; none of the kernels.
@@ -36,7 +36,7 @@ EVERYWHERE = Reach()
 
 @dataclasses.dataclass(frozen=True)
 class Bed:
-    """Grains at a moment, and what surrounds them, in SI."""
+    """Grains at one time, with cell and walls, in SI."""
 
     species: tuple[dict[str, Any], ...]
     kind: np.ndarray
@@ -62,7 +62,7 @@ class Bed:
 
     @property
     def moments(self) -> np.ndarray:
-        """Moments [A m^2], with their scatter."""
+        """Moments [A m^2], including their spread."""
         return self.of_species("remanence") / MU_0 * self.volumes * self.scatter
 
     @property
@@ -72,7 +72,7 @@ class Bed:
 
     @property
     def ratios(self) -> np.ndarray:
-        """Moments over that of a grain of the first species without scatter."""
+        """Moments over the moment of the first species without spread."""
         return self.moments / self.first_moment
 
     @property
@@ -90,7 +90,7 @@ class Bed:
 
 
 def bed_of(scene: Scene, places: np.ndarray, piston: float | None = None) -> Bed:
-    """Bed of a scene with grains at these places; piston at the scene's height if not given [m]."""
+    """Bed of a scene with grains at these positions; default piston height: the scene's [m]."""
     grains, cell = scene.grains, scene.cell
     names = ("thickness", "density", "remanence")
     values = {name: grains.species_values(name) for name in names}
@@ -113,7 +113,7 @@ def bed_of(scene: Scene, places: np.ndarray, piston: float | None = None) -> Bed
 
 @dataclasses.dataclass
 class Sums:
-    """Forces on the grains, energy, forces on the walls, and sums of the sizes of forces."""
+    """Forces on the grains, energy, forces on the walls, and sums of the magnitudes of forces."""
 
     force: np.ndarray
     energy: float = 0.0
@@ -125,7 +125,7 @@ class Sums:
 
 
 def displacements(bed: Bed, reach: Reach) -> Iterator[np.ndarray]:
-    """Displacements of each grain from each other one (n, n, 2) [m], image by image."""
+    """Displacements between all grains (n, n, 2) [m], image by image."""
     way = bed.places[:, None] - bed.places
     if bed.periods is None:
         yield way
@@ -141,7 +141,7 @@ def displacements(bed: Bed, reach: Reach) -> Iterator[np.ndarray]:
 
 
 def sum_pairs(bed: Bed, law: Law, reach: Reach = EVERYWHERE) -> Sums:
-    """Sum a law over all pairs that count; a grain also meets its own images."""
+    """Sum a law over all pairs within reach, including a grain with its images."""
     count = len(bed.places)
     result = Sums(np.zeros((count, 2)), sizes=np.zeros(count))
     later = np.triu(np.ones((count, count), dtype=bool))
@@ -172,7 +172,7 @@ def dipoles(bed: Bed) -> Law:
 
 
 def discs(bed: Bed) -> Law:
-    """Uniformly magnetised discs, each species by its own; below contact the force goes on as its tangent."""
+    """Uniformly magnetized discs for each species; below contact the force continues as its tangent."""
 
     def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         energy, push, shapes = np.empty_like(r), np.empty_like(r), bed.discs()
@@ -187,7 +187,7 @@ def discs(bed: Bed) -> Law:
 
 
 def two_discs(r: np.ndarray, first: Disc, second: Disc) -> tuple[np.ndarray, np.ndarray]:
-    """Energy and force of two discs over those scales of dipoles; below contact by the tangent there."""
+    """Energy and force of two discs in units of dipoles; below contact by the tangent at contact."""
     contact = first.radius + second.radius
     # Far away, to 2e-5 of it, each disc adds (9/8) (R^2 - h^2/3)/r^2 to the energy of dipoles.
     b = sum(0.75 * (one.radius**2 - one.height**2 / 3.0) for one in (first, second))
@@ -218,7 +218,7 @@ def hertz(bed: Bed, modulus: float) -> Law:
 
 
 def field(bed: Bed, energy: np.ndarray, force: np.ndarray) -> Sums:
-    """Sums of a force on each grain alone."""
+    """Sums of a force on single grains."""
     return Sums(force, math.fsum(energy), sizes=np.hypot(*force.T))
 
 
@@ -252,7 +252,7 @@ def power_law_wall(bed: Bed, strength: float, power: float) -> WallLaw:
 
 
 def slab_wall(bed: Bed, ends: tuple[tuple[float, float], ...]) -> WallLaw:
-    """Lines of dipoles between such ends [m], integrated along each."""
+    """Lines of dipoles between given ends [m], by integration along each."""
 
     def law(w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         # Extended precision: beyond an end the two terms nearly cancel.
@@ -296,7 +296,7 @@ def disc_row_wall(bed: Bed, pitch: float) -> WallLaw:
 
 
 def torques_of_discs(bed: Bed, r: np.ndarray) -> np.ndarray:
-    """Torques on each grain by each other one, as discs over as dipoles; the load is a magnitude."""
+    """Torques between all grains as discs over torques as dipoles; the load is a magnitude."""
     result, shapes = np.ones_like(r), bed.discs()
     for a, first in enumerate(shapes):
         for b, second in enumerate(shapes):
@@ -315,7 +315,7 @@ def torques_of_discs(bed: Bed, r: np.ndarray) -> np.ndarray:
 def normal_loads(
     bed: Bed, reach: Reach, directions: str, *, second: bool, cylinders: bool = False
 ) -> np.ndarray:
-    """Normal force of the plates on each grain by [D, eq. 4.11] [N], for such directions of the tilts."""
+    """Normal force of the plates on each grain by [D, eq. 4.11] [N], for given directions of the tilts."""
     diameter, thickness = bed.of_species("diameter"), bed.of_species("thickness")
     diagonal = np.hypot(diameter, thickness)
     lean = np.arctan(thickness / diameter)

@@ -1,4 +1,4 @@
-"""Files of plain Python, which numba must not compile, and those that repeat some of it compiled."""
+"""Test files for plain Python, without numba's compilation, and files that repeat some tests compiled."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Runs of a few steps may be rough."""
+    """Ignore warnings of inaccuracy in runs of a few steps."""
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.plain)

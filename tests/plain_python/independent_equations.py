@@ -1,4 +1,4 @@
-"""The equations of grains, piston, cell and machine written down again, for SciPy's DOP853.
+"""Independent equations of motion of grains, piston, cell and machine, for SciPy's DOP853.
 
 In SI, seen from the base, from the formulas of the physical model and of the guide alone: nothing of
 the engine is imported. Grains and a free piston have their velocities over the base; a driven piston
@@ -22,7 +22,7 @@ Course = Callable[[float], tuple[float, float]]
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A bed on a machine, in SI, with the tables of its host and its stages as a scene has them."""
+    """A bed on a machine, in SI, with the tables of its host and stages as in a scene."""
 
     diameters: np.ndarray
     positions: np.ndarray
@@ -173,7 +173,7 @@ class Stretch:
         self.equations, self.push, self.course, self.start = equations, push, course, start
 
     def pack(self, now: Instant) -> np.ndarray:
-        """State as one row of numbers."""
+        """State as one vector."""
         it = self.equations
         tail = [now.cell, now.cell_speed, now.piston, now.piston_speed]
         if self.course is not None and it.moves:
@@ -183,7 +183,7 @@ class Stretch:
         return np.concatenate([now.grains.ravel(), now.speeds.ravel(), now.bodies, now.body_speeds, tail])
 
     def unpack(self, time: float, row: np.ndarray) -> Instant:
-        """State of such a row at a time in the stage."""
+        """State from a vector at a time in the stage."""
         it = self.equations
         grains, bodies = 2 * len(it.masses), max(len(it.body_masses) - 1, 0)
         parts = np.split(row, np.cumsum([grains, grains, bodies, bodies]))
@@ -198,7 +198,7 @@ class Stretch:
         return Instant(parts[0].reshape(-1, 2), parts[1].reshape(-1, 2), parts[2], parts[3], *tail)
 
     def rates(self, time: float, row: np.ndarray) -> np.ndarray:
-        """Rates of change of such a row."""
+        """Time derivative of the vector."""
         it, now = self.equations, self.unpack(time, row)
         on, on_bodies, on_cell, on_piston = it.forces(now, self.start + time)
         tail: list[float] = []
@@ -215,7 +215,7 @@ class Stretch:
 
 
 def solve(case: Case) -> dict[str, np.ndarray]:
-    """State at the end of the stages, as a run names it: ``position`` [m] and others."""
+    """State at the end of the stages, with the names of a run's dataset: ``position`` [m] and others."""
     equations = Equations(case)
     bodies = np.zeros(max(len(equations.body_masses) - 1, 0))
     now = Instant(case.positions, case.velocities.copy(), bodies, bodies.copy(), 0.0, 0.0, case.height, 0.0)
@@ -242,7 +242,7 @@ def solve(case: Case) -> dict[str, np.ndarray]:
 
 
 def _jump(stage: dict[str, Any], height: float) -> float:
-    """Way [m] that the piston is set up by at the stage's start."""
+    """Jump of the piston at the start of the stage [m]."""
     if stage["kind"] == "follow":
         return float(stage["heights"][0]) - height
     return float(stage.get("by", 0.0))

@@ -37,8 +37,8 @@ def run(scene: Scene, dt: float = DT, **options: Any) -> Trajectory:
     return simulate(scene, dt=dt, progress=False, **options)
 
 
-def test_a_piston_on_a_spring_has_the_period_of_the_step() -> None:
-    """From rest under a preload, it swings about where the spring balances it."""
+def test_piston_on_a_spring_has_the_period_of_the_integrator() -> None:
+    """Released from rest under a preload, it oscillates about the equilibrium of the spring."""
     spring = {"upper": "piston", "stiffness": STIFFNESS, "preload": 3.0}
     data = run(empty({"springs": [spring]})).dataset
     omega = 2.0 / DT * math.asin(0.5 * DT * math.sqrt(STIFFNESS / MASS))
@@ -47,7 +47,7 @@ def test_a_piston_on_a_spring_has_the_period_of_the_step() -> None:
 
 
 @pytest.mark.parametrize("count", [2, 3])
-def test_bodies_in_the_cell_have_the_modes_of_their_matrices(count: int) -> None:
+def test_bodies_in_the_cell_have_the_modes_of_their_mass_and_stiffness_matrices(count: int) -> None:
     others = [{"name": f"b{k}", "mass": 0.3 + 0.2 * k} for k in range(count - 1)]
     names = ["piston", *(other["name"] for other in others), "base"]
     springs = [
@@ -66,8 +66,8 @@ def test_bodies_in_the_cell_have_the_modes_of_their_matrices(count: int) -> None
     np.testing.assert_allclose(np.transpose(found), wanted, rtol=0.0, atol=1e-9 * np.abs(rest).max())
 
 
-def test_a_spring_joins_a_body_in_the_cell_and_the_machine_that_carries_it() -> None:
-    """Momentum is kept, and both swing with the reduced mass."""
+def test_spring_couples_a_body_in_the_cell_to_the_machine() -> None:
+    """Momentum is conserved, and both oscillate with the reduced mass."""
     machine = {"mount": "cell", "bodies": [{"mass": 2.0}]}
     spring = {"upper": "piston", "lower": "cell", "stiffness": STIFFNESS, "preload": 3.0}
     data = run(empty(machine | {"springs": [spring]})).dataset
@@ -80,8 +80,8 @@ def test_a_spring_joins_a_body_in_the_cell_and_the_machine_that_carries_it() -> 
 
 
 @pytest.mark.parametrize("dashpot", [0.0, 0.5])
-def test_friction_in_the_guide_takes_equal_steps_of_the_amplitude(dashpot: float) -> None:
-    """2 F/k in each half oscillation, less by a dashpot, until it stays to the last bit."""
+def test_guide_friction_lowers_the_amplitude_by_equal_steps(dashpot: float) -> None:
+    """2 F/k per half oscillation, less with a dashpot, until it sticks exactly."""
     friction, push = 0.4, 3.0
     spring = {"upper": "piston", "stiffness": STIFFNESS, "preload": push, "damping": dashpot}
     changes = {"piston.friction": friction, "output.scalars": DT / 4}
@@ -103,7 +103,7 @@ def test_friction_in_the_guide_takes_equal_steps_of_the_amplitude(dashpot: float
     assert taken == pytest.approx(lost, rel=0.25 * (0.25 * omega * DT) ** 2)  # of the step
 
 
-def test_a_stop_gives_back_the_speed_and_acts_behind_its_gap_alone() -> None:
+def test_stop_reflects_the_speed_and_acts_only_beyond_its_gap() -> None:
     stop = {"upper": "piston", "lower": "cell", "stiffness": 4e5, "gap": "10 mm"}
     fall = {"effects.gravity": True, "effects.host": {"mount": "base", "springs": [stop]}}
     data = run(empty({}, 0.12).replace(**fall), DT / 16).dataset
@@ -121,7 +121,7 @@ def test_a_stop_gives_back_the_speed_and_acts_behind_its_gap_alone() -> None:
 
 
 def bed_between_pistons(**changes: Any) -> Scene:
-    """Dipoles on a floor that a spring bears, under a free piston."""
+    """Dipoles on a spring-supported floor, under a free piston."""
     floor = {"name": "floor", "mass": 0.3, "side": "bottom", "drag": 20.0}
     plain = {
         "grains": {"count": 12, "species": [{"diameter": "6 mm"}]},
@@ -146,7 +146,7 @@ def bed_between_pistons(**changes: Any) -> Scene:
 
 
 @pytest.mark.filterwarnings("ignore:the energy ledger")
-def test_a_bed_between_two_pistons_is_in_balance() -> None:
+def test_bed_between_two_pistons_is_in_equilibrium() -> None:
     scene = bed_between_pistons()
     rest = equilibrium(run(scene, 4e-4))
     floor = float(rest.pencil.at[rest.pencil.bed.pistons])
@@ -161,7 +161,7 @@ def test_a_bed_between_two_pistons_is_in_balance() -> None:
     np.testing.assert_allclose(fixed.positions, lowered, rtol=0.0, atol=1e-9)
 
 
-def test_a_run_with_bodies_is_resumed_to_the_last_bit(tmp_path: Path) -> None:
+def test_run_with_bodies_is_resumed_with_equal_bits(tmp_path: Path) -> None:
     stop = {"upper": "floor", "lower": "cell", "stiffness": 1e4, "gap": "1 mm"}
     springs = [{"upper": "floor", "stiffness": 2000.0, "preload": 8.0, "damping": 1.0}, stop]
     scene = bed_between_pistons(**{"effects.host.springs": springs, "protocol.settle.duration": 0.04})
@@ -191,7 +191,7 @@ DRIVES: tuple[dict[str, Any] | None, ...] = (
 
 
 def draw(number: int) -> Scene:
-    """Combination of that number: mounts and courses in turn, with springs between any two bodies."""
+    """Combination with a given number: mounts and piston paths in turn, with springs between any bodies."""
     random = np.random.default_rng([4, number])
     mount, course = MOUNTS[number % 3], COURSES[number % len(COURSES)]
     machine: dict[str, Any] = {"mount": mount}
@@ -230,7 +230,7 @@ QUICK = range(8)
 @pytest.mark.parametrize(
     "number", [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in range(40)]
 )
-def test_the_ledger_of_a_drawn_combination_closes_to_second_order(number: int) -> None:
+def test_ledger_of_random_combinations_closes_to_second_order(number: int) -> None:
     scene = draw(number)
     coarse, fine = (float(run(scene, step).settings()["ledger_residual"]) for step in (4e-4, 2e-4))
     assert coarse < 5e-3, scene.to_toml()

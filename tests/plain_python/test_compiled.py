@@ -1,4 +1,4 @@
-"""Drawn scenes and features of the other files once more, compiled and in whole beds."""
+"""Random scenes and features of the other files, compiled and in full beds."""
 
 from pathlib import Path
 
@@ -8,15 +8,15 @@ pytestmark = [pytest.mark.long, pytest.mark.filterwarnings("ignore::RuntimeWarni
 
 
 @pytest.mark.parametrize("number", range(27))
-def test_a_drawn_scene_is_summed_as_written_out_when_compiled(number: int) -> None:
+def test_compiled_sums_of_random_scenes_agree_with_brute_force(number: int) -> None:
     from tests.plain_python.test_drawn_scenes import SCENES, check_case, make_case
 
     check_case(make_case(SCENES[number]))
 
 
 @pytest.mark.parametrize("part", range(10))
-def test_every_two_features_in_a_whole_bed(part: int, tmp_path: Path) -> None:
-    """Of 92 and 368 grains."""
+def test_every_pair_of_features_works_in_a_full_bed(part: int, tmp_path: Path) -> None:
+    """Beds of 92 and 368 grains."""
     from tests.plain_python.test_pairs_of_features import FULL, ROWS, check
 
     for number, row in enumerate(ROWS[part::10]):
@@ -24,8 +24,8 @@ def test_every_two_features_in_a_whole_bed(part: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", range(8))
-def test_near_pairs_that_are_listed_again_keep_the_bits_when_compiled(number: int, tmp_path: Path) -> None:
-    """In a run in three parts, and in one on two threads."""
+def test_rebuilt_near_lists_keep_the_bits_when_compiled(number: int, tmp_path: Path) -> None:
+    """In a run in three parts, and in a run on two threads."""
     from tests.plain_python.test_orders_and_bits import RESUMED, check_bits
 
     check_bits(list(RESUMED)[number], tmp_path)

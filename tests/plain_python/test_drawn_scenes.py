@@ -1,4 +1,4 @@
-"""Scenes drawn by a seed: forces, energies and loads against sums written out pair by pair.
+"""Random scenes: forces, energies and loads against brute-force sums over pairs.
 
 Every two features that can be together meet in one of them. `test_compiled.py` has them compiled.
 """
@@ -56,7 +56,7 @@ SPACING, JITTER, CUT_OFF = 10.8 * MM, 0.9 * MM, 30 * MM
 EXACT, OF_LAWS, OF_DISCS, OF_ROWS, OF_LOADS = 1e-12, 1e-9, 9e-6, 1e-6, (2e-4, 6e-4)
 """Errors over the rms of a grain's sum of sizes; of own pair laws, which may be tables, of discs
 (`disc_near_law.RELATIVE`), of rows of them (test_row_of_discs_is_the_sum_over_its_magnets) and of their loads
-(test_load_of_all_pairs_is_close_where_the_tables_end)."""
+(test_load_law_of_all_pairs_is_accurate_beyond_the_tables)."""
 
 Part = tuple[dict[str, Any], Callable[[Bed], Sums]]
 """Sections of a scene, and the sums that they bring."""
@@ -66,7 +66,7 @@ PairLaw = Callable[[Bed, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, 
 
 @effect
 class Screened:
-    """A repulsion of charges behind a screen, of all pairs."""
+    """A screened repulsion of charges between all pairs."""
 
     a: float = quantity("J*m", default=3e-3)
     length: float = quantity("m", default=6e-4)
@@ -104,7 +104,7 @@ class Tailed:
 
 @effect
 class ByMass:
-    """A screened repulsion by the masses of both grains, which ends at a distance."""
+    """A screened repulsion proportional to both masses, with a cut-off."""
 
     a: float = quantity("J*m/kg", default=0.3)
     length: float = quantity("m", default=2 * MM)
@@ -184,7 +184,7 @@ def sum_of(law: PairLaw) -> Callable[[Bed], Sums]:
 
 
 def formula_pair_laws(draw: np.random.Generator) -> Part:
-    """One that ends at a distance, and one of all pairs, which is spent within a few diameters."""
+    """A law with a cut-off, and a law for all pairs that decays within a few diameters."""
     a, length, k, end = draw.uniform(1e-3, 3e-3), 6e-4, draw.uniform(0.5, 2.0), draw.uniform(0.012, 0.02)
 
     def law(bed: Bed, r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -221,7 +221,7 @@ def yukawa(a: float, length: float) -> PairLaw:
 
 
 def law_with_a_tail(sections: dict[str, Any]) -> Callable[[np.random.Generator], Part]:
-    """Make a Yukawa repulsion and c/r^3, whose tail the method sums as it does dipoles."""
+    """Make a Yukawa repulsion plus c/r^3, whose tail is summed like dipoles."""
     short = sum_of(yukawa(A, LENGTH))
 
     def tail(bed: Bed) -> Sums:
@@ -249,14 +249,14 @@ def law_by_mass(draw: np.random.Generator) -> Part:
 
 
 def friction(draw: np.random.Generator) -> Part:
-    """Its load is summed with the pairs; it does not push."""
+    """Friction, whose load is summed with the pairs; it exerts no force here."""
     tilt = str(draw.choice(["bound", "aligned", "independent"]))
     torque = str(draw.choice(["first", "second"])) if tilt == "bound" else "first"
     return nothing({"friction": {"tilt": tilt, "torque": torque, "load": LOAD}})(draw)
 
 
 def nothing(sections: dict[str, Any]) -> Callable[[np.random.Generator], Part]:
-    """Make a feature that neither pushes a grain at rest nor stores energy."""
+    """Make a feature without a force on grains at rest and without energy."""
     return lambda draw: (sections, lambda bed: field(bed, np.zeros(1), np.zeros((len(bed.places), 2))))
 
 
@@ -386,7 +386,7 @@ EXCLUDED: dict[frozenset[str], str] = {
 
 @dataclasses.dataclass(frozen=True)
 class Drawn:
-    """Features of a scene, and the seed of its sizes and places."""
+    """Features of a scene, and the seed of its sizes and positions."""
 
     features: frozenset[str]
     seed: int
@@ -403,7 +403,7 @@ def pairs_of(features: frozenset[str]) -> set[frozenset[str]]:
 
 
 def draw_features(random: np.random.Generator, wanted: frozenset[str]) -> frozenset[str]:
-    """Draw a scene's features, the wanted ones among them."""
+    """Draw random features of a scene, including the requested ones."""
     while True:
         features = {str(random.choice(names)) for names in CHOICES.values() if not wanted & set(names)}
         if not wanted & set(CHOICES["sides"]) and random.random() < 0.5:  # there more can act
@@ -418,7 +418,7 @@ def draw_features(random: np.random.Generator, wanted: frozenset[str]) -> frozen
 
 
 def fits(features: set[str]) -> bool:
-    """Return False where walls and what rubs at them find no side."""
+    """Return False if walls and wall friction have no side."""
     walls = [name for name in WALLS if name in features]
     sides = [name for name in walls if name not in ("slab", "wall of discs", "gap")]
     if "wall friction" in features and ("closed" not in features or not sides):
@@ -428,7 +428,7 @@ def fits(features: set[str]) -> bool:
 
 
 def draw_scenes(count: int, seed: int) -> list[Drawn]:
-    """Draw scenes, each from some drawn ones that with the most pairs of features that are new."""
+    """Draw scenes, each the one of several candidates with the most new pairs of features."""
     random, scenes = np.random.default_rng(seed), []
     missing = {pair for pair in every_pair() if pair not in EXCLUDED}
     for number in range(count):
@@ -441,7 +441,7 @@ def draw_scenes(count: int, seed: int) -> list[Drawn]:
 
 
 def every_pair() -> set[frozenset[str]]:
-    """All pairs of features but two of one choice."""
+    """All pairs of features, except two of the same choice."""
     alike = {frozenset(pair) for names in CHOICES.values() for pair in itertools.combinations(names, 2)}
     return {frozenset(pair) for pair in itertools.combinations(FEATURES, 2)} - alike
 
@@ -464,7 +464,7 @@ SCENES = [
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A scene, its bed as the sums take it, what each part brings to such a bed, and to which error."""
+    """A scene, its bed for the brute-force sums, and contribution and tolerance of each part."""
 
     scene: Scene
     bed: Bed
@@ -479,7 +479,7 @@ class Case:
 
 
 def draw_places(drawn: Drawn, random: np.random.Generator, diameters: np.ndarray, columns: int) -> np.ndarray:
-    """Draw places about a square lattice [m]; with contact, of some neighbours that overlap."""
+    """Draw positions near a square lattice [m]; with contact, some neighbours overlap."""
     count = len(diameters)
     sites = np.stack((np.arange(count) % columns, np.arange(count) // columns), axis=1)
     places = SPACING * (sites + 0.5) + random.uniform(-JITTER, JITTER, (count, 2))
@@ -500,7 +500,7 @@ def draw_places(drawn: Drawn, random: np.random.Generator, diameters: np.ndarray
 def walls_of(
     drawn: Drawn, random: np.random.Generator, width: float, height: float
 ) -> tuple[dict[str, Any], dict[str, Callable[[Bed], WallLaw]]]:
-    """Sections and laws of the four walls, on which the drawn ones are spread."""
+    """Sections and laws of the four walls, over which the drawn ones are distributed."""
     names = [name for name in WALLS if name in drawn.features]
     rubbing = [name for name in names if name not in ("slab", "wall of discs", "gap")]
     sides: dict[str, str] = {}
@@ -526,7 +526,7 @@ def make_scene(drawn: Drawn) -> Scene:
 
 
 def make_case(drawn: Drawn) -> Case:
-    """Make the scene of some features, and the sums that it is held against."""
+    """Make the scene with some features, and the sums for comparison."""
     random = np.random.default_rng([7, drawn.seed])
     closed = "closed" in drawn.features
     columns, rows = (8, 5) if closed else (10, 11)
@@ -596,7 +596,7 @@ def make_case(drawn: Drawn) -> Case:
 
 
 def reach_of(drawn: Drawn, bed: Bed) -> Reach:
-    """Pairs that a method sums."""
+    """Pairs included by a method."""
     method = drawn.chosen("sum")
     if method == "mesh":
         return Reach() if bed.periods is None else Reach(3.0 * float(bed.periods.max()), images=True)
@@ -606,7 +606,7 @@ def reach_of(drawn: Drawn, bed: Bed) -> Reach:
 
 
 def magnetic_sums(drawn: Drawn, bed: Bed) -> Sums:
-    """Sums over the magnets."""
+    """Magnetic sums over pairs."""
     law, reach = (discs if "cylinders" in drawn.features else dipoles)(bed), bed.reach
     result = sum_pairs(bed, law, reach)
     if reach.images:  # the energy of dipoles converges slowly: by Ewald's sum, and the rest image by image
@@ -622,7 +622,7 @@ def energy_of_images(bed: Bed) -> float:
 
 
 def check_case(case: Case) -> None:
-    """Check all that an evaluation gives."""
+    """Check all results of an evaluation."""
     places = case.bed.places
     if case.bed.periods is not None:  # each grain at another of its images
         places = places + case.bed.periods * np.random.default_rng(1).integers(-2, 3, places.shape)
@@ -660,7 +660,7 @@ def rms(sizes: np.ndarray) -> float:
 
 
 def check_records(case: Case) -> None:
-    """Check the energies that a run records at its start, effect by effect."""
+    """Check the initial energies in a run's records, effect by effect."""
     data = simulate(case.scene, dt=OUTPUT, t_end=OUTPUT, progress=False).dataset
     # A tail is summed with the dipoles, and counts there.
     with_tail = {RECORDS[name] for name in (*TAILS, "magnets") if name in case.parts}
@@ -672,14 +672,14 @@ def check_records(case: Case) -> None:
         assert found == pytest.approx(math.fsum(parts.values()), rel=0.0, abs=off)
 
 
-def test_every_two_features_meet_in_a_drawn_scene() -> None:
+def test_every_pair_of_features_occurs_in_a_random_scene() -> None:
     held = set().union(*(pairs_of(drawn.features) for drawn in SCENES))
     for pair in every_pair():
         assert (pair in held) != (pair in EXCLUDED), sorted(pair)
 
 
 @pytest.mark.parametrize("pair", EXCLUDED, ids=lambda pair: "-".join(sorted(pair)))
-def test_what_cannot_meet_is_refused(pair: frozenset[str]) -> None:
+def test_incompatible_features_are_refused(pair: frozenset[str]) -> None:
     plain = {names[0] for names in CHOICES.values() if not pair & set(names)}
     plain |= {"infinite wall"} if "closed" in plain else set()
     drawn = Drawn(frozenset(plain | pair), 0)
@@ -688,7 +688,7 @@ def test_what_cannot_meet_is_refused(pair: frozenset[str]) -> None:
 
 
 @pytest.mark.parametrize("drawn", SCENES, ids=str)
-def test_a_drawn_scene_is_summed_as_written_out(drawn: Drawn) -> None:
+def test_sums_of_random_scenes_agree_with_brute_force(drawn: Drawn) -> None:
     case = make_case(drawn)
     check_case(case)
     check_records(case)

@@ -1,4 +1,4 @@
-"""Scenes and runs of version 9aa5be2a: they load, mean what they meant, and go on.
+"""Scenes and runs of version 9aa5be2a: they load with the same meaning, and can be resumed.
 
 `tests/data/earlier_runs` holds the runs of 20 grains that it made of `scenes.toml` with the functions of
 `laws.py`.
@@ -40,7 +40,7 @@ ERRORS = {"discs": 2e-5, "discs-by-mesh": 3e-4}
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Runs as they were written, whose own laws are known from here on."""
+    """Runs as written, with their custom laws registered."""
     import_user_code([FOLDER / "laws.py"])
     folder = tmp_path_factory.mktemp("earlier")
     with tarfile.open(FOLDER / "runs.tar.xz") as archive:
@@ -53,7 +53,7 @@ def scene_of(name: str) -> Scene:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_an_earlier_run_loads_and_its_forces_are_what_they_were(name: str, runs: Path) -> None:
+def test_earlier_run_loads_with_unchanged_forces(name: str, runs: Path) -> None:
     run = load_trajectory(runs / name)
     assert run.scene == scene_of(name)
     assert float(run.dataset["time"].values[-1]) == pytest.approx(PAUSE, rel=1e-9)
@@ -81,7 +81,7 @@ def test_an_earlier_run_loads_and_its_forces_are_what_they_were(name: str, runs:
         *(pytest.param(one, marks=pytest.mark.long) for one in ("discs", "formulas")),
     ],
 )
-def test_an_earlier_run_goes_on(name: str, runs: Path) -> None:
+def test_earlier_run_is_resumed(name: str, runs: Path) -> None:
     scene = load_trajectory(runs / name).scene
     found = simulate(scene, dt=STEP, t_end=END, out=runs / name, resume=True, progress=False).dataset
     known = simulate(scene, dt=STEP, t_end=END, progress=False).dataset

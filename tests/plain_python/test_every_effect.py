@@ -1,4 +1,4 @@
-"""Every effect that a scene can name, a user's own included, alone next to dipoles and walls."""
+"""Every effect of a scene, custom ones included, each alone with dipoles and walls."""
 
 import math
 import tempfile
@@ -24,7 +24,7 @@ STEP = 4e-5
 
 @effect
 class HeightSpring:
-    """A spring that pulls every grain towards a height, and swings in time."""
+    """A spring that pulls every grain towards a height, and oscillates in time."""
 
     k: float = quantity("N/m", default=1.0, above=0.0)
     height: float = quantity("m", default=0.02)
@@ -49,7 +49,7 @@ class HeightSpring:
 
 @effect
 class Bumpers:
-    """A repulsion of pairs that ends smoothly at a distance."""
+    """A repulsion of pairs with a smooth cut-off."""
 
     k: float = quantity("N/m", default=2.0)
     end: float = quantity("m", default=0.012)
@@ -84,7 +84,7 @@ class FarPairs:
 
 @effect
 class Mud:
-    """A drag that is the same for every grain."""
+    """A drag that is equal for all grains."""
 
     gamma: float = quantity("kg/s", default=0.2)
 
@@ -116,7 +116,7 @@ class Soft:
 
 @stage
 class Dip:
-    """The piston goes down and up again."""
+    """The piston moves down and up again."""
 
     depth: float = quantity("m", above=0.0)
     omega: float = quantity("1/s")
@@ -128,7 +128,7 @@ class Dip:
 
 @stage
 class Fade:
-    """A force that dies out and turns."""
+    """A force that decays and rotates."""
 
     size: float = quantity("N")
     span: float = quantity("s", above=0.0)
@@ -161,7 +161,7 @@ ALONE = {"dipole": True, "walls": True}
 
 
 def small(name: str, **more: Any) -> Scene:
-    """Nine grains of two sizes that move, with one effect more."""
+    """Nine moving grains of two sizes, with one further effect."""
     scene = load_scene("bed").replace(
         **{
             "grains.count": 9,
@@ -181,7 +181,7 @@ def small(name: str, **more: Any) -> Scene:
     return scene.replace(**more)
 
 
-def test_pairs_alone_keep_the_momentum() -> None:
+def test_pair_forces_conserve_momentum() -> None:
     for name in ("dipole", "contact", "bumpers", "far_pairs"):
         scene = small(name, **{"effects.walls": None, "piston": "none"})
         force = evaluate(scene, scene.initial_positions_and_velocities()[0] * [0.7, 0.9]).force
@@ -189,7 +189,7 @@ def test_pairs_alone_keep_the_momentum() -> None:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_the_ledger_closes_with_the_square_of_the_step(name: str) -> None:
+def test_ledger_residual_is_of_second_order_in_the_step(name: str) -> None:
     runs = [simulate(small(name), dt=dt, t_end=10 * STEP, progress=False) for dt in (STEP, STEP / 2)]
     coarse, fine = (float(one.settings()["ledger_residual"]) for one in runs)
     assert coarse < 1e-3
@@ -200,7 +200,7 @@ def test_the_ledger_closes_with_the_square_of_the_step(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_values_of_grains_follow_one_that_leaves(name: str) -> None:
+def test_grain_values_stay_assigned_after_a_grain_leaves(name: str) -> None:
     gap = {"law": "slab", "gap_start": "2 D", "gap_end": "4 D"}
     scene = small(name)
     if name not in ("wall_friction", "host"):  # pushes a grain below the bottom; carries no gap
@@ -220,7 +220,7 @@ def test_values_of_grains_follow_one_that_leaves(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_absent_has_no_law(name: str) -> None:
+def test_absent_effects_have_no_kernel_law(name: str) -> None:
     acting = scene_in_natural_units(small(name).replace(**{f"effects.{name}": None})).constants.acting
     others = set(ALONE) - {name, "dipole"}
     assert len(acting.laws) == len(others)
@@ -236,8 +236,8 @@ def test_what_is_absent_has_no_law(name: str) -> None:
     ],
     ids=lambda own: str(own["kind"]),
 )
-def test_the_ledger_of_an_own_stage_closes(own: dict[str, Any]) -> None:
-    """By a class and by a formula."""
+def test_ledger_of_a_custom_stage_closes(own: dict[str, Any]) -> None:
+    """Stages from a class and from a formula."""
     scene = small("walls", **{"piston.mass": "20 g", "output.scalars": 2 * STEP})
     scene = scene.replace(protocol=[{"name": "own", "duration": 20 * STEP} | own])
     assert Scene.from_plain(scene.to_plain()) == scene

@@ -1,4 +1,4 @@
-"""No cell and no number of laws makes a kernel write beside its arrays.
+"""Kernels never write outside their arrays, for any cell and number of laws.
 
 In plain Python numpy looks at every index; compiled, Numba does with ``NUMBA_BOUNDSCHECK=1``, as
 `tests/architecture/test_plain_python.py` has it.
@@ -20,7 +20,7 @@ CLOSE = 2.4e-4
 
 
 def drawn_cells(count: int) -> list[tuple[str, float, float]]:
-    """Cells of one to a thousand times as long as high, or the other way round."""
+    """Cells with aspect ratios from 1:1000 to 1000:1."""
     random = np.random.default_rng(65)
     short, aspect = random.uniform(7.0, 30.0, count), 10.0 ** random.uniform(0.0, 3.0, count)
     sides = [(float(a), float(a * b)) for a, b in zip(short, aspect, strict=True)]
@@ -45,7 +45,7 @@ def meshed(width: float, height: float, grains: int, sides: str) -> Scene:
 
 
 @pytest.mark.parametrize("case", WORST + drawn_cells(4), ids=str)
-def test_a_mesh_of_any_aspect_stays_in_its_arrays(case: tuple[str, float, float]) -> None:
+def test_mesh_of_any_aspect_ratio_stays_within_its_arrays(case: tuple[str, float, float]) -> None:
     _, width, height = case
     scene = meshed(width, height, 24, "closed")
     place = scene.initial_positions_and_velocities()[0]
@@ -56,7 +56,7 @@ def test_a_mesh_of_any_aspect_stays_in_its_arrays(case: tuple[str, float, float]
 
 
 @pytest.mark.parametrize("case", [("flat", 300.0, 20.0), ("tall", 20.0, 300.0)], ids=str)
-def test_a_periodic_mesh_of_any_aspect_stays_in_its_arrays(case: tuple[str, float, float]) -> None:
+def test_periodic_mesh_of_any_aspect_ratio_stays_within_its_arrays(case: tuple[str, float, float]) -> None:
     _, width, height = case
     scene = meshed(width, height, 40, "periodic")
     force = evaluate(scene, scene.initial_positions_and_velocities()[0]).force
@@ -65,8 +65,8 @@ def test_a_periodic_mesh_of_any_aspect_stays_in_its_arrays(case: tuple[str, floa
 
 
 @pytest.mark.parametrize("laws", [3, 66])
-def test_a_host_keeps_the_ledger_of_any_number_of_laws(laws: int) -> None:
-    """The host makes each kick three times, from one copy of the ledger, where something dissipates."""
+def test_host_keeps_the_ledger_for_any_number_of_laws(laws: int) -> None:
+    """With dissipation the host makes each kick three times, from one copy of the ledger."""
     scene = meshed(6.0, 6.0, 3, "closed").replace(
         **{
             "pairs.method": "direct",

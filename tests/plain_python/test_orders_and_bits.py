@@ -1,4 +1,4 @@
-"""Second order by slope, with what dissipates and what jumps; the same bits where pairs are listed again."""
+"""Second order with dissipation and jumps; equal bits with rebuilt near lists."""
 
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,7 @@ DISSIPATIVE: dict[str, dict[str, Any]] = {
 
 
 def dissipating(name: str) -> Scene:
-    """Nine grains that move, with a free piston where it is the part that takes energy."""
+    """Nine moving grains, with a free piston if the piston dissipates."""
     scene = small("walls", **DISSIPATIVE[name])
     if name == "contact":  # of two grains, as long as the run
         scene = with_touching_grains(scene.replace(**{"effects.contact": {"modulus": "5 MPa"}}), 0.92)
@@ -55,15 +55,15 @@ def dissipating(name: str) -> Scene:
 
 
 def with_touching_grains(scene: Scene, near: float) -> Scene:
-    """Scene whose second grain is so near to the first, over the distance at which they touch."""
+    """Scene with the second grain at a given distance from the first, over the contact distance."""
     start, velocities = scene.initial_positions_and_velocities()
     way = start[1] - start[0]
     start[1] = start[0] + near * scene.grains.diameters()[:2].mean() * way / np.hypot(*way)
     return scene.replace(arrangement={"positions": start.tolist(), "velocities": velocities.tolist()})
 
 
-def test_every_effect_that_damps_is_in_the_table() -> None:
-    """But for a bath, which kicks: its order is one of averages, in test_bath."""
+def test_every_dissipative_effect_is_in_the_table() -> None:
+    """Except the bath, whose kicks have an order only on average (see test_bath)."""
     named = {
         key.split(".")[1] for changes in DISSIPATIVE.values() for key in changes if key[:8] == "effects."
     }
@@ -72,7 +72,7 @@ def test_every_effect_that_damps_is_in_the_table() -> None:
 
 
 @pytest.mark.parametrize("name", DISSIPATIVE)
-def test_places_are_of_second_order_with_what_dissipates(name: str) -> None:
+def test_positions_are_of_second_order_with_dissipation(name: str) -> None:
     scene = dissipating(name)
     end = (2 if name == "contact" else 8) * STEP
     runs = [simulate(scene, dt=STEP / k, t_end=end, progress=False) for k in (2, 4, 8)]
@@ -116,7 +116,7 @@ TIME = 24 * STEP
 
 @pytest.mark.filterwarnings("ignore:the energy ledger is off")
 def test_drag_in_the_force_sum_has_order_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The negative control: only plain Python lets a test put something into the loop's force sum."""
+    """Negative control: only in plain Python can a test add a term to the loop's force sum."""
     start = {"arrangement.positions": [["30 D", "3 D"]], "output.scalars": 0.02, "output.frames": 0.02}
     scene = load_scene("single-particle").replace(**start)
     drag = scene.replace(**{"effects.drag.coefficient": 0.2}).effects.drag
@@ -146,12 +146,12 @@ def test_drag_in_the_force_sum_has_order_one(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize(
     "name", [pytest.param(one, marks=pytest.mark.long if one in LATER else ()) for one in RESUMED]
 )
-def test_near_pairs_that_are_listed_again_keep_the_bits(name: str, tmp_path: Path) -> None:
+def test_rebuilt_near_lists_keep_the_bits(name: str, tmp_path: Path) -> None:
     check_bits(name, tmp_path)
 
 
 def check_bits(name: str, out: Path) -> None:
-    """Check a run in three parts and, where threads are, one on two of them."""
+    """Check a run in three parts and, if threads are available, a run on two threads."""
     scene = small("walls", **RESUMED[name])
     if scene.effects.contact is not None:
         scene = with_touching_grains(scene, 0.99)
@@ -185,7 +185,7 @@ JUMPS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", JUMPS)
-def test_a_drive_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
+def test_drive_with_a_jump_within_a_step_keeps_order_two(name: str) -> None:
     mass, stiffness, damping, end = 2.0, 800.0, 3.0, 0.6
     words = JUMPS[name] | {"start": START} | ({} if name == "table" else {"duration": SPAN})
     drive = Excitation(**words)

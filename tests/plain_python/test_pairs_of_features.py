@@ -1,4 +1,4 @@
-"""Every two features of a scene together at least once: slope of the energy, ledger and bits.
+"""Every pair of features of a scene together: gradient of the energy, ledger and bits.
 
 A table of pairs: each level of each factor meets each level of every other one in some row. Small
 beds run in plain Python with the quick tests; `test_compiled.py` has whole ones.
@@ -139,7 +139,7 @@ CHEAPER = ("sides", "resumed", "threads", "size", "mount", "stage", "own", "aspe
 
 
 def table_of_pairs(seed: int) -> list[Row]:
-    """Rows that hold every allowed pair of levels: of some drawn ones, that with the most new."""
+    """Rows that cover every allowed pair of levels; each is the candidate with the most new pairs."""
     draw = random.Random(seed)
     allowed = [
         (a, one, b, other)
@@ -166,7 +166,7 @@ def table_of_pairs(seed: int) -> list[Row]:
 
 
 def make_cheaper(row: Row, held: Counter[tuple[Any, ...]]) -> None:
-    """Change the row in its place where no pair is lost by that; ``held`` counts the rows of each pair."""
+    """Simplify the row in place if no pair is lost; ``held`` counts the rows of each pair."""
     for name in CHEAPER:
         pairs = {pair for pair in parameter_bounds(row) if name in pair}
         if all(held[pair] > 1 for pair in pairs):
@@ -183,7 +183,7 @@ def named(row: Row) -> str:
 
 
 def stage_of(kind: str, height: float) -> dict[str, Any]:
-    """Stage of a run's length, in a cell of that height [D]."""
+    """Stage of the run's duration, in a cell of a given height [D]."""
     more = dict(STAGES[kind])
     if kind == "follow":
         more["heights"] = [f"{height + over} D" for over in more["heights"]]
@@ -195,7 +195,7 @@ def stage_of(kind: str, height: float) -> dict[str, Any]:
 
 
 def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
-    """A bed of the row's features, whose grains move."""
+    """A bed with the features of a row and moving grains."""
     count, name, around = sizes[row["size"]], row["effect"], row["sides"] == "periodic"
     if around and row["method"] in ("mesh", "cut-off"):
         count = max(count, 40)
@@ -240,7 +240,7 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
 
 
 def check_forces(scene: Scene, row: Row) -> None:
-    """Finite, and minus the gradient of the energy."""
+    """Forces are finite and minus the gradient of the energy."""
     place = scene.initial_positions_and_velocities()[0]
     found = evaluate(scene, place)
     assert np.isfinite(found.force).all()
@@ -258,7 +258,7 @@ def check_forces(scene: Scene, row: Row) -> None:
 
 
 def check_run(scene: Scene, row: Row, out: Path) -> None:
-    """A short run keeps its ledger, loses nothing less than zero, and goes on with its bits."""
+    """A short run closes its ledger, has no negative losses, and resumes with equal bits."""
     words: dict[str, Any] = {"dt": STEP, "progress": False}
     integer = simulate(scene, t_end=STEPS * STEP, threads=row["threads"], **words)
     # Impacts take few of these steps, and discs push each other twice as hard there.
@@ -286,7 +286,7 @@ def check(row: Row, sizes: tuple[int, int], out: Path) -> None:
     check_run(scene, row, out)
 
 
-def test_the_table_holds_every_pair_that_is_not_refused() -> None:
+def test_table_contains_every_allowed_pair_of_features() -> None:
     held = set().union(*map(parameter_bounds, ROWS))
     for a, b in itertools.combinations(FACTORS, 2):
         for one, other in itertools.product(FACTORS[a], FACTORS[b]):
@@ -294,13 +294,13 @@ def test_the_table_holds_every_pair_that_is_not_refused() -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=named)
-def test_every_two_features_in_a_small_bed(row: Row, tmp_path: Path) -> None:
+def test_every_pair_of_features_works_in_a_small_bed(row: Row, tmp_path: Path) -> None:
     check(row, SMALL, tmp_path)
 
 
 @pytest.mark.parametrize(("levels", "words"), REFUSED, ids=str)
-def test_what_cannot_be_together_is_refused(levels: Row, words: str) -> None:
-    """Only what is refused in a line may be left out of the table."""
+def test_incompatible_pairs_of_features_are_refused(levels: Row, words: str) -> None:
+    """Only pairs that are refused in one line may be absent from the table."""
     plain = {name: values[0] for name, values in FACTORS.items()} | {"effect": "dipole"}
     with pytest.raises(InputError, match=words):
         simulate(scene_of(plain | levels, SMALL), dt=STEP, t_end=STEP, progress=False)

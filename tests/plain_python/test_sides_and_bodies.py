@@ -1,4 +1,4 @@
-"""Heights of further pistons, and inclined sides, in all that reads a run or an equilibrium of them."""
+"""Heights of further pistons, and inclined sides, in all evaluations of runs and equilibria."""
 
 from pathlib import Path
 from typing import Any
@@ -65,11 +65,11 @@ FLOOR = {
 
 @pytest.fixture(scope="module")
 def two_pistons() -> Trajectory:
-    """A settled bed on a floor that a spring bears 2 mm above its start."""
+    """A settled bed on a spring-supported floor 2 mm above its initial height."""
     return simulate(scene_of(box(), GRID, **{"effects.host": FLOOR}), dt=4e-4, progress=False)
 
 
-def test_wall_forces_are_taken_apart_at_the_height_of_each_piston(two_pistons: Trajectory) -> None:
+def test_wall_forces_are_evaluated_at_the_height_of_each_piston(two_pistons: Trajectory) -> None:
     frame, scene = frame_at(two_pistons), two_pistons.scene
     assert frame.heights[1] == two_pistons.dataset["floor_displacement"].values[-1]
     assert frame.heights[1] > 1e-3
@@ -116,7 +116,7 @@ def test_slopes_and_tolerances_start_at_the_height_of_each_piston(two_pistons: T
 
 
 def by_differences(rest: Any, keys: tuple[str, ...], step: float = 1e-4) -> list[float]:
-    """Slope d ln (rest) / d ln (number) by equilibria of the changed scenes."""
+    """Slope d ln (rest) / d ln (number) from equilibria of the changed scenes."""
     result = []
     for key in keys:
         heights = []
@@ -129,7 +129,7 @@ def by_differences(rest: Any, keys: tuple[str, ...], step: float = 1e-4) -> list
     return result
 
 
-def test_slopes_of_a_bed_on_inclined_sides_are_those_of_changed_beds() -> None:
+def test_slopes_of_a_bed_on_inclined_sides_agree_with_finite_differences() -> None:
     """A piston on magnets between two sides of 30 and 45 degrees and a short floor."""
     tall, wide = 8.0 * D, 4.0 * D
     left, right = tall / np.tan(np.pi / 4.0), tall / np.tan(np.pi / 6.0)
@@ -147,8 +147,8 @@ def test_slopes_of_a_bed_on_inclined_sides_are_those_of_changed_beds() -> None:
     np.testing.assert_allclose(slopes(rest, keys).values[:, 0], by_differences(rest, keys), rtol=1e-4)
 
 
-def test_exports_hold_the_grains_of_a_polygon(tmp_path: Path) -> None:
-    """A hole in the floor lets grains out under a lid; files leave them out from then on."""
+def test_exports_contain_the_grains_of_a_polygonal_cell(tmp_path: Path) -> None:
+    """Grains leave through a hole in the floor under a lid; files omit them from then on."""
     sides = box()
     sides[1] |= {"law": "slab", "ends": [[0.0, 0.0], [1.5 * D, 0.0]]}
     sides[2:2] = [{"name": "c", "law": "slab", "ends": [[6.5 * D, 0.0], [8.0 * D, 0.0]]}]

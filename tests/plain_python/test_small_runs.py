@@ -1,4 +1,4 @@
-"""Runs of nine grains, some dozens of steps long, in plain Python: every effect, stage and method.
+"""Runs of nine grains over some dozens of steps in plain Python: every effect, stage and method.
 
 Run with ``NUMBA_DISABLE_JIT=1``, as `tests/architecture/test_plain_python.py` does: nothing is
 compiled, so that all that acts can be met within seconds, and lines can be watched.
@@ -30,7 +30,7 @@ TIME = 40 * STEP
 
 
 def small(**changes: Any) -> Scene:
-    """Nine grains that move, under a light piston, without what dissipates."""
+    """Nine moving grains under a light piston, without dissipation."""
     base: dict[str, Any] = {
         "grains.count": 9,
         "cell.width": "6 D",
@@ -51,12 +51,12 @@ def run(
 
 
 def residual(trajectory: Trajectory) -> float:
-    """How far the ledger is off, over the energy turned over."""
+    """Ledger residual over the energy turnover."""
     return float(trajectory.settings()["ledger_residual"])
 
 
 def final(trajectory: Trajectory) -> np.ndarray:
-    """Where the grains are in the end (n, 2) [m]."""
+    """Final positions of the grains (n, 2) [m]."""
     return np.asarray(trajectory.dataset["position"].values[-1])
 
 
@@ -145,7 +145,7 @@ SCENES: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("name", SCENES)
 def test_ledger_closes_to_second_order(name: str) -> None:
-    """Half the step leaves a quarter; a wrong sign or factor anywhere leaves all of it, or half."""
+    """Half the step gives a quarter of the residual; any wrong sign or factor gives all or half of it."""
     scene = small(**SCENES[name])
     # The far field acts eight steps at once there: at `STEP` its higher orders still make 3 %.
     step = STEP / 2 if name == "mesh" else STEP
@@ -156,8 +156,8 @@ def test_ledger_closes_to_second_order(name: str) -> None:
     assert integer / half == pytest.approx(4.0, abs=0.1)
 
 
-def test_friction_of_the_source_brakes_alike_where_grains_slide_fast() -> None:
-    """Far above its threshold."""
+def test_regularised_friction_agrees_with_coulomb_friction_at_high_speed() -> None:
+    """The speed is far above the threshold of the regularization."""
     speeds = []
     for scheme in ("velocity", "regularised"):
         alone = small(
@@ -173,7 +173,7 @@ def test_friction_of_the_source_brakes_alike_where_grains_slide_fast() -> None:
 
 
 @pytest.mark.parametrize("energy", ["k*y*sqrt(1 - t/s)", "k*y*(1 + sqrt(1 - t/s))"])
-def test_a_formula_that_is_no_number_is_to_be_mended_not_the_step(energy: str) -> None:
+def test_nan_formula_is_blamed_instead_of_the_step(energy: str) -> None:
     field = [{"energy": energy, "k": "1 uN", "s": f"{10 * STEP} s"}]
     with pytest.raises(NotFiniteError, match="correct the formula of 'field': its value is not a number"):
         run(small(**{"effects.field": field}), "auto")
@@ -194,8 +194,8 @@ LISTED = {"pairs": {"method": "verlet-list", "cut_off": "3 D", "skin": "0.05 D"}
         (LISTED, 0.5, "so is pairs.method = 'direct'"),
     ],
 )
-def test_a_ledger_that_is_off_is_told(changes: dict[str, Any], steps: float, words: str | None) -> None:
-    """From 1e-4 on; from 1e-2 on where grains rub by the source's law or under its list."""
+def test_large_ledger_residual_is_reported(changes: dict[str, Any], steps: float, words: str | None) -> None:
+    """Above 1e-4, or above 1e-2 with regularized friction or the Verlet list."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         off = residual(run(small(**changes), steps * STEP))
@@ -206,8 +206,8 @@ def test_a_ledger_that_is_off_is_told(changes: dict[str, Any], steps: float, wor
 
 
 @pytest.mark.filterwarnings("ignore:the energy ledger is off")
-def test_no_step_mends_what_the_list_misses() -> None:
-    """Pairs that come to a list or leave it change the energy at once."""
+def test_shorter_steps_do_not_reduce_the_error_of_the_verlet_list() -> None:
+    """Pairs that enter or leave the list change the energy abruptly."""
     listed = [residual(run(small(**LISTED), dt)) for dt in (STEP / 2, STEP / 4)]
     assert min(listed) > 100.0 * residual(run(small(), STEP / 2))
 
@@ -222,20 +222,20 @@ def exact() -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_every_method_comes_to_the_same_place(name: str, exact: np.ndarray) -> None:
+def test_all_methods_converge_to_the_same_positions(name: str, exact: np.ndarray) -> None:
     method = METHODS[name]
     dt = "auto/2" if method.variable else STEP / 8 if method.order == 1 else STEP
     way = np.abs(final(run(small(), dt, name, TIME / 2)) - exact).max() / 0.006
     assert way < FARTHEST[method.order]
 
 
-def test_compensated_sums_change_the_last_bits_only() -> None:
+def test_compensated_sums_change_only_the_last_bits() -> None:
     names = ("stormer-verlet", f"stormer-verlet{COMPENSATED}")
     plain, compensated = (final(run(small(), STEP, name)) for name in names)
     assert 0.0 < np.abs(compensated - plain).max() < 1e-15
 
 
-def test_a_run_with_compensated_sums_that_goes_on_has_the_same_bits(tmp_path: Path) -> None:
+def test_resumed_run_with_compensated_sums_has_the_same_bits(tmp_path: Path) -> None:
     scene, method = small(), f"stormer-verlet{COMPENSATED}"
     whole = run(scene, method=method)
     for time in (0.37 * TIME, TIME):
@@ -243,8 +243,8 @@ def test_a_run_with_compensated_sums_that_goes_on_has_the_same_bits(tmp_path: Pa
     assert parts.dataset.equals(whole.dataset)
 
 
-def test_a_force_is_reached_at_one_moment_however_often_frames_are_kept() -> None:
-    """The loop is called from frame to frame; the stage ends within the first call or a later."""
+def test_end_at_a_force_is_independent_of_the_frame_interval() -> None:
+    """The loop is called for each frame; the stage ends within the first or a later call."""
     ends = []
     for frames in (3, 40):
         scene = small(
@@ -261,8 +261,8 @@ def test_a_force_is_reached_at_one_moment_however_often_frames_are_kept() -> Non
     assert 3 < ends[0] == ends[1] < 40
 
 
-def test_a_grain_that_leaves_takes_all_that_is_its_own(tmp_path: Path) -> None:
-    """Two of four grains that rub, of two species, are shot through a gap, one behind the other."""
+def test_outflowing_grain_is_removed_with_all_its_values(tmp_path: Path) -> None:
+    """Two of four grains of two species with friction leave through a gap, one after the other."""
     scene = small(
         **SPECIES,
         **{
@@ -294,8 +294,8 @@ def test_a_grain_that_leaves_takes_all_that_is_its_own(tmp_path: Path) -> None:
     assert residual(trajectory) < 1e-4
 
 
-def test_the_work_on_a_driven_piston_is_booked_by_a_runge_kutta_method_too() -> None:
-    """Its energy changes as it is lifted, its weight included; what lifts it has done that."""
+def test_runge_kutta_methods_record_the_work_on_a_driven_piston() -> None:
+    """The energy of the lifted piston, including its weight, changes by the work of the drive."""
     scene = small(
         **{
             "effects.gravity": {},
@@ -309,7 +309,7 @@ def test_the_work_on_a_driven_piston_is_booked_by_a_runge_kutta_method_too() -> 
     assert residual(driven) < 1e-4
 
 
-def test_a_shaken_free_piston_moves_by_a_runge_kutta_method_too() -> None:
+def test_runge_kutta_methods_move_a_shaken_free_piston() -> None:
     scene = small(
         **stage("free", duration=TIME),
         **{"effects.gravity": {}, "effects.shaking": {"amplitude": "0.5 mm", "frequency": 100.0}},
@@ -323,8 +323,8 @@ def test_a_shaken_free_piston_moves_by_a_runge_kutta_method_too() -> None:
     assert residual(other) < 1e-10
 
 
-def test_drag_beside_the_friction_of_the_source_takes_what_it_takes_alone() -> None:
-    """A grain that falls through a liquid and does not rub, in closed form."""
+def test_drag_with_regularised_friction_dissipates_as_without() -> None:
+    """A grain that falls through a liquid without friction, in closed form."""
     scene = small(
         **{
             "grains.count": 1,
@@ -357,10 +357,10 @@ EDDY = {"conductivity": 59.6e6, "thickness": 5e-3, "distance": 2.5e-3, "plates":
     [(0.1, None), (0.0, {**EDDY, "mutual": False}), (0.0, {**EDDY, "mutual": True})],
     ids=["drag", "eddy currents", "mutual eddy currents"],
 )
-def test_unlike_grains_are_braked_as_by_equations_written_down_again(
+def test_unequal_grains_with_dissipation_agree_with_independent_equations(
     drag: float, eddy: dict[str, Any] | None
 ) -> None:
-    """By DOP853, with the forces between them; what is lost is what their energy falls by."""
+    """Reference by DOP853 with pair forces; the loss equals the decrease of the energy."""
     effects = {"effects.drag": {"coefficient": drag} if drag else None, "effects.eddy": eddy}
     scene = small(**SPECIES, **stage("hold", duration=TIME), **effects)
     coarse, fine = run(scene), run(scene, dt=STEP / 2)

@@ -1,4 +1,4 @@
-"""Stiffness of beds as small motions take it: every effect, and the drawn scenes, in plain Python.
+"""Stiffness of beds for small motions: every effect and random scenes, in plain Python.
 
 It is held against differences of the sums that are written out pair by pair, against differences of forces at
 another displacement, and against second differences of the energy.
@@ -33,7 +33,7 @@ QUICK = (0, 3, 5, 8, 14)
 
 
 def direction(bed: BedForces, grains: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Draw a direction in which some grains, the piston and a machine move."""
+    """Draw a random direction with motion of some grains, the piston and a machine."""
     result, count = np.zeros(bed.size), len(grains)
     result[grains], result[bed.grains + grains] = random.uniform(-1.0, 1.0, (2, count))
     result[2 * bed.grains :] = random.uniform(-1.0, 1.0, bed.size - 2 * bed.grains)
@@ -41,7 +41,7 @@ def direction(bed: BedForces, grains: np.ndarray, random: np.random.Generator) -
 
 
 def check_stiffness(bed: BedForces, at: np.ndarray, along: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Check a product with the stiffness, and return it."""
+    """Check a product with the stiffness matrix, and return it."""
     product = bed.stiffness_times(at, along)
     size = float(np.abs(product).max())
     turned = float(along @ bed.stiffness_times(at, other))
@@ -50,7 +50,7 @@ def check_stiffness(bed: BedForces, at: np.ndarray, along: np.ndarray, other: np
     height = float(bed.scene.piston.height) if bed.scene.piston is not None else None
 
     def found(q: np.ndarray) -> tuple[np.ndarray, float]:
-        """Force on all that is in the cell, and energy."""
+        """Force on grains and piston, and energy."""
         at_height = height if bed.piston is None else float(q[bed.piston])
         one = evaluate(bed.scene, bed.positions(q), None, at_height)
         forces = [one.force.T.ravel(), [] if bed.piston is None else [one.piston_force]]
@@ -69,7 +69,7 @@ def check_stiffness(bed: BedForces, at: np.ndarray, along: np.ndarray, other: np
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_the_stiffness_of_every_effect_is_that_of_its_energy(name: str) -> None:
+def test_stiffness_of_every_effect_agrees_with_its_energy(name: str) -> None:
     scene = small(name)
     if name == "contact":
         start = scene.initial_positions_and_velocities()[0] * [0.62, 1.0] + [0.007, 0.0]
@@ -83,7 +83,7 @@ def test_the_stiffness_of_every_effect_is_that_of_its_energy(name: str) -> None:
 def clear_of_ends(
     scene: Scene, bed: BedForces, start: np.ndarray, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and grains that may move there, none past the end of a sum over pairs."""
+    """Coordinates and grains that may move without crossing the cut-off of a pair sum."""
     sides, size = scene.cell.periods, scene.grains.species[0].diameter
     shorter = None if sides is None else min(sides) / size
     radius = scene.pairs.near_pair_radius(scene.pair_method, size, shorter)
@@ -107,7 +107,7 @@ def quick_or_long(scenes: list[Drawn]) -> list[Any]:
 
 
 @pytest.mark.parametrize("drawn", quick_or_long(SCENES), ids=str)
-def test_the_stiffness_of_a_drawn_scene_is_that_of_the_sums(drawn: Drawn) -> None:
+def test_stiffness_of_random_scenes_agrees_with_brute_force(drawn: Drawn) -> None:
     case = make_case(drawn)
     bed, random = BedForces(case.scene), np.random.default_rng([5, drawn.seed])
     start = bed.coordinates(case.bed.places, case.bed.piston)

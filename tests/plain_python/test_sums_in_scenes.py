@@ -1,4 +1,4 @@
-"""Sums in plain Python: discs by each method, forces taken apart, and parts that threads share."""
+"""Sums in plain Python: discs by each method, components of forces, and parts for threads."""
 
 from typing import Any
 
@@ -15,12 +15,12 @@ from tests.physics.test_discs import discs
 
 
 @pytest.mark.parametrize("changes", CHANGES[1:], ids=str)
-def test_forces_taken_apart_add_up(changes: dict[str, Any], random: np.random.Generator) -> None:
+def test_force_components_add_up(changes: dict[str, Any], random: np.random.Generator) -> None:
     check_parts(changes, random)
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_discs_pressed_into_each_other_stop_the_run() -> None:
+def test_overlapping_discs_stop_the_run() -> None:
     scene = discs(load_scene("bed"), **{"effects.contact.modulus": "1 kPa", "grains.count": 2}).replace(
         **{
             "arrangement": {
@@ -34,13 +34,13 @@ def test_discs_pressed_into_each_other_stop_the_run() -> None:
 
 
 def backwards(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Part small beds, too, and let threaded loops begin with the last part."""
+    """Split small beds into parts too, and run threaded loops backwards."""
     for module in (multilevel_mesh, stripes):
         monkeypatch.setattr(module, "MIN_GRAINS_FOR_PARTS", 8)
     monkeypatch.setattr(numba, "prange", lambda parts: range(parts - 1, -1, -1))
 
 
-def test_parts_of_a_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mesh_gives_equal_bits_for_any_order_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     backwards(monkeypatch)
     bed = test_far_field.Bed(92, differing=True)
     one = bed.far()
@@ -52,7 +52,7 @@ def test_parts_of_a_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
         np.testing.assert_array_equal(getattr(several, name), getattr(one, name))
 
 
-def test_parts_of_a_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cut_off_sum_gives_equal_bits_for_any_order_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     backwards(monkeypatch)
     one, several = (test_cut_off.Bed(test_cut_off.scattered(150, 5), 6.0, differing=True) for _ in range(2))
     assert one.stripes.ends.size > 1
