@@ -1,4 +1,4 @@
-"""One grammar for all formulas: what it reads, what it refuses, and that nothing is run."""
+"""The grammar of all formulas: accepted and refused texts, without execution of code."""
 
 import math
 
@@ -11,7 +11,7 @@ from granular.formulas.algebra import compile_function, sympy_expression
 
 
 def value(text: str, **given: float) -> float:
-    """Of a formula, by way of SymPy and NumPy."""
+    """Value of a formula, by SymPy and NumPy."""
     import sympy
 
     symbols = [sympy.Symbol(name) for name in given]
@@ -61,12 +61,12 @@ def test_names_keep_their_order_and_primes() -> None:
 
 
 def test_unicode_variants_of_greek_letters_are_one_name() -> None:
-    """Micro sign and mu look alike, and so do the two forms of phi."""
+    """The micro sign is read as mu, and both forms of phi are one name."""
     assert parse("\u00b5*\u03d5") == parse("\u03bc*\u03c6")
 
 
 def test_python_keywords_are_valid_names() -> None:
-    """A compiled function has none of them in its source."""
+    """The source of a compiled function contains none of them."""
     names = ("lambda", "def", "numpy", "exit", "open", "a0000", "x0", "None", "class", "math")
     assert value(" + ".join(names), **dict.fromkeys(names, 1.5)) == 15.0
 
@@ -148,7 +148,7 @@ def test_invalid_formulas_are_refused_in_one_line(name: str) -> None:
     message = str(caught.value)
     assert message.isprintable()
     assert len(message) < 400
-    assert "; " in message or ": " in message  # what is wrong, and what to write
+    assert "; " in message or ": " in message  # problem and remedy
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_caller_can_add_functions() -> None:
 
 @pytest.mark.parametrize("text", ["(a + b + c + z)**9", "max(k, " * 10 + "z" + ")" * 10])
 def test_formula_of_maximum_size_is_expanded_quickly(text: str) -> None:
-    """Whatever can be expanded within the limits is, and compiles."""
+    """All formulas within the limits can be expanded and compiled."""
     import sympy
 
     found = sympy.expand(sympy_expression(parse(text)))

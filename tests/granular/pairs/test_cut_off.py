@@ -25,7 +25,7 @@ def scattered(count: int, seed: int) -> np.ndarray:
 
 
 class Bed:
-    """Grains, and room for their sums; unless otherwise said, those of a mesh's near part."""
+    """Grains and buffers for their sums, by default of the near part of a mesh."""
 
     smooth: bool | None = True
     threaded: bool | None = None
@@ -76,7 +76,7 @@ def test_cut_off_sum_equals_the_plain_python_sum_while_grains_move(
 
 
 def test_lists_are_rebuilt_only_after_grains_move() -> None:
-    """They are made again only where a grain has moved by half the skin."""
+    """They are rebuilt only after a grain has moved by half the skin."""
     bed = Bed(scattered(150, 4), 6.0, differing=True)
     for _ in range(20):
         bed.sums()
@@ -87,7 +87,7 @@ def test_lists_are_rebuilt_only_after_grains_move() -> None:
 
 
 def test_sums_have_the_same_bits_with_rebuilt_lists() -> None:
-    """What a checkpoint keeps of them fixes the order of the sums."""
+    """The data in a checkpoint fix the order of the sums."""
     bed = Bed(scattered(300, 9), 6.0, differing=True)
     random = np.random.default_rng(1)
     drift = random.normal(0.0, 2e-2, (2, 300))

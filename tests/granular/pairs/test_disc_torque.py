@@ -25,19 +25,19 @@ TILT = np.radians(0.96)
 
 
 def tilted_faces(disc: Disc, tilt: np.ndarray, many: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) on both faces of a disc about its centre, dense on the left, and their charges."""
+    """Points (n, 3) on both faces of a disc around its centre, dense on the left, and their charges."""
     points, weights = face_points(disc.radius, many)
     faces = [np.column_stack([points, np.full(len(points), s * 0.5 * disc.height)]) for s in (1.0, -1.0)]
     return Rotation.from_rotvec([*tilt, 0.0]).apply(np.vstack(faces)), np.concatenate([weights, -weights])
 
 
 def unit_torque(first: Disc, second: Disc) -> float:
-    """Torque mu0 m1 m2 / (4 pi), of discs of the magnetisation 1/mu0."""
+    """Torque mu0 m1 m2 / (4 pi) of discs with magnetization 1/mu0."""
     return np.pi * (first.radius * second.radius) ** 2 * first.height * second.height / (4.0 * MU0)
 
 
 def torque_of_fields(r: float, first: Disc, second: Disc, tilts: np.ndarray, many: int = 100) -> np.ndarray:
-    """Torque (3,) on the first disc about its centre, by magpylib's field of the second, at +x from it."""
+    """Torque (3,) on the first disc about its centre, by magpylib's field of the second disc at +x."""
     source = magpylib.magnet.Cylinder(
         polarization=(0.0, 0.0, 1.0),
         dimension=(2.0 * second.radius, second.height),
@@ -60,7 +60,7 @@ def along(first: float, second: float) -> np.ndarray:
     [(1.05, 2.909), (1.1, 2.509), (1.2, 2.145), (1.375, 1.829), (1.6, 1.591), (2.0, 1.358), (3.0, 1.148)],
 )
 def test_torque_of_two_equally_tilted_discs(r: float, known: float) -> None:
-    """Over the source's 3 cos(t) sin(t)/r^3, both about their centres and in the same sense."""
+    """Torque over the published 3 cos(t) sin(t)/r^3, both tilted about their centres in the same sense."""
     of_dipoles = 3.0 * np.cos(TILT) * np.sin(TILT) / r**3
     of_fields = torque_of_fields(r, COIN, COIN, along(TILT, TILT))[1] / of_dipoles
     assert of_fields == pytest.approx(known, rel=1e-3)
@@ -86,7 +86,7 @@ def test_far_away_the_torque_has_the_next_multipole(pair: tuple[Disc, Disc]) -> 
 
 
 def test_discs_reach_the_same_fractions_of_the_load_bound_as_dipoles() -> None:
-    """Half of it for aligned tilts, exactly; a third within 2 % for independent ones from 1.2 D on."""
+    """Exactly half for aligned tilts; a third within 2 % for independent tilts beyond 1.2 D."""
     tilt = 1e-4
     for pair, r in itertools.product([(COIN, COIN), (COIN, SMALL)], (1.2, 1.375, 2.0)):
         # A neighbour in the direction of the tilt, and one across it; and with the other grain level.
@@ -105,7 +105,7 @@ def test_discs_reach_the_same_fractions_of_the_load_bound_as_dipoles() -> None:
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [COIN, Disc(0.5 * 5.0 / 6.0, 0.5)], [THIN], [TALL]])
 def test_load_law_of_all_pairs_is_accurate_beyond_the_tables(discs: list[Disc]) -> None:
-    """Within 1e-4 of the load at contact, and 2e-3 of itself."""
+    """The error is below 1e-4 of the load at contact, and below 2e-3 of the load itself."""
     series, law = make_disc_laws(discs, np.zeros(1, dtype=np.int64))
     c, pairs = series.coefficients[TERM], list(itertools.product(discs, discs))
     term = fit_load_term(pairs, [law.reach] * len(pairs), c)

@@ -34,7 +34,7 @@ direct_sum = entry(direct.direct_sum)
 
 
 def face_points(radius: float, many: int = 40) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights on a disc, dense where it may touch another one on the left."""
+    """Nodes and weights on a disc, dense near a possible contact on the left."""
     t, w = np.polynomial.legendre.leggauss(many)
     angle, across = np.meshgrid(0.5 * np.pi * (t + 1.0), t, indexing="ij")
     points = np.stack([-np.cos(angle), np.sin(angle) * across], axis=-1) * radius
@@ -100,7 +100,7 @@ class Bed:
         self.listed = near_law_workspace(self.near, self.count)
 
     def sums(self) -> tuple[np.ndarray, float, np.ndarray, int]:
-        """Forces, energy, stiffness, and pairs that are too near."""
+        """Forces, energy, stiffness, and number of overlapping pairs."""
         out, extremes = np.zeros((3, self.x.size)), np.zeros(2)
         arrays = GrainArrays(
             self.x,
@@ -122,7 +122,7 @@ class Bed:
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [Disc(0.5, 0.5), Disc(0.4, 0.495)], [THIN]])
 def test_kernels_reproduce_the_disc_law_beyond_contact(discs: list[Disc]) -> None:
-    """Within 1e-6 of force and energy at contact, or 1e-5 of themselves."""
+    """Errors are below 1e-6 of force and energy at contact, or below 1e-5 of the values themselves."""
     pair = discs[0], discs[-1]
     contact = contact_distance(*pair)
     for r in contact * np.concatenate([[1.0, 1.0001, 1.003], np.geomspace(1.01, 20.0, 60)]):
@@ -137,7 +137,7 @@ def test_kernels_reproduce_the_disc_law_beyond_contact(discs: list[Disc]) -> Non
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL]])
 def test_kernel_force_is_minus_the_slope_of_the_energy(discs: list[Disc]) -> None:
-    """Also below contact, where the force goes on with its value and slope."""
+    """This includes distances below contact, with the force continued by value and slope."""
     contact, step = contact_distance(discs[0], discs[-1]), 2e-4
 
     def sums(r: float) -> tuple[float, float]:
@@ -163,7 +163,7 @@ def test_overlapping_grains_are_counted() -> None:
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL]])
 def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
-    """Half a row sum of Gershgorin's, so the greatest eigenvalue lies below twice the largest."""
+    """It is half of a Gershgorin row sum, so the largest eigenvalue is below twice its maximum."""
     random = np.random.default_rng(2)
     grid = np.array([(k % 5, k // 5) for k in range(25)]) * 1.12
     positions = grid + random.uniform(-0.05, 0.05, grid.shape)
@@ -181,7 +181,7 @@ def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
 
 @pytest.mark.parametrize("ratio", [0.985, 1.05, 1.3, 2.0, 5.0])
 def test_stiffness_in_a_head_on_collision_is_the_value_at_the_turning_point(ratio: float) -> None:
-    """Two of mass m and speed v turn where their energy is m v^2; the reduced mass is m/2."""
+    """Two discs of mass m and speed v turn at the energy m v^2; the reduced mass is m/2."""
     step = 1e-4
     energy, force = disc_law_continued_below_contact(ratio + step * np.array([-1.0, 0.0, 1.0]), (COIN, COIN))
     mass, moment = 0.7, 0.8

@@ -1,4 +1,4 @@
-"""The far part of the pair law: its split, its sums, and its use where grains rub."""
+"""The far part of the pair law: its split, its sums, and its use with friction."""
 
 import itertools
 from collections.abc import Callable
@@ -64,13 +64,13 @@ def test_far_part_equals_the_law_outside_and_is_smooth_at_the_radius() -> None:
 
 
 def far_arrays(far: FarFieldState, x: object, y: object, *own: object) -> GrainArrays:
-    """Arrays of a bed whose forces and loads go to the far field."""
+    """Arrays of a bed for the forces and loads of the far field."""
     moments, weight = own or (None, None)
     return GrainArrays(x, y, far.fx, far.fy, moments, None, None, far.load, weight)
 
 
 class Bed:
-    """A disturbed hexagonal bed at packing 0.241, as a full compression leaves it."""
+    """A disturbed hexagonal bed at packing fraction 0.241, as after full compression."""
 
     threaded: bool | None = None
 
@@ -112,7 +112,7 @@ class Bed:
         return self.padded_moments[: self.count]
 
     def exact(self) -> tuple[np.ndarray, float, np.ndarray, float]:
-        """Forces, energy and loads of the far law over all pairs, and the rms sum of the sizes of forces."""
+        """Forces, energy and loads of the far part over all pairs, and the rms sum of force magnitudes."""
         apart = self.places[:, None] - self.places[None]
         square, products = (apart**2).sum(axis=2), self.moments[:, None] * self.moments[None]
         forces = 0.75 * ((products * far_part_of_inverse_fifth(square, RADIUS))[..., None] * apart).sum(
@@ -128,7 +128,7 @@ class Bed:
 @pytest.mark.parametrize("differing", [False, True])
 @pytest.mark.parametrize("count", [30, 92, 1472])
 def test_mesh_agrees_with_the_sum_over_all_pairs(count: int, differing: bool) -> None:
-    """Forces to the tolerance that the packaged radius stands for."""
+    """Forces agree to the tolerance of the packaged radius."""
     bed = Bed(count, differing=differing)
     far, n = bed.far(), bed.count
     forces, energy, load, unit = bed.exact()
@@ -162,7 +162,7 @@ def test_direct_far_field_agrees_with_the_sum_over_all_pairs() -> None:
 
 @pytest.mark.parametrize("differing", [False, True])
 def test_mesh_force_is_the_exact_gradient_of_the_mesh_energy(differing: bool) -> None:
-    """To the rounding of the difference: energy is conserved whatever the mesh's own error is."""
+    """They agree up to rounding of the difference: energy is conserved for any error of the mesh."""
     bed = Bed(92, differing=differing)
     far, step = bed.far(), 1e-4
     for grain in (0, 17, bed.count - 1):
@@ -177,7 +177,7 @@ def test_mesh_force_is_the_exact_gradient_of_the_mesh_energy(differing: bool) ->
 
 
 def test_mesh_result_is_invariant_under_a_shift_by_the_coarsest_spacing() -> None:
-    """A bed that moves by a whole spacing of the coarsest mesh feels the same."""
+    """A shift of the bed by the coarsest spacing does not change the forces."""
     bed = Bed(368)
     far = bed.far()
     shift = far.mesh.spacing * 2.0 ** (len(far.mesh.windows) - 1)
@@ -261,7 +261,7 @@ def test_impulses_are_refused_for_unsuitable_methods(small_damper: Scene) -> Non
 @pytest.mark.long
 @pytest.mark.parametrize("pairs", [{"method": "mesh", "cut_off": "3 D"}, {"method": "direct"}], ids=str)
 def test_order_two_with_impulses(pairs: dict[str, str], small_damper: Scene) -> None:
-    """Second order in the step, for impulses at a fixed number of steps."""
+    """The order is 2 for impulses at a fixed number of steps."""
     scene = small_damper.replace(**{"effects.drag": None}, pairs={**pairs, "far_every": 4})
     ends = [
         simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
@@ -277,7 +277,7 @@ def test_order_two_with_impulses(pairs: dict[str, str], small_damper: Scene) -> 
 def test_far_field_is_part_of_every_force_with_friction_or_another_method(
     small_bed: Scene, small_damper: Scene, method: str
 ) -> None:
-    """The far field is then a part of every force, and of the load."""
+    """The far field is then part of every force and of the load."""
     scene = rubbing(small_bed) if method == "stormer-verlet" else small_damper
     meshed = simulate(on_mesh(scene), t_end=0.1, method=method, progress=False)
     exact = simulate(scene, t_end=0.1, method=method, progress=False)
@@ -291,7 +291,7 @@ add_far = entry(add_far_field)
 
 
 def spared(scene: Scene, **changes: object) -> Scene:
-    """The direct sum, whose far pairs are met less often."""
+    """The direct sum with a less frequent far field."""
     return scene.replace(**{"pairs": {"method": "direct", "far_every": 8, **changes}})
 
 
@@ -300,13 +300,13 @@ both = pytest.mark.parametrize("far", [on_mesh, spared])
 
 
 def moving(scene: Scene) -> Scene:
-    """Its grains slide, and nothing else takes their energy."""
+    """Scene with sliding grains and no other dissipation."""
     return scene.replace(**{"effects.drag": None, "effects.gravity": None, "arrangement.speed": "2 D/s"})
 
 
 @pytest.mark.long
 def test_far_field_is_reused_while_grains_with_friction_hardly_move(small_bed: Scene) -> None:
-    """It is found again for a grain that moves on, whichever and however it moves."""
+    """It is evaluated again if any grain moves further in any direction."""
     method = method_named("stormer-verlet")
     scene = on_mesh(rubbing(small_bed))
     system = scene_in_natural_units(scene, method=method)
@@ -339,11 +339,11 @@ def test_far_field_is_reused_while_grains_with_friction_hardly_move(small_bed: S
 
 @pytest.mark.long
 def test_far_field_is_extrapolated_while_grains_slide(small_bed: Scene) -> None:
-    """Forces and loads to second order, in `EXTRAPOLATION_STEPS` steps at most; then they are found again."""
+    """Forces and loads are of second order for up to `EXTRAPOLATION_STEPS` steps, then evaluated again."""
     dt, speed = 0.02, 0.3
 
     def force_of(rubs: int | None, steps: int) -> tuple[np.ndarray, float]:
-        """Far part of force and load after steps at constant speed, and when it was last found."""
+        """Far part of force and load after steps at constant speed, and time of the last evaluation."""
         run = ProtocolRunner(plan(on_mesh(rubbing(small_bed), far_every=rubs or 1), threads=1))
         run.begin_stage()
         state, constants = run.state, run.constants
@@ -377,7 +377,7 @@ def test_far_field_is_extrapolated_while_grains_slide(small_bed: Scene) -> None:
 @both
 @pytest.mark.long  # quick: how the far field goes on
 def test_order_two_with_extrapolation_while_grains_slide(far: Far, small_bed: Scene) -> None:
-    """Second order in the step also where the far field goes on for some steps."""
+    """The order is 2 also with extrapolation over some steps."""
     scene = moving(far(rubbing(small_bed)))
     ends = [
         simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
@@ -391,7 +391,7 @@ def test_order_two_with_extrapolation_while_grains_slide(far: Far, small_bed: Sc
 @both
 @pytest.mark.long  # quick: when the far field is found again
 def test_bed_with_friction_rests_under_the_same_force(far: Far, small_bed: Scene) -> None:
-    """As with the far field found at every step, and grains that stick stand still exactly."""
+    """The force agrees with evaluation at every step, and sticking grains do not move at all."""
     runs = [
         simulate(far(rubbing(small_bed), **keys), t_end=0.6, progress=False).dataset
         for keys in ({}, {"far_every": 1})
@@ -405,7 +405,7 @@ def test_bed_with_friction_rests_under_the_same_force(far: Far, small_bed: Scene
 @both
 @pytest.mark.long
 def test_resumed_run_has_the_bits_of_an_uninterrupted_one(far: Far, small_bed: Scene, tmp_path: Path) -> None:
-    """What the far field goes on from is made of the state alone, wherever a run is cut."""
+    """The extrapolation depends only on the state, for any time of the interruption."""
     scene = moving(far(rubbing(small_bed)))
     integer = simulate(scene, t_end=0.05, progress=False).dataset
     for end in (0.0123, 0.0307, 0.05):

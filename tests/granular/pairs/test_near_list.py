@@ -1,4 +1,4 @@
-"""The near list holds every pair within its reach, whatever the places and the cell are."""
+"""The near list contains every pair within its reach, for any positions and cell."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ Pair = tuple[int, int, float, float]
 
 
 def listed_pairs(near: NearList, x: np.ndarray, y: np.ndarray, count: int, reach: float) -> set[Pair]:
-    """Listed pairs within a reach, with the shifts of their images; entries in order and without a double."""
+    """Listed pairs within a reach, with shifts of images; checks order and absence of duplicates."""
     result: set[Pair] = set()
     for i in range(count):
         before: tuple[float, ...] = (-1.0,)
@@ -48,7 +48,7 @@ def test_listed_pairs_agree_with_a_tree_search(count: int, seed: int, reach: flo
 
 
 def images_within(place: np.ndarray, periods: tuple[float, float], reach: float) -> set[Pair]:
-    """Pairs and shifts of all images within a reach, by trying many; of a grain's own, half of them."""
+    """Pairs and shifts of all images within a reach, by brute force; half of the images of a grain itself."""
     result, sides = set(), np.array(periods)
     most = int(np.ceil(reach / sides.min())) + 1
     for i in range(len(place)):
@@ -65,7 +65,7 @@ def images_within(place: np.ndarray, periods: tuple[float, float], reach: float)
 
 @pytest.mark.parametrize("seed", range(12))
 def test_images_are_listed_for_any_reach_while_grains_move(seed: int) -> None:
-    """Reaches beyond the cell meet several images of one grain; grains may be many periods apart."""
+    """Reaches beyond the cell include several images of a grain; grains may be many periods apart."""
     random = np.random.default_rng(seed)
     count, periods = int(random.integers(2, 30)), tuple(random.uniform(2.0, 9.0, 2))
     reach = float(random.uniform(0.4, 1.5 * max(periods)))
@@ -90,7 +90,7 @@ def test_list_is_rebuilt_after_a_grain_moved_by_half_the_skin() -> None:
 
 @pytest.mark.parametrize("far", [1.0, 1e4, 1e12, 1e15, 1e100])
 def test_pairs_are_listed_in_cells_far_larger_than_the_grains(far: float) -> None:
-    """Cells of the grains' size would be more than integers count."""
+    """The number of cells of the grains' size would overflow integers."""
     random = np.random.default_rng(3)
     places = far * random.integers(1, 5, (2, 10)) + random.uniform(0.0, 0.8, (2, 10))
     near = near_list_workspace(10, 1.0)
@@ -118,7 +118,7 @@ def test_too_many_pairs_for_the_list_raise_an_error() -> None:
 
 
 def test_list_capacity_suffices_for_small_grains_around_a_big_one() -> None:
-    """Hundreds of them lie within the big one's diameter of each other, and three touch."""
+    """Hundreds of grains lie within the big diameter of each other, and three touch."""
     place = 0.11 * np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2)
     radius = np.full(400, 0.056)
     radius[0] = 0.5

@@ -1,4 +1,4 @@
-"""Periodic cells: nearest images, the cut-off and the mesh against sums over images written out."""
+"""Periodic cells: nearest images, the cut-off and the mesh against explicit sums over images."""
 
 import math
 from typing import Any
@@ -29,14 +29,14 @@ def crystal(columns: int, rows: int, spacing: float = 1.9, **changes: Any) -> Sc
 
 
 def natural(scene: Scene) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Places and sides [D], and the units of force and energy."""
+    """Positions and sides [D], and the units of force and energy."""
     scales = Scales.from_grains(scene.grains)
     places = scene.initial_positions_and_velocities()[0] / scales.length
     return places, np.array(scene.cell.periods) / scales.length, scales.force, scales.energy
 
 
 def elsewhere(scene: Scene) -> np.ndarray:
-    """The scene's positions, each at another of its images [m]."""
+    """The scene's positions, each replaced by another image [m]."""
     places = scene.initial_positions_and_velocities()[0]
     turns = np.random.default_rng(1).integers(-2, 3, places.shape)
     return np.asarray(places + turns * scene.cell.periods)
@@ -45,7 +45,7 @@ def elsewhere(scene: Scene) -> np.ndarray:
 def all_images(
     places: np.ndarray, sides: np.ndarray, grains: range, most: int = 12
 ) -> tuple[np.ndarray, float]:
-    """Forces on some grains, image by image; and the rms sum of their sizes."""
+    """Forces on some grains, image by image, and the rms sum of their magnitudes."""
     steps = np.arange(-most, most + 1)
     images = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * sides
     forces, loads = [], []
@@ -61,7 +61,7 @@ def all_images(
 
 
 def ewald_energy(places: np.ndarray, sides: np.ndarray, moments: np.ndarray | None = None) -> float:
-    """Energy with all images, those of each grain itself among them [F* D]; moments over the first's."""
+    """Energy with all images, including each grain's images of itself [F* D]; moments over the first's."""
     sharp, area, count = 12.0 / sides.min(), sides.prod(), len(places)
     q = np.ones(count) if moments is None else moments
     total = 0.0
@@ -71,7 +71,7 @@ def ewald_energy(places: np.ndarray, sides: np.ndarray, moments: np.ndarray | No
         met = r > 0.0
         total += q[i] * (q[met] * gammaincc(1.5, (sharp * r[met]) ** 2) / r[met] ** 3).sum()
     most = np.ceil(12.0 * sharp * sides / (2.0 * np.pi)).astype(int)
-    # Only half of the waves: those of -k are the same.
+    # Only half of the waves, since k and -k contribute equally.
     series = sharp * q.sum() ** 2
     phases = [
         np.exp(2j * np.pi / side * np.outer(np.arange(-m, m + 1), slot))
@@ -88,7 +88,7 @@ def ewald_energy(places: np.ndarray, sides: np.ndarray, moments: np.ndarray | No
 
 
 def test_ewald_energy_agrees_with_a_sum_image_by_image() -> None:
-    """The judge of the others: 14 grains, with what lies beyond a circle as an integral."""
+    """Reference for the other tests: 14 grains, with images beyond a circle as an integral."""
     scene = crystal(7, 2)
     places, sides, *_ = natural(scene)
     steps = np.arange(-150, 151)
@@ -126,7 +126,7 @@ def test_mesh_includes_all_images_to_a_tolerance(
 @pytest.mark.long
 @pytest.mark.parametrize("method", ["direct", "cut-off", "mesh"])
 def test_energy_and_momentum_are_conserved_and_bits_independent_of_threads(method: str) -> None:
-    """Grains that cross the sides: energy to second order in the step, momentum, the same bits."""
+    """Grains cross the sides: energy of second order in the step, momentum conserved, equal bits."""
     scene = crystal(
         32,
         34,

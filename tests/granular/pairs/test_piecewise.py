@@ -64,7 +64,7 @@ def test_jump_of_the_force_is_located_accurately() -> None:
 
 
 def test_table_is_extrapolated_beyond_its_ends() -> None:
-    """Below with its first polynomial, and above with its last, which is zero where the law is."""
+    """It continues below with the first polynomial, and above with the last, which may be zero."""
     table = table_of(cubic_end)
     assert tabulated_ratio(table, 0, 1e6) == tabulated_energy(table, 0, 1e6) == 0.0
     assert tabulated_energy(table, 0, 0.0) == pytest.approx(8.0, rel=0.05)

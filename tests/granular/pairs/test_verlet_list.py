@@ -1,4 +1,4 @@
-"""The source's list: what is listed acts, at any distance, until a grain has moved by the skin."""
+"""De Paula's list: listed pairs interact at any distance until a grain has moved by the skin."""
 
 import numpy as np
 import pytest

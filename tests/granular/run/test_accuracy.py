@@ -1,4 +1,4 @@
-"""Accuracies that are asked for: what is chosen, promised and refused; prices of runs in words."""
+"""Requested accuracies: choices, guarantees and refusals; costs of runs in words."""
 
 import math
 import time
@@ -30,7 +30,7 @@ from granular.shared.files import ResultCache
 
 
 def of_table(one: SceneWorkPrecision) -> Scene:
-    """A scene that the table's entry stands for."""
+    """A scene represented by an entry of the table."""
     changes: dict[str, object] = {"grains.count": one.grains, "cell.width": "60 D"}
     if "rest height" in one.floors:
         changes |= {"piston.mass": 7.5, "protocol": [{"kind": "free", "name": "drop", "until": "rest"}]}
@@ -40,7 +40,7 @@ def of_table(one: SceneWorkPrecision) -> Scene:
 
 
 def promises() -> Iterator[object]:
-    """Every scene with every quantity; quick is one quantity of each."""
+    """All scenes with all quantities; in quick tests one quantity per scene."""
     for one in load_work_precision_scenes():
         for k, quantity in enumerate(one.floors):
             marks = [pytest.mark.long] if k else []
@@ -49,7 +49,7 @@ def promises() -> Iterator[object]:
 
 @pytest.mark.parametrize(("costs", "quantity"), promises())
 def test_chosen_settings_meet_the_tolerance_at_low_cost(costs: SceneWorkPrecision, quantity: str) -> None:
-    """At most 1.5 times dearer than the cheapest of the table that holds the tolerance."""
+    """The cost is at most 1.5 times that of the cheapest entry within the tolerance."""
     scene = of_table(costs)
     assert most_similar_measured_scene(scene, quantity) == costs
     chosen = 0
@@ -106,7 +106,7 @@ def test_accuracies_without_guarantee_are_refused(bed: Scene) -> None:
 
 
 def test_user_measurements_are_used_after_the_packaged_table(bed: Scene) -> None:
-    """The same scene with any start is answered, to the bound that was measured, and no other scene."""
+    """They apply to the same scene with any packing, up to the measured bound, and to no other scene."""
     touching = bed.replace(**{"effects.contact": {"modulus": "1 MPa"}})
     entry = WorkPrecisionEntry(VERLET, "auto*2", 0.2, 0.15, 1.0, {"piston force": 2e-3}, ["piston force"])
     floors = {"piston force": 1e-4}
@@ -120,7 +120,7 @@ def test_user_measurements_are_used_after_the_packaged_table(bed: Scene) -> None
             plan(other, accuracy="2e-3 piston force")
     with pytest.raises(InputError, match=r"spread over random packings is 0\.0001"):
         plan(touching, accuracy="2e-4 piston force")
-    # The package's own table answers first, and the user's where it promises less.
+    # The packaged table is used first, the user's table if the first does not reach the accuracy.
     store_measured_scene(bed, "piston force", None, own)
     assert plan(bed, accuracy="5 % piston force").words.endswith(" starts, 2026-11-22)")
     assert plan(bed, accuracy="2e-3 piston force").words.endswith("(mine, 4 starts, 2026-11-28)")
@@ -179,7 +179,7 @@ def test_cost_excludes_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_cost_of_a_resumed_run_excludes_earlier_compilation(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It was below zero, where the run was shorter than that."""
+    """The cost was once negative for a run shorter than the compilation."""
     plain, scene = granular.run.simulation.restore_snapshot, load_scene("single-particle")
 
     def restore(*known: Any) -> None:
@@ -203,7 +203,7 @@ def test_cost_line_reports_the_energy_residual_without_a_similar_scene() -> None
 
 @pytest.mark.parametrize(("count", "dt"), [(368, "auto*4"), (92, "auto*2")])
 def test_scatter_accuracy_selects_steps_with_errors_below_the_spread(count: int, dt: str) -> None:
-    """By the table, the damping of 92 grains shows four times the step, and 368 show none."""
+    """By the table, four times the step is significant in the damping of 92 grains, but not of 368."""
     assert plan(damper(count=count), accuracy=SCATTER).dt == dt
 
 

@@ -1,4 +1,4 @@
-"""The place of a run: links, several at once, remains, a full disk; runs of earlier versions."""
+"""Run directories: links, simultaneous starts, partial directories, a full disk; earlier versions."""
 
 import contextlib
 import hashlib
@@ -83,7 +83,7 @@ def test_first_of_two_processes_gets_the_run_directory(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="another process has begun a run in"):
         move_to_final_path(first, path)
     with pytest.raises(StoreError, match="another process is running in"):
-        lock_directory(path)  # the lock of the part is that of the run
+        lock_directory(path)  # the partial directory's lock becomes the run's lock
     unlock_directory(other)
     unlock_directory(lock_directory(path))
     unlock_directory(held)
@@ -115,7 +115,7 @@ def test_one_of_several_simultaneous_processes_gets_the_run_directory(scene: Sce
 
 
 def test_partial_directories_of_killed_runs_are_removed(scene: Scene, tmp_path: Path) -> None:
-    """But neither what another process makes, nor what is no part of a run."""
+    """Directories of running processes and other files are kept."""
     remains, kept = tmp_path / ".run.0123abcd.part", tmp_path / ".run.0123abce.part"
     former, other = tmp_path / ".run.part", tmp_path / ".run.more.0123abcd.part"
     for part in (remains, kept, former, other):
@@ -129,7 +129,7 @@ def test_partial_directories_of_killed_runs_are_removed(scene: Scene, tmp_path: 
 
 @contextlib.contextmanager
 def full_disk(workspace: int) -> Iterator[None]:
-    """No file can become longer than so many bytes."""
+    """Limit the size of files."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (workspace, hard))
     try:
@@ -140,7 +140,7 @@ def full_disk(workspace: int) -> Iterator[None]:
 
 @pytest.mark.parametrize("workspace", [100, 5000])
 def test_full_disk_at_the_start_is_reported(scene: Scene, tmp_path: Path, workspace: int) -> None:
-    started(scene, tmp_path / "other")  # loads what is compiled
+    started(scene, tmp_path / "other")  # loads compiled code
     with full_disk(workspace), pytest.raises(StoreError, match="run cannot be made: File too large"):
         started(scene, tmp_path / "run")
     assert [one.name for one in tmp_path.iterdir()] == ["other"]
@@ -204,7 +204,7 @@ def test_runs_of_earlier_versions_are_resumed(name: str, folder: Path) -> None:
 
 
 def test_duplicate_arrays_in_a_checkpoint_are_detected(folder: Path) -> None:
-    """A bit that turns the name of one into that of another hides it."""
+    """A flipped bit may turn the name of an array into another array's name."""
     file = folder / "plain" / "checkpoint.npz"
     content = bytearray(file.read_bytes())
     start = content.index(b"x.npy", content.index(b"PK\x01\x02"))

@@ -1,4 +1,4 @@
-"""Another engine takes the place of the compiled loop: here one in plain NumPy, from a distribution."""
+"""Another engine replaces the compiled loop: an installed one in plain NumPy."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -60,7 +60,7 @@ def advance(system, state, ticks):
 
 @pytest.fixture
 def scene() -> Scene:
-    """Five dipoles that repel each other."""
+    """Five repelling dipoles."""
     places = [[0.1 + 0.012 * k, 0.1 + 0.012 * (k % 2)] for k in range(5)]
     changes = {f"effects.{name}": None for name in ("walls", "drag", "gravity")}
     return load_scene("single-particle").replace(
@@ -71,7 +71,7 @@ def scene() -> Scene:
 def test_installed_engine_reproduces_the_compiled_loop(
     scene: Scene, installed: Callable[..., None], tmp_path: Path
 ) -> None:
-    """To rounding that of the compiled loop, through records, frames, ledger and a resumed run."""
+    """Records, frames, ledger and a resumed run agree with the compiled loop up to rounding."""
     installed("engines", PLAIN, {"plain": "advance"})
     known = simulate(scene, 1e-4, 0.06, progress=False)
     made = simulate(scene, 1e-4, 0.06, engine="plain", progress=False)

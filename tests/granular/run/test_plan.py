@@ -1,4 +1,4 @@
-"""One rule says what a scene can be run with; threads are taken if they are quicker."""
+"""Plans: valid settings of a run, and threads if they are faster."""
 
 import math
 from typing import Any
@@ -21,7 +21,7 @@ from granular.shared.errors import InputError, StepCountError
 
 @effect
 class OwnFlow:
-    """Drag that is given as a flow."""
+    """Drag as a flow."""
 
     @staticmethod
     def flow(p: Any, grain: Any, vx: float, vy: float, dt: float) -> tuple[float, float]:
@@ -59,7 +59,7 @@ def test_dry_friction_parts_are_listed(
     ],
 )
 def test_simulate_refuses_invalid_plans_before_compilation(small_bed: Scene, changes: dict[str, Any]) -> None:
-    """Before anything is compiled: a scene without an end is refused last."""
+    """Refusals come before compilation; a scene without an end is refused last."""
     endless = small_bed.replace(**changes, protocol=[{"kind": "hold", "name": "wait"}])
     seen = set()
     for method in (*METHODS, "stormer-verlet+compensated"):
@@ -110,7 +110,7 @@ def test_runge_kutta_supports_only_forces(
 
 
 def test_multiples_of_the_automatic_step_are_limited_by_stability(small_bed: Scene) -> None:
-    """Where grains rub by themselves the automatic step is four times longer already."""
+    """With Coulomb friction and no contact the automatic step is already four times longer."""
     rubbing = small_bed.replace(**{"effects.friction": {}})
     assert can_run(small_bed, "auto*8", "stormer-verlet")
     assert can_run(rubbing, "auto*2", "stormer-verlet")
@@ -146,7 +146,7 @@ def test_unreasonable_steps_are_refused(arguments: dict[str, Any], words: str) -
 
 
 def test_steps_longer_than_a_stage_are_refused(small_bed: Scene) -> None:
-    """Also than a stage whose duration follows from heights and a speed."""
+    """This includes stages whose duration follows from heights and a speed."""
     hold = {"kind": "hold", "name": "wait", "duration": 0.01}
     for short in (
         {"kind": "hold", "name": "short", "duration": 1e-4},
@@ -179,7 +179,7 @@ def test_too_many_steps_are_refused(changes: dict[str, Any], arguments: dict[str
 
 @pytest.mark.parametrize("end", [1e-12, 1e-300])
 def test_end_within_the_first_step_is_reached(end: float) -> None:
-    """Whether the run ends there, or its stage."""
+    """It is the end of the run or of a stage."""
     scene = load_scene("single-particle")
     run = simulate(scene, t_end=end, progress=False)
     assert (run.complete, run.settings()["steps"]) == (True, 1)
@@ -189,7 +189,7 @@ def test_end_within_the_first_step_is_reached(end: float) -> None:
 
 
 def test_tick_counts_beyond_64_bit_products_are_exact() -> None:
-    """Where the product of a tick's number and the steps from record to record passes 64 bits."""
+    """The product of tick number and steps between records exceeds 64 bits."""
     from granular.compiled import entry
     from granular.engine.step_size import StepRequest, steps_in_tick, tick_start_time
 
@@ -217,7 +217,7 @@ TWO = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one process
 
 
 def heard(found: ThreadCountTuner, seconds: dict[int, float], calls: int) -> list[int]:
-    """The numbers of threads that are taken, where steps take so long with each."""
+    """The numbers of threads chosen for given step times."""
     taken = []
     for _ in range(calls):
         taken.append(found.count)
@@ -228,7 +228,7 @@ def heard(found: ThreadCountTuner, seconds: dict[int, float], calls: int) -> lis
 @TWO
 @pytest.mark.parametrize(("slow", "quick"), [(1, 2), (2, 1)])
 def test_faster_number_of_threads_is_chosen(slow: int, quick: int) -> None:
-    """Both are tried, in short calls, and then the quicker one is kept."""
+    """Both numbers are tried in short calls, then the faster one is kept."""
     found = ThreadCountTuner(2)
     assert found.trying
     taken = heard(found, {slow: 5e-4, quick: 1e-4}, 6)

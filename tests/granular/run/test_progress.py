@@ -1,4 +1,4 @@
-"""What a long run says, how it ends when it is told to, and a warm cache."""
+"""Announcements of long runs, their end by a signal, and a warm cache."""
 
 import json
 import signal
@@ -57,7 +57,7 @@ def test_run_of_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None:
     assert process.returncode == 143
     assert (
         rest.splitlines()[-1] == f"error: terminated: results up to now are in {out}; the same command "
-        "goes on (run with --resume)"
+        "continues (run with --resume)"
     )
     part = load_trajectory(out)
     assert not part.complete
@@ -65,7 +65,7 @@ def test_run_of_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None:
 
 
 def test_bar_of_a_settling_bed_shows_motion_and_limit(small_bed: Scene) -> None:
-    """One grain swings in drag: it moves less and less, down to the limit."""
+    """One grain oscillates with drag: its motion decays to the limit of rest."""
     stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
     changes = {"protocol": [stage], "effects.drag.coefficient": "5 g/s"}
     scene = small_bed.replace(**{"grains.count": 1}, **changes)
@@ -89,7 +89,7 @@ def test_bar_of_a_settling_bed_shows_motion_and_limit(small_bed: Scene) -> None:
 def test_kernels_are_counted_while_they_are_compiled(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], terminal: bool
 ) -> None:
-    """Kernels that stand in no file of the package are compiled in every process."""
+    """Kernels outside the package's files are compiled in every process."""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     kernels = [entry(lambda x, k=k: x + k) for k in range(5)]
     opening = "compiling for this type of scene, cached for later runs"
@@ -105,7 +105,7 @@ def test_kernels_are_counted_while_they_are_compiled(
 def test_warmed_up_kernels_are_not_compiled_again(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The loop in a file of its own: for the types that the run gives it."""
+    """The loop is in a separate file, for the argument types of the run."""
     assert launch(main, ["scenes", "--warm-up", "single-particle", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert list(told["seconds"]) == ["single-particle"]

@@ -1,4 +1,4 @@
-"""Piston records: to CSV and Parquet and back, clear errors, and what drives a piston."""
+"""Piston records: writing and reading CSV and Parquet, errors, and drives of the piston."""
 
 import itertools
 import math
@@ -137,7 +137,7 @@ def parquet(path: Path, columns: dict[str, object], units: dict[str, str] | None
 
 
 def test_parquet_units_and_further_columns(tmp_path: Path) -> None:
-    """Units in names or in metadata, integers, and columns that hold something else."""
+    """Units in names or metadata, integers, and columns of other types."""
     columns = {
         "time [ms]": [0, 2, 4],
         "Height": [59.0, 60.0, 61.0],
@@ -233,18 +233,18 @@ def empty(*stages: dict[str, Any], **changes: Any) -> Scene:
 
 
 def acceleration(time: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """At the inner samples, by second differences; the samples are evenly spaced."""
+    """Acceleration at the inner, evenly spaced samples by second differences."""
     return np.diff(height, 2) / np.diff(time)[0] ** 2
 
 
 def test_record_of_a_shaken_cell_contains_the_base_motion() -> None:
-    """Seen from the base, the piston falls and the base's motion is taken away: z'' = -g - b''."""
+    """Relative to the base, the piston obeys z'' = -g - b''."""
     angle = 0.6
     scene = empty(
         {"kind": "free", "name": "fall", "duration": 0.05},
         **{
             "effects.shaking": {"amplitude": 0.002, "frequency": 25.0, "angle": angle},
-            "effects.drag": {"coefficient": 0.0},  # of no size: as what is compiled for falling grains
+            "effects.drag": {"coefficient": 0.0},  # of zero size, with the same types as for falling grains
         },
     )
     record = simulate(scene, progress=False).piston()
@@ -258,7 +258,7 @@ def test_record_of_a_shaken_cell_contains_the_base_motion() -> None:
 
 
 def test_record_of_a_pushed_piston_contains_the_force() -> None:
-    """M z'' = -M g + F, with a phase that counts from the stage's start; 0 in other stages."""
+    """M z'' = -M g + F, with the phase from the start of the stage; F = 0 in other stages."""
     scene = empty(
         {"kind": "hold", "name": "wait", "duration": 0.0123},
         {"kind": "push", "name": "push", "mean": 3.0, "amplitude": 5.0, "frequency": 40.0, "duration": 0.04},
@@ -278,7 +278,7 @@ def test_record_of_a_pushed_piston_contains_the_force() -> None:
 
 @stage
 class Tug:
-    """A pull that dies out."""
+    """A decaying pull."""
 
     size: float = quantity("N")
 
@@ -288,7 +288,7 @@ class Tug:
 
 
 def test_records_contain_forces_of_formulas_and_custom_stages() -> None:
-    """M z'' = -M g + F in either stage, and 0 before them."""
+    """M z'' = -M g + F in both stages, and F = 0 before them."""
     scene = empty(
         {"kind": "hold", "name": "wait", "duration": 0.01},
         {
@@ -316,7 +316,7 @@ def test_records_contain_forces_of_formulas_and_custom_stages() -> None:
 
 @quick_in_plain_python
 def test_record_on_a_shaken_host_contains_the_base_acceleration() -> None:
-    """Seen from the base that carries the cell: z'' = -g - b''."""
+    """Relative to the base of the cell, z'' = -g - b''."""
     drive = {"displacement": "2 mm", "frequency": "25 Hz"}
     scene = empty(
         {"kind": "free", "name": "fall", "duration": 0.05},

@@ -1,4 +1,4 @@
-"""Runs: the same bits however they are cut, threaded, recorded or interrupted; their memory and names."""
+"""Runs: equal bits with any interruptions, threads and records; their memory and names."""
 
 import json
 import os
@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(scope="module")
 def scene(small_damper: Scene) -> Scene:
-    """A short damper run with a step that is no divisor of anything."""
+    """A short damper run with a step that divides no interval."""
     return small_damper.replace(
         **{
             "protocol.drop.until": None,
@@ -121,7 +121,7 @@ def test_any_method_resumes_to_the_same_bits(
 
 
 def test_absent_effects_leave_no_variables() -> None:
-    """Of a grain over the bottom alone, without drag."""
+    """The scene has one grain above the bottom wall, without drag."""
     run = simulate(load_scene("single-particle"), t_end=5e-3, progress=False)
     assert "drag_loss" not in run.dataset
     assert "left_force" not in run.dataset
@@ -145,7 +145,7 @@ def test_piston_record(scene: Scene, tmp_path: Path) -> None:
 
 
 def test_dataset_works_with_xarray_and_pandas(scene: Scene, tmp_path: Path) -> None:
-    """Although the piston jumps, so that one time has two records."""
+    """The piston jumps, so that one time has two records."""
     import xarray
 
     run = simulate(scene, progress=False)
@@ -172,7 +172,7 @@ def test_dataset_works_with_xarray_and_pandas(scene: Scene, tmp_path: Path) -> N
 
 
 def test_rest_is_detected(small_damper: Scene) -> None:
-    """At the end of the drop the piston's weight is borne by the grains."""
+    """At the end of the drop the grains carry the weight of the piston."""
     # In more drag it rests sooner.
     scene = small_damper.replace(**{"protocol.release.duration": 0.01, "effects.drag.coefficient": 0.5})
     run = simulate(scene, progress=False)
@@ -340,7 +340,7 @@ TAKEN = ("Kinetic", "Pair", "Piston", "Wall", "Weight")
 
 
 def pull(name: str) -> type:
-    """A spring of a user's own, under that name."""
+    """A custom spring with a given name."""
 
     class Spring:
         """A spring."""

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM in runs and loops of them: whenever one comes, it ends them."""
+"""Ctrl-C and SIGTERM end runs and loops of runs at any time."""
 
 import gc
 import os
@@ -32,7 +32,7 @@ def scene() -> Scene:
 
 
 def short_runs(scene: Scene, folder: Path | None) -> Callable[[], None]:
-    """What makes one more short run, in memory or below a folder."""
+    """Function that makes another short run, in memory or in a folder."""
     made = iter(range(10**6))
 
     def one() -> None:
@@ -43,7 +43,7 @@ def short_runs(scene: Scene, folder: Path | None) -> Callable[[], None]:
 
 
 def seconds_until_the_end(one: Callable[[], None], delay: float) -> float:
-    """For so long [s] a loop goes on after a Ctrl-C that comes after a delay [s]; 5 s at most."""
+    """Time [s] for which a loop continues after a delayed Ctrl-C, at most 5 s."""
     sent: list[float] = []
 
     def send() -> None:
@@ -99,7 +99,7 @@ def test_stop_after_the_last_step_carries_the_whole_run(
 def test_stop_interrupts_a_compilation(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
 ) -> None:
-    """To compile a set of effects takes long, up to a minute; the run goes on from its disk."""
+    """Compiling a set of effects takes up to a minute; the run is resumed from disk."""
     plain, made = granular.run.engines.advance_ticks, iter(range(100))
 
     def advance(*known: object) -> object:
@@ -122,7 +122,7 @@ def test_stop_interrupts_a_compilation(
 
 
 def test_interrupted_compilation_is_not_freed() -> None:
-    """LLVM's objects may have two owners then: freeing one ends the process."""
+    """LLVM objects may then have two owners, and freeing one would crash the process."""
     freed = []
 
     class Module:
@@ -146,7 +146,7 @@ def test_interrupted_compilation_is_not_freed() -> None:
 
 
 def test_stop_is_not_lost_in_a_failing_run(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A loop that goes on after a failed run ends all the same."""
+    """A loop that continues after a failed run also ends."""
     from granular.run.protocol_runner import ProtocolRunner
 
     def advance(_: ProtocolRunner) -> None:

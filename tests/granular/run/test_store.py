@@ -1,4 +1,4 @@
-"""Run directories: damaged or exchanged files are noticed by their names, or change nothing."""
+"""Run directories: damaged or exchanged files are reported by name, or change nothing."""
 
 import os
 import shutil
@@ -25,7 +25,7 @@ SECONDS = 60
 
 
 class Runs(NamedTuple):
-    """A run that was cut, copies of it and of another one, and where it leads."""
+    """An interrupted run, copies of it and of another run, and its continuation."""
 
     run: Path
     early: Path
@@ -76,7 +76,7 @@ def resumed(scene: Scene, path: Path) -> Trajectory:
 
 
 def check(runs: Runs, scene: Scene, place: Path, damaged: str, how: str) -> list[str]:
-    """Load a damaged copy, and resume one; the lines of errors."""
+    """Load and resume a damaged copy; return the error messages."""
     lines = []
     outcomes: tuple[tuple[Callable[[], Trajectory], xarray.Dataset], ...] = (
         (lambda: load_trajectory(place), runs.data),
@@ -111,7 +111,7 @@ def files(run: Path) -> list[str]:
 
 
 def damage(path: Path, how: str, random: np.random.Generator) -> None:
-    """Damage a file: flip a bit, cut it, empty it or take it away."""
+    """Damage a file: flip a bit, truncate, empty or remove it."""
     content = bytearray(path.read_bytes())
     if how == "missing":
         path.unlink()
@@ -128,7 +128,7 @@ def damage(path: Path, how: str, random: np.random.Generator) -> None:
 def test_damage_is_detected(
     runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator, bits: int, others: int
 ) -> None:
-    """Files are drawn by chance, so that each kind of file is among many."""
+    """Files are drawn at random, so that many draws include each kind."""
     for how in ["flipped"] * bits + ["truncated", "empty", "missing"] * others:
         place, names = copied(runs, tmp_path / "run"), files(runs.run)
         name = names[random.integers(len(names))]
@@ -202,7 +202,7 @@ def test_edited_file_is_detected(runs: Runs, tmp_path: Path, name: str, old: str
 
 
 def test_chunk_of_fill_values_is_written(runs: Runs) -> None:
-    """All stages are number 0, which is the fill value: only what was lost is not there."""
+    """All stage indices are 0, the fill value; only lost values may be missing."""
     chunks = runs.run / "trajectory.zarr" / "stage" / "c"
     assert len(list(chunks.iterdir())) == len(list((chunks.parents[1] / "time" / "c").iterdir()))
 
@@ -221,7 +221,7 @@ def test_zarr_verifies_checksums(runs: Runs, tmp_path: Path) -> None:
 
 
 class Trap:
-    """What runs a program when it is unpickled."""
+    """Object that runs a program when unpickled."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Path.touch, (Path("sprung"),)
@@ -239,7 +239,7 @@ def test_checkpoint_code_is_not_executed(runs: Runs, tmp_path: Path, monkeypatch
 
 
 def test_open_trajectory_of_a_live_run_does_not_grow(scene: Scene, runs: Runs, tmp_path: Path) -> None:
-    """A reader of a live run keeps the part that was complete when it opened it."""
+    """A reader of a live run keeps the part that was complete on opening."""
     copy = copied(runs, tmp_path / "run")
     early = load_trajectory(copy)
     before = load_trajectory(copy).dataset.load()
@@ -251,7 +251,7 @@ def test_open_trajectory_of_a_live_run_does_not_grow(scene: Scene, runs: Runs, t
 
 
 def test_older_chunk_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
-    """Behind what it held when it was copied there are fill values, which are no records."""
+    """After the values present at copying there are fill values, which are not records."""
     assert "trajectory.zarr/position/c/1/0/0" in chunks(runs.early)
     for name in ("time/c/1", "piston_height/c/1", "position/c/1/0/0", "kinetic_energy/c/1"):
         chunk = f"trajectory.zarr/{name}"
@@ -301,13 +301,13 @@ def test_pipe_in_place_of_a_file_is_reported(runs: Runs, scene: Scene, tmp_path:
 
 
 def exchange(runs: Runs, place: Path, random: np.random.Generator) -> tuple[str, str]:
-    """Put a chunk, seldom another file, in place of one of a copy; its name and what was done."""
+    """Replace a chunk, or rarely another file, of a copy; return its name and the change."""
     donor = (runs.run, runs.early, runs.other)[random.integers(3)]
     listed = chunks if random.random() < 0.85 else files
     names, others = listed(runs.run), listed(donor)
     name = names[random.integers(len(names))]
     if name == "checkpoint.npz":
-        name = "scene.toml"  # an older checkpoint is that of a run that was killed
+        name = "scene.toml"  # an older checkpoint is equivalent to a killed run
     same = donor is not runs.run and random.random() < 0.6 and name in others
     source = name if same else others[random.integers(len(others))]
     shutil.copyfile(donor / source, place / name)
@@ -326,7 +326,7 @@ def test_exchanged_files_are_detected(
 
 
 def test_checkpoint_of_an_earlier_time_is_detected(runs: Runs, tmp_path: Path) -> None:
-    """The last record that it knows, which lay on no whole tick, was written anew since."""
+    """Its last record, between two ticks, was rewritten later."""
     place = copied(runs, tmp_path / "run")
     shutil.copyfile(runs.early / "checkpoint.npz", place / "checkpoint.npz")
     with pytest.raises(StoreError, match=r"/c/1 is damaged, or differs from the run's file"):
@@ -337,7 +337,7 @@ def test_checkpoint_of_an_earlier_time_is_detected(runs: Runs, tmp_path: Path) -
 def test_invalid_length_in_metadata_is_detected(
     runs: Runs, tmp_path: Path, length: bytes, noticed: bool
 ) -> None:
-    """It is for other programs: how much is complete stands in the checkpoint."""
+    """The length is for other programs; the checkpoint contains the complete length."""
     place = copied(runs, tmp_path / "run")
     for name in ("zarr.json", "time/zarr.json"):
         file = place / "trajectory.zarr" / name

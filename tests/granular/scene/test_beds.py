@@ -1,4 +1,4 @@
-"""The source's beds: its scaling, its table of bidisperse parameters, its mixing rule."""
+"""De Paula's beds: scaling, table of bidisperse parameters, mixing rule."""
 
 from collections.abc import Callable
 from decimal import Decimal

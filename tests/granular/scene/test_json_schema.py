@@ -1,4 +1,4 @@
-"""The schemas admit what is read, and refuse what a reader refuses by a single key."""
+"""The schemas accept valid scenes, and refuse scenes that the reader refuses by a single key."""
 
 import json
 import tomllib

@@ -1,4 +1,4 @@
-"""Natural units: the far field, unlike grains, and dampers of every size with equal groups."""
+"""Natural units: far field, unequal grains, and dampers of all sizes with equal groups."""
 
 import math
 from typing import Any
@@ -25,7 +25,7 @@ from tests.granular.linear.small_beds import at_rest, small_damper
 
 
 def every(scene: Scene, wanted: int | None, method: str = "stormer-verlet") -> int | None:
-    """Steps from impulse to impulse, of a scene on the mesh."""
+    """Steps between impulses of a scene with the mesh."""
     pairs: dict[str, object] = {"method": "mesh"}
     if wanted is not None:
         pairs["far_every"] = wanted
@@ -69,7 +69,7 @@ MU0 = 4e-7 * math.pi
 
 
 def mixed(**changes: Any) -> Scene:
-    """Big grains, and small ones of another remanence, density and thickness, that rub."""
+    """Big grains, and small ones with other remanence, density and thickness, with friction."""
     small = {"name": "small", "diameter": "4 mm", "share": 0.4, "remanence": "0.9 T"}
     return load_scene("bed").replace(
         **{
@@ -127,7 +127,7 @@ def test_masses_and_moments_follow_from_the_material() -> None:
     [{}, pytest.param({"grains.magnets": "cylinders", "effects.walls": True}, marks=pytest.mark.long)],
 )
 def test_rescaled_beds_have_equal_groups_and_results(changes: dict[str, Any]) -> None:
-    """Rest over the width, the frequency by sqrt(W/g), and the damping ratio, without a run."""
+    """Rest over width, frequency times sqrt(W/g), and damping ratio, without a run."""
     rest = at_rest(small_damper(**changes))
     width, root = rest.scene.cell.width, piston_roots(rest)[0]
     assert rest.piston_height is not None
@@ -167,7 +167,7 @@ def test_lattice_pressure_carries_the_weight() -> None:
 
 
 def test_parts_and_machine_are_rescaled() -> None:
-    """A liquid's drag becomes a number; springs go as the size, a moment as its cube."""
+    """A liquid's drag becomes a number; springs scale with the size, moments with its cube."""
     oil = load_scene("damper").replace(
         **{"effects.drag.liquid": "silicone oil 100 cSt", "grains.moment": 0.0877, "cell.separation": "4 mm"}
     )

@@ -1,4 +1,4 @@
-"""Papers behind what was used: each that a source names is in the bibliography, and is found."""
+"""Citations: each cited paper is in the bibliography and is found."""
 
 import re
 

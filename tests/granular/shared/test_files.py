@@ -1,4 +1,4 @@
-"""Files are there whole or as before; caches of the user alone; one lock at a time."""
+"""Atomic files, private caches, and exclusive locks."""
 
 import importlib.util
 import json

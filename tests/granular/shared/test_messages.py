@@ -1,4 +1,4 @@
-"""What is printed: a user's words on one short line, and blocks as text, for a terminal and as LaTeX."""
+"""Print-outs: user values on one short line, and blocks as text, for a terminal and as LaTeX."""
 
 import io
 import re
@@ -69,7 +69,7 @@ def test_number_stays_on_the_line_of_its_unit() -> None:
 
 
 def test_factors_are_formatted_without_powers_of_ten() -> None:
-    """No power of ten, no row of zeros."""
+    """Factors have neither powers of ten nor long rows of zeros."""
     said = {3.14159: "3.1", 29.7: "30", 12345.0: "12,000", 9.9e5: "990,000", 0.0: "0"}
     for value, words in said.items():
         assert format_factor(value) == words
@@ -139,7 +139,7 @@ def test_long_user_values_are_shortened_in_messages(place: str, words: str, tmp_
         BAD[place](words, tmp_path)
     message = str(caught.value)
     assert message.isprintable()
-    assert len(message) < 1200  # with paths, known words and remedies next to what is quoted
+    assert len(message) < 1200  # with paths, known words and remedies around quoted values
 
 
 def test_control_characters_are_not_printed(
@@ -170,7 +170,7 @@ def test_long_notes_are_wrapped(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_characters_that_a_terminal_lacks_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What it cannot show is escaped, as with LANG=C."""
+    """Other characters are escaped, as with LANG=C."""
     buffers = [io.BytesIO(), io.BytesIO()]
     streams = [io.TextIOWrapper(buffer, encoding="ascii") for buffer in buffers]
     monkeypatch.setattr(sys, "stdout", streams[0])

@@ -1,4 +1,4 @@
-"""Files that are no files, or too much of one, are refused at once; numbers are what they are."""
+"""Special and oversized files are refused quickly; numbers are read exactly."""
 
 import os
 from pathlib import Path
@@ -55,7 +55,7 @@ def test_long_files_are_refused_before_they_are_read(tmp_path: Path) -> None:
 
 
 def test_compressed_file_with_too_many_numbers_is_refused(tmp_path: Path) -> None:
-    """A Parquet file of equal numbers takes no place on the disk."""
+    """A Parquet file of equal numbers takes hardly any space on the disk."""
     pyarrow, parquet = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
     path = tmp_path / "record.parquet"
     empty = pyarrow.nulls(MAX_NUMBERS // 2 + 1, pyarrow.int8())
@@ -108,7 +108,7 @@ CELLS = ("1_0.5", "0x10", "\uff11\uff12", "\u0663", "True", "1 2", "½", "−1",
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_cells_that_are_not_numbers_are_reported(cell: str, tmp_path: Path) -> None:
-    """Python's own reading of numbers knows underscores and the digits of all scripts."""
+    """Python's float() accepts underscores and digits of all scripts."""
     path = tmp_path / "record.csv"
     path.write_text(f'time,height\n0,1\n1,"{cell}"\n', encoding="utf-8")
     with pytest.raises(RecordError, match=r"height of sample 1 \(line 3\) is .*, not a number"):

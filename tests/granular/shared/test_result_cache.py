@@ -1,4 +1,4 @@
-"""Results on a cache, and digests of functions: found again by content, in any process."""
+"""Cached results and digests of functions: found by content in any process."""
 
 import math
 import os

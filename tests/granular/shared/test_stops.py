@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: what ends, what waits, and that no stop is lost."""
+"""Ctrl-C and SIGTERM: immediate and deferred stops, none of which is lost."""
 
 import gc
 import os
@@ -21,14 +21,14 @@ pytestmark = pytest.mark.usefixtures("interruptible")
 
 @pytest.fixture(autouse=True)
 def handlers(interruptible: None) -> Iterator[None]:
-    """Handlers are what they were after each test."""
+    """Restore the signal handlers after each test."""
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     yield
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
 def wait() -> None:
-    """Until a stop comes, at most a minute."""
+    """Wait for a stop, at most a minute."""
     for _ in range(6000):
         time.sleep(0.01)
 
@@ -39,7 +39,7 @@ def stop_and_wait(number: int) -> None:
 
 
 def stop_in_a_callback(number: int, then: Callable[[], None] = wait) -> None:
-    """Python drops what is raised in a callback of the garbage collector."""
+    """Python drops exceptions raised in a callback of the garbage collector."""
 
     def swallow(*_: object) -> None:
         gc.callbacks.remove(swallow)
@@ -53,7 +53,7 @@ def stop_in_a_callback(number: int, then: Callable[[], None] = wait) -> None:
 
 
 def stop_while_a_class_is_made(number: int) -> None:
-    """Python 3.11 wraps what is raised in ``__set_name__``, as an import of JAX calls it."""
+    """Python 3.11 wraps exceptions raised in ``__set_name__``, which an import of JAX calls."""
 
     class Named:
         def __set_name__(self, owner: type, name: str) -> None:
@@ -80,7 +80,7 @@ def test_a_command_ends_with_one_line(
 def test_a_stop_among_the_causes_of_an_error_ends_a_command(
     stop: type[BaseException], code: int, link: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """JAX gives one a cause of its own, and libraries raise other errors while they handle one."""
+    """JAX adds a cause to a stop, and libraries raise other errors while they handle one."""
 
     def linked(error: BaseException, cause: BaseException) -> BaseException:
         setattr(error, link, cause)
@@ -112,7 +112,7 @@ def test_a_stop_among_the_causes_of_an_error_ends_a_command(
 def test_message_of_a_stop_reports_only_stored_results(
     path: str | None, saved: str, words: str, terminated: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A report that is stopped has written pieces, of which a run in it knows nothing."""
+    """A stopped report has written parts that are unknown to a run within it."""
 
     def command(_: Sequence[str]) -> None:
         stop = Interrupted(SimpleNamespace(path=path), terminated)
@@ -124,13 +124,13 @@ def test_message_of_a_stop_reports_only_stored_results(
 
 
 def test_suppressed_stop_at_the_end_still_ends_the_command() -> None:
-    """It comes before the end, and not in the interpreter's shutdown."""
+    """It is raised before the end, not during the interpreter's shutdown."""
     assert launch(lambda _: stop_in_a_callback(signal.SIGINT, then=lambda: None), []) == 130
     time.sleep(3 * AGAIN)
 
 
 def stopped(number: int, seen: list[bool], error: Exception | None = None) -> None:
-    """A block with a stop in it, which it looks at before it ends, or fails."""
+    """A block that receives a stop and then ends normally or fails."""
     with defer_stop_signals() as stop:
         seen.append(stop.is_requested)
         os.kill(os.getpid(), number)
@@ -150,7 +150,7 @@ def test_stop_is_deferred_to_the_end_of_the_block() -> None:
 
 
 def test_stop_is_raised_in_place_of_an_error() -> None:
-    """Whoever goes on after the error still stops."""
+    """A program that continues after the error still stops."""
     failure = ValueError("something else")
     with pytest.raises(KeyboardInterrupt) as caught:
         stopped(signal.SIGINT, [], failure)
@@ -165,7 +165,7 @@ def test_library_does_not_handle_sigterm() -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_that_was_ignored_at_the_start_stays_ignored(number: int) -> None:
-    """As Ctrl-C is in the background of a shell's script, under nohup, and in some CI."""
+    """This applies to Ctrl-C in background jobs of shell scripts, under nohup, and in some CI."""
 
     def command(_: Sequence[str]) -> None:
         with defer_stop_signals() as stop:
@@ -190,7 +190,7 @@ sys.exit(launch(lambda _: print("done")))
 
 
 def test_a_stop_after_the_end_of_a_command_changes_nothing() -> None:
-    """The process takes a second to end where JAX was imported."""
+    """With JAX imported, the process takes a second to end."""
     done = subprocess.run([sys.executable, "-c", ENDING], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
 

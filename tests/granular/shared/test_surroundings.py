@@ -1,4 +1,4 @@
-"""Commands: options from signatures, progress, and one line in bad surroundings."""
+"""Commands: options from signatures, progress, and one-line errors for a faulty environment."""
 
 import argparse
 import dataclasses
@@ -118,7 +118,7 @@ def parsed(*words: str) -> dict[str, Any]:
     return arguments_of(carry_out, parser.parse_args(words))
 
 
-def test_defaults_are_those_of_the_function() -> None:
+def test_defaults_of_options_are_the_defaults_of_the_function() -> None:
     found = parsed("bed", "-o", "here")
     assert found == {
         "scene": "bed",
