@@ -73,8 +73,8 @@ def _benchmark(options: Any) -> None:
     result = benchmark(
         options.out, parts=options.parts or tuple(PARTS), full=options.full, progress=not options.quiet
     )
-    where = "" if options.out is None else f"\npage: {options.out}/benchmark.html"
-    print_result(result, benchmark_text(result) + where, options.json)
+    location = "" if options.out is None else f"\npage: {options.out}/benchmark.html"
+    print_result(result, benchmark_text(result) + location, options.json)
 
 
 def _history(options: Any) -> None:

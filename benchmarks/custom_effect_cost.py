@@ -137,16 +137,16 @@ def custom_effect_starts(rounds: int = 5) -> list[dict[str, Any]]:
             "formula": [str(formula)],
         }
         store = {"NUMBA_CACHE_DIR": str(Path(folder) / "cache")}
-        least = dict.fromkeys(words, float("inf"))
+        shortest = dict.fromkeys(words, float("inf"))
         for k in range(rounds + 1):
             for name, more in words.items():
                 started = time.perf_counter()
                 finished([sys.executable, "-m", "granular", "run", *more, *_SHORT], store)
                 if k > 0:  # the first compiles
-                    least[name] = min(least[name], time.perf_counter() - started)
+                    shortest[name] = min(shortest[name], time.perf_counter() - started)
     return [
-        {"spring": name, "start": seconds, "later": seconds - least["none"]}
-        for name, seconds in least.items()
+        {"spring": name, "start": seconds, "later": seconds - shortest["none"]}
+        for name, seconds in shortest.items()
     ]
 
 

@@ -124,13 +124,13 @@ def read(path: Path) -> list[dict[str, Any]]:
     return entries
 
 
-def _entry(line: str, where: str) -> dict[str, Any]:
+def _entry(line: str, source: str) -> dict[str, Any]:
     try:
         result = json.loads(line)
         ratios = {str(name): float(value) for name, value in result["ratios"].items()}
         return {"commit": None, "changed": False, "date": ""} | result | {"ratios": ratios}
     except (ValueError, TypeError, KeyError, AttributeError):
-        raise InputError(f"{where} is not an entry of a history; remove it") from None
+        raise InputError(f"{source} is not an entry of a history; remove it") from None
 
 
 def add(path: Path, entry: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -160,13 +160,13 @@ def benchmark(
     InputError
         If the directory cannot be written.
     """
-    where = None if out is None else Path(out)
-    if where is not None:
-        make_directory(where)
+    directory = None if out is None else Path(out)
+    if directory is not None:
+        make_directory(directory)
     results = {
         name: [
             outcome.to_plain()
-            for outcome in run_tasks(f"benchmark-{name}", _tasks(name, full), where, progress=progress)
+            for outcome in run_tasks(f"benchmark-{name}", _tasks(name, full), directory, progress=progress)
         ]
         for name in parts
     }
@@ -177,11 +177,11 @@ def benchmark(
         "machine": machine_info(),
         "full": full,
     }
-    if where is not None:
-        _save(result, where)
+    if directory is not None:
+        _save(result, directory)
     return result
 
 
-def _save(result: dict[str, Any], where: Path) -> None:
-    page(result).save(where / "benchmark.html")
-    write_json(where / "benchmark.json", result)
+def _save(result: dict[str, Any], directory: Path) -> None:
+    page(result).save(directory / "benchmark.html")
+    write_json(directory / "benchmark.json", result)

@@ -153,8 +153,8 @@ class Campaign(Generic[Results]):
             print_result({"stale": stale, "pages": off}, "\n".join(words), options.json)
         elif options.quick or options.full:
             result = self.run(options)
-            where = f"\nresults: {Path(options.out) / RESULTS}"
-            print_result(self.summary(result), self.text(result) + where, options.json)
+            location = f"\nresults: {Path(options.out) / RESULTS}"
+            print_result(self.summary(result), self.text(result) + location, options.json)
         else:
             result = self.committed() if self.show is None else self.show(options)
             print_result(self.summary(result), self.text(result), options.json)

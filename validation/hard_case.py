@@ -263,8 +263,8 @@ def distance_from_verlet_oscillation(fraction: float, step: float) -> Callable[[
         heights = run.dataset["position"].values[:, 0, 1]
         count = np.rint(run.dataset["frame_time"].values / step)
         rest = heights[0] / (1.0 + LINEAR)
-        swing = heights[0] - rest
-        return float(np.abs(heights - rest - swing * np.cos(count * angle)).max() / swing)
+        amplitude = heights[0] - rest
+        return float(np.abs(heights - rest - amplitude * np.cos(count * angle)).max() / amplitude)
 
     return measure
 

@@ -68,18 +68,18 @@ def report(
     directory: str | Path | None, sections: Sequence[Section], *, full: bool = False, progress: bool = True
 ) -> dict[str, Any]:
     """Measure sections, write ``report.html`` and ``report.json``, and return the data of the latter."""
-    where = None if directory is None else Path(directory)
-    if where is not None:
-        make_directory(where)
+    folder = None if directory is None else Path(directory)
+    if folder is not None:
+        make_directory(folder)
     outcomes = {
-        section.name: run_tasks(section.name, section.tasks(full), where, section.kind, progress=progress)
+        section.name: run_tasks(section.name, section.tasks(full), folder, section.kind, progress=progress)
         for section in sections
     }
     parts = {name: [outcome.to_plain() for outcome in group] for name, group in outcomes.items()}
     plain = summarise_verdicts(outcomes) | {"full": full, "machine": machine_info(), "parts": parts}
-    if where is not None:
-        report_page(outcomes, full=full).save(where / "report.html")
-        write_json(where / "report.json", plain)
+    if folder is not None:
+        report_page(outcomes, full=full).save(folder / "report.html")
+        write_json(folder / "report.json", plain)
     return plain
 
 

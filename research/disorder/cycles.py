@@ -106,8 +106,8 @@ def stress_over_pressure(run: Trajectory) -> tuple[np.ndarray, np.ndarray, np.nd
     data = run.dataset
     height = data["piston_height"].values
     down = 0.5 * (data["piston_force"].values + data["bottom_force"].values)
-    aside = 0.5 * (data["left_force"].values + data["right_force"].values)
-    first, second = down / run.scene.cell.width, aside / height
+    sideways = 0.5 * (data["left_force"].values + data["right_force"].values)
+    first, second = down / run.scene.cell.width, sideways / height
     return data["time"].values, height, (first - second) / (first + second)
 
 

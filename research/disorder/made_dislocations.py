@@ -40,7 +40,7 @@ def tracked_fraction(count: int) -> tuple[float, float]:
     """
     rows = ROWS[count]
     lattice = triangular(round(count / rows), rows)
-    result = [_share(lattice, rows, sign, aside) for sign in (1.0, -1.0) for aside in _OFFSETS]
+    result = [_share(lattice, rows, sign, offset) for sign in (1.0, -1.0) for offset in _OFFSETS]
     moves, total = np.mean(result, axis=0)
     return float(moves), float(total)
 
@@ -65,13 +65,13 @@ def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> n
     x, y = (points - core) @ burgers, (points - core) @ across
     r2, turn, rest = x**2 + y**2 + _CORE, 1.0 / (2.0 * np.pi), 4.0 * (1.0 - _POISSON)
     along = turn * (np.arctan2(y, x) + 2.0 * x * y / (rest * r2))
-    aside = -turn * ((1.0 - 2.0 * _POISSON) * np.log(r2) + (x**2 - y**2) / r2) / rest
-    return np.asarray(along[:, None] * burgers + aside[:, None] * across)
+    sideways = -turn * ((1.0 - 2.0 * _POISSON) * np.log(r2) + (x**2 - y**2) / r2) / rest
+    return np.asarray(along[:, None] * burgers + sideways[:, None] * across)
 
 
-def _share(lattice: np.ndarray, rows: int, sign: float, aside: float) -> tuple[float, float]:
+def _share(lattice: np.ndarray, rows: int, sign: float, offset: float) -> tuple[float, float]:
     burgers = np.array([0.5 * sign, np.sqrt(0.75)])
-    middle = lattice.mean(axis=0) + np.array([aside + 0.3, 0.0])
+    middle = lattice.mean(axis=0) + np.array([offset + 0.3, 0.0])
     random = np.random.default_rng(1)
     ways = np.arange(-rows / 1.6, rows / 1.6, _STEP)
     frames = np.array(

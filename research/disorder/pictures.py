@@ -66,10 +66,10 @@ def _shown(rows: Sequence[Row], name: str, order: str) -> tuple[np.ndarray, np.n
 
 def _skills(axes: Any, judged: Sequence[Any], order: str, *, last: bool) -> None:
     looks = ((GREY, "D", "all four", 0.15), (COLOURS[0], "o", "bath, shaken", -0.15))
-    for result, (colour, mark, words, aside) in zip(judged, looks, strict=True):
+    for result, (colour, mark, words, offset) in zip(judged, looks, strict=True):
         for index, name in enumerate(CANDIDATES):
             item = result[name, order].skill
-            at = len(CANDIDATES) - index + aside
+            at = len(CANDIDATES) - index + offset
             axes.plot([max(item.low, -1.0), item.high], [at, at], color=colour, linewidth=1.2)
             axes.plot(
                 max(item.value, -1.0),

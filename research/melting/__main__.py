@@ -21,11 +21,11 @@ def run(options: Any) -> Results:
     from research.melting.layer_runs import FULL, QUICK, run_plan
 
     checked_workers(options)
-    plan, where = QUICK if options.quick else FULL, Path(options.out)
-    layers = run_plan(plan, where, workers=options.workers, progress=not options.quiet)
+    plan, directory = QUICK if options.quick else FULL, Path(options.out)
+    layers = run_plan(plan, directory, workers=options.workers, progress=not options.quiet)
     length = "--quick" if options.quick else "--full"
     result = results_of(layers, f"python -m research.melting {length}")
-    write_results(to_plain(result), where / RESULTS)
+    write_results(to_plain(result), directory / RESULTS)
     return result
 
 

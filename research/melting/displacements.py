@@ -15,14 +15,14 @@ LONGEST_WAVE = 1.0
 """Maximum wave number of the modes used to extrapolate moduli, times the spacing."""
 
 
-def waves(periods: tuple[float, float], most: float) -> np.ndarray:
+def waves(periods: tuple[float, float], maximum: float) -> np.ndarray:
     """Return wave vectors of a periodic cell up to a wave number [1/m], float (m, 2): one of q and -q."""
     unit = 2.0 * np.pi / np.array(periods)
-    reach = np.floor(most / unit).astype(int)
+    reach = np.floor(maximum / unit).astype(int)
     columns, rows = np.meshgrid(np.arange(reach[0] + 1), np.arange(-reach[1], reach[1] + 1))
     half = (columns > 0) | (rows > 0)
     result = np.stack([columns[half], rows[half]], axis=1) * unit
-    return result[np.hypot(*result.T) <= most]
+    return result[np.hypot(*result.T) <= maximum]
 
 
 class OnSites(NamedTuple):

@@ -15,11 +15,11 @@ from research.published.measures import (
     calculation,
     deviation_at_full,
     first_inside,
-    greatest_deviation,
-    greatest_pair_difference,
-    greatest_same_speed,
-    least_of,
+    maximum_deviation,
+    maximum_equal_force_speed,
+    maximum_pair_difference,
     mean_of,
+    minimum_of,
     order_correlation,
     over_curve,
     percent_difference,
@@ -152,10 +152,10 @@ def _independence() -> list[Entry]:
         Entry(f"{name}.std_at_max_as_printed", "its standard deviation",
               deviation_at_full("starts"), "N", digits=3, note=FROM_DEVIATION),
         Entry(f"{name}.std_over_mean_anywhere", "maximum deviation in the cycle, over the mean maximum force",
-              greatest_deviation("starts"),
+              maximum_deviation("starts"),
               note=FROM_FIGURE),
         Entry("velocity.greatest_speed_mm_s", "maximum speed with the force of 8.33 mm/s, within 3 %",
-              greatest_same_speed(SPEEDS[2:], "direct 368", 0.03), "mm/s",
+              maximum_equal_force_speed(SPEEDS[2:], "direct 368", 0.03), "mm/s",
               Rule(limit="least"), digits=0,
               note="Faster pistons press on a bed that has had no time to relax."),
     ]  # fmt: skip
@@ -164,7 +164,7 @@ def _independence() -> list[Entry]:
 def _distances() -> list[Entry]:
     name = "half_mean_distance"
     notes = {
-        92: "De Paula starts the smallest bed from a larger height, which is not given.  " + HYSTERESIS,
+        92: "De Paula starts the smallest bed from a larger height, which is not given. " + HYSTERESIS,
         184: ROUNDED_CELL,
     }
     columns = (
@@ -312,7 +312,7 @@ def _mixtures() -> list[Entry]:
         *rows,
         Entry("bidisperse_further.greatest_force_difference",
               "maximum force difference of two starts of one mixture",
-              greatest_pair_difference(beds), "N", digits=1,
+              maximum_pair_difference(beds), "N", digits=1,
               note=TWO_STARTS),
     ]  # fmt: skip
 
@@ -352,7 +352,7 @@ def _orders() -> list[Entry]:
         ),
         Entry("bidisperse_variants.least_correlation",
               "the same: minimum over variants and the 6 and 8 mm mixture",
-              least_of([*variants, correlation(0.75, 0.008)]),
+              minimum_of([*variants, correlation(0.75, 0.008)]),
               rule=Rule(limit="least")),
     ]  # fmt: skip
 

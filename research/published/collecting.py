@@ -56,19 +56,19 @@ def collected(
     return Results(result, calculations | kept(directory), made_now(command) | {"sittings": times})
 
 
-def former_of(own: Results, package: Results) -> list[Results]:
+def earlier_results(local: Results, package: Results) -> list[Results]:
     """Return the results of a directory's file and of the package's file, the directory's first.
 
     The package's results of series that are stale in the directory, or being repeated, are not used.
     """
-    rest = {key: item for key, item in package.series.items() if not _is_anew(own.series.get(key, {}))}
-    both = (own, Results(rest, package.calculations, package.made))
+    rest = {key: item for key, item in package.series.items() if not _is_repeated(local.series.get(key, {}))}
+    both = (local, Results(rest, package.calculations, package.made))
     return [item for item in both if item.series]
 
 
-def still_stale(results: Results, own: Results) -> Results:
+def with_local_stale_marks(results: Results, local: Results) -> Results:
     """Return the results, with every series marked stale in a directory's file taken from there."""
-    stale = {key: item for key, item in own.series.items() if key in results.series and item.get("stale")}
+    stale = {key: item for key, item in local.series.items() if key in results.series and item.get("stale")}
     return Results({**results.series, **stale}, results.calculations, results.made)
 
 
@@ -115,12 +115,12 @@ def _series_results(series: Series, directory: Path, former: Sequence[Results]) 
         "versions": _distinct([item["versions"] for _, item in good]),
         "reference": _reference(series, directory, former) if good else {},
     }
-    if any(_is_anew(item.series.get(series.key, {})) for item in former):
+    if any(_is_repeated(item.series.get(series.key, {})) for item in former):
         plain["anew"] = True
     return plain
 
 
-def _is_anew(item: Plain) -> bool:
+def _is_repeated(item: Plain) -> bool:
     """Return True if a series is being repeated because the code has changed: older files do not count."""
     return bool(item.get("stale") or item.get("anew"))
 

@@ -21,7 +21,7 @@ from granular.observables import (
     voronoi_cells,
 )
 from granular.scene.scene import Scene
-from research.published.swing import swing_figures
+from research.published.swing import oscillation_figures
 
 Figures = dict[str, Any]
 """Numbers, and lists of numbers, by name."""
@@ -58,7 +58,7 @@ def rest_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
     elif "pressed" in record:
         made = _pressed_figures(record, scene)
     else:
-        made = swing_figures(record, scene)
+        made = oscillation_figures(record, scene)
     made |= {name: record[name] for name in ("steps", "seconds", "ledger")}
     return {name: _rounded(value) for name, value in made.items()}
 

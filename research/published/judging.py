@@ -89,9 +89,9 @@ def judged(results: Results) -> list[Judged]:
         return rows
     adjusted = false_discovery_control([rows[k].verdict.p for k in places])
     for k, p in zip(places, adjusted, strict=True):
-        said = rows[k].verdict
-        words = AGREES if p > 1.0 - CONFIDENCE else said.words
-        rows[k] = rows[k]._replace(verdict=said._replace(words=words))
+        judgement = rows[k].verdict
+        words = AGREES if p > 1.0 - CONFIDENCE else judgement.words
+        rows[k] = rows[k]._replace(verdict=judgement._replace(words=words))
     return rows
 
 
@@ -114,7 +114,7 @@ def strength(rows: Sequence[Judged]) -> dict[str, int]:
     }
 
 
-def said(rows: Sequence[Judged]) -> str:
+def counts_text(rows: Sequence[Judged]) -> str:
     """Return both counts as text."""
     numbers = {**counts(rows), **strength(rows)}
     return ", ".join(f"{number} {_PLURALS.get(name, name)}" for name, number in numbers.items())
@@ -129,8 +129,8 @@ def judge(entry: Entry, results: Results) -> Judged:
     spread = float(published_value(entry.spread_key)) if entry.spread_key else None
     spread = None if spread is None or math.isnan(spread) else spread
     found = entry.measure(results)
-    said = verdict_of(published, spread, found, entry.rule, entry.digits)
-    return Judged(entry, published, spread, found, said)
+    judgement = verdict_of(published, spread, found, entry.rule, entry.digits)
+    return Judged(entry, published, spread, found, judgement)
 
 
 class _Watched(dict[str, Plain]):

@@ -234,7 +234,7 @@ def deviation_at_full(name: str) -> Measure:
     return measure
 
 
-def greatest_deviation(name: str) -> Measure:
+def maximum_deviation(name: str) -> Measure:
     """Make the measure of the maximum deviation of the force in the cycle, over the mean maximum force."""
 
     def measure(results: Results) -> Finding | None:
@@ -256,7 +256,7 @@ def _deviation(value: float, sample: Sample) -> Finding:
     return sample.finding()._replace(value=value, spread=None, error=error, freedom=float(free))
 
 
-def greatest_same_speed(speeds: Sequence[float], reference: str, allowed: float) -> Measure:
+def maximum_equal_force_speed(speeds: Sequence[float], reference: str, allowed: float) -> Measure:
     """Make the measure of the maximum speed [mm/s] with the reference's force within ``allowed``."""
 
     def measure(results: Results) -> Finding | None:
@@ -298,7 +298,7 @@ def order_correlation(names: Sequence[str]) -> Measure:
     return measure
 
 
-def least_of(measures: Sequence[Measure]) -> Measure:
+def minimum_of(measures: Sequence[Measure]) -> Measure:
     """Make the measure of the smallest available finding."""
 
     def measure(results: Results) -> Finding | None:
@@ -344,7 +344,7 @@ def _over(divisor: float, value: float) -> float:
     return value / divisor
 
 
-def greatest_pair_difference(names: Sequence[str]) -> Measure:
+def maximum_pair_difference(names: Sequence[str]) -> Measure:
     """Make the measure of the maximum force difference between two starts of the same bed [N]."""
 
     def measure(results: Results) -> Finding | None:

@@ -67,7 +67,7 @@ def on_curves(results: Results) -> StatementCheck | None:
     return StatementCheck(all(holds), f"maximum distance from the curve: {', '.join(words)}")
 
 
-def ends_alike(results: Results) -> StatementCheck | None:
+def pure_beds_are_similar(results: Results) -> StatementCheck | None:
     result = together([mixture_name(0.6, 0.0), mixture_name(0.6, 1.0)], "hexagons_full", results)
     if result is None:
         return None
@@ -101,11 +101,11 @@ def one_mode(results: Results) -> StatementCheck | None:
     result = together(names, "dip_p", results)
     if result is None:
         return None
-    least = [float(item.values.min()) for item in result]
-    words = ", ".join(f"{p:.2f}" for p in least)
+    minima = [float(item.values.min()) for item in result]
+    words = ", ".join(f"{p:.2f}" for p in minima)
     # Several simultaneous tests: Bonferroni correction.
     return StatementCheck(
-        min(least) > LEVEL / sum(len(item.values) for item in result),
+        min(minima) > LEVEL / sum(len(item.values) for item in result),
         f"dip test, minimum p: {words} (R = 0; R = 1 of a = 0.75, 0.6, 0.5)",
     )
 
@@ -126,11 +126,11 @@ def no_direction(results: Results) -> StatementCheck | None:
     if result is None or orders is None:
         return None
     p = np.concatenate([item.values for item in result])
-    greatest = max(float(item.values.max()) for item in orders)
+    maximum_order = max(float(item.values.max()) for item in orders)
     return StatementCheck(
         bool(p.min() > LEVEL / len(p)),
         f"Rayleigh's test of the axes, minimum p of {len(p)} beds: {p.min():.3f}; maximum order "
-        f"{greatest:.2f} of 1",
+        f"{maximum_order:.2f} of 1",
     )
 
 
@@ -189,12 +189,12 @@ def hexagons_by_aspect(results: Results) -> StatementCheck | None:
     return StatementCheck(fractions == sorted(fractions, reverse=True), listed(fractions, ".2f"))
 
 
-def least_order(results: Results) -> StatementCheck | None:
+def order_minimum(results: Results) -> StatementCheck | None:
     scans = [scan(results, a, "hexagons_full") for a in ASPECTS]
     if any(item is None for item in scans):
         return None
-    least = [RATIOS[int(item.argmin())] for item in scans if item is not None]
-    return StatementCheck(all(0.3 <= item <= 0.7 for item in least), f"minimum at R =  {listed(least, 'g')}")
+    minima = [RATIOS[int(item.argmin())] for item in scans if item is not None]
+    return StatementCheck(all(0.3 <= item <= 0.7 for item in minima), f"minimum at R = {listed(minima, 'g')}")
 
 
 def variant_forces(results: Results) -> StatementCheck | None:

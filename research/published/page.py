@@ -20,7 +20,7 @@ from research.published.both_causes import (
 from research.published.causes import ChangedFigure, comparisons, verdict_on_hysteresis, words_on_large_beds
 from research.published.entry import AGREES, DIFFERS
 from research.published.finding import Finding
-from research.published.judging import Judged, judged, said
+from research.published.judging import Judged, counts_text, judged
 from research.published.results import Results, counted, is_stopped, is_whole, worst_residual
 from research.published.statements import counted_statements, statements
 
@@ -102,12 +102,12 @@ def _blocks(rows: Sequence[Judged], shown: Results, quick: Results | None) -> It
 def _lead(rows: Sequence[Judged], shown: Results, quick: Results | None) -> str:
     series = counted(shown)
     words = (
-        f"{len(rows)} published numbers: {said(rows)}. {series['whole']} of "
+        f"{len(rows)} published numbers: {counts_text(rows)}. {series['whole']} of "
         f"{series['planned']} series are complete with the present code; {series['stopped']} were "
         f"stopped in every start, {series['stale']} are stale. "
         f"Statements: {describe_fields(counted_statements(shown))}."
     )
-    return words if quick is None else f"{words} This quick run: {said(judged(quick))}."
+    return words if quick is None else f"{words} This quick run: {counts_text(judged(quick))}."
 
 
 def describe_fields(numbers: dict[str, int]) -> str:

@@ -67,10 +67,10 @@ def loop_times(positions: np.ndarray, radius: float) -> tuple[float, float]:
 
 
 def _minimum_time(loop: Callable[..., object], *arguments: np.ndarray) -> float:
-    least, sums = np.inf, max(1, 40_000_000 // arguments[0].size ** 2)
+    shortest, sums = np.inf, max(1, 40_000_000 // arguments[0].size ** 2)
     for _ in range(REPEATS):
         started = time.process_time()
         for _ in range(sums):
             loop(*arguments)
-        least = min(least, (time.process_time() - started) / sums)
-    return 1e6 * least
+        shortest = min(shortest, (time.process_time() - started) / sums)
+    return 1e6 * shortest

@@ -101,12 +101,12 @@ def damper_record(run: Trajectory) -> Mapping[str, Any]:
         of the drop and of the motion after the lift; and the cost.
     """
     rest = run.stage("drop").height
-    fall, swing = (run.piston(name).with_time_from_zero() for name in ("drop", "release"))
+    fall, oscillation = (run.piston(name).with_time_from_zero() for name in ("drop", "release"))
     return {
         "rest_height": rest,
-        "nudge": float(swing.height[0]) - rest,
+        "nudge": float(oscillation.height[0]) - rest,
         "fall": _motion(fall.time, fall.height),
-        "swing": _motion(swing.time, swing.height),
+        "swing": _motion(oscillation.time, oscillation.height),
         **_cost(run),
     }
 

@@ -52,12 +52,12 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
     names = series_behind(entry, former)
     chosen = [item for group in full_plan() for item in group.series if item.key in names]
     with tempfile.TemporaryDirectory() as index:
-        where = Path(index)
+        directory = Path(index)
         groups = [Group(key, chosen)] if chosen else []
-        run_groups(groups, where, workers=workers, progress=progress)
+        run_groups(groups, directory, workers=workers, progress=progress)
         if not chosen:
-            calculated(where, full=True)
-        result = collected(groups, where, f"python -m research.published --only {key}")
+            calculated(directory, full=True)
+        result = collected(groups, directory, f"python -m research.published --only {key}")
     ours, before = (judge(entry, item).found for item in (result, former))
     differences = [
         f"{name}, {figure}, start {seed}: {new} and {old} in the file"

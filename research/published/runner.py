@@ -13,7 +13,7 @@ from research.campaign import RESULTS, Plain, write_results
 from research.published.both_causes import summary_of_both, with_both_causes
 from research.published.calculations import calculated
 from research.published.causes import comparisons
-from research.published.collecting import checked, collected, former_of, missing, still_stale
+from research.published.collecting import checked, collected, earlier_results, missing, with_local_stale_marks
 from research.published.judging import counts, judged, strength
 from research.published.plan import Group, full_plan, quick_plan
 from research.published.results import Results, committed, counted, read, sittings_of
@@ -77,58 +77,58 @@ class Shown(NamedTuple):
 
 
 def compare(
-    where: Path, length: Length | None = None, *, workers: int | None = None, progress: bool = True
+    folder: Path, length: Length | None = None, *, workers: int | None = None, progress: bool = True
 ) -> Shown:
     """Run and write like `published`, and also return the results."""
-    make_directory(where)
+    make_directory(folder)
     quick: Results | None = None
     if length == "quick":
-        calculated(where, full=False)
-        run_groups(quick_plan(), where, workers=workers, progress=progress)
-        quick, shown = collected(quick_plan(), where, f"{COMMAND} --quick"), committed()
+        calculated(folder, full=False)
+        run_groups(quick_plan(), folder, workers=workers, progress=progress)
+        quick, shown = collected(quick_plan(), folder, f"{COMMAND} --quick"), committed()
     elif length == "full":
-        shown = _full(where, workers, progress)
+        shown = _full(folder, workers, progress)
     else:
-        shown = _kept(where)
+        shown = _kept(folder)
         if length == "check":
             shown = checked(shown, full_plan(), _say)
     if length != "quick":
-        _write_results(shown, where)
-    return Shown(shown, _write_report(shown, quick, where))
+        _write_results(shown, folder)
+    return Shown(shown, _write_report(shown, quick, folder))
 
 
-def _kept(where: Path) -> Results:
+def _kept(folder: Path) -> Results:
     """Return a full run's results from a directory, and the committed results for the rest."""
-    own = read(where / RESULTS)
-    if not own.series and not (where / "cases").exists():
+    local = read(folder / RESULTS)
+    if not local.series and not (folder / "cases").exists():
         return committed()
-    former = former_of(own, committed())
-    return still_stale(collected(full_plan(), where, f"{COMMAND} --full", former), own)
+    former = earlier_results(local, committed())
+    return with_local_stale_marks(collected(full_plan(), folder, f"{COMMAND} --full", former), local)
 
 
-def _full(where: Path, workers: int | None, progress: bool) -> Results:
+def _full(folder: Path, workers: int | None, progress: bool) -> Results:
     """Run missing series, and series that the present code no longer reproduces."""
     plan, command = full_plan(), f"{COMMAND} --full"
-    own = read(where / RESULTS)
-    former = former_of(own, committed())
+    local = read(folder / RESULTS)
+    former = earlier_results(local, committed())
     times = 1 + sittings_of(former)
-    before = still_stale(collected(plan, where, command, former, times), own)
+    before = with_local_stale_marks(collected(plan, folder, command, former, times), local)
     known = checked(before, plan, _say)
     stale = {key for key, item in known.series.items() if item.get("stale")}
     for series in (item for group in plan for item in group.series if item.key in stale):
-        forget(series, where)
+        forget(series, folder)
     former = [known]
-    calculated(where, full=True)
+    calculated(folder, full=True)
 
     def write() -> None:
-        _write_results(collected(plan, where, command, former), where)
+        _write_results(collected(plan, folder, command, former), folder)
 
     write()
-    run_groups(_waiting(plan, where, former), where, workers=workers, progress=progress, after=write)
-    return collected(plan, where, command, former)
+    run_groups(_waiting(plan, folder, former), folder, workers=workers, progress=progress, after=write)
+    return collected(plan, folder, command, former)
 
 
-def _waiting(plan: Sequence[Group], where: Path, former: Sequence[Results]) -> list[Group]:
+def _waiting(plan: Sequence[Group], folder: Path, former: Sequence[Results]) -> list[Group]:
     """Return the plan with only the starts that were not run yet."""
     return [
         Group(
@@ -136,7 +136,7 @@ def _waiting(plan: Sequence[Group], where: Path, former: Sequence[Results]) -> l
             [
                 series._replace(seeds=seeds)
                 for series in group.series
-                if (seeds := missing(series, where, former))
+                if (seeds := missing(series, folder, former))
             ],
         )
         for group in plan
@@ -147,19 +147,19 @@ def _say(words: str) -> None:
     print(words, file=sys.stderr, flush=True)
 
 
-def _write_results(results: Results, where: Path) -> None:
+def _write_results(results: Results, folder: Path) -> None:
     rows = [row.to_plain() for row in judged(results)]
-    write_results(results.to_plain() | {"entries": rows}, where / RESULTS)
+    write_results(results.to_plain() | {"entries": rows}, folder / RESULTS)
 
 
-def _write_report(shown: Results, quick: Results | None, where: Path) -> dict[str, Any]:
+def _write_report(shown: Results, quick: Results | None, folder: Path) -> dict[str, Any]:
     from research.published.page import page
 
     result = summary(shown)
     if quick is not None:
         result["quick"] = summary(quick)
-    write_json(where / "report.json", result)
-    page(shown, quick).save(where / "report.html")
+    write_json(folder / "report.json", result)
+    page(shown, quick).save(folder / "report.html")
     return result
 
 

@@ -30,7 +30,7 @@ def source_height(heights: np.ndarray, rest: float) -> np.ndarray:
     return low + (law["z0"] - low) * (heights - rest) / (heights[0] - rest)
 
 
-def swing_figures(record: Mapping[str, Any], scene: Scene) -> dict[str, Any]:
+def oscillation_figures(record: Mapping[str, Any], scene: Scene) -> dict[str, Any]:
     """Return equilibrium, period and damping of the small oscillation, and residuals of the laws.
 
     Returns

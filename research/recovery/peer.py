@@ -63,18 +63,18 @@ class _StoppedError(Exception):
 class _Calls:
     """Number of calls of a law: in total, and for the present solution."""
 
-    most: int
-    most_of_a_solution: int
+    limit: int
+    solution_limit: int
     made: int = 0
-    of_a_solution: int = 0
+    solution_calls: int = 0
 
     def count(self) -> None:
-        if self.made >= self.most:
+        if self.made >= self.limit:
             raise _StoppedError
-        if self.of_a_solution >= self.most_of_a_solution:
+        if self.solution_calls >= self.solution_limit:
             raise _GivenUpError
         self.made += 1
-        self.of_a_solution += 1
+        self.solution_calls += 1
 
 
 class Problem(NamedTuple):
@@ -152,7 +152,7 @@ def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarr
 
     def residuals(theta: np.ndarray) -> np.ndarray:
         values, z0, v0, hidden = unknowns.physical_values(theta)
-        calls.of_a_solution = 0
+        calls.solution_calls = 0
 
         def rates(t: float, state: np.ndarray) -> list[Any]:
             calls.count()
