@@ -39,7 +39,7 @@ Reference = SolverSettings | float | np.ndarray | None
 class ReferenceValue(NamedTuple):
     """Reference values of a quantity."""
 
-    words: str
+    label: str
     values: tuple[Value, ...]  # one for each random start
     floor: float  # scatter of the quantity over the starts, as an error
 
@@ -193,7 +193,7 @@ class Comparison:
                 self.until,
                 tuple(point for row in rows if (point := row[k]) is not None),
                 self.truth[k].floor,
-                self.truth[k].words,
+                self.truth[k].label,
             )
             for k, quantity in enumerate(self.quantities)
         )
@@ -213,14 +213,14 @@ def compare_with_references(
         if wanted is None:
             wanted = reference_setting(scenes[0]) if quantity.exact is None else quantity.exact
         if isinstance(wanted, SolverSettings):
-            words = f"{wanted.family}, dt = {wanted.dt}"
-            if words not in runs:
-                runs[words] = [run_setting(scene, wanted, until) for scene in scenes]
-            values = tuple(quantity.measure(run) for run in runs[words])
-            truth.append(ReferenceValue(words, values, _scatter_over_starts(quantity, values)))
+            label = f"{wanted.family}, dt = {wanted.dt}"
+            if label not in runs:
+                runs[label] = [run_setting(scene, wanted, until) for scene in scenes]
+            values = tuple(quantity.measure(run) for run in runs[label])
+            truth.append(ReferenceValue(label, values, _scatter_over_starts(quantity, values)))
         else:
-            words = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
-            truth.append(ReferenceValue(words, (wanted,) * len(scenes), 0.0))
+            label = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
+            truth.append(ReferenceValue(label, (wanted,) * len(scenes), 0.0))
     return Comparison(scenes, quantities, until, truth)
 
 
@@ -488,7 +488,7 @@ def work_precision_blocks(results: Sequence[Studies]) -> list[Block]:
         "The last column is the time over the time of the default setting, stormer-verlet at dt = auto."
     )
     pictures = [
-        picture(study.plot, f"{study.quantity} of {study.run_words}, against {study.reference}.")
+        picture(study.plot, f"{study.quantity} of {study.run_label}, against {study.reference}.")
         for study in _all_studies(results)
     ]
     return [intro, advised_setting_table(_all_studies(results)), *pictures]
@@ -501,8 +501,8 @@ def advised_setting_table(studies: Sequence[WorkPrecision]) -> Table:
         usual = study.default_point()
         seconds = math.nan if usual is None else usual.seconds
         rows += [
-            (study.scene, study.quantity, words, *_advised_setting(study, level, seconds))
-            for words, level in LEVELS.items()
+            (study.scene, study.quantity, label, *_advised_setting(study, level, seconds))
+            for label, level in LEVELS.items()
         ]
     header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds", "time / default")
     return Table(header, rows)

@@ -443,7 +443,7 @@ def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
             f"is, at a higher cost. The method is {USUAL[0]} unless another is named."
         )
     draw = partial(plot_error_over_run_time, result.studies)
-    yield picture(draw, f"{first.run_words}: error over the time of a run.", height=4.2)
+    yield picture(draw, f"{first.run_label}: error over the time of a run.", height=4.2)
     yield advice_table(result.studies)
 
 

@@ -264,7 +264,7 @@ def _measure_until_decided(
                     break
                 if _costs_far_more(setting, tried + own, best):
                     break
-                bar.set_description(f"{family}, {setting.dt}, against {truth.words}")
+                bar.set_description(f"{family}, {setting.dt}, against {truth.label}")
                 own += filter(None, comparison.points(setting, REPEATS))
                 bar.update()
             tried += own

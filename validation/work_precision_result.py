@@ -267,7 +267,7 @@ class WorkPrecision(PlainData):
         return float((points[-1].seconds / points[0].seconds) ** (1.0 / digits))
 
     @property
-    def run_words(self) -> str:
+    def run_label(self) -> str:
         """Text of the scene, and of the duration of its runs if shorter than the protocol."""
         return self.scene if self.horizon is None else f"{self.scene} over {self.horizon:g} s"
 
