@@ -10,7 +10,7 @@ PROGRAM = Program(
     "python -m granular",
     "Simulate beds of repelling magnets and the piston on them.",
     """\
-a first run, looked at:
+example of a first run:
   %(prog)s scenes
   %(prog)s show bed
   %(prog)s run bed --t-end 0.5 -o runs/bed

@@ -166,10 +166,10 @@ class ContactLaw(NamedTuple):
         law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
         """Squared highest angular frequency in an impact of two grains [1/tau^2]; speed [D/tau]."""
-        reduced = 0.5 * constants.least_mass
+        reduced = 0.5 * constants.minimum_mass
         # Both grains move at ``speed``, so the relative speed is twice as high: the kinetic energy in the
         # centre-of-mass frame is (1/2) m* (2 v)^2.
-        remaining = 2.0 * reduced * speed * speed - law.barrier * constants.least_moment**2
+        remaining = 2.0 * reduced * speed * speed - law.barrier * constants.minimum_moment**2
         if remaining <= 0.0:
             return 0.0
         k = hertz_spring_constant(law, 0.5 * law.widest, 0.5 * law.widest)

@@ -83,7 +83,7 @@ class WallLaws(NamedTuple):
         """Maximum stiffness over mass of a grain at any wall [1/tau^2]; speed [D/tau]."""
         # From q U(w) = m v^2/2, a grain of small q/m comes as close as a grain of the first species with
         # the speed v/sqrt(q/m).
-        ratio = constants.least_ratio
+        ratio = constants.minimum_ratio
         return ratio * _turning_point_stiffness(law.sides, law.sides, speed / math.sqrt(ratio))
 
 

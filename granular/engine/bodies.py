@@ -1,29 +1,30 @@
-"""The motion of piston, cell and further bodies, and of the grains with them.
+"""Motion of piston, cell, further bodies and grains.
 
-Let V be the velocity of the cell over the base, and v_i those of grains and other bodies seen from the cell,
-which has the acceleration A, so that every mass in it feels the force -m A. In the momenta over the base, the
-energy is the kinetic energy of each, and a potential of relative positions and springs: a separable one. So
-the steps of a symplectic method stay kicks and drifts. A kick leaves all positions as they are, and changes V
-by A dt with
+Let V and A be the velocity and acceleration of the cell relative to the base, and v_i the velocities of
+grains and other bodies in the frame of the cell. Every mass m in this frame is subject to the inertial force
+-m A. In terms of the momenta relative to the base, the energy is a sum of kinetic energies and a potential of
+relative positions and springs, hence separable. A symplectic method therefore still consists of kicks and
+drifts. A kick keeps all positions and changes V by A dt with
 
-    M A = (outer forces and those of links to the base) - (forces on all that the cell carries),
+    M A = (outer forces + forces of links to the base) - (forces on all masses that the cell carries),
 
-and the v_i by (F_i/m_i - A) dt; a drift moves all at their velocities. This is the exact flow of either
-part, hence symplectic, of the method's order, and the momentum of the whole changes by outer forces alone.
+and the v_i by (F_i/m_i - A) dt; a drift moves all masses at their velocities. Both are exact solutions of
+their part, so the scheme is symplectic and of the method's order. Only outer forces change the total
+momentum.
 
-Drag and friction act on the velocities in the cell, and what they take of the momentum goes to the cell. Its
-mean acceleration A must be known before what dissipates is solved with it: an equation for one number, whose
-residual is nearly linear in it, and linear for drag and for grains that stick. The secant rule solves it, so
-the kick is made three times, from the same velocities. The momentum of the whole then gives V to rounding.
-Dashpots act at the mean velocities of the kick, within the same equation, and so do the guides of bodies.
+Drag and friction act on the velocities in the cell, and transfer momentum to the cell. Its mean acceleration
+A must be known before the dissipative forces are solved. This is an equation for one number, with a residual
+that is nearly linear in it, and exactly linear for drag and for sticking grains. It is solved by the secant
+rule, with three repetitions of the kick from the same velocities. The total momentum then gives V to rounding
+error. Dashpots act at the mean velocities of the kick, within the same equation, as do the guides of bodies.
 
-The base is the reference: where it moves, all masses feel minus its acceleration, and the energy is that
-of the motion over the base.
+The base is the reference frame: if it moves, all masses are subject to minus its acceleration, and the energy
+is the energy of the motion relative to the base.
 
-A piston that is driven along a path z(t) is pushed off the cell, so that (M + m) A = F - m z'' with
-its mass m: the momentum M V + m (V + z') is what a kick changes. In a drift it stays as it is, and
-so do the velocities of all others over the base; z', V and the v_i take their means over the drift
-for its duration, and thereafter the values at its end.
+A piston that is driven along a path z(t) with mass m pushes off from the cell, so (M + m) A = F - m z''. A
+kick changes the momentum M V + m (V + z'). A drift conserves it, and the velocities of all other masses
+relative to the base. During a drift, z', V and the v_i have their mean values over the drift; after it, their
+final values.
 """
 
 from __future__ import annotations
@@ -95,17 +96,17 @@ def kick_grains(dt: float, bed: Bed, opens_step: bool) -> None:
 
 
 upward_acceleration = sum_of_hooks("upward_acceleration", "time", 0.0)
-"""Upward acceleration of all that has a mass, at a time [tau]."""
+"""Upward acceleration of every mass at a time [tau]."""
 
 record_external_work = sum_of_hooks("record_external_work", "dt bed time")
-"""Enter the work that forces which depend on time do in ``dt``, at a time [tau]."""
+"""Enter the work of time-dependent forces in ``dt``, at a time [tau]."""
 
 
 @compiled
 def prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
-    """Speed on the path [D/tau]; dt, time [tau]."""
+    """Speed along the path [D/tau]; dt, time [tau]."""
     if motion.kind == TABLE:
-        # A table's speed jumps from row to row: the mean over the half step that the kick stands for.
+        # The speed of a table jumps from row to row: take the mean over the half step of the kick.
         before = time if opens_step else time - dt
         return (
             driven_height_and_velocity(motion, before + dt)[0] - driven_height_and_velocity(motion, before)[0]
@@ -119,17 +120,17 @@ def piston_energy(bed: Bed, time: float) -> float:
     state, constants = bed.state, bed.constants
     if not constants.piston_mass < math.inf:
         return 0.0
-    swing = upward_acceleration(constants.acting.laws, state.workspaces, time)
+    frame = upward_acceleration(constants.acting.laws, state.workspaces, time)
     height, velocity = state.piston[HEIGHT], state.piston[SPEED]
     return (
         0.5 * constants.piston_mass * velocity * velocity
-        + (constants.piston_weight - constants.piston_mass * swing) * height
+        + (constants.piston_weight - constants.piston_mass * frame) * height
     )
 
 
 @compiled
 def _add_to_body(rounding: Array | None, entry: int, error: int, by: float, body: Array) -> None:
-    """Add to height or speed; where they are compensated sums, with the entry of the rounding error."""
+    """Add to height or speed, with a compensated sum if rounding errors are stored."""
     if rounding is None:
         body[entry] += by
     else:
@@ -140,7 +141,7 @@ def _add_to_body(rounding: Array | None, entry: int, error: int, by: float, body
 def _kick_body(
     resistance: BodyResistance | None, force: float, dt: float, mass: float, state: State, body: Array
 ) -> float:
-    """Change the speed of a body by a force [F*] and its guide; what the guide takes [F* D]."""
+    """Change the speed of a body by a force [F*] and its guide; return the guide's energy loss [F* D]."""
     if resistance is None:
         _add_to_body(state.rounding, SPEED, SPEED_ROUNDING, dt * force / mass, body)
         return 0.0
@@ -179,11 +180,11 @@ def _kick_lone_piston(
     state, constants = bed.state, bed.constants
     if motion.free:
         mass, before = constants.piston_mass, state.piston[SPEED]
-        swing = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
+        frame = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
-        force = force_on_body(bed, PISTON) - constants.piston_weight + mass * swing + outer
+        force = force_on_body(bed, PISTON) - constants.piston_weight + mass * frame + outer
         state.ledger[PISTON_LOSS] += _kick_body(constants.resistance, force, dt, mass, state, state.piston)
-        # Force times mean velocity: the ledger then has the method's order.
+        # With force times mean velocity, the ledger has the method's order.
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
         state.ledger[WORK] -= dt * force_on_body(bed, PISTON) * prescribed_speed(motion, time, dt, opens_step)
@@ -221,7 +222,7 @@ def close_drift_of_bodies(
 
 @compiled
 def _change_driven_speed(law: BodyLaw, bed: Bed, speed: float) -> None:
-    """Change the speed of a driven piston; the cell recoils, and all others keep theirs over the base."""
+    """Change the speed of a driven piston; the cell recoils, all other velocities over the base are kept."""
     state = bed.state
     before = state.piston[SPEED]
     if speed == before:
@@ -234,7 +235,7 @@ def _change_driven_speed(law: BodyLaw, bed: Bed, speed: float) -> None:
 
 @compiled
 def let_cell_recoil(law: BodyLaw, bed: Bed, entry: int, change: float) -> None:
-    """Move the cell against a jump of the driven piston's height or speed; all others stay over the base."""
+    """Let the cell recoil from a jump of the driven piston; all others are unchanged relative to the base."""
     state, by = bed.state, law.recoil * change
     if by == 0.0:
         return
@@ -248,17 +249,17 @@ def let_cell_recoil(law: BodyLaw, bed: Bed, entry: int, change: float) -> None:
 
 @compiled
 def _over_base(row: int, fraction: float, entry: int, bodies: Array) -> float:
-    """Height or speed of a body, with a fraction of the cell's; of the cell its own."""
+    """Height or speed of a body plus a fraction of the cell's; for the cell, the cell's."""
     return bodies[CELL, entry] if row <= CELL else bodies[row, entry] + fraction * bodies[CELL, entry]
 
 
 @compiled
 def record_bodies(law: BodyLaw | None, state: State, time: float, values: Float[Array, "k"]) -> None:
-    """Enter displacements and velocities of bodies, and what shakes them; time [tau]."""
+    """Enter displacements and velocities of bodies, and the excitation; time [tau]."""
     if law is not None:
         rows, bodies = law.recorded.rows, state.bodies
         for k in range(rows.size):
-            # A further piston is seen from the cell, a body of the machine from the base.
+            # Relative to the cell for a further piston, to the base for a body of the machine.
             over = law.recorded.over_base[k]
             values[2 * k] = _over_base(rows[k], over, HEIGHT, bodies) - law.rows.start[rows[k]]
             values[2 * k + 1] = _over_base(rows[k], over, SPEED, bodies)
@@ -268,7 +269,7 @@ def record_bodies(law: BodyLaw | None, state: State, time: float, values: Float[
 
 @compiled
 def _fill_forces(law: BodyLaw, scratch: BodyScratch, bed: Bed, outer: float, force: float) -> float:
-    """Fill in the forces on all bodies in the cell, without inertia; those on the whole from outside [F*]."""
+    """Fill in the forces on all bodies in the cell, without inertial forces; return the outer force [F*]."""
     forces, signs = scratch.forces, law.links.signs
     for b in range(PISTON, forces.size):
         forces[b] = force_on_body(bed, b) - law.rows.weights[b]
@@ -288,7 +289,7 @@ def _fill_forces(law: BodyLaw, scratch: BodyScratch, bed: Bed, outer: float, for
 def _solve_dashpots(
     law: BodyLaw, scratch: BodyScratch, dt: float, state: State, free: bool, base: float, push: float
 ) -> float:
-    """Fill in the mean forces of dashpots in a cell of the acceleration ``push``; that on the whole [F*]."""
+    """Fill in the mean forces of dashpots for a cell acceleration ``push``; return the outer force [F*]."""
     changes, drags, matrix, links = scratch.changes, scratch.drags, scratch.matrix, law.links
     for b in range(drags.size):
         drags[b] = 0.0
@@ -326,7 +327,7 @@ def _solve_dashpots(
 
 @compiled
 def _stretch_rate(signs: Float[Array, "b"], frame: float, speeds: Float[Array, "b"]) -> float:
-    """Speed at which the ends of a link move apart, in a cell of the velocity ``frame`` [D/tau]."""
+    """Rate of increase of a link's length, for a cell velocity ``frame`` [D/tau]."""
     rate = signs[CELL] * frame
     for b in range(PISTON, signs.size):
         rate += signs[b] * speeds[b]
@@ -335,7 +336,7 @@ def _stretch_rate(signs: Float[Array, "b"], frame: float, speeds: Float[Array, "
 
 @compiled
 def _solve_in_place(matrix: Float[Array, "b b"], values: Float[Array, "b"]) -> None:
-    """Solve for the bodies behind the cell by Gauss's elimination; the matrix is positive definite."""
+    """Solve for all bodies except the cell by Gaussian elimination; the matrix is positive definite."""
     for k in range(PISTON, values.size):
         for row in range(k + 1, values.size):
             factor = matrix[row, k] / matrix[k, k]
@@ -362,7 +363,7 @@ def _kick_grains_in_cell(scratch: BodyScratch, push: float, dt: float, bed: Bed,
 def _kick_in_cell(
     law: BodyLaw, scratch: BodyScratch, push: float, dt: float, bed: Bed, free: bool, opens_step: bool
 ) -> None:
-    """Kick grains and bodies in a cell of the acceleration ``push``; fill in the forces of guides."""
+    """Kick grains and bodies for a cell acceleration ``push``; fill in the forces of guides."""
     _kick_grains_in_cell(scratch, push, dt, bed, opens_step)
     state, rows = bed.state, law.rows
     for b in range(PISTON, rows.masses.size):
@@ -381,10 +382,10 @@ def _kick_in_cell(
 
 @compiled
 def _secant_factor(first: float, second: float) -> float:
-    """Factor of the second correction that makes the third vanish (secant rule)."""
+    """Factor of the second correction for which the third vanishes (secant rule)."""
     if first == second:
         return 1.0
-    # Grains that stop or start bend the residual: a steeper secant would overshoot.
+    # Grains that stop or start make the residual nonlinear: a steeper secant would overshoot.
     return min(max(first / (first - second), 0.0), 2.0)
 
 
@@ -413,7 +414,7 @@ def _restore_velocities(scratch: BodyScratch, bed: Bed) -> None:
 
 @compiled
 def _momentum_in_cell(law: BodyLaw, state: State, grains: float, free: bool) -> float:
-    """Momentum of grains, which is given, and bodies that move freely in the cell [m D/tau]."""
+    """Momentum of the grains (given) plus bodies that move freely in the cell [m D/tau]."""
     total = grains
     for b in range(PISTON, law.rows.masses.size):
         if b > PISTON or free:
@@ -456,7 +457,7 @@ def _kick_with_links(
         if attempt == law.pass_count - 1:
             break
         if law.moves_cell:
-            # The momentum that forces in the cell give and its content lacks is the cell's.
+            # The cell takes the momentum given by forces in the cell that its content has not gained.
             given = dt * (carried - (mass - carrier) * push)
             gained = _momentum_in_cell(law, state, bed_momentum(bed), free) - momentum
             missing = before + (dashed + (given - gained) / dt) / carrier - push
@@ -481,14 +482,14 @@ def _kick_with_links(
         speed = prescribed_speed(motion, time, dt, opens_step)
         state.ledger[WORK] += ((masses[PISTON] * change if law.moves_cell else 0.0) - drawn) * speed
     power += _over_base(law.excited, 1.0, SPEED, state.bodies)
-    # The drive holds a driven piston against the acceleration of the base.
+    # The drive holds the driven piston against the acceleration of the base.
     total = momentum + after + (mass * sum_of_frames if law.moves_cell else 0.0)
     state.ledger[WORK] += 0.5 * dt * (force * power - base * total)
 
 
 @compiled
 def _enter_dashpot_losses(law: BodyLaw, scratch: BodyScratch, dt: float, state: State) -> None:
-    """Enter what the dashpots take at the mean velocities of a kick."""
+    """Enter the energy lost to dashpots at the mean velocities of a kick."""
     signs, bodies = law.links.signs, state.bodies
     for link in range(signs.shape[0]):
         rate = _stretch_rate(signs[link], scratch.before[CELL], scratch.before)

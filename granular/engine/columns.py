@@ -1,4 +1,4 @@
-"""The columns of a record: what is kept of the present moment at the end of a tick."""
+"""Columns of a record, with the values stored at the end of a tick."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ COLUMNS = (
     "grains",
     "turned",
 )
-"""Time; height and velocity of the piston, and the upward force on it; the kinetic energy of the
-grains, that of the pairs and of the piston; work from outside, and what the piston loses; the least
-distance of two grains, the greatest speed, and the bound of the highest angular frequency that the
-bed can meet; the number of grains; the energy turned over so far. Behind them follow the energy of
-each law, what each of them took, the laws' own records, and the force on each side. In natural units."""
+"""Time; height and velocity of the piston, and the upward force on it; kinetic energy of the grains; energy
+of the pairs; energy of the piston; external work; energy lost by the piston; minimum distance of two grains;
+maximum speed; upper bound of the highest angular frequency that the bed can encounter; number of grains;
+energy turned over so far. These are followed by the energy of each law, the energy lost to each law, the
+laws' records, and the force on each side. In natural units."""
 
-# Kernels take integers, not texts; a test holds both lists together.
+# Kernels take integers, not strings; a test compares the two lists.
 (
     TIME,
     HEIGHT,
@@ -47,28 +47,28 @@ each law, what each of them took, the laws' own records, and the force on each s
 ) = range(len(COLUMNS))
 
 ENERGIES = len(COLUMNS)
-"""Column in which the energies of the laws begin."""
+"""First column of the laws' energies."""
 
 
-def column_names(laws: int, own: int = 0, sides: int = 0) -> tuple[str, ...]:
-    """Names of all columns of a record, for numbers of laws, of their own records and of sides."""
-    counts = {"energy": laws, "loss": laws, "own": own, "side": sides}
+def column_names(law_count: int, record_count: int = 0, side_count: int = 0) -> tuple[str, ...]:
+    """Names of all columns of a record, for given numbers of laws, of their records and of sides."""
+    counts = {"energy": law_count, "loss": law_count, "own": record_count, "side": side_count}
     numbered = (numbered_column(kind, k) for kind, count in counts.items() for k in range(count))
     return (*COLUMNS, *numbered)
 
 
 def numbered_column(kind: str, index: int) -> str:
-    """Name of the column of a law's energy or loss, of one of the laws' own records, or of a side's force."""
+    """Name of the column of a law's energy or loss, of a law's record, or of a side's force."""
     return f"{kind} {index}"
 
 
-def ledger_column_count(laws: int) -> int:
-    """Return the number of the columns of a record that the energy ledger reads."""
-    return ENERGIES + 2 * laws
+def ledger_column_count(law_count: int) -> int:
+    """Return the number of columns of a record that the energy ledger reads."""
+    return ENERGIES + 2 * law_count
 
 
 def total_potential_energies(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
-    """Potential energy of the grains in each record, as a whole [F* D]."""
+    """Total potential energy of the grains in each record [F* D]."""
     return np.asarray(_potential_energy_columns(rows).sum(axis=1))
 
 
@@ -98,5 +98,5 @@ def _first_loss_column(rows: np.ndarray) -> int:
 
 
 def _potential_energy_columns(rows: np.ndarray) -> np.ndarray:
-    """Potential energies in each record: of the pairs, and of the laws from the last one on."""
+    """Potential energies in each record: of the pairs, then of the laws in reverse order."""
     return np.concatenate([rows[:, [PAIR]], rows[:, ENERGIES : _first_loss_column(rows)][:, ::-1]], axis=1)

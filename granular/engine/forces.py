@@ -1,9 +1,8 @@
-"""All forces on the grains, and the energies and stiffness that go with them.
+"""Forces on the grains, and the corresponding energies and stiffness.
 
-The far field in the engine: a part of every force, or impulses that come every so many steps.
-
-Where grains rub it is a part of every force, for sticking is decided by all of it. At rest it stays
-as it is, to the last bit; while grains slide it goes on for some steps as it changed before.
+The far field is part of every force evaluation, or acts in impulses at intervals of several steps.
+With dry friction it is part of every evaluation, since sticking depends on the whole force. For grains at
+rest it stays exactly constant; while grains slide it is extrapolated linearly for some steps.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ from granular.shared.array_types import Float
 
 @compiled(inline=True)
 def compute_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
-    """Compute the far field at the present positions; non-zero if grains crowd its mesh; time [tau]."""
+    """Compute the far field at the present positions; return non-zero if its mesh overflows; time [tau]."""
     if far is None:
         return 0
     far.timing[TIME] = time
@@ -69,7 +68,7 @@ def _find_far_forces_of_bed(
 
 @compiled(inline=True)
 def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
-    """Find the far field if it is a part of every force; impulses leave it as it is; time [tau]."""
+    """Update the far field if it is part of every force, not if it acts in impulses; time [tau]."""
     if far is None:
         return 0
     return _refresh_if_moved(far.held_forces, far.evaluated_at, far.rates, far, bed, time)
@@ -79,7 +78,7 @@ def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
 def _refresh_if_moved(
     held: Array | None, met: Array | None, rates: Array | None, far: FarFieldState, bed: Bed, time: float
 ) -> int:
-    """Compute the far field, and its rate of change where the last one is recent."""
+    """Compute the far field, and its rate of change if the previous one is recent."""
     if held is not None:
         return 0
     if met is None:
@@ -88,17 +87,17 @@ def _refresh_if_moved(
     far.timing[CALLS] += 1.0
     if far.timing[CHANGING] > 0.0 and far.timing[CALLS] < far.extrapolation_steps:
         return 0
-    # While nothing has moved further, grains at rest feel the same force to the last bit.
+    # While no grain has moved further, the force on grains at rest stays exactly the same.
     if not any_grain_moved(met, state.x, state.y, constants.grains, far.unchanged_distance**2):
         far.timing[CHANGING] = 0.0
         return 0
     if rates is None:
         return compute_far_field(far, bed, time)
     lapse = time - far.timing[TIME]
-    goes_on = far.timing[CALLS] <= far.extrapolation_steps and lapse > 0.0
+    is_recent = far.timing[CALLS] <= far.extrapolation_steps and lapse > 0.0
     _store_far_forces(rates, far)
     crowded = compute_far_field(far, bed, time)
-    if goes_on:
+    if is_recent:
         _store_far_force_rates(rates, far, lapse)
         far.timing[CHANGING] = 1.0
     return crowded
@@ -122,7 +121,7 @@ def _store_far_force_rates(rates: Array, far: FarFieldState, lapse: float) -> No
 
 @compiled(inline=True)
 def add_far_field(far: FarFieldState | None, state: State, count: int, time: float) -> None:
-    """Add the far field to forces and loads [F*]; where it acts in impulses, the held one; time [tau]."""
+    """Add the far field, or the held one if it acts in impulses, to forces and loads [F*]; time [tau]."""
     if far is not None:
         _add_held_forces(far.held_forces, far, state.load, state, count)
         if far.timing[CHANGING] > 0.0:
@@ -161,13 +160,13 @@ def _add_extrapolated_forces(
 
 @compiled
 def far_energy(far: FarFieldState | None) -> float:
-    """Energy of the far field at the positions of its last evaluation [F* D]."""
+    """Energy of the far field at its last evaluation [F* D]."""
     return 0.0 if far is None else far.energy[0]
 
 
 @compiled
 def kick_by_far_field(far: FarFieldState | None, dt: float, bed: Bed) -> None:
-    """Give the impulse by which the far field differs from the held one; dt [tau]."""
+    """Apply the impulse of the difference between the far field and the held one; dt [tau]."""
     state, constants = bed.state, bed.constants
     if far is not None:
         _kick_by_change_since_held(
@@ -195,18 +194,18 @@ def _kick_by_change_since_held(
 
 
 def update_held_far_field(state: State) -> None:
-    """Hold the present far field from now on, where it acts in impulses."""
+    """Hold the present far field from now on, if it acts in impulses."""
     far = state.far_forces
     if far is not None and far.held_forces is not None:
-        # The energy stays, but what a symplectic step conserves changes a little: seldom, if nothing
-        # dissipates.
+        # The energy is unchanged, but the conserved quantity of the symplectic step changes slightly:
+        # do it rarely in conservative scenes.
         state.fx[:] += far.fx - far.held_forces[0]
         state.fy[:] += far.fy - far.held_forces[1]
         far.held_forces[0], far.held_forces[1] = far.fx, far.fy
 
 
 def force_with_far_field(state: State) -> tuple[Array, Array]:
-    """Force on the grains (m,), (m,), with all of a far field that acts in impulses [F*]."""
+    """Force on the grains (m,), (m,), including the whole far field if it acts in impulses [F*]."""
     far = state.far_forces
     if far is None or far.held_forces is None:
         return state.fx, state.fy
@@ -233,7 +232,7 @@ def _sum_magnetic_forces(
 def _compute_pair_forces(
     dipole: bool | None, bed: Bed, stiffness: Array | None, energy_and_closest: Array | None
 ) -> int:
-    """Compute the magnetic forces; the number of pairs that are where none can be."""
+    """Compute the magnetic forces; return the number of pairs that are impossibly close."""
     state, constants = bed.state, bed.constants
     weight, near, grains = constants.acting.weight, constants.acting.near, constants.grains
     load = array_if_wanted(weight, state.load)
@@ -264,7 +263,7 @@ def compute_forces(bed: Bed, time: float) -> int:
 
 @compiled
 def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
-    """Overwrite all forces, as `compute_forces`, and sum what `potential_energies` needs; time [tau]."""
+    """Overwrite all forces like `compute_forces`, with the sums for `potential_energies`; time [tau]."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
     crowded = _compute_pair_forces(acting.dipole, bed, measurement.stiffness, measurement.energy_and_closest)
@@ -275,7 +274,7 @@ def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) 
 
 @compiled
 def kinetic_energy(bed: Bed) -> tuple[float, float]:
-    """Kinetic energy of the grains, and the square of the greatest speed [F* D; D^2/tau^2]."""
+    """Kinetic energy of the grains, and square of the maximum speed [F* D; D^2/tau^2]."""
     state, constants = bed.state, bed.constants
     fastest = 0.0
     for i in range(constants.grains):
@@ -287,7 +286,7 @@ def kinetic_energy(bed: Bed) -> tuple[float, float]:
 
 @compiled
 def _sum_times_mass(state: State, masses: Array | None) -> float:
-    """Sum of the masses times what is in the scratch."""
+    """Sum of the masses times the scratch array."""
     if masses is not None:
         for i in range(masses.size):
             state.scratch[i] *= masses[i]
@@ -298,10 +297,10 @@ def _sum_times_mass(state: State, masses: Array | None) -> float:
 def potential_energies(
     bed: Bed, time: float, measurement: Measurement, energies: Float[Array, "laws"]
 ) -> float:
-    """Energy of the pairs [F* D]; also fill each law's energy and the bounds of stiffness [1/tau^2]."""
+    """Return the energy of the pairs [F* D]; fill in the laws' energies and stiffness bounds [1/tau^2]."""
     state, constants = bed.state, bed.constants
     stiffness = measurement.stiffness
-    # Gershgorin: the pair's stiffness 3 q_i q_j/r^5 enters the row of i twice, on the diagonal and beside it.
+    # Gershgorin: the pair's stiffness 3 q_i q_j/r^5 enters row i twice, on the diagonal and off it.
     bound = 6.0 * pair_stiffness_bound(constants.acting.series)
     for i in range(constants.grains):
         stiffness[i] *= bound
@@ -318,7 +317,7 @@ def potential_energies(
 def evaluate_forces(
     state: State, constants: Constants, measurement: Measurement, energies: Float[Array, "laws"]
 ) -> tuple[int, float, float]:
-    """Overwrite all forces, at time 0; grains outside, energy of the pairs and kinetic energy [F* D]."""
+    """Overwrite all forces at time 0; return grains outside, pair energy and kinetic energy [F* D]."""
     bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)
     outside = compute_and_measure_forces(bed, 0.0, measurement)

@@ -27,14 +27,14 @@ def misplaced_grain_error(
     time: float,
     remedy: str,
 ) -> RunError:
-    """Make the error for a grain that is where it cannot be [m]; time [s]."""
+    """Make the error for a grain at an impossible position [m]; time [s]."""
     count = constants.grains
     common: dict[str, Any] = {"step": step, "time": time}
     position = np.stack([state.x[:count], state.y[:count]], axis=1)
     lost = ~np.isfinite(position).all(axis=1)
     if lost.any():
         grain = int(state.label[np.argmax(lost)])
-        return NotFiniteError("the position is not finite any more", grain=grain, remedy=remedy, **common)
+        return NotFiniteError("the position is no longer finite", grain=grain, remedy=remedy, **common)
     if state.piston[HEIGHT] < 0.0:
         value = -float(state.piston[HEIGHT]) * scales.length
         return OutsideError(
@@ -53,7 +53,7 @@ def misplaced_grain_error(
         if held and len(gap) and not gap.min() > 0.0:
             value, grain = -float(gap.min()), int(state.label[gap.argmin()])
             message = f"the grain is {value:.3g} m behind {line.label}, 0 m is the limit"
-            if isinstance(law, DiscWall):  # its discs hold off only so much, and contact is between grains
+            if isinstance(law, DiscWall):  # the repulsion of discs is finite, and contact acts only on pairs
                 remedy = (
                     "a hard impact pushes grains into a row of magnets, with any dt: let the piston fall "
                     "from lower down ('piston.height', 'arrangement.height'), or lighten it ('piston.mass')"
@@ -76,7 +76,7 @@ def misplaced_grain_error(
                 remedy="give them a contact that is stiff enough ('effects.contact.modulus')",
                 **common,
             )
-    return NotFiniteError("a force is not finite any more", remedy=remedy, **common)
+    return NotFiniteError("a force is no longer finite", remedy=remedy, **common)
 
 
 def not_at_rest_error(
@@ -84,9 +84,9 @@ def not_at_rest_error(
 ) -> NotAtRestError:
     """Error for a piston that does not come to rest; limit, time [s], speeds [m/s], tolerance [m]."""
     piston, grain = speeds
-    remedy = "give the stage a longer duration, a greater tolerance or more dissipation"
+    remedy = "give the stage a longer duration, a larger tolerance or more dissipation"
     if not grain:
-        remedy += "; grains that stick damp no piston: give it friction of its own, piston.friction"
+        remedy += "; sticking grains do not damp the piston: give it friction, piston.friction"
     return NotAtRestError(
         f"stage {stage!r} did not come to rest within {limit:g} s: the piston still moves at "
         f"{piston:.2g} m/s, the fastest grain at {grain:.2g} m/s, and the piston does not stay "
@@ -100,11 +100,11 @@ def not_at_rest_error(
 
 @contextlib.contextmanager
 def report_arithmetic_errors_as(failure: Callable[[], Exception]) -> Iterator[None]:
-    """Without the compiler, turn arithmetic that fails in a kernel into a run's error."""
+    """Without the compiler, convert arithmetic errors in a kernel to an error of the run."""
     try:
         yield
     except (ArithmeticError, ValueError) as error:
-        # Compiled code goes on with infinities, and the loop reports them.
+        # Compiled code continues with infinities, which the loop reports.
         if not numba.config.DISABLE_JIT or isinstance(error, InputError):
             raise
         raise failure() from error

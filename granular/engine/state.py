@@ -1,4 +1,4 @@
-"""The arrays of a run's state, made only for the effects that act, and its energy ledger."""
+"""Arrays of a run's state, only for the effects that act, and the energy ledger."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def new_state(
     acting: EffectLaws,
     method: Method,
 ) -> State:
-    """Make the state of a run, with arrays for acting effects alone; height [D], velocities [D/tau]."""
+    """Make the state of a run, with arrays only for acting effects; height [D], velocities [D/tau]."""
     count = len(positions)
     x, y = pad_coordinates(positions)
     size, with_loads, cut = x.size, acting.weight is not None, acting.cut
@@ -73,31 +73,31 @@ def new_state(
 
 
 def new_measurement(state: State) -> Measurement:
-    """Make the scratch of a measuring pass."""
+    """Make the scratch arrays of a measuring pass."""
     return Measurement(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))
 
 
 WRONG = 1e-2
 """Residual over the energy turned over beyond which a run is stopped."""
 COARSE_FACTOR = 10.0
-"""Factor of the first limit with de Paula's regularised friction, or with de Paula's list of pairs
-under friction, since de Paula's beds are run at de Paula's steps; the limit of a doubtful run is wider still
-(`granular.scene.scene`).
+"""Factor of this limit with de Paula's regularised friction, or with de Paula's pair list and friction,
+since these beds are run with de Paula's time steps; the limit of an explicitly accepted inaccurate run is
+wider still (`granular.scene.scene`).
 
-Of 119 random runs of these kinds, with at most 12 grains, 18 were off by more than 1e-4. Most often
-it was the step: a quarter of it left a sixteenth, with any list, skin and threshold speed. Not so
-where a list that is made anew takes pairs in and leaves others out, 6e-4 in a run at any step (3e-6
-with all pairs), and where regularised friction is far above the other forces and chatters: 0.09
-under a normal load of 1 N on a grain, 0.002 at a sixteenth of the step."""
-_ROUNDING = 1e-11  # of the energies that are added up; below it a residual says nothing
-_LEAST_TURNOVER = 1e-5
-"""Least energy turned over that counts, over the potential energy that is there: what has just
-begun to move from rest has a large relative error of no consequence."""
+Of 119 random runs of these kinds, with at most 12 grains, 18 had a residual above 1e-4. The usual cause was
+the time step: with a quarter of the step the residual was a sixteenth, for any list, skin and threshold
+speed. There were two exceptions. A rebuilt list adds and drops pairs: 6e-4 in a run with any step (3e-6 with
+all pairs). Regularised friction far above the other forces chatters: 0.09 with a normal load of 1 N on a
+grain, 0.002 at a sixteenth of the step."""
+_ROUNDING = 1e-11  # of the summed energies; a smaller residual is rounding error
+_MINIMUM_TURNOVER = 1e-5
+"""Minimum energy turned over, as a fraction of the potential energy: just after a start from rest, a large
+relative error is of no consequence."""
 
 
 @dataclasses.dataclass
 class EnergyLedger:
-    """Memory of the energy ledger from record to record, in natural units."""
+    """State of the energy balance from record to record, in natural units."""
 
     start: float  # energy at the start [F* D]
     potential: float  # at the start [F* D]
@@ -108,18 +108,18 @@ class EnergyLedger:
 
     @property
     def worst_relative_residual(self) -> float:
-        """Greatest residual over the energy turned over."""
+        """Maximum residual over the energy turned over."""
         return self.worst / self.moved if self.moved > 0.0 else 0.0
 
     @classmethod
     def from_first_record(cls, row: Float[np.ndarray, "columns"], *, coarse: bool) -> EnergyLedger:
-        """Begin a ledger with this record."""
+        """Start a ledger with this record."""
         rows = row[None]
         return cls(
             start=float(columns.total_energies(rows)[0]),
             potential=float(columns.total_potential_energies(rows)[0]),
             piston=float(row[columns.PISTON]),
-            moved=_LEAST_TURNOVER * float(columns.summed_potential_magnitudes(rows)[0]),
+            moved=_MINIMUM_TURNOVER * float(columns.summed_potential_magnitudes(rows)[0]),
             wrong=WRONG * (COARSE_FACTOR if coarse else 1.0),
         )
 
@@ -129,7 +129,7 @@ class EnergyLedger:
         """Imbalance of kinetic, potential and lost energy and work in each record [F* D]."""
         potential, total = columns.total_potential_energies(rows), columns.total_energies(rows)
         lost, work = columns.total_losses(rows), rows[:, columns.WORK]
-        # The largest sum so far of the kinetic energy, the changes of potential and piston, losses and work.
+        # Maximum so far of kinetic energy + changes of potential and piston energy + losses + work.
         moved = np.maximum(rows[:, columns.TURNED], self.moved)
         residual = total - self.start + lost - work
         floor = _ROUNDING * (np.abs(potential) + np.abs(total) + lost + np.abs(work))
@@ -141,7 +141,7 @@ class EnergyLedger:
         return excess, relative
 
     def find_unbalanced_record(self, rows: Float[np.ndarray, "r columns"]) -> tuple[int, float] | None:
-        """Enter records, and find the first one that cannot be trusted: its index and relative residual."""
+        """Enter records; return index and relative residual of the first unbalanced record, or None."""
         if not len(rows):
             return None
         residual, relative = self.residuals(rows)

@@ -1,16 +1,15 @@
-"""The size of a step: bounds of the bed's frequencies, the automatic step, and reversible variable steps.
+"""Time step: bounds of the bed's frequencies, automatic step, and reversible variable steps.
 
-The automatic step follows bounds of the highest angular frequency that the bed has, and that its fastest
-grains can meet; a given step is judged by them.
+The automatic step is based on upper bounds of the bed's highest angular frequency, now and in the next
+impacts of its fastest grains; a given step is checked against them.
 
-The density of time-reversible variable steps follows the state by its rate. Hairer and Soderlind, SIAM J.
-Sci. Comput. 26 (2005) 1838: with a control Q the step is eps/rho, and rho_{n+1/2} = rho_{n-1/2} + eps
-G(q_n, v_n), G = -d ln Q/dt; the step is symmetric with the density that it is made with. Here 1/Q =
-`step_density`, a smooth bound of the highest frequency.
+Time-reversible variable steps integrate the density of steps (Hairer and Soderlind, SIAM J. Sci. Comput. 26
+(2005) 1838). With a control Q the step is eps/rho, and rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n),
+G = -d ln Q/dt; the step is symmetric for the density with which it is made. Here 1/Q = `step_density`, a
+smooth upper bound of the highest frequency.
 
-Only differentiable functions of the positions serve a reversible control of the step, so each pair
-and each wall enters the sum with the same law, whatever the scene's wall law is; a power mean of
-them is close to the largest.
+Reversible step control requires a differentiable function of the positions. All pairs and walls therefore
+enter with the same law, independent of the scene's wall law, and their power mean is close to the maximum.
 """
 
 from __future__ import annotations
@@ -42,41 +41,40 @@ from granular.pairs.near_law import NearLaw, squared_collision_frequency
 from granular.protocol.piston_motion import Motion
 from granular.shared.array_types import Float
 
-FRACTION, LEAST_FRACTION = 0.1, 0.03
-"""Automatic step times the highest angular frequency. Verlet is stable below 2; at 0.1 its error
-in the frequency of that mode is 0.1^2/24 = 0.04 %, and less in every slower one; the ledger of the
-packaged damper closes to 1e-5 of the energy turned over (to 3e-5 at 0.2). The error that one
-collision leaves in the ledger for its duration, some 0.04 (fraction)^2 of its energy, counts for
-more where fewer grains share the energy: below 368 grains the fraction falls with the square root
-of their number, down to 0.03."""
+FRACTION, MINIMUM_FRACTION = 0.1, 0.03
+"""Automatic step times the highest angular frequency, and its minimum for few grains. Verlet is stable below
+2. At 0.1 the frequency error of the stiffest mode is 0.1^2/24 = 0.04 %, and smaller for slower modes; the
+ledger of the packaged damper closes to 1e-5 of the energy turned over (to 3e-5 at 0.2). During a collision
+the ledger has an error of about 0.04 (fraction)^2 of its energy, which matters more with fewer grains. Below
+368 grains the fraction therefore decreases with the square root of their number, down to 0.03."""
 
 DRY_FACTOR = 4.0
-"""Factor of automatic steps where grains rub by the velocity scheme.
+"""Factor of automatic steps with dry friction by the velocity scheme.
 
-The motion of such a bed depends on its start far more than on the step: from 1e-4 to 1e-3 s the
-piston force of a full compression of 368 grains stays within the 2 % by which starts scatter it; at
-this factor, about 7e-4 s, the ledger is off by 4e-6 of the energy turned over."""
+The motion of such a bed depends on the initial packing far more than on the time step: with steps from 1e-4
+to 1e-3 s the piston force in a full compression of 368 grains stays within the 2 % spread over packings.
+At this factor, about 7e-4 s, the ledger has a residual of 4e-6 of the energy turned over."""
 
 SLACK = 2.0
-"""An automatic step is shortened as soon as it is this much too long."""
+"""Factor by which an automatic step may be too long before it is shortened."""
 
 LONGEST = 8.0
-"""Largest multiple of the automatic step that may be asked for, still short of instability."""
+"""Maximum multiple of the automatic step that a user may request, still below instability."""
 
 LOOK = 32
-"""Most steps from look to look at the bed when a stage begins."""
+"""Maximum number of steps between looks at the bed when a stage starts."""
 
 REVIEW = 256
-"""Ticks after which an automatic step is lengthened again, where the scene dissipates. A
-conservative run keeps its energy because its step is shortened a few times at most."""
+"""Ticks after which an automatic step is lengthened again in dissipative scenes. A conservative run conserves
+energy because its step is shortened only a few times."""
 
 
-MOST_STEPS = 1e10
-"""Most steps from record to record: a quarter of an hour and more without a sign of life, and
-still far from where products of two such counts pass 64 bits."""
+MAXIMUM_STEPS = 1e10
+"""Maximum number of steps from record to record: more than a quarter of an hour without a record, and far
+below counts whose products overflow 64 bits."""
 
-MOST_COUNT = 2**53
-"""Steps, and ticks, beyond which floating-point numbers no longer count one by one."""
+MAXIMUM_COUNT = 2**53
+"""Maximum count of steps or ticks, beyond which floating-point numbers skip integers."""
 
 
 def auto_step_text(factor: float) -> str:
@@ -94,11 +92,11 @@ class StepRequest:
     seconds: float | None = None  # None: automatic [s]
     factor: float = 1.0  # of the automatic step
     grains: int = 368  # number of grains
-    dry: bool = False  # grains rub by the velocity scheme, and nothing stiffer acts
+    dry: bool = False  # whether there is friction by the velocity scheme, and no stiffer effect
 
     @property
     def automatic(self) -> bool:
-        """True where no length is given."""
+        """True if no length is given."""
         return self.seconds is None
 
     @property
@@ -106,16 +104,16 @@ class StepRequest:
         """Automatic step times highest frequency."""
         portion = FRACTION * math.sqrt(self.grains / 368.0)
         factor = self.factor * (DRY_FACTOR if self.dry else 1.0)
-        return factor * min(max(portion, LEAST_FRACTION), FRACTION)
+        return factor * min(max(portion, MINIMUM_FRACTION), FRACTION)
 
     @property
-    def greatest_factor(self) -> float:
-        """Largest multiple of the automatic step that is allowed."""
+    def maximum_factor(self) -> float:
+        """Maximum allowed multiple of the automatic step."""
         return LONGEST / DRY_FACTOR if self.dry else LONGEST
 
     def steps_per_tick(self, length: float, frequency: float) -> int:
-        """Automatic steps of a tick, for a highest frequency; length [tau], frequency [1/tau]."""
-        # 1e-9: rounding of a ratio that is a whole number makes no further step.
+        """Return the number of automatic steps in a tick; length [tau], highest frequency [1/tau]."""
+        # 1e-9 allows for rounding of an integer ratio.
         return max(1, math.ceil(length * frequency / self.step_times_frequency - 1e-9))
 
     def divide_stage(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
@@ -125,28 +123,28 @@ class StepRequest:
             steps = max(1, round(record / h))
             every = -(-steps // LOOK)
             frames = max(1, round(frame / (steps * h)))
-            return StepSchedule(steps * h / every, h, every, min(every * frames, MOST_COUNT), LOOK, steps)
+            return StepSchedule(steps * h / every, h, every, min(every * frames, MAXIMUM_COUNT), LOOK, steps)
         every = -(-self.steps_per_tick(record, frequency) // LOOK)
         length = record / every
         steps = self.steps_per_tick(length, frequency)
         frames = max(1, round(frame / record))
-        return StepSchedule(length, length / steps, every, min(every * frames, MOST_COUNT), steps, 0)
+        return StepSchedule(length, length / steps, every, min(every * frames, MAXIMUM_COUNT), steps, 0)
 
 
 class StepSchedule(NamedTuple):
-    """Ticks and steps of a stage, as the compiled loop takes them."""
+    """Ticks and steps of a stage, for the compiled loop."""
 
-    length: float  # a tick [tau]; the mean one of a given step
-    h: float  # a step [tau]
+    length: float  # length of a tick [tau]; mean length for a given step
+    h: float  # time step [tau]
     every: int  # ticks from record to record
     frames_every: int  # ticks from frame to frame
-    steps: int  # of a tick
-    given: int  # steps from record to record of a given step; 0: automatic
+    steps: int  # steps per tick
+    given: int  # steps from record to record for a given step; 0: automatic
 
 
 @compiled
 def tick_start_time(schedule: StepSchedule, tick: int) -> float:
-    """Time from the stage's start to a tick's start [tau]."""
+    """Start time of a tick from the stage's start [tau]."""
     if schedule.given > 0:
         return steps_before_tick(schedule, tick) * schedule.h
     return tick * schedule.length
@@ -154,8 +152,8 @@ def tick_start_time(schedule: StepSchedule, tick: int) -> float:
 
 @compiled
 def steps_before_tick(schedule: StepSchedule, tick: int) -> int:
-    """Return the number of given steps from the stage's start to a tick's start."""
-    # tick * given // every, whose product may pass 64 bits.
+    """Return the number of steps of given length from the stage's start to a tick's start."""
+    # This is tick * given // every, whose product may overflow 64 bits.
     total, part = tick // schedule.every, tick % schedule.every
     return total * schedule.given + part * schedule.given // schedule.every
 
@@ -183,18 +181,18 @@ _squared_impact_frequency = maximum_of_hooks("squared_head_on_impact_frequency",
 
 @entry
 def evaluate_highest_impact_frequency(constants: Constants, speed: float) -> float:
-    """Highest angular frequency of a collision [1/tau], for Python; speed [D/tau]."""
+    """Highest angular frequency of a collision [1/tau], for calls from Python; speed [D/tau]."""
     return highest_impact_frequency(by_reference(constants), speed)
 
 
 @compiled
 def highest_impact_frequency(constants: Constants, speed: float) -> float:
     """Highest angular frequency of a collision at a speed [1/tau]; speed [D/tau]."""
-    # Energy fixes the closest approach, so a step is short before a collision, not after it.
+    # The closest approach follows from the energy, so the step is short before a collision, not only after.
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
         square = _head_on_pair_stiffness(
-            constants.acting.near, speed, constants.least_mass, constants.least_moment
+            constants.acting.near, speed, constants.minimum_mass, constants.minimum_moment
         )
     laws = constants.acting.laws
     return math.sqrt(max(square, _squared_impact_frequency(laws, laws, speed, constants)))
@@ -209,7 +207,7 @@ def _head_on_pair_stiffness(discs: NearLaw | None, speed: float, mass: float, mo
 
 @compiled
 def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None) -> tuple[float, float]:
-    """Stiffness of all grains [F*/D], and the largest of one grain per mass."""
+    """Total stiffness of the grains [F*/D], and maximum stiffness over mass of a grain [1/tau^2]."""
     total, largest = 0.0, 0.0
     for i in range(count):
         largest = max(largest, slopes[i])
@@ -219,12 +217,12 @@ def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None
 
 @compiled
 def _raise_by_body(body: int, mass: float, highest: float, bed: Bed, measurement: Measurement) -> float:
-    """Bound of the squared frequencies of bed and a body of a mass [m], by its sides [1/tau^2]."""
+    """Upper bound of the squared frequencies of the bed with a body of a mass [m] [1/tau^2]."""
     slopes, constants = measurement.against_piston, bed.constants
     slopes[:] = 0.0
     add_body_stiffness(bed, body, slopes)
     total, largest = _total_and_largest_stiffness(slopes, constants.grains, constants.masses)
-    # The body's row has each grain's stiffness on the diagonal and beside it; a grain's row the body's.
+    # The row of the body has each grain's stiffness on and off the diagonal; so has the row of a grain.
     return max(highest + largest, 2.0 * total / mass)
 
 
@@ -232,7 +230,7 @@ def _raise_by_body(body: int, mass: float, highest: float, bed: Bed, measurement
 def _raise_by_further_bodies(
     law: BodyLaw | None, highest: float, bed: Bed, measurement: Measurement
 ) -> float:
-    """Bound of the squared frequencies with further bodies, and springs that are not the machine's."""
+    """Upper bound of the squared frequencies with further bodies and with springs outside the chain."""
     if law is None:
         return highest
     masses, links, largest = law.rows.masses, law.links, 0.0
@@ -249,7 +247,7 @@ def _raise_by_further_bodies(
 
 @compiled
 def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement: Measurement) -> float:
-    """Bound of the highest angular frequency of bed, free piston and collisions [1/tau]; speed [D/tau]."""
+    """Upper bound of the angular frequencies of bed, free piston and collisions [1/tau]; speed [D/tau]."""
     constants = bed.constants
     highest = 0.0
     # Row sums of the Hessian over the masses bound its eigenvalues (Gershgorin).
@@ -262,12 +260,12 @@ def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement:
 
 
 _POWER = 4
-"""Power of the mean: with 4, a thousand equal terms raise the frequency by (1000)^(1/8) = 2.4."""
+"""Power of the mean: with 4, a thousand equal terms raise the frequency by a factor (1000)^(1/8) = 2.4."""
 
 
 @compiled
 def _fourth_power_and_rate(gap: float, rate: float, fraction: float, square: float) -> tuple[float, float]:
-    """kappa^4 and its rate, for kappa = share/gap^5 + square/gap^2 and d gap/dt = rate."""
+    """kappa^4 and its rate, for kappa = fraction/gap^5 + square/gap^2 and d gap/dt = rate."""
     inverse = 1.0 / gap
     near, far = fraction * inverse**5, square * inverse**2
     kappa = near + far
@@ -284,13 +282,13 @@ def step_density(
     count: int,
     moments: Float[Array, "m"] | None,
     square: float,
-    least: float,
+    minimum: float,
     walls: Float[Array, "sides 4"],
     pairs: bool,
 ) -> tuple[float, float]:
-    """Smooth frequency, its logarithmic rate [1/tau]; x [D], vx [D/tau], square [D^2/tau^2]."""
-    # omega^8 = sum of kappa^4 + least^8, with kappa a squared frequency, over all pairs and walls.
-    total, rate = least**8, 0.0
+    """Smooth frequency and its logarithmic rate [1/tau]; x [D], vx [D/tau], square [D^2/tau^2]."""
+    # omega^8 = sum of kappa^4 over all pairs and walls + minimum^8, where kappa is a squared frequency.
+    total, rate = minimum**8, 0.0
     for i in range(count):
         qi = 1.0 if moments is None else moments[i]
         if pairs:
@@ -349,10 +347,10 @@ def initialise_step_density(
 
 @compiled
 def advance_step_density(fraction: float, bed: Bed) -> float:
-    """Advance the density of steps by one step [tau]."""
+    """Advance the density of steps by one step; return the step [tau]."""
     state = bed.state
     _, rate = _bed_step_density(bed)
-    # rho_{n+1/2} = rho_{n-1/2} + eps d ln(omega)/dt; half the least: a fast retreat must not make it
-    # negative.
+    # rho_{n+1/2} = rho_{n-1/2} + eps d ln(omega)/dt; not below half the minimum, since fast separation
+    # must not make it negative.
     state.clock[DENSITY] = max(state.clock[DENSITY] + fraction * rate, 0.5 * state.clock[LEAST])
     return fraction / state.clock[DENSITY]

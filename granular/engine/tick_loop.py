@@ -1,9 +1,8 @@
-"""The loop: kicks and drifts from a table, over ticks that end with a measurement.
+"""The loop: kicks and drifts from a table, in ticks that end with a measurement.
 
-A tick is the interval between two looks at the bed. At its end the loop takes the energies, the
-stiffest mode and the speeds in the pass that the step needs anyway, watches for rest, for a force
-that is reached, for grains that leave and for steps that grew too long, and keeps a record every
-so many ticks.
+A tick is the interval between two looks at the bed. At its end the loop measures energies, stiffest mode and
+speeds in the force evaluation that the step needs anyway. It checks for rest, for a target force, for grains
+that leave and for steps that have become too long, and stores a record at regular intervals of ticks.
 """
 
 from __future__ import annotations
@@ -55,27 +54,27 @@ from granular.protocol.piston_motion import Motion
 from granular.shared.array_types import Float
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, REMOVED = range(6)
-"""Why the loop returns: its ticks are made; a grain is where it cannot be; all is at rest; the step
-has grown too long; the force on the piston is reached; a grain has left through a gap."""
+"""Reasons for the loop to return: all ticks are done; a grain is at an impossible position; piston and grains
+are at rest; the step has become too long; the target force is reached; a grain has left through a gap."""
 
 STARTED, LOWEST, HIGHEST = range(3)
-"""Entries of a watch's band."""
+"""Entries of `StopCriteria.band`."""
 
 STIFFEST, LATEST, TURNED = range(3)
-"""Entries of what a watch has seen."""
+"""Entries of `StopCriteria.seen`."""
 
 
 class StopCriteria(NamedTuple):
     """Criteria that the loop checks at every tick."""
 
-    stiff: float  # step times highest angular frequency that ends a call
-    rest: float  # range of heights [D], speed [D/tau]; negative: not looked for
+    stiff: float  # limit of the step times the highest angular frequency
+    rest: float  # maximum range of heights [D] and maximum speed [D/tau] at rest; negative: not checked
     window: int  # ticks that the rest must last
-    band: Float[np.ndarray, "3"]  # tick at which the band began; its bounds [D]
-    seen: Float[np.ndarray, "3"]  # highest frequency, last one [1/tau]; largest turnover [F* D]
-    potential: float  # at the run's start [F* D]
-    piston: float  # at the run's start [F* D]
-    floor: float  # lowest height of the piston [D]
+    band: Float[np.ndarray, "3"]  # first tick of the current range of heights; its bounds [D]
+    seen: Float[np.ndarray, "3"]  # highest and last frequency [1/tau]; maximum energy turned over [F* D]
+    potential: float  # potential energy at the run's start [F* D]
+    piston: float  # piston energy at the run's start [F* D]
+    floor: float  # minimum height of the piston [D]
 
 
 @compiled
@@ -120,37 +119,37 @@ def _any_grain_below(y: Array, count: int, height: float) -> bool:
 
 
 @compiled
-def _has_come_to_rest(watch: StopCriteria, tick: int, row: Array) -> bool:
-    """Return whether piston and grains have been at rest for the window."""
+def _has_come_to_rest(criteria: StopCriteria, tick: int, row: Array) -> bool:
+    """Return True if piston and grains have been at rest for the window."""
     height = row[columns.HEIGHT]
-    watch.band[LOWEST] = min(watch.band[LOWEST], height)
-    watch.band[HIGHEST] = max(watch.band[HIGHEST], height)
-    if watch.band[HIGHEST] - watch.band[LOWEST] > watch.rest or row[columns.FASTEST] > watch.rest:
-        watch.band[STARTED] = tick
-        watch.band[LOWEST] = height
-        watch.band[HIGHEST] = height
-    return tick - watch.band[STARTED] >= watch.window
+    criteria.band[LOWEST] = min(criteria.band[LOWEST], height)
+    criteria.band[HIGHEST] = max(criteria.band[HIGHEST], height)
+    if criteria.band[HIGHEST] - criteria.band[LOWEST] > criteria.rest or row[columns.FASTEST] > criteria.rest:
+        criteria.band[STARTED] = tick
+        criteria.band[LOWEST] = height
+        criteria.band[HIGHEST] = height
+    return tick - criteria.band[STARTED] >= criteria.window
 
 
 class TickRange(NamedTuple):
-    """Range of ticks to advance by."""
+    """Range of ticks to advance."""
 
     start: float  # time at the start of the stage [tau]
-    origin: float  # from there to tick 0 [tau]
-    limit: float  # time in the stage that variable steps do not pass [tau]
+    origin: float  # time from the start of the stage to tick 0 [tau]
+    limit: float  # time in the stage at which variable steps end [tau]
     first: int  # index of the first tick
     ticks: int  # number of ticks
 
 
 @compiled
-def _energy_turnover(watch: StopCriteria, laws: int, row: Array) -> float:
+def _energy_turnover(criteria: StopCriteria, laws: int, row: Array) -> float:
     """Energy turned over since the start; see `granular.engine.state.EnergyLedger`."""
     c = columns
-    potential, lost = row[c.PAIR] - watch.potential, row[c.PISTON_LOSS]
+    potential, lost = row[c.PAIR] - criteria.potential, row[c.PISTON_LOSS]
     for law in range(laws):
         potential += row[c.ENERGIES + law]
-        lost += abs(row[c.ENERGIES + laws + law])  # a bath gives back
-    piston = abs(row[c.PISTON] - watch.piston)
+        lost += abs(row[c.ENERGIES + laws + law])  # a bath can return energy
+    piston = abs(row[c.PISTON] - criteria.piston)
     return row[c.KINETIC] + abs(potential) + piston + lost + abs(row[c.WORK])
 
 
@@ -166,7 +165,7 @@ def _advance_one_tick(
     motion: Motion,
     measurement: Measurement,
 ) -> int:
-    """Make the steps of a tick; not zero where a grain is where it cannot be."""
+    """Make the steps of a tick; return non-zero if a grain is at an impossible position."""
     state = bed.state
     begin, end = (
         window.origin + tick_start_time(schedule, tick),
@@ -185,7 +184,7 @@ def _advance_one_tick(
         if every is not None and step == span_end:
             duration += 1
             span_end = duration * steps // durations
-            # Half before and half after the interval (Tuckerman, Berne and Martyna 1992,
+            # Half of the impulse before and half after the interval (Tuckerman, Berne and Martyna 1992,
             # doi:10.1063/1.463137).
             impulse = 0.5 * (span_end - step) * h
             kick_by_far_field(state.far_forces, impulse, bed)
@@ -198,7 +197,7 @@ def _advance_one_tick(
             h = advance_step_density(fraction, bed)
             next_time = time + h
             last = next_time >= end
-            # Only a stage's last step is cut, and counts for no shortest one.
+            # Only the last step of a stage is shortened; it does not count as the shortest step.
             if next_time >= window.limit:
                 h, next_time = window.limit - time, window.limit
             else:
@@ -227,10 +226,10 @@ def advance_ticks(
     constants: Constants,
     motion: Motion,
     measurement: Measurement,
-    watch: StopCriteria,
+    criteria: StopCriteria,
     rows: Float[Array, "r columns"],
 ) -> tuple[int, int, int]:
-    """Advance the run tick by tick; no ticks are a look at the present moment alone."""
+    """Advance the run tick by tick; with zero ticks, only record the present state."""
     return _advance_window(
         by_reference(window),
         by_reference(schedule),
@@ -238,7 +237,7 @@ def advance_ticks(
         by_reference(Bed(state, constants)),
         by_reference(motion),
         by_reference(measurement),
-        by_reference(watch),
+        by_reference(criteria),
         rows,
     )
 
@@ -262,7 +261,7 @@ def _advance_window(
     bed: Bed,
     motion: Motion,
     measurement: Measurement,
-    watch: StopCriteria,
+    criteria: StopCriteria,
     rows: Array,
 ) -> tuple[int, int, int]:
     state, constants = bed.state, bed.constants
@@ -273,17 +272,17 @@ def _advance_window(
         outside = _advance_one_tick(
             plan.fraction, plan.far_every, tick, window, schedule, plan, bed, motion, measurement
         )
-        if outside > 0 or state.piston[HEIGHT] < watch.floor:
+        if outside > 0 or state.piston[HEIGHT] < criteria.floor:
             return OUTSIDE, tick - window.first, saved
         row = rows[saved]
         done = tick + 1
         fill_record_row(window.start + state.clock[TIME], bed, motion, measurement, row)
-        watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
-        watch.seen[LATEST] = row[columns.STIFFEST]
-        turned = _energy_turnover(watch, laws, row)
-        watch.seen[TURNED] = max(watch.seen[TURNED], turned)
-        row[columns.TURNED] = watch.seen[TURNED]
-        resting = watch.rest >= 0.0 and _has_come_to_rest(watch, done, row)
+        criteria.seen[STIFFEST] = max(criteria.seen[STIFFEST], row[columns.STIFFEST])
+        criteria.seen[LATEST] = row[columns.STIFFEST]
+        turned = _energy_turnover(criteria, laws, row)
+        criteria.seen[TURNED] = max(criteria.seen[TURNED], turned)
+        row[columns.TURNED] = criteria.seen[TURNED]
+        resting = criteria.rest >= 0.0 and _has_come_to_rest(criteria, done, row)
         if done % schedule.every == 0:
             saved += 1
         if resting:
@@ -292,26 +291,26 @@ def _advance_window(
             return REACHED, done - window.first, saved
         if _any_grain_below(state.y, constants.grains, constants.exit):
             return REMOVED, done - window.first, saved
-        if row[columns.STIFFEST] * schedule.h > watch.stiff:
+        if row[columns.STIFFEST] * schedule.h > criteria.stiff:
             return STIFF, done - window.first, saved
     return RUNNING, window.ticks, saved
 
 
 def constants_per_grain(constants: Constants) -> list[np.ndarray]:
-    """Constants with one value for each grain (m,), which must move with the grains."""
+    """Constants with one value per grain (m,), which must be moved along with the grains."""
     acting = constants.acting
     result = [constants.masses, constants.moments, acting.weight, acting.charges, acting.shift]
     if acting.near is not None:
         result.append(acting.near.species)
     result += [side.law.species for side in acting.sides if isinstance(side.law, DiscWall)]
-    # A law's arrays are all of this kind; any other stands in a tuple of its own within the law.
+    # All arrays of a law have one value per grain; any other array is in a nested tuple of the law.
     result += [values for law in acting.laws for values in law]
     # Masses, moments and charges may be one array, and must not be moved twice.
     return list({id(values): values for values in result if isinstance(values, np.ndarray)}.values())
 
 
 def remove_outflowed_grains(state: State, constants: Constants) -> Constants:
-    """Take out the grains below the exit, by moving the last ones to their entries."""
+    """Remove the grains below the exit, moving the last grains to their entries."""
     grains = constants.grains
     for i in range(grains - 1, -1, -1):
         if state.y[i] < constants.exit:
@@ -325,7 +324,7 @@ def remove_outflowed_grains(state: State, constants: Constants) -> Constants:
 
 
 def _replace_by_last_grain(i: int, last: int, state: State, constants: Constants) -> None:
-    """Swap a grain with the last one, and put padding in the last entry."""
+    """Swap a grain with the last one, and fill the last entry with padding."""
     moving = [state.x, state.y, state.vx, state.vy, state.label, *constants_per_grain(constants)]
     if state.rounding is not None:
         moving += list(state.rounding)

@@ -1,7 +1,7 @@
-"""One time step, by the tables of a method: a composition of kicks and drifts, or Runge-Kutta.
+"""One time step by the tables of a method: a composition of kicks and drifts, or Runge-Kutta.
 
-Runge-Kutta methods are not symplectic: the control of those that are. They take forces alone:
-`granular.run.time_steps` refuses what dissipates, and a host.
+Runge-Kutta methods are not symplectic, and serve as a control for methods that are. They support only
+forces: `granular.run.time_steps` rejects dissipative effects and hosts.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from granular.shared.array_types import Float
 
 @compiled
 def _fill_grain_slopes(slopes: Array, bed: Bed) -> None:
-    """Slopes of positions and velocities."""
+    """Fill in the rates of change of positions and velocities."""
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
         mass = value_or_one(constants.masses, i)
@@ -90,7 +90,7 @@ def _store_step_start(state: State, slopes: StageSlopes, count: int) -> None:
 def _move_to_stage(
     weights: Array, slopes: StageSlopes, h: float, time: float, state: State, count: int, motion: Motion
 ) -> None:
-    """State at a stage: the base and the weighted slopes so far."""
+    """Set the state at a stage: the start of the step plus the weighted slopes so far."""
     base = slopes.grains[-1]
     for i in range(count):
         x, y, vx, vy = base[X, i], base[Y, i], base[VX, i], base[VY, i]
@@ -134,7 +134,7 @@ def runge_kutta_step(
         if k > 0:
             _move_to_stage(tableau[k, :k], slopes, h, instant, state, count, motion)
             outside += compute_forces(bed, start + instant)
-        # Work is integrated with the weights of the last row, as the positions are.
+        # Work is integrated with the weights of the last row, like the positions.
         dt = h * tableau[stages, k]
         _fill_grain_slopes(slopes.grains[k], bed)
         _fill_piston_slopes(slopes.piston[k], dt, instant, start, bed, motion)
@@ -150,17 +150,17 @@ def runge_kutta_step(
 
 
 class StepPlan(NamedTuple):
-    """The tables of a method; see `granular.methods`."""
+    """Tables of a method; see `granular.methods`."""
 
     kicks: np.ndarray  # fractions of the step (s + 1,)
     drifts: np.ndarray  # fractions of the step (s,)
     tableau: Float[np.ndarray, "s+1 s"] | None  # weights in the last row; None: a composition
-    fraction: float | None  # of variable steps: step times frequency; None: equal steps
-    far_every: int | None  # steps from impulse to impulse; None: none
+    fraction: float | None  # step times frequency for variable steps; None: equal steps
+    far_every: int | None  # steps from impulse to impulse; None: no impulses
 
 
 def make_step_plan(method: Method, step: StepRequest, far: FarFieldSettings | None) -> StepPlan:
-    """Make the tables of a method that the loop takes."""
+    """Make the tables of a method for the loop."""
     tableau = None if method.tableau is None else np.array(method.tableau)
     fraction = step.step_times_frequency if method.variable else None
     every = None if far is None else far.every
@@ -191,7 +191,7 @@ def _drift_without_effects(dt: float, bed: Bed) -> int:
 _drift_all = call_last_hook("drift", "dt bed", _drift_without_effects)
 
 
-# One function, though long: each level of calls is optimised anew and costs seconds to compile.
+# One long function: each level of calls is optimised separately and costs seconds to compile.
 @compiled(inline=True)
 def advance_one_step(
     tableau: Float[Array, "s+1 s"] | None,

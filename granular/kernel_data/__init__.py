@@ -1,1 +1,1 @@
-"""Data of the kernels: the state of a run, its constants, and sums without rounding."""
+"""Data of the kernels: state of a run, constants, and compensated sums."""

@@ -1,7 +1,6 @@
-"""State of a run, and its constants: plain padded arrays, in natural units.
+"""State and constants of a run: plain padded arrays in natural units.
 
-Compensated sums: what a sum loses to rounding is kept and enters the next one.
-
+In compensated sums, the rounding error of a sum is stored and added to the next increment:
 Kahan, Commun. ACM 8 (1965) 40; for integrators Hairer, Lubich and Wanner, Geometric Numerical
 Integration (2006), VIII.5.
 """
@@ -22,48 +21,48 @@ from granular.shared.array_types import Float, Int
 
 
 class EffectLaws(NamedTuple):
-    """The effects that act; what does not is None, or no law, and compiled away."""
+    """Laws of the effects that act; an effect that does not act is None or missing, and compiled away."""
 
-    laws: tuple[Any, ...]  # one for each effect but the dipole, in loop order
-    host: Any  # the one of bodies besides the piston, and of springs
-    dipole: bool | None  # sum over all pairs: of dipoles, discs, or the tails of own laws
-    sides: tuple[Any, ...]  # of the cell, with their laws: see `granular.effects.wall_side`
-    weight: Float[Array, "m"] | None  # where friction bears: weight_j of the sums over 1/r^3
-    cut: CutOffSettings | None  # where pairs end; None, as the next: all pairs
+    laws: tuple[Any, ...]  # one per effect except the dipole, in loop order
+    host: Any  # law of bodies other than the piston, and of springs
+    dipole: bool | None  # sum over all pairs: of dipoles, discs, or the tails of pair laws
+    sides: tuple[Any, ...]  # sides of the cell with their laws: see `granular.effects.wall_side`
+    weight: Float[Array, "m"] | None  # with plate friction: weight_j of the sums of 1/r^3
+    cut: CutOffSettings | None  # cut-off of pairs; without it and the list: all pairs
     listing: VerletSettings | None  # de Paula's list
-    far: FarFieldSettings | None  # far field beyond the radius where pairs end smoothly
-    nearest: Float[Array, "3"] | None  # of a periodic direct sum: sides, and the radius [D]
-    charges: Float[Array, "m"] | None = None  # in that sum: moments, where no own law has a tail; None: 1
-    series: Float[Array, "8"] | None = None  # of discs: see `granular.pairs.grain_arrays.COMMON`
-    shift: Float[Array, "m"] | None = None  # of unlike discs: part of each grain in b [D^2]
-    near: NearLaw | None = None  # of discs: what close pairs have beyond that sum
+    far: FarFieldSettings | None  # far field beyond the smooth cut-off of pairs
+    nearest: Float[Array, "3"] | None  # for a periodic direct sum: side lengths, and the radius [D]
+    charges: Float[Array, "m"] | None = None  # in the pair sum: moments, or roots of the tails; None: 1
+    series: Float[Array, "8"] | None = None  # for discs: see `granular.pairs.grain_arrays.COMMON`
+    shift: Float[Array, "m"] | None = None  # for different discs: part of each grain in b [D^2]
+    near: NearLaw | None = None  # for discs: correction of close pairs to the pair sum
 
     @property
     def periods(self) -> tuple[float, float] | None:
-        """Sides of a periodic cell [D]."""
+        """Side lengths of a periodic cell [D]."""
         if self.nearest is not None:
             return float(self.nearest[0]), float(self.nearest[1])
         return None if self.cut is None else self.cut.periods
 
 
 class BodyResistance(NamedTuple):
-    """Resistance of its guide to the motion of a body."""
+    """Resistance of a guide to the motion of a body."""
 
     rate: float  # decay rate of the velocity [1/tau]
     force: float  # Coulomb friction [F*]
 
 
 class Constants(NamedTuple):
-    """Constants of a run (but that grains may leave)."""
+    """Constants of a run (except that grains may leave)."""
 
     grains: int  # number of grains
-    masses: Float[Array, "m"] | None  # over the first species'; None: all alike, moments too
-    # A second array in here made a step of 92 grains 10 % slower. Kernels ask `relative_moments`.
-    moments: Float[Array, "m"] | None  # likewise; None: same numbers as the masses
-    least_mass: float  # of the grain that others come closest to
-    least_moment: float  # likewise
-    least_ratio: float  # least moment over mass
-    piston_mass: float  # [m]; inf: none is given
+    masses: Float[Array, "m"] | None  # relative to the first species; None: all masses and moments equal
+    # A second array here made a step of 92 grains 10 % slower. Kernels use `relative_moments`.
+    moments: Float[Array, "m"] | None  # relative to the first species; None: same numbers as the masses
+    minimum_mass: float  # of the grain that others can approach most closely
+    minimum_moment: float  # of the same grain
+    minimum_ratio: float  # minimum of moment over mass
+    piston_mass: float  # [m]; inf: not given
     piston_weight: float  # [F*]
     resistance: BodyResistance | None
     exit: float  # height below which a grain has left [D]; -inf: no gap
@@ -73,13 +72,13 @@ class Constants(NamedTuple):
 
 @compiled(inline=True)
 def relative_moments(constants: Constants) -> Float[Array, "m"] | None:
-    """Magnetic moment of each grain over that of the first species; None where all are alike."""
+    """Magnetic moment of each grain relative to the first species; None if all are equal."""
     return _values_or_default(constants.moments, constants.masses)
 
 
 @compiled(inline=True)
 def pair_stiffness_bound(series: Float[Array, "8"] | None) -> float:
-    """Bound of a pair's stiffness over 3 / rho^5, with rho its distance [D]."""
+    """Upper bound of a pair's stiffness over 3 / rho^5, where rho is its distance [D]."""
     return 1.0 if series is None else series[STIFFNESS]
 
 
@@ -95,75 +94,75 @@ def multiply_by_moment_over_mass(
     masses: Float[Array, "m"] | None,
     count: int,
 ) -> None:
-    """Turn stiffness of grains of moment 1 [F*/D] into that of the grains over mass [1/tau^2]."""
+    """Convert the stiffness for moment 1 [F*/D] to each grain's stiffness over mass [1/tau^2]."""
     if moments is not None:
         for i in range(count):
             stiffness[i] *= moments[i] / value_or_one(masses, i)
 
 
 X, Y, VX, VY = range(4)
-"""Rows of what is kept of the grains: positions and velocities together."""
+"""Rows of arrays with positions and velocities of the grains."""
 
 CELL, PISTON = range(2)
 """Rows of a state's bodies, as `granular.schema.cell` counts them; further pistons follow."""
 
 HEIGHT, SPEED, HEIGHT_ROUNDING, SPEED_ROUNDING = range(4)
-"""Entries of a body; the first rows are `granular.schema.cell.BODIES`, behind them follow all others."""
+"""Entries of a body; the first rows are `granular.schema.cell.BODIES`, all others follow."""
 
 TIME, DENSITY, SQUARE, LEAST, SHORTEST, LONGEST, STEPS = range(7)
-"""Entries of a state's clock: time in the stage; density of steps, and the square of the speed that
-it heeds; density where nothing is near; shortest and longest step so far; steps made in the run."""
+"""Entries of a state's clock: time in the stage; density of steps, and the square of the speed on which
+it depends; minimum density; shortest and longest step so far; number of steps in the run."""
 
 WORK, PISTON_LOSS, LOSSES = range(3)
-"""Entries of the ledger: work done from outside; what the piston loses; from there on, what each
-effect takes, in the order of the laws."""
+"""Entries of the ledger: external work; energy lost by the piston; then the energy lost to each effect, in
+the order of the laws."""
 
 
 class StageSlopes(NamedTuple):
-    """Rates of change at the stages of a Runge-Kutta step; behind them, where the step starts."""
+    """Rates of change at the stages of a Runge-Kutta step, followed by the state at its start."""
 
     grains: Float[np.ndarray, "s+1 4 m"]  # rows x, y [D/tau], vx, vy [D/tau^2]; last: the start
     piston: Float[np.ndarray, "s+1 2"]  # height [D/tau], speed [D/tau^2]; last: the start
 
 
 class State(NamedTuple):
-    """The state of bed and piston, and the scratch arrays of the loop."""
+    """State of bed and piston, and scratch arrays of the loop."""
 
     x: Float[np.ndarray, "m"]  # padded [D]
     y: Float[np.ndarray, "m"]  # [D]
     vx: Float[np.ndarray, "m"]  # [D/tau]
     vy: Float[np.ndarray, "m"]  # [D/tau]
-    fx: Float[np.ndarray, "m"]  # magnetic, weight, contact, inertia [F*]
+    fx: Float[np.ndarray, "m"]  # magnetic force, weight, contact, inertial force [F*]
     fy: Float[np.ndarray, "m"]  # [F*]
-    bodies: Float[np.ndarray, "b 4"]  # height [D], speed [D/tau], what rounding took from each
+    bodies: Float[np.ndarray, "b 4"]  # height [D], speed [D/tau], rounding error of each
     piston: Float[np.ndarray, "4"]  # the row of the piston in them
-    ledger: Float[np.ndarray, "2+laws"]  # work from outside; losses of the piston, to each law [F* D]
+    ledger: Float[np.ndarray, "2+laws"]  # external work; losses of the piston and to each law [F* D]
     clock: Float[np.ndarray, "7"]  # entries `TIME` to `STEPS`
     wall_forces: Float[np.ndarray, "sides"]  # of the grains on each side of the cell, outwards [F*]
     label: Int[np.ndarray, "m"]  # index in the scene of each grain
-    load: Float[np.ndarray, "m"] | None  # sums behind the normal force of friction [1/D^3]
+    load: Float[np.ndarray, "m"] | None  # sums of 1/r^3 for the normal force of friction [1/D^3]
     stripes: Stripes | None
     verlet_list: NearList | None
     far_forces: FarFieldState | None
     near: NearList | None  # close pairs of discs
-    workspaces: tuple[Any, ...]  # scratch of each law, or None; zero behind the grains
+    workspaces: tuple[Any, ...]  # scratch of each law, or None; zero after the last grain
     host: Any  # workspace of the bodies
-    scratch: Float[np.ndarray, "m"]  # for sums over the grains; zero behind them
+    scratch: Float[np.ndarray, "m"]  # for sums over the grains; zero after the last grain
     buffers: Float[np.ndarray, "parts 5 m"] | None  # scratch of the direct sum
     rounding: Float[np.ndarray, "4 m"] | None  # errors of x, y [D], vx, vy [D/tau]; None: plain sums
     slopes: StageSlopes | None
 
 
 class Measurement(NamedTuple):
-    """Scratch of a measuring pass."""
+    """Scratch arrays of a measuring pass."""
 
-    stiffness: Float[np.ndarray, "m"]  # bounds of the squared frequencies [1/tau^2]
+    stiffness: Float[np.ndarray, "m"]  # upper bounds of the squared frequencies [1/tau^2]
     energy_and_closest: Float[np.ndarray, "2"]  # see `granular.pairs.grain_arrays.GrainArrays`
     against_piston: Float[np.ndarray, "m"]  # stiffness of each grain against the piston [1/tau^2]
 
 
 class Bed(NamedTuple):
-    """The bed as kernels take it, by reference: what a run changes, and what it does not."""
+    """State and constants of the bed, passed to kernels by reference."""
 
     state: State
     constants: Constants
@@ -178,29 +177,29 @@ def grain_arrays_of_bed(
     energy_and_closest: Array | None,
     load: Array | None,
 ) -> GrainArrays:
-    """Arrays of the grains for the sums over all pairs, and those of the sums; see `GrainArrays`."""
+    """Arrays of the grains and of the results of the pair sums; see `GrainArrays`."""
     x, y, acting = bed.state.x, bed.state.y, bed.constants.acting
     charges, weight, series, shift = acting.charges, acting.weight, acting.series, acting.shift
     return GrainArrays(x, y, fx, fy, charges, stiffness, energy_and_closest, load, weight, series, shift)
 
 
 PERSISTENT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces", "label")
-"""Fields that a checkpoint holds; the others are scratch."""
+"""Fields stored in a checkpoint; the others are scratch."""
 
 
 @compiled
 def compensated_sum(total: float, rounding: float, increment: float) -> tuple[float, float]:
-    """Sum of a total and an increment, and what rounding took from it (Kahan 1965)."""
-    wanted = increment + rounding
-    new = total + wanted
-    return new, wanted - (new - total)
+    """Sum of a total and an increment, and its rounding error (Kahan 1965)."""
+    corrected = increment + rounding
+    new = total + corrected
+    return new, corrected - (new - total)
 
 
 @compiled
 def add_to_velocity(
     rounding: Float[Array, "4 m"] | None, state: State, i: int, by_x: float, by_y: float
 ) -> None:
-    """Add to a velocity [D/tau], as a compensated sum where what rounding takes is kept."""
+    """Add to a velocity [D/tau], with a compensated sum if rounding errors are stored."""
     if rounding is None:
         state.vx[i] += by_x
         state.vy[i] += by_y
@@ -211,7 +210,7 @@ def add_to_velocity(
 
 @compiled
 def evaluate_cubic_spline(values: Array, slopes: Array, h: float, time: float) -> tuple[float, float]:
-    """Value and slope at a time from the first knot; behind its ends what they are; h the knots' distance."""
+    """Value and slope at a time from the first knot, constant beyond the ends; h is the knot spacing."""
     k = min(max(int(time / h), 0), values.size - 2)
     s = min(max(time / h - k, 0.0), 1.0)
     rise, left, right = values[k + 1] - values[k], h * slopes[k], h * slopes[k + 1]

@@ -1,4 +1,4 @@
-"""Integration methods: the built-in tables, and a user's own as an object of the same class."""
+"""Integration methods: built-in tables, and user-defined methods of the same class."""
 
 from granular.methods.method import Method
 from granular.methods.tables import METHODS, method_named, resolve_method

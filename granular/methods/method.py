@@ -1,16 +1,13 @@
-"""An integration method: a table of coefficients, checked when it is made.
+"""An integration method: a table of coefficients, checked against the conditions of its order.
 
-The conditions that a method's coefficients must meet for an order of convergence.
+A composition of kicks (K) and drifts (D) has order p if, for every word of up to p letters, the product of
+its exponentials has the same coefficient as the exponential of h (K + D): 1/n! for a word of length n
+(Hairer, Lubich and Wanner 2006, III.5, doi:10.1007/3-540-30666-8). All words are checked: with drag, or any
+other dissipation solved with the kicks, the shorter lists of conditions for a kinetic energy quadratic in
+the momenta do not suffice.
 
-A composition of kicks (K) and drifts (D) has order p where, for every word of up to p letters, the
-product of its exponentials has the coefficient 1/n! that the exponential of h (K + D) has, n the
-length of the word (Hairer, Lubich and Wanner 2006, III.5, doi:10.1007/3-540-30666-8). No word is
-spared: with drag, or any other flow that goes with the kicks, the shorter lists of conditions for
-kinetic energy that is quadratic in the momenta do not hold.
-
-A Runge-Kutta method has order p where, for every rooted tree of up to p nodes, its elementary
-weight is one over the tree's density (Hairer, Norsett and Wanner 1993, II.2,
-doi:10.1007/978-3-540-78862-1).
+A Runge-Kutta method has order p if, for every rooted tree of up to p nodes, its elementary weight is one
+over the tree's density (Hairer, Norsett and Wanner 1993, II.2, doi:10.1007/978-3-540-78862-1).
 """
 
 from __future__ import annotations
@@ -26,25 +23,24 @@ import numpy as np
 
 from granular.shared.errors import InputError, quote
 
-# The tables here fail by 2e-15 at most; 1/10! is 3e-7.
+# The errors of the built-in tables are below 2e-15; 1/10! is 3e-7.
 TOLERANCE = 1e-10
-"""Coefficients are printed with 12 digits or more, and the least condition checked is 1/10!."""
+"""Tolerance of the conditions: published coefficients have 12 or more digits, the smallest value is 1/10!."""
 
 HIGHEST_ORDER = 10
-"""Highest order whose conditions are checked: 2046 words, or 1842 trees."""
+"""Highest order that can be checked: 2046 words, or 1842 trees."""
 
 Tree: TypeAlias = "tuple[Tree, ...]"
-"""A rooted tree: the trees that hang on its root."""
+"""A rooted tree: the subtrees of its root."""
 
 
 def failed_composition_condition(kicks: Sequence[float], drifts: Sequence[float], order: int) -> str | None:
-    """First condition up to an order that a composition fails, in words."""
+    """Return the first failed condition of a composition up to an order, in words, or None."""
     result = _word_coefficients(kicks, drifts, order)
     for length in range(1, order + 1):
-        wanted = 1.0 / math.factorial(length)
-        off = np.abs(result[length] - wanted) > TOLERANCE
-        if off.any():
-            index = int(np.argmax(off))
+        failed = np.abs(result[length] - 1.0 / math.factorial(length)) > TOLERANCE
+        if failed.any():
+            index = int(np.argmax(failed))
             word = " ".join("KD"[index >> bit & 1] for bit in reversed(range(length)))
             return (
                 f"order {length} needs 1/{math.factorial(length)} for the word {word} of kicks and "
@@ -54,7 +50,7 @@ def failed_composition_condition(kicks: Sequence[float], drifts: Sequence[float]
 
 
 def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> str | None:
-    """First condition up to an order that a Runge-Kutta tableau (s + 1, s) fails, in words."""
+    """Return the first failed condition of a Runge-Kutta tableau (s + 1, s), in words, or None."""
     rows, weights = np.array(tableau[:-1]), np.array(tableau[-1])
     for nodes in range(1, order + 1):
         for tree in _rooted_trees(nodes):
@@ -68,7 +64,7 @@ def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> st
 
 
 def _word_coefficients(kicks: Sequence[float], drifts: Sequence[float], order: int) -> list[np.ndarray]:
-    """Coefficients of all words, by their length; a word's letters are bits, kicks 0, drifts 1."""
+    """Coefficients of all words by length; the letters of a word are bits, 0 for kicks, 1 for drifts."""
     result = [np.zeros(1 << length) for length in range(order + 1)]
     result[0][0] = 1.0
     durations = itertools.chain.from_iterable(itertools.zip_longest(kicks, drifts, fillvalue=0.0))
@@ -79,13 +75,13 @@ def _word_coefficients(kicks: Sequence[float], drifts: Sequence[float], order: i
 
 
 def _multiply_by_exponential(result: list[np.ndarray], letter: int, duration: float) -> list[np.ndarray]:
-    """Coefficients after another exponential, of one letter's span, on the right."""
+    """Coefficients after multiplication by the exponential of one letter on the right."""
     made = []
     for length in range(len(result)):
         total = np.zeros(1 << length)
         for more in range(length + 1):
             last = (1 << more) - 1 if letter else 0
-            # All words that end in ``more`` letters of this kind: their bits end in as many zeros or ones.
+            # All words that end with ``more`` letters of this kind: their bits end in as many zeros or ones.
             total[last :: 1 << more] += duration**more / math.factorial(more) * result[length - more]
         made.append(total)
     return made
@@ -93,12 +89,12 @@ def _multiply_by_exponential(result: list[np.ndarray], letter: int, duration: fl
 
 @functools.cache
 def _rooted_trees(nodes: int) -> tuple[Tree, ...]:
-    """All rooted trees of so many nodes, each once."""
+    """All rooted trees with a given number of nodes, each once."""
     return tuple(_sets_of_trees(nodes - 1, nodes - 1))
 
 
 def _sets_of_trees(nodes: int, largest: int) -> Iterator[Tree]:
-    """All sets of trees with so many nodes together, none of them larger than ``largest``."""
+    """All multisets of trees with a given total number of nodes, none of them larger than ``largest``."""
     if nodes == 0:
         yield ()
         return
@@ -129,15 +125,15 @@ def _tree_name(tree: Tree) -> str:
 
 
 COMPENSATED = "+compensated"
-"""Suffix of a composition method's name for positions and velocities as compensated sums."""
+"""Suffix of a composition method's name for compensated sums of positions and velocities."""
 
-MOST_STAGES = 64
-"""Most stages of a step; the longest methods in print have some forty."""
+MAXIMUM_STAGES = 64
+"""Maximum number of stages of a step; the longest published methods have about forty."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Method:
-    """An integration method, built in or a user's own.
+    """An integration method, built in or user-defined.
 
     >>> from granular import Method
     >>> leapfrog = Method("my-leapfrog", 2, kicks=(0.5, 0.5), drifts=(1.0,))
@@ -149,26 +145,27 @@ class Method:
     name : str
         Printable word.
     order : int
-        Order of convergence, from 1 to 10. The coefficients are held against its conditions
+        Order of convergence, from 1 to 10. The coefficients are checked against its conditions
         (`granular.methods.method`).
     source : str
-        Paper that prints the coefficients.
+        Paper with the coefficients.
     kicks, drifts : tuple of float
-        Of a composition: fractions of the step, kick b_0, drift a_1, kick b_1, ..., drift a_s,
-        kick b_s; one kick more than drifts, at most 65; each from -1000 to 1000.
+        For a composition: fractions of the step, kick b_0, drift a_1, kick b_1, ..., drift a_s,
+        kick b_s; one more kick than drifts, at most 65; each from -1000 to 1000.
     tableau : tuple of tuple of float, or None
-        Of an explicit Runge-Kutta method: the s rows of its Butcher tableau, and the weights behind
-        them, s numbers each.
+        For an explicit Runge-Kutta method: the s rows of its Butcher tableau, followed by the
+        weights, s numbers each.
     variable : bool
-        Whether the step follows the stiffest collision, time-reversibly; for Verlet's
-        coefficients alone.
+        True for time-reversible variable steps, which follow the stiffest collision; only with
+        Verlet's coefficients.
     compensated : bool
-        Whether positions and velocities are compensated sums; not with a tableau.
+        True if positions and velocities are compensated sums; not with a tableau.
 
     Raises
     ------
     InputError
-        If a field or the table is malformed, or fails a condition of its order, which is named.
+        If a field or the table is malformed, or fails a condition of its order; the message gives
+        the condition.
     """
 
     name: str
@@ -198,34 +195,34 @@ class Method:
 
     @property
     def symplectic(self) -> bool:
-        """True for compositions of equal steps: where nothing dissipates they are symplectic."""
+        """True for compositions with equal steps, which are symplectic without dissipation."""
         return self.tableau is None and not self.variable
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Text that names the papers behind it, a tuple of one str, empty without; see `granular.cite`."""
+        """Reference of the method, a tuple of one str, which may be empty; see `granular.cite`."""
         return (self.source,)
 
     @property
     def force_evaluations_per_step(self) -> int:
-        """Number of evaluations of all forces a step; the last kick's serves the next step's first one."""
+        """Number of force evaluations per step; the last one is reused by the first kick of the next step."""
         if self.tableau is not None:
             return len(self.tableau) - 1
         return sum(1 for kick in self.kicks[1:] if kick) or 1
 
     @property
     def has_backward_parts(self) -> bool:
-        """True if a kick or drift runs backward in time, where dry friction is undefined."""
+        """True if a kick or drift runs backward in time, for which dry friction is undefined."""
         return min((*self.kicks, *self.drifts)) < 0.0
 
     @property
     def allows_far_field_impulses(self) -> bool:
-        """True for Verlet's kicks: it keeps its order with a force in impulses around its steps."""
+        """True for Verlet's kicks: only they keep their order with impulses of a force around the steps."""
         return self.kicks == (0.5, 0.5) and not self.variable
 
     @property
     def allows_dry_friction(self) -> bool:
-        """True for compositions of equal steps without parts backward in time."""
+        """True for compositions with equal steps and no parts backward in time."""
         return self.tableau is None and not self.has_backward_parts and not self.variable
 
     def __str__(self) -> str:
@@ -234,13 +231,13 @@ class Method:
         return ", ".join([f"order {self.order}", calls, *(["variable steps"] * self.variable), self.source])
 
     def to_plain(self) -> dict[str, Any]:
-        """Table as plain data, which `resolve_method` takes.
+        """Table as plain data, for `resolve_method`.
 
         Returns
         -------
         dict
             ``name``, ``order``, ``source``, and ``kicks`` and ``drifts``, or ``tableau``, as lists;
-            ``variable`` and ``compensated`` where they are True.
+            ``variable`` and ``compensated`` if they are True.
         """
         plain: dict[str, Any] = {"name": self.name, "order": self.order, "source": self.source}
         if self.tableau is None:
@@ -252,7 +249,7 @@ class Method:
 
 
 def method_from_plain(plain: Mapping[str, Any]) -> Method:
-    """Return the method of a table that `Method.to_plain` made, or that stands in a study's file."""
+    """Return the method of a table from `Method.to_plain` or from a study's file."""
     known = [field.name for field in dataclasses.fields(Method)]
     for name in plain:
         if name not in known:
@@ -278,19 +275,19 @@ def _check_name_and_order(method: Method) -> None:
             raise InputError(f"{name} = {quote(getattr(method, name))} of a method; give a bool")
 
 
-def _parse_fractions(method: Method, what: str, values: Any) -> tuple[float, ...]:
+def _parse_fractions(method: Method, label: str, values: Any) -> tuple[float, ...]:
     """Fractions of a step as floats."""
-    words = f"{what} of method {quote(method.name)}"
+    words = f"{label} of method {quote(method.name)}"
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputError(f"{words} are {quote(values)}; give a list of numbers")
     result = tuple(values)
-    if len(result) > MOST_STAGES + 1:
-        raise InputError(f"{words} are {len(result)}; give at most {MOST_STAGES + 1}")
+    if len(result) > MAXIMUM_STAGES + 1:
+        raise InputError(f"{words} are {len(result)}; give at most {MAXIMUM_STAGES + 1}")
     for value in result:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{words} hold {quote(value)}; give numbers")
-        # Fractions in print are below 2; products of ten as large as this would drown the conditions'
-        # tolerance.
+        # Published fractions are below 2; products of ten numbers of this size would exceed the conditions'
+        # tolerance by rounding.
         if not math.isfinite(value) or abs(value) > 1e3:
             raise InputError(f"{words} hold {value:g}; give fractions of a step")
     return tuple(map(float, result))
@@ -307,11 +304,12 @@ def _check_composition(method: Method) -> None:
     if len(method.kicks) != len(method.drifts) + 1 or not method.drifts:
         raise InputError(
             f"method {quote(method.name)} has {len(method.kicks)} kicks and {len(method.drifts)} "
-            "drifts; give one kick more than drifts (0 where a step begins or ends with a drift)"
+            "drifts; give one kick more than drifts (0 if a step begins or ends with a drift)"
         )
     if method.variable and (method.kicks, method.drifts) != ((0.5, 0.5), (1.0,)):
         raise InputError(
-            f"method {quote(method.name)}: variable steps go with kicks (0.5, 0.5), drifts (1,); leave it out"
+            f"method {quote(method.name)}: variable steps require kicks (0.5, 0.5) and drifts (1,); "
+            "remove variable"
         )
 
 
@@ -319,7 +317,7 @@ def _check_tableau(method: Method) -> None:
     assert method.tableau is not None
     name, stages = quote(method.name), len(method.tableau) - 1
     if method.variable or method.compensated:
-        raise InputError(f"method {name} is a Runge-Kutta method; leave variable, compensated out")
+        raise InputError(f"method {name} is a Runge-Kutta method; remove variable and compensated")
     if (method.kicks, method.drifts) != ((0.0,), ()):
         raise InputError(f"method {name} has a tableau and kicks or drifts; give one of them")
     if stages < 1 or any(len(row) != stages for row in method.tableau):

@@ -1,12 +1,11 @@
-"""Methods by their names: those built in, each one table of coefficients, and a user's own.
+"""Methods by name: built-in tables of coefficients, and user-defined methods.
 
-Composition methods alternate kicks (velocities, positions frozen; drag is solved with the kick,
-exactly) and drifts (positions, velocities frozen). They are symplectic where nothing dissipates,
-and those here keep their order with viscous drag too, since each flow is exact and no order
-condition that only kinetic energy quadratic in the momenta would spare is left out.
+Composition methods alternate kicks (velocities change at fixed positions; drag is solved exactly with the
+kick) and drifts (positions change at fixed velocities). They are symplectic without dissipation. The built-in
+methods keep their order with viscous drag: each part is solved exactly, and all order conditions are met, not
+only the conditions for a kinetic energy quadratic in the momenta.
 
-Runge-Kutta methods are given by their Butcher tableau. They are not symplectic, and are here as
-controls.
+Runge-Kutta methods are given by their Butcher tableau. They are not symplectic, and serve as controls.
 """
 
 from __future__ import annotations
@@ -23,18 +22,18 @@ from granular.shared.registry import Registry
 
 
 def _symmetric_drift_first_method(name: str, order: int, source: str, *fractions: float) -> Method:
-    """Symmetric method from the first half of its fractions: drift, kick, drift, ..."""
+    """Symmetric method from the first half of the fractions: drift, kick, drift, ..."""
     total = _append_mirror_image(fractions)
     return Method(name, order, source, kicks=(0.0, *total[1::2], 0.0), drifts=total[::2])
 
 
 def _append_mirror_image(fractions: tuple[float, ...]) -> tuple[float, ...]:
-    """Fractions and, around the last of them, their mirror image."""
+    """Fractions, followed by their mirror image about the last one."""
     return (*fractions, *reversed(fractions[:-1]))
 
 
 def _compose_verlet_steps(name: str, order: int, source: str, *steps: float) -> Method:
-    """Composition of Stormer-Verlet steps, from the first half of their fractions."""
+    """Symmetric composition of Stormer-Verlet steps, from the first half of the fractions."""
     middle = 1.0 - 2.0 * math.fsum(steps)
     total = (*steps, middle, *reversed(steps))
     inner = tuple(0.5 * (a + b) for a, b in itertools.pairwise(total))
@@ -42,7 +41,7 @@ def _compose_verlet_steps(name: str, order: int, source: str, *steps: float) -> 
 
 
 def _blanes_moan(name: str, order: int, outer: tuple[float, ...], inner: tuple[float, ...]) -> Method:
-    """Return the method from its printed fractions; the middle ones follow from consistency."""
+    """Return the method from the published fractions; the middle ones follow from consistency."""
     kicks = (*outer, 1.0 - 2.0 * math.fsum(outer))
     drifts = (*inner, 0.5 - math.fsum(inner))
     source = "Blanes and Moan 2002, doi:10.1016/S0377-0427(01)00492-7"
@@ -157,27 +156,27 @@ METHODS = Registry[Method](
     "a granular.Method of that name",
     from_files=True,
 )
-"""Methods by their names."""
+"""Methods by name."""
 
 
 def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
-    """Return the method that is meant: by its name, as it is, or by its table as plain data.
+    """Return a method given by name, as an object, or as a table of plain data.
 
     Parameters
     ----------
     method : str, Method or mapping
-        Name as in `method_named`, method, or table as `Method.to_plain` makes it.
+        Name as in `method_named`, method, or table as from `Method.to_plain`.
 
     Returns
     -------
     Method
-        The method itself.
+        The method.
 
     Raises
     ------
     InputError
-        If there is none of that name, a table is no method or fails `Method`, what is given is none of the
-        three, or it takes the name of one built in and is another.
+        If the name is unknown, the table is invalid, the argument is none of the three, or a user-defined
+        method has the name of a built-in one.
 
     Examples
     --------
@@ -194,24 +193,24 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
     plain = method.name.removesuffix(COMPENSATED)
     if plain in METHODS.built_in and method != method_named(method.name):
         raise InputError(
-            f"method {quote(method.name)} has the name of one that is built in; give it a name of its own"
+            f"method {quote(method.name)} has the name of a built-in method; give it another name"
         )
     return method
 
 
 def method_as_run_setting(method: Method) -> str | dict[str, Any]:
-    """Entry of a method in a run's settings: the name of a built-in one, else its table."""
+    """Entry of a method in a run's settings: the name of a built-in method, otherwise the table."""
     return method.name if method.name.removesuffix(COMPENSATED) in METHODS.built_in else method.to_plain()
 
 
 def method_named(name: str) -> Method:
-    """Return the method of that name; with ``+compensated`` behind it, with compensated sums.
+    """Return a method by its name; with the suffix ``+compensated``, with compensated sums.
 
     Parameters
     ----------
     name : str
-        Name of a built-in, registered or installed method; ``+compensated`` behind it, but for a
-        Runge-Kutta method, for compensated sums.
+        Name of a built-in, registered or installed method; the suffix ``+compensated`` selects
+        compensated sums, except for Runge-Kutta methods.
 
     Returns
     -------
@@ -221,8 +220,8 @@ def method_named(name: str) -> Method:
     Raises
     ------
     InputError
-        If there is none (the nearest name is given), a Runge-Kutta method is to be compensated, or an
-        installed distribution's method cannot be loaded.
+        If the name is unknown (the message suggests the most similar one), a Runge-Kutta method has the
+        suffix, or the method of an installed distribution cannot be loaded.
 
     Examples
     --------
@@ -236,13 +235,15 @@ def method_named(name: str) -> Method:
     if plain == word:
         return method
     if method.tableau is not None:
-        raise InputError(f"method = {quote(word)}: a Runge-Kutta method is never compensated; take {plain!r}")
+        raise InputError(
+            f"method = {quote(word)}: a Runge-Kutta method cannot be compensated; take {plain!r}"
+        )
     return dataclasses.replace(method, name=word, compensated=True)
 
 
 def register_methods(methods: Iterable[Method]) -> None:
-    """Let `method_named` know methods of the user's own, for as long as the process lives."""
+    """Register user-defined methods for `method_named`, until the process ends."""
     for method in methods:
         if METHODS.registered(resolve_method(method).name) not in (None, method):
-            raise InputError(f"two methods are called {quote(method.name)}; give each a name of its own")
+            raise InputError(f"two methods are called {quote(method.name)}; give them different names")
         METHODS.register(method.name, method)

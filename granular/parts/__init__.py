@@ -1,1 +1,1 @@
-"""Parts as one buys and measures them: magnets, liquids, films and plates, by closed forms in SI."""
+"""Commercial parts: magnets, liquids, films and plates, in closed form and SI units."""

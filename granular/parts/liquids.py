@@ -1,10 +1,8 @@
-"""Liquids by name: viscosity and density over temperature.
+"""Liquids by name: viscosity and density as functions of temperature, and drag in thin films.
 
-Drag of discs, of the piston's blade and of its guide in a viscous liquid.
-
-In a thin film the liquid is sheared evenly: a face of the area A at the distance h from a wall that stands
-still has the drag eta A/h. All of them are of films much thinner than wide, and of slow motions
-(rho v h^2/(eta l) small).
+Drag of discs, of the piston's blade and of its guide in a viscous liquid. The shear rate in a thin film is
+uniform: a face of area A at distance h from a fixed wall has the drag coefficient eta A/h. All formulas hold
+for films much thinner than wide and for slow motion (rho v h^2/(eta l) small).
 """
 
 from __future__ import annotations
@@ -26,19 +24,19 @@ class Liquid(NamedTuple):
 
     viscosity: float  # [Pa s]
     density: float  # [kg/m^3]
-    uncertainty: float  # relative, of the viscosity of what is bought under this name
+    uncertainty: float  # relative uncertainty of the viscosity of commercial liquids of this name
 
 
 def find_liquid(name: str, celsius: float) -> Liquid:
-    """Return the liquid of that name at a temperature [deg C]."""
-    for pattern, (low, high), least, most, make in _LIQUIDS:
+    """Return a liquid by its name at a temperature [deg C]."""
+    for pattern, (low, high), smallest, largest, make in _LIQUIDS:
         match = re.fullmatch(pattern, name)
         if match is None:
             continue
         number = float(match[1]) if match.groups() else 0.0
-        if not least <= number <= most:
+        if not smallest <= number <= largest:
             raise InputError(
-                f"{quote(name)} must have a number from {least:g} to {most:g}, or give the viscosity"
+                f"{quote(name)} must have a number from {smallest:g} to {largest:g}, or give the viscosity"
             )
         if not low <= celsius <= high:
             raise InputError(
@@ -50,7 +48,7 @@ def find_liquid(name: str, celsius: float) -> Liquid:
 
 
 def silicone_oil_viscosity_ratio(celsius: float) -> float:
-    """Kinematic viscosity of a silicone oil over that at 25 degrees Celsius; celsius [deg C]."""
+    """Kinematic viscosity of a silicone oil relative to 25 degrees Celsius; celsius [deg C]."""
     # log nu = 763.1/(273 + T) - 2.559 + log nu_25 from 100 mm^2/s on (Shin-Etsu, Silicone Fluid KF-96,
     # Performance Test Results); its 2.559 is 763.1/298.15.
     return float(10.0 ** (763.1 * (1.0 / (celsius + _KELVIN) - 1.0 / (25.0 + _KELVIN))))
@@ -108,10 +106,11 @@ def disc_drag(viscosity: float, area: float, films: tuple[float, float]) -> floa
 
 
 def counter_flow_factor(packing: float, thickness: float, films: tuple[float, float]) -> float:
-    """Factor of the drag of discs that move together, as liquid flows back between them; lengths [m].
+    """Factor of the drag of discs that move together, due to counter-flow between them; lengths [m].
 
-    Discs of the area fraction ``packing``, and half of the films, carry liquid along; as much flows back
-    between the discs at u = v packing (E + h)/(2 (1 - packing) E), which takes 12 eta u^2/E^2 a volume.
+    Discs of area fraction ``packing`` carry liquid along, including half of the films. The same volume flows
+    back between the discs at u = v packing (E + h)/(2 (1 - packing) E), with the dissipation 12 eta u^2/E^2
+    per volume.
     """
     gap = thickness + films[0] + films[1]
     back = 3.0 * packing / (1.0 - packing) * (gap + thickness) ** 2 / gap**3
@@ -119,23 +118,23 @@ def counter_flow_factor(packing: float, thickness: float, films: tuple[float, fl
 
 
 def blade_drag(viscosity: float, width: float, depth: float, film: float) -> float:
-    """Drag of a blade that dips into the liquid, by the films on both its faces [kg/s]; lengths [m]."""
+    """Drag of a blade immersed in the liquid, from the films on both faces [kg/s]; lengths [m]."""
     return 2.0 * viscosity * width * depth / film
 
 
 def blade_displacement_drag(
     viscosity: float, width: float, depth: float, thickness: float, film: float
 ) -> float:
-    """Drag of the same blade if all liquid that it displaces must pass its films [kg/s]; lengths [m]."""
-    # A flow of width thickness v through two films has the gradient 12 eta (thickness v/(2 film))/film^2.
+    """Drag of the blade if all displaced liquid must flow through the films [kg/s]; lengths [m]."""
+    # The flow width*thickness*v through two films needs the gradient 12 eta (thickness v/(2 film))/film^2.
     return 6.0 * viscosity * width * depth * thickness**2 / film**3
 
 
 def guide_drag(
     viscosity: float, diameter: float, length: float, clearance: float, eccentricity: float = 0.0
 ) -> float:
-    """Drag of a rod in a bush full of liquid [kg/s]; lengths [m], radial clearance, its part off centre."""
-    # Shear between two parallel cylinders whose axes are e apart has the resistance a length of two
+    """Drag of a rod in a liquid-filled bush [kg/s]; lengths [m], radial clearance; relative eccentricity."""
+    # Shear between two parallel cylinders with axes e apart has the same resistance per length as two
     # such conductors: 2 pi eta/arcosh((r1^2 + r2^2 - e^2)/(2 r1 r2)).
     inner, outer = 0.5 * diameter, 0.5 * diameter + clearance
     x = clearance**2 * (1.0 - eccentricity**2) / (2.0 * inner * outer)
@@ -147,15 +146,15 @@ GLASS_MODULUS, GLASS_RATIO = 70e9, 0.22
 
 
 class Bow(NamedTuple):
-    """Deflection of the middle of a plate [m]: edges clamped, and edges that can turn; others lie between."""
+    """Deflection of the middle of a plate [m] with clamped or simply supported edges; others lie between."""
 
     clamped: float
     supported: float
 
 
 def bow_of_plate(load: float, width: float, height: float, thickness: float) -> Bow:
-    """Return how far a plate of glass bows under a load [N] on width times height [m]."""
-    # Timoshenko and Woinowsky-Krieger 1959, sections 1 and 2: q b^4/(384 D) and 5 q b^4/(384 D) of a strip.
+    """Return the deflection of a glass plate under a uniform load [N]; lengths [m]."""
+    # Timoshenko and Woinowsky-Krieger 1959, sections 1 and 2: q b^4/(384 D) and 5 q b^4/(384 D) for a strip.
     stiffness = GLASS_MODULUS * thickness**3 / (12.0 * (1.0 - GLASS_RATIO**2))
     clamped = load / (width * height) * width**4 / (384.0 * stiffness)
     return Bow(clamped, 5.0 * clamped)

@@ -1,11 +1,9 @@
-"""Magnets: grades of catalogues, and the moment of a disc.
+"""Magnets: catalogue grades, and the moment of a disc in a bed.
 
-The moment of a disc among others, from what is bought or measured.
-
-A coating is no part of the magnet. The core, of the volume V, has the magnetisation Br/mu0 + chi H, with
-chi the recoil permeability less 1. H is its own demagnetising field -N M and the field of neighbours beside
-it, on average -S m/(4 pi a^3) in a triangular lattice of dipoles at the spacing a, S = 11.0342 the lattice
-sum of r^-3. So
+The moment follows from catalogue or measured data. A coating is not magnetic. The core of volume V has the
+magnetisation Br/mu0 + chi H, where chi is the recoil permeability minus 1. H is the demagnetising field -N M
+plus the field of the neighbours. The mean field of the neighbours in a triangular lattice of dipoles with
+spacing a is -S m/(4 pi a^3), where S = 11.0342 is the lattice sum of r^-3. The moment is then
 
     m = (Br V/mu0) / (1 + chi (N + S V/(4 pi a^3))).
 """
@@ -28,15 +26,15 @@ _REMANENCE = {
     "N50": (1.39, 1.44),
     "N52": (1.42, 1.46),
 }
-# Highest temperature [deg C] by the letter behind the number, of magnets 0.7 times as thick as wide: flatter
-# ones lose moment for good from lower temperatures on.
+# Maximum temperature [deg C] by the letter after the number, for magnets 0.7 times as thick as wide: flatter
+# magnets lose moment permanently at lower temperatures.
 _HIGHEST = {"": 80.0, "M": 100.0}
 REMANENCE_SLOPE = -1.2e-3
-"""Relative change of the remanence with temperature [1/K], of all grades of that table."""
+"""Relative change of the remanence with temperature [1/K], for all grades in the table."""
 RECOIL_PERMEABILITY = 1.05
-"""Ratio to free space, of all grades of that table."""
+"""Relative recoil permeability of all grades in the table."""
 REFERENCE_TEMPERATURE = 20.0
-"""Temperature of the remanence of a grade [deg C]."""
+"""Temperature at which the remanence of a grade is given [deg C]."""
 
 
 class Grade(NamedTuple):
@@ -61,11 +59,10 @@ GRADES = {
 
 
 def find_grade(name: str) -> Grade:
-    """Return the grade of that name."""
+    """Return a grade by its name."""
     if name not in GRADES:
         raise InputError(
-            f"there is no grade {quote(name)} in the table, which has {', '.join(GRADES)}; "
-            "give the remanence instead"
+            f"unknown grade {quote(name)}; known are {', '.join(GRADES)}; give the remanence instead"
         )
     return GRADES[name]
 
@@ -77,11 +74,11 @@ LATTICE_SUM = 11.034175
 
 
 class Magnet(NamedTuple):
-    """A disc and the steps to its moment."""
+    """A magnetic disc, and the factors of its moment."""
 
     diameter: float  # of the core [m]
     thickness: float
-    remanence: float  # at the temperature [T]
+    remanence: float  # at its temperature [T]
     demagnetisation: float  # chi N
     neighbours: float  # chi S V/(4 pi a^3)
 
@@ -107,26 +104,26 @@ def make_magnet(
     spacing: float = math.inf,
     temperature: float = REFERENCE_TEMPERATURE,
 ) -> Magnet:
-    """Return the magnet in a disc; lengths [m], remanence at 20 deg C [T], temperature [deg C]."""
+    """Return the magnet inside a disc; lengths [m], remanence at 20 deg C [T], temperature [deg C]."""
     diameter, thickness, chi = diameter - 2.0 * coating, thickness - 2.0 * coating, permeability - 1.0
     remanence *= 1.0 + REMANENCE_SLOPE * (temperature - REFERENCE_TEMPERATURE)
     magnet = Magnet(diameter, thickness, remanence, 0.0, 0.0)
     if chi == 0.0:  # importing elliptic integrals takes long
         return magnet
-    beside = LATTICE_SUM * magnet.volume / (4.0 * math.pi * spacing**3)
-    own = demagnetising_factor(diameter, thickness)
-    return magnet._replace(demagnetisation=chi * own, neighbours=chi * beside)
+    neighbours = LATTICE_SUM * magnet.volume / (4.0 * math.pi * spacing**3)
+    factor = demagnetising_factor(diameter, thickness)
+    return magnet._replace(demagnetisation=chi * factor, neighbours=chi * neighbours)
 
 
 def remanence_of_moment(moment: float, magnet: Magnet) -> float:
-    """Remanence by which a lone disc has this moment [T]; moment at 20 deg C [A m^2]."""
+    """Remanence at which a lone disc has the given moment [T]; moment at 20 deg C [A m^2]."""
     return moment * MAGNETIC_CONSTANT / magnet.volume * (1.0 + magnet.demagnetisation)
 
 
 def demagnetising_factor(diameter: float, height: float) -> float:
     """Demagnetising factor of a cylinder along its axis, averaged over its volume."""
-    # The mean field of a uniformly magnetised cylinder is that of a solenoid of its shape, mu0 M times
-    # Nagaoka's coefficient (Joseph 1966, doi:10.1063/1.1703091).
+    # The mean field of a uniformly magnetised cylinder equals the mean field of a solenoid of its shape,
+    # mu0 M times Nagaoka's coefficient (Joseph 1966, doi:10.1063/1.1703091).
     from scipy.special import ellipe, ellipk
 
     square = diameter**2 / (diameter**2 + height**2)

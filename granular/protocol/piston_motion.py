@@ -18,19 +18,19 @@ _NONE = np.zeros(2)
 class Motion(NamedTuple):
     """Motion of the piston during a stage."""
 
-    free: bool = False  # under weight and the grains' force; else along the path
+    free: bool = False  # moved by weight and the grains' force; otherwise along the path
     kind: int = STRAIGHT
     start: float = 0.0  # height at the stage's start [D]
     speed: float = 0.0  # of the straight path [D/tau]
-    reach: float = 0.0  # lost in the descent, or amplitude of the sine [D]
+    reach: float = 0.0  # total descent, or amplitude of the sine [D]
     total_duration: float = 1.0  # of the descent [tau]
     steepness: float = 1.0  # exponent of the descent
     omega: float = 0.0  # of the sine, or of the outer force [1/tau]
     push: float = 0.0  # amplitude of the outer force [F*]
-    bias: float = 0.0  # its mean [F*]
+    bias: float = 0.0  # mean outer force [F*]
     limit: float = math.inf  # force on the piston that ends the stage [F*]
-    times: Float[np.ndarray, "k"] = _NONE  # of the table; of the spline equidistant knots from 0 [tau]
-    heights: Float[np.ndarray, "k"] = _NONE  # [D]; of a spline of the outer force, its values [F*]
+    times: Float[np.ndarray, "k"] = _NONE  # of the table; for the spline, equidistant knots from 0 [tau]
+    heights: Float[np.ndarray, "k"] = _NONE  # [D]; for a spline of the outer force, its values [F*]
     slopes: Float[np.ndarray, "k"] = _NONE  # of the spline [D/tau, F*/tau]
 
 
@@ -62,19 +62,19 @@ def _exponential_descent(motion: Motion, time: float) -> tuple[float, float]:
 
 @compiled
 def _interpolate_linearly(times: Array, heights: Array, time: float) -> tuple[float, float]:
-    """Straight lines from row to row; at a row the slope before it, which a piston released there keeps."""
+    """Linear interpolation; at a row, the slope before it, which a piston released there keeps."""
     k = min(max(int(np.searchsorted(times, time)) - 1, 0), times.size - 2)
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])
     return heights[k] + speed * (time - times[k]), speed
 
 
-def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: float, speed: float) -> float:
-    """Largest piston speed in a stage [D/tau]; mass [m], gravity [D/tau^2], height [D], speed [D/tau]."""
+def maximum_piston_speed(motion: Motion, mass: float, gravity: float, height: float, speed: float) -> float:
+    """Maximum piston speed in a stage [D/tau]; mass [m], gravity [D/tau^2], height [D], speed [D/tau]."""
     if motion.free:
         outer = abs(motion.bias) + abs(motion.push)
         if motion.kind == SPLINE:
             outer += float(np.abs(motion.heights).max())
-        # A bound: at most the energy that weight and the largest outer force give over the whole height.
+        # Upper bound: the work of weight and maximum outer force over the whole height.
         pull = gravity + outer / mass
         return math.sqrt(speed**2 + 2.0 * pull * max(height, 0.0))
     if motion.kind == DESCENT:
@@ -90,7 +90,7 @@ def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: f
 
 
 def drive_angular_frequency(motion: Motion) -> float:
-    """Angular frequency that the drive has, or the rate at which it changes [1/tau]."""
+    """Angular frequency of the drive, or its rate of change [1/tau]."""
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration
     if motion.kind == TABLE:
@@ -104,7 +104,7 @@ def drive_angular_frequency(motion: Motion) -> float:
 
 @compiled
 def outer_force_on_piston(motion: Motion, time: float) -> float:
-    """Force from outside on a free piston [F*]; time [tau]."""
+    """Outer force on a free piston [F*]; time [tau]."""
     if motion.kind == SPLINE:
         return evaluate_cubic_spline(motion.heights, motion.slopes, motion.times[1], time)[0]
     if motion.push == 0.0:

@@ -15,7 +15,7 @@ from granular.schema.sections import Section, SectionWithFormula, choice_field, 
 from granular.shared.array_types import Float
 
 REST_LIMIT = 60.0
-"""Longest wait for rest where the stage gives no duration [s]."""
+"""Maximum time until rest if the stage gives no duration [s]."""
 
 
 class Stage(Section):
@@ -26,11 +26,11 @@ class Stage(Section):
     name : str
         Unique in its protocol.
     needs_piston : bool
-        Whether the scene must have a piston.
+        True if the scene must have a piston.
     needs_piston_mass : bool
-        Whether the piston must have a mass, for it moves freely.
+        True if the piston moves freely and must have a mass.
     has_outer_force : bool
-        Whether a force from outside acts on the free piston.
+        True if an outer force acts on the free piston.
     """
 
     needs_piston: ClassVar[bool] = True
@@ -41,7 +41,7 @@ class Stage(Section):
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digests of a user's own functions in it."""
+        """Digests of user-defined functions in the stage."""
         return ()
 
     @property
@@ -50,7 +50,7 @@ class Stage(Section):
         return False
 
     def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
-        """Force from outside on the free piston, where the stage has one.
+        """Outer force on the free piston, for stages with ``has_outer_force``.
 
         Parameters
         ----------
@@ -75,17 +75,17 @@ class Stage(Section):
         Parameters
         ----------
         height : float
-            Height before it [m].
+            Height before the jump [m].
 
         Returns
         -------
         float
-            [m], upwards; 0 without one.
+            [m], upwards; 0 without a jump.
         """
         return 0.0
 
     def total_duration(self, height: float) -> float | None:
-        """Longest duration of the stage.
+        """Maximum duration of the stage.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ class Stage(Section):
         Returns
         -------
         float or None
-            [s]; None is without end.
+            [s]; None: unlimited.
         """
         duration: float | None = getattr(self, "duration", None)
         return duration
@@ -123,12 +123,12 @@ class Stage(Section):
         raise NotImplementedError
 
     def prescribed_final_height(self) -> float | None:
-        """Height that the stage ends at exactly.
+        """Prescribed height at the end of the stage.
 
         Returns
         -------
         float or None
-            [m]; None where it is not prescribed.
+            [m]; None if it is not prescribed.
         """
         return None
 
@@ -139,14 +139,14 @@ class TimedStage(Stage):
     Attributes
     ----------
     duration : float or None
-        Length of the stage [s]; with ``until``, the longest one (60 s if not given).
+        Duration of the stage [s]; with ``until``, its maximum (60 s if not given).
     until : str or None
         ``"rest"`` ends the stage at rest.
     tolerance : float or None
-        At rest the piston stays within this height [m], and no grain goes as far in one natural
+        Range of heights of a piston at rest [m], and maximum displacement of a grain in one natural
         time. 1e-4 D if not given.
     window : float
-        Duration of that rest [s]: longer than a swing of the piston.
+        Time for which the rest must last [s]; longer than an oscillation of the piston.
     """
 
     duration: float | None = quantity("s", above=0.0, default=None, optional=True)
@@ -155,30 +155,30 @@ class TimedStage(Stage):
     window: float = quantity("s", default=1.0, above=0.0)
 
     def validate(self) -> None:
-        """Check that tolerance goes with ``until``, and the duration is longer than the window of rest."""
+        """Check that tolerance has ``until``, and that the duration exceeds the window of rest."""
         if self.until is None and self.tolerance is not None:
             raise FieldError("only counts with until = 'rest'", "tolerance")
         if self.until is not None and self.duration is not None and self.duration <= self.window:
             raise FieldError(
-                f"{self.duration:g} s is no longer than the window of rest, {self.window:g} s", "duration"
+                f"{self.duration:g} s must be above the window of rest, {self.window:g} s", "duration"
             )
 
     def total_duration(self, height: float) -> float | None:
-        """Duration, or the longest wait for rest [s]; height [m]."""
+        """Duration, or maximum time until rest [s]; height [m]."""
         if self.duration is None and self.until is not None:
             return REST_LIMIT
         return self.duration
 
 
 CLOSE = 1e-11
-"""Largest error of the spline between its knots, over the range of the course."""
-# A period that fits the knots' spacing looks constant halfway between them, but not at the golden section.
+"""Maximum error of the spline between its knots, over the range of the values."""
+# A period equal to the knot spacing looks constant halfway between knots, but not at the golden section.
 CHECKED_FRACTIONS = (0.5, 0.3819660112501051)
-LEAST_KNOTS, MOST_KNOTS = 64, 2**17  # 2**17 hold 195 periods of a sine to `CLOSE`
+MINIMUM_KNOTS, MAXIMUM_KNOTS = 64, 2**17  # 2**17 hold 195 periods of a sine to `CLOSE`
 
 
 class SampledStage(Stage):
-    """A stage whose height, or whose force on the free piston, is a spline through a function of time.
+    """A stage with the height, or the force on the free piston, as a spline through a function of time.
 
     Attributes
     ----------
@@ -193,7 +193,7 @@ class SampledStage(Stage):
     duration: float = quantity("s", above=0.0)
 
     def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
-        """Force of the function [N] at times since the stage's start [s]."""
+        """Force [N] at times since the stage's start [s]."""
         return self.sample_values(times, 0.0)
 
     def sample_values(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
@@ -225,12 +225,12 @@ class SampledStage(Stage):
         raise NotImplementedError
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Cubic spline through samples of the height or force, as dense as it needs; height [m]."""
+        """Cubic spline through sufficiently dense samples of the height or force; height [m]."""
         times, values = self._refine_spline_knots(height)
         if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
             raise FieldError(
-                f"begins at {values[0, 0]:g} m and the piston stands at {height:g} m; let it begin "
-                "at the height of the stage's start, h0",
+                f"starts at {values[0, 0]:g} m, but the piston is at {height:g} m; make it start "
+                "at the height h0 at the stage's start",
                 self.driven_quantity,
             )
         unit = scales.force if self.needs_piston_mass else scales.length
@@ -245,21 +245,21 @@ class SampledStage(Stage):
         )
 
     def _refine_spline_knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
-        """Equidistant times (k,) [s] so close that the spline through the samples (2, k) fits between."""
-        count = LEAST_KNOTS
+        """Equidistant times (k,) [s] and samples (2, k), dense enough for the spline between them."""
+        count = MINIMUM_KNOTS
         while True:
             times = np.linspace(0.0, self.duration, count + 1)
             knots = self.sample_values_and_slopes(times, height)
             if not np.isfinite(knots).all():
                 raise FieldError("is not finite everywhere in the stage", self.driven_quantity)
             h = self.duration / count
-            off = max(self._spline_error(times[:-1], h, knots, u, height) for u in CHECKED_FRACTIONS)
-            if off <= CLOSE * max(np.ptp(knots[0]), np.abs(knots[0]).max()):
+            error = max(self._spline_error(times[:-1], h, knots, u, height) for u in CHECKED_FRACTIONS)
+            if error <= CLOSE * max(np.ptp(knots[0]), np.abs(knots[0]).max()):
                 return times, knots
             count *= 2
-            if count > MOST_KNOTS:
+            if count > MAXIMUM_KNOTS:
                 raise FieldError(
-                    "changes too fast, or is not smooth; write it smoother", self.driven_quantity
+                    "changes too fast, or is not smooth; give a smoother function", self.driven_quantity
                 )
 
     def _spline_error(
@@ -270,7 +270,7 @@ class SampledStage(Stage):
         u: float,
         height: float,
     ) -> float:
-        """Largest error of the spline at a fraction ``u`` of each interval of ``h`` [s] [m, N]."""
+        """Maximum error of the spline at a fraction ``u`` of each interval ``h`` [s], in m or N."""
         (value, slope), v = knots, 1.0 - u
         spline = v**2 * (1.0 + 2.0 * u) * value[:-1] + u**2 * (1.0 + 2.0 * v) * value[1:]
         spline += h * u * v * (v * slope[:-1] - u * slope[1:])

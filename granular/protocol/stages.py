@@ -1,6 +1,6 @@
 """Stages of a protocol: the piston free, driven, or under a user's function.
 
-Stages of a user's own: classes with one static function of time, and a decorator.
+User-defined stages are classes with one static function of time, and a decorator:
 
     import math
 
@@ -8,7 +8,7 @@ Stages of a user's own: classes with one static function of time, and a decorato
 
     @stage
     class Tap:
-        \"\"\"The piston goes down and up again, softly.\"\"\"
+        \"\"\"The piston moves smoothly down and up again.\"\"\"
 
         depth: float = quantity("m", above=0.0)
 
@@ -16,12 +16,11 @@ Stages of a user's own: classes with one static function of time, and a decorato
         def height(p, time, start):
             return start - p.depth * math.sin(math.pi * time / p.duration) ** 2
 
-From then on a scene may have ``{ kind = "tap", name = "tap", depth = "1 mm", duration = "0.5 s" }`` in
-its protocol. ``height(p, time, start)`` [m] drives the piston from the height ``start`` that it has at
-the stage's start; ``force(p, time)`` [N], in its place, pushes a free piston upwards. ``time`` [s] counts
-from the stage's start, and ``p`` has the parameters in SI and the ``duration``, which every such stage
-has. The function is plain Python; it is called before the run alone, must be smooth, and becomes a
-spline.
+A protocol can then contain ``{ kind = "tap", name = "tap", depth = "1 mm", duration = "0.5 s" }``.
+``height(p, time, start)`` [m] drives the piston from its height ``start`` at the stage's start;
+``force(p, time)`` [N], instead of it, pushes a free piston upwards. ``time`` [s] is measured from the
+stage's start. ``p`` has the parameters in SI and the ``duration``, which every such stage has. The function
+is plain Python and must be smooth; it is only called before the run, and replaced by a spline.
 """
 
 from __future__ import annotations
@@ -55,14 +54,14 @@ class Free(TimedStage):
 
 
 class Push(TimedStage):
-    """The force F(t) = mean + amplitude sin(2 pi f t) on the free piston, upwards.
+    """Upward force F(t) = mean + amplitude sin(2 pi f t) on the free piston.
 
     Attributes
     ----------
     amplitude, mean : float
         [N]
     frequency : float
-        f [Hz]; t counts from the stage's start.
+        f [Hz]; t is measured from the stage's start.
     """
 
     needs_piston_mass = True
@@ -73,12 +72,12 @@ class Push(TimedStage):
     frequency: float = quantity("Hz", default=0.0, least=0.0)
 
     def validate(self) -> None:
-        """Check that a force with an amplitude has a frequency, and does not wait for rest."""
+        """Check that a force with an amplitude has a frequency, and that the stage does not end at rest."""
         super().validate()
         if self.amplitude > 0.0 and self.frequency == 0.0:
-            raise FieldError("must be above 0 Hz where the force has an amplitude", "frequency")
+            raise FieldError("must be above 0 Hz if the force has an amplitude", "frequency")
         if self.until == "rest" and self.amplitude > 0.0:
-            raise FieldError("a piston that is pushed to and fro does not come to rest", "until")
+            raise FieldError("a piston under an oscillating force does not come to rest", "until")
 
     def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         """Sinusoidal force [N] at times since the stage's start [s]."""
@@ -96,13 +95,13 @@ class Push(TimedStage):
 
 
 class Force(FormulaStage):
-    """A force on the free piston, upwards, such as ``f*exp(-t/s)``.
+    """Upward force on the free piston as a formula, such as ``f*exp(-t/s)``.
 
     Attributes
     ----------
     force : str
-        [N]; of the time ``t`` since the stage's start, and parameters, which stand next to it with
-        their units. It must be smooth.
+        [N]; a formula of the time ``t`` since the stage's start and of parameters, which are given
+        next to it with units. It must be smooth.
     duration : float
         [s]
     """
@@ -118,7 +117,7 @@ class Force(FormulaStage):
 
 
 class Hold(TimedStage):
-    """The piston stays where it is. Without duration and ``until``: as long as the run."""
+    """The piston is held at its height. Without duration and ``until``, until the end of the run."""
 
     needs_piston = False  # a bed without a piston can be held, too
 
@@ -128,7 +127,7 @@ class Hold(TimedStage):
 
 
 class Move(Stage):
-    """Constant speed to a height, as in the compression of [D, 2.3.3].
+    """Motion at constant speed to a height, as in the compression of [D, 2.3.3].
 
     Attributes
     ----------
@@ -137,10 +136,10 @@ class Move(Stage):
     speed : float or None
         Magnitude of the velocity [m/s].
     duration : float or None
-        Duration [s]; one of speed and duration is given.
+        Duration [s]; give either speed or duration.
     until_force : float or None
-        Stop before, as soon as the grains push the piston with this force [N]; the experiments of
-        de Paula stop at 110 N.
+        Force of the grains on the piston that ends the stage earlier [N]; de Paula's experiments
+        stop at 110 N.
     """
 
     to: float = quantity("m", above=0.0)
@@ -149,17 +148,17 @@ class Move(Stage):
     until_force: float | None = quantity("N", above=0.0, default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that one of speed and duration is given."""
+        """Check that either speed or duration is given."""
         if (self.speed is None) == (self.duration is None):
             raise FieldError("give either speed or duration", "speed")
 
     @property
     def ends_at_force(self) -> bool:
-        """True where ``until_force`` is given."""
+        """True if ``until_force`` is given."""
         return self.until_force is not None
 
     def total_duration(self, height: float) -> float | None:
-        """Duration of the way at the constant speed [s]; height [m]."""
+        """Duration of the motion at constant speed [s]; height [m]."""
         if self.duration is not None:
             return self.duration
         assert self.speed is not None
@@ -180,11 +179,11 @@ class Move(Stage):
 class Descend(Stage):
     """Descent by the exponential law of [D, 2.3.2].
 
-    It is read as
+    It is interpreted as
 
         H(t) = H_s - (H_s - to) (e^(k t/duration) - 1) / (e^k - 1)
 
-    from the present height H_s, with k = 5: de Paula's relaxation of 5 T under exp(t/T - 5).
+    from the present height H_s, with k = 5: de Paula's relaxation over 5 T with exp(t/T - 5).
 
     Attributes
     ----------
@@ -216,12 +215,12 @@ class Descend(Stage):
 
 
 class Follow(Stage):
-    """Straight lines from row to row of a table; the piston starts at the first height.
+    """Linear interpolation of a table; the piston starts at the first height.
 
     Attributes
     ----------
     times : tuple of float
-        [s], increasing from 0, counted from the stage's start.
+        [s], increasing from 0, measured from the stage's start.
     heights : tuple of float
         [m]
     """
@@ -230,18 +229,18 @@ class Follow(Stage):
     heights: tuple[float, ...] = quantity_list_field("m", above=0.0)
 
     def validate(self) -> None:
-        """Check that the times increase from 0, with a height each."""
+        """Check that the times increase from 0, and that each has a height."""
         if len(self.times) != len(self.heights):
-            raise FieldError(f"holds {len(self.heights)} values for {len(self.times)} times", "heights")
+            raise FieldError(f"has {len(self.heights)} values for {len(self.times)} times", "heights")
         if len(self.times) < 2 or self.times[0] != 0.0 or (np.diff(self.times) <= 0.0).any():
-            raise FieldError("must increase from 0, with at least two values", "times")
+            raise FieldError("must be 2 or more values that increase from 0", "times")
 
     def total_duration(self, height: float) -> float | None:
         """Duration of the table [s]; height [m]."""
         return self.times[-1]
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Straight lines from row to row of the table; height [m]."""
+        """Linear interpolation of the table; height [m]."""
         return Motion(
             kind=TABLE,
             start=self.heights[0] / scales.length,
@@ -259,16 +258,16 @@ class Follow(Stage):
 
 
 class Oscillate(Stage):
-    """Height H + amplitude sin(2 pi f t) about the present height H.
+    """Oscillation H + amplitude sin(2 pi f t) about the present height H.
 
     Attributes
     ----------
     amplitude : float
         [m]
     frequency : float
-        f [Hz]; t counts from the stage's start.
+        f [Hz]; t is measured from the stage's start.
     duration : float or None
-        [s]; without, as long as the run.
+        [s]; by default until the end of the run.
     """
 
     amplitude: float = quantity("m", above=0.0)
@@ -276,7 +275,7 @@ class Oscillate(Stage):
     duration: float | None = quantity("s", above=0.0, default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that the duration is at least a quarter of a period."""
+        """Check that the duration is not below a quarter of a period."""
         if self.duration is not None and self.duration * self.frequency < 0.25:
             raise FieldError(
                 f"{self.duration:g} s is less than a quarter of a period, {0.25 / self.frequency:g} s",
@@ -294,7 +293,7 @@ class Oscillate(Stage):
 
 
 class Lift(Stage):
-    """The nudge of [D, 5.3]: the piston is set ``by`` higher, faster than the grains can follow.
+    """Instantaneous lift of the piston by ``by``, as in [D, 5.3], while the grains stay in place.
 
     Attributes
     ----------
@@ -313,18 +312,18 @@ class Lift(Stage):
         return 0.0
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """Piston at rest at the height that it jumped to; height [m]."""
+        """Piston at rest at the height after the jump; height [m]."""
         return Motion(start=height / scales.length)
 
 
 class Path(FormulaStage):
-    """A height as a formula, such as ``h0 - a*(1 - cos(w*t))/2``.
+    """Height of the piston as a formula, such as ``h0 - a*(1 - cos(w*t))/2``.
 
     Attributes
     ----------
     height : str
-        [m]; of the time ``t`` since the stage's start, the height ``h0`` there, and parameters,
-        which stand next to it with their units. It must begin at ``h0`` and be smooth.
+        [m]; a formula of the time ``t`` since the stage's start, the initial height ``h0``, and
+        parameters, which are given next to it with units. It must start at ``h0`` and be smooth.
     duration : float
         [s]
     """
@@ -337,8 +336,8 @@ class Path(FormulaStage):
 
 
 def try_stages(protocol: Sequence[Stage], height: float, scales: Scales) -> None:
-    """Raise the errors of all stages that are functions of time; height of the piston at the start [m]."""
-    known = True  # the height that a stage begins at; after a free stage only the run tells it
+    """Raise errors of stages that are functions of time; height of the piston at the start [m]."""
+    known = True  # whether the initial height of the stage is known; after a free stage it is not
     for stage in protocol:
         height += stage.initial_jump(height) if known else 0.0
         if isinstance(stage, SampledStage):
@@ -357,7 +356,7 @@ def try_stages(protocol: Sequence[Stage], height: float, scales: Scales) -> None
 
 @contextlib.contextmanager
 def name_stage_in_errors(stage: Stage, when: str) -> Iterator[None]:
-    """Put the name of a stage and a time in front of errors within the block."""
+    """Prefix errors within the block with the name of a stage and a time."""
     try:
         yield
     except InputError as error:
@@ -365,7 +364,7 @@ def name_stage_in_errors(stage: Stage, when: str) -> Iterator[None]:
 
 
 class CustomStage(CustomSection, SampledStage):
-    """Base of the stages that `stage` makes."""
+    """Base class of the stages made by `stage`."""
 
     noun = "stage"
     needed = ("height", "force")
@@ -373,12 +372,12 @@ class CustomStage(CustomSection, SampledStage):
 
     @classmethod
     def register_class(cls) -> None:
-        """Let protocols name it; a custom one of the same name is replaced, a built-in one refused."""
+        """Make it known to protocols; it replaces a custom stage of the same name, never a built-in one."""
         key, names = cls.definition.key, cls.definition.names
         if len(names) != 1:
-            raise InputError(f"stage {key!r} has both 'height' and 'force'; take one of them out")
+            raise InputError(f"stage {key!r} has both 'height' and 'force'; remove one of them")
         if not issubclass(KINDS.get(key, CustomStage), CustomStage):
-            raise InputError(f"stage {key!r} is a built-in one; give the class another name")
+            raise InputError(f"stage {key!r} is built in; give the class another name")
         cls.driven_quantity = names[0]
         cls.needs_piston_mass = cls.has_outer_force = names == ("force",)
         KINDS[key] = cls
@@ -392,8 +391,8 @@ class CustomStage(CustomSection, SampledStage):
             try:
                 values[k] = float(function(self, float(time), *start))
             except Exception as error:
-                what = f"{name} fails {time:g} s after the stage's start"
-                raise self.definition.error(what, error) from None
+                failure = f"{name} fails {time:g} s after the stage's start"
+                raise self.definition.error(failure, error) from None
         return values
 
     def sample_values_and_slopes(
@@ -409,18 +408,18 @@ class CustomStage(CustomSection, SampledStage):
 
     def to_plain(self) -> dict[str, Any]:
         """Stage as plain data, with its kind."""
-        return {"kind": self.definition.key, **super().to_plain()}  # also of a class that was edited
+        return {"kind": self.definition.key, **super().to_plain()}  # also for an edited class
 
 
 def stage(user_class: type) -> Any:
-    """Make a class a stage that protocols can name; see the head of this file.
+    """Turn a class into a stage for protocols; the functions are described at the top of this file.
 
     Parameters
     ----------
     user_class : type
         A class with parameters (`quantity`) and the static function ``height`` [m] or ``force`` [N]. Its
-        name in small letters, with underscores between words (``LeafSpring`` is ``leaf_spring``), is the
-        ``kind`` that a protocol gives; a custom one of that name is replaced.
+        name in lower case, with underscores between words (``LeafSpring`` is ``leaf_spring``), is the
+        ``kind`` in a protocol; a custom stage of that name is replaced.
 
     Returns
     -------
@@ -430,9 +429,9 @@ def stage(user_class: type) -> Any:
     Raises
     ------
     InputError
-        If the class has neither or both, another static or a not static function, a parameter that is no
-        `quantity`, an attribute whose name has a meaning of its own, or the name of a built-in stage. A
-        function that fails does so when a run begins.
+        If the class has neither function or both, another static function or a non-static one, a parameter
+        that is not a `quantity`, an attribute with a reserved name, or the name of a built-in stage. A
+        function that fails is reported at the start of a run.
     """
     return make_section_class(user_class, CustomStage)
 

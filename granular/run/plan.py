@@ -19,7 +19,7 @@ from typing import Any
 
 import numba
 
-from granular.engine.step_size import MOST_STEPS, StepRequest, auto_step_text
+from granular.engine.step_size import MAXIMUM_STEPS, StepRequest, auto_step_text
 from granular.methods.method import COMPENSATED, Method
 from granular.methods.tables import resolve_method
 from granular.pairs.direct_sum import MIN_GRAINS_FOR_PARTS, PARTS
@@ -326,8 +326,8 @@ def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
             raise InputError(f"dt = {quote(dt)}; give seconds, 'auto', or a multiple such as 'auto/2'")
         factor = float(match[2] or 1.0)
         factor = 1.0 / factor if match[1] == "/" and factor else factor
-        if not 0.0 < factor <= step.greatest_factor:
-            raise InputError(f"dt = {quote(dt)}; give a factor above 0 and up to {step.greatest_factor:g}")
+        if not 0.0 < factor <= step.maximum_factor:
+            raise InputError(f"dt = {quote(dt)}; give a factor above 0 and up to {step.maximum_factor:g}")
         return dataclasses.replace(step, factor=factor)
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
         raise InputError(f"dt = {quote(dt)}; give a time step above 0 s, or 'auto'")
@@ -343,7 +343,7 @@ def multiply_time_step(dt: float | str, by: float) -> float | str:
 def _multiple_of_automatic(scene: Scene, fraction: float) -> str:
     """Time step for a given product of step and highest frequency, as a multiple of the automatic step."""
     step = parse_time_step("auto", scene)
-    factor = min(fraction / step.step_times_frequency, step.greatest_factor)
+    factor = min(fraction / step.step_times_frequency, step.maximum_factor)
     # Rounded down to hundredths, so that the error stays below the bound.
     if factor < 1.0:
         return auto_step_text(100.0 / math.ceil(100.0 / factor - 1e-6))
@@ -492,9 +492,9 @@ def _method_refusals(scene: Scene, method: Method) -> Iterator[str]:
 def _step_refusals(scene: Scene, dt: float, t_end: float | None) -> Iterator[str]:
     """Reasons why a given time step [s] is too long or far too short."""
     record = scene.output.scalars
-    if record > MOST_STEPS * dt:
+    if record > MAXIMUM_STEPS * dt:
         yield (
-            f"makes {record / dt:.3g} steps between records, the limit is {MOST_STEPS:g}; lengthen dt "
+            f"makes {record / dt:.3g} steps between records, the limit is {MAXIMUM_STEPS:g}; lengthen dt "
             "or shorten output.scalars"
         )
     if dt > record * (1.0 + 1e-9):

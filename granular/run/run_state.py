@@ -13,8 +13,8 @@ from granular.engine import columns
 from granular.engine.run_errors import misplaced_grain_error
 from granular.engine.state import EnergyLedger, new_measurement, new_state
 from granular.engine.step_size import (
-    MOST_COUNT,
-    MOST_STEPS,
+    MAXIMUM_COUNT,
+    MAXIMUM_STEPS,
     REVIEW,
     SLACK,
     StepSchedule,
@@ -37,7 +37,7 @@ from granular.kernel_data.state import (
     State,
 )
 from granular.protocol import Stage
-from granular.protocol.piston_motion import Motion, drive_angular_frequency, greatest_piston_speed
+from granular.protocol.piston_motion import Motion, drive_angular_frequency, maximum_piston_speed
 from granular.protocol.stage import TimedStage
 from granular.run.dataset import RecordBuffer
 from granular.run.engines import ENGINES, NO_STOP_CRITERIA, NO_TICKS, UNDIVIDED, Rows, Ticks, record_length
@@ -268,7 +268,7 @@ class RunState:
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
         speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)
         height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
-        speed += greatest_piston_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
+        speed += maximum_piston_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
         speed += sum(
             effect.maximum_imparted_speed(scales)
             for effect in self.system.effects
@@ -283,7 +283,7 @@ class RunState:
         self._apply_schedule(schedule)
         end = min(self.stage_length, self.t_end - self.progress.start)
         steps = end / schedule.h if end < math.inf else 0.0
-        self._refuse_too_many_steps("the path to the end", steps, MOST_COUNT)
+        self._refuse_too_many_steps("the path to the end", steps, MAXIMUM_COUNT)
         if self.tables.fraction is not None:
             half_tick = 0.5 * schedule.length
             initialise_step_density(speed, half_tick, self.tables.fraction, self.state, self.constants)
@@ -306,7 +306,7 @@ class RunState:
         resolved = max(frequency, drive_angular_frequency(self.motion), *drives, decay)
         if self.step.automatic:
             steps = record * resolved / self.step.step_times_frequency
-            self._refuse_too_many_steps("the time between records", steps, MOST_STEPS)
+            self._refuse_too_many_steps("the time between records", steps, MAXIMUM_STEPS)
         return resolved
 
     def _refuse_too_many_steps(self, duration_name: str, steps: float, limit: float) -> None:
@@ -343,7 +343,7 @@ class RunState:
         stage, rest, window = self.stage, self.rest_motion_limit, 0
         if isinstance(stage, TimedStage) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.schedule.length
-            window = math.ceil(min(ticks, MOST_COUNT))
+            window = math.ceil(min(ticks, MAXIMUM_COUNT))
         shortened = self.step.automatic and self.tables.fraction is None
         stiff = SLACK * self.step.step_times_frequency if shortened else math.inf
         assert self.ledger is not None

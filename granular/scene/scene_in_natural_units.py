@@ -98,9 +98,9 @@ class _GrainNumbers(NamedTuple):
 
     masses: np.ndarray | None
     moments: np.ndarray | None
-    least_mass: float
-    least_moment: float
-    least_ratio: float
+    minimum_mass: float
+    minimum_moment: float
+    minimum_ratio: float
 
     @property
     def relative_moments(self) -> np.ndarray | None:
@@ -120,9 +120,9 @@ def _grain_numbers(scene: Scene, species: np.ndarray, charges: np.ndarray | None
     return _GrainNumbers(
         masses=pad_values(masses) if several else None,
         moments=None if equal else pad_values(moments),
-        least_mass=1.0 if weakest is None else float(masses[weakest]),
-        least_moment=1.0 if weakest is None else float(meeting[weakest]),
-        least_ratio=float((moments / masses).min(initial=1.0)) if not equal else 1.0,
+        minimum_mass=1.0 if weakest is None else float(masses[weakest]),
+        minimum_moment=1.0 if weakest is None else float(meeting[weakest]),
+        minimum_ratio=float((moments / masses).min(initial=1.0)) if not equal else 1.0,
     )
 
 
@@ -185,7 +185,7 @@ def _disc_laws(
     discs, species = discs_unless_dipoles(scene.grains, context.scales.length), context.species
     if not discs:
         return None
-    strength = numbers.least_moment**2 / numbers.least_mass
+    strength = numbers.minimum_moment**2 / numbers.minimum_mass
     return make_disc_laws(discs, species, numbers.relative_moments, strength, context.periods, loads=loads)
 
 

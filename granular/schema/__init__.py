@@ -1,4 +1,4 @@
-"""Sections of a scene that check themselves, their quantities, units and natural scales."""
+"""Sections of a scene with built-in checks, their quantities, units and natural units."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
-"""The parts of a scene that describe the apparatus and its records: grains, piston, output.
+"""Sections of a scene that describe the apparatus and its records: grains, piston, output.
 
-What acts on them are the effects (`granular.effects`), how they stand at the start the arrangement,
-and what is done to them the protocol.
+The effects (`granular.effects`) act on them, the arrangement is their initial state, and the protocol drives
+them.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ from granular.shared.errors import InputError
 
 
 class Blade(Section):
-    """The part of the piston that dips into the liquid, between the plates and as wide as the cell.
+    """Part of the piston immersed in the liquid between the plates, as wide as the cell.
 
     Attributes
     ----------
     depth : float
-        Depth that it dips in [m].
+        Immersed depth [m].
     film : float
-        Thickness of the liquid between each of its faces and the plate [m].
+        Thickness of the liquid film between each face and the plate [m].
     """
 
     depth: float = quantity("m", above=0.0)
     film: float = quantity("m", above=0.0)
 
     def drag(self, width: float, separation: float, viscosity: float) -> float:
-        """Drag of both faces [kg/s]; width and gap of the cell [m], viscosity of the liquid [Pa s]."""
+        """Drag of both faces [kg/s]; width and plate separation of the cell [m], viscosity [Pa s]."""
         if 2.0 * self.film >= separation:
             words = f"{self.film:g} m must be below half of cell.separation, {0.5 * separation:g} m"
             raise FieldError(words, "piston", "blade", "film")
@@ -68,13 +68,13 @@ class Guide(Section):
     diameter, length : float
         Diameter of a rod, and length of its bush [m].
     clearance : float
-        Radius of the bush less that of the rod [m].
+        Radius of the bush minus radius of the rod [m].
     eccentricity : float
-        Distance of their axes over the clearance.
+        Distance of the axes over the clearance.
     count : int
         Number of rods.
     liquid : str or None
-        Liquid in the bush; that of the cell without.
+        Liquid in the bush; by default the liquid in the cell.
     """
 
     diameter: float = quantity("m", above=0.0)
@@ -85,12 +85,12 @@ class Guide(Section):
     liquid: str | None = text_field(default=None, optional=True)
 
     def drag(self, temperature: float, viscosity: float | None) -> float:
-        """Drag of all rods [kg/s]; temperature of the liquid [deg C], viscosity of the cell's one [Pa s]."""
+        """Drag of all rods [kg/s]; temperature [deg C], viscosity of the liquid in the cell [Pa s]."""
         if self.liquid is not None:
             with at_key("piston", "guide", "liquid", errors=InputError):
                 viscosity = find_liquid(self.liquid, temperature).viscosity
         if viscosity is None:
-            words = "must be given, as the cell holds no liquid; or give effects.drag.liquid"
+            words = "must be given, since there is no liquid in the cell; or give effects.drag.liquid"
             raise FieldError(words, "piston", "guide", "liquid")
         rod = guide_drag(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
         return self.count * rod
@@ -107,7 +107,7 @@ class Species(Section):
     share : float
         Fraction of the grains; the fractions of a bed add up to 1.
     thickness, density, remanence : float or None
-        Values of the species [m], [kg/m^3], [T], where they are not those of `Grains`.
+        Values of the species [m], [kg/m^3], [T], if they differ from the values of `Grains`.
     """
 
     name: str = text_field(default="grain")
@@ -119,7 +119,7 @@ class Species(Section):
 
 
 class Grains(Section):
-    """The grains. Defaults as in [D, Table 2.1].
+    """Grains of a bed. Defaults as in [D, Table 2.1].
 
     Attributes
     ----------
@@ -127,39 +127,39 @@ class Grains(Section):
     species : tuple of Species
         The first one sets the natural units.
     thickness : float
-        [m]; as the next two, of all species that have none of their own.
+        [m]; like the next two, for all species without a separate value.
     density : float
         [kg/m^3]
     remanence : float
         Residual magnetisation Br [T], at 20 degrees Celsius; 1.3 T if neither grade nor moment is given.
     moment : float or None
-        Moment of a lone disc [A m^2], as measured at 20 degrees Celsius, instead of the remanence.
+        Moment of a lone disc measured at 20 degrees Celsius [A m^2], instead of the remanence.
     grade : str or None
-        Grade of the magnets, such as ``"N42"``: remanence (the middle of its range), permeability and
-        highest temperature, where they are not given.
+        Grade of the magnets, such as ``"N42"``, which sets remanence (the middle of its range) and
+        permeability if they are not given, and limits the temperature.
     coating : float or None
-        Thickness of the coating, on faces and rim, which is no magnet [m]; the sizes are with it.
+        Thickness of the non-magnetic coating on faces and rim [m]; all sizes include it.
     permeability : float or None
-        Relative recoil permeability, by which the fields of itself and of neighbours weaken a magnet.
+        Relative recoil permeability, with which the demagnetising field and the neighbours weaken a magnet.
     spacing : float or None
-        Distance of nearest neighbours whose fields weaken a magnet so [m]; without, no neighbours do.
+        Distance of the nearest neighbours that weaken a magnet [m]; None: no neighbours.
     temperature : float or None
-        Temperature of magnets and liquid [deg C]; without, magnets have 20 and a liquid 25.
+        Temperature of magnets and liquid [deg C]; by default 20 for magnets and 25 for a liquid.
     spread : float
-        Standard deviation of the single grains' moments about their species', over it, cut at three
-        of it. De Paula explains an asymmetry of the experiment by such a spread.
+        Relative standard deviation of the grains' moments within a species, truncated at three standard
+        deviations. De Paula explains an asymmetry in the experiment by such a spread.
     seed : int
         Seed of the random numbers of the spread.
     mixing : str
-        Order of the species in the initial grid, row by row: ``"interspersed"``,
-        each evenly, in the numbers that their fractions give; or ``"every-kth"``, de Paula's rule
-        for two species [D, 4.2.2]: every k-th grain is of the second one, k = floor(1/R) for its
-        fraction R up to 1/2, or every k-th is of the first one, k = floor(1/(1 - R)), above. It
-        makes other fractions than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.
+        Order of the species in the initial grid, row by row: ``"interspersed"``, each evenly
+        distributed, with numbers from the fractions; or ``"every-kth"``, de Paula's rule for two species
+        [D, 4.2.2]: every k-th grain belongs to the second species, k = floor(1/R), for a fraction R up to
+        1/2; for larger R every k-th grain belongs to the first, k = floor(1/(1 - R)). The actual fractions
+        differ from the given ones (1/2 for every R in (1/3, 1/2]); see `species_fractions`.
     magnets : str
-        ``"dipoles"``: point dipoles, as de Paula's; or ``"cylinders"``: uniformly magnetised discs
-        of each species' diameter and thickness, mid-planes level, which repel nearby by more: twice
-        as much where discs half as thick as wide touch.
+        ``"dipoles"``: point dipoles, as in de Paula's model; or ``"cylinders"``: uniformly magnetised
+        discs of each species' diameter and thickness with level mid-planes. Their repulsion is stronger at
+        short distances: twice as large at contact of discs half as thick as wide.
     """
 
     unwritten_defaults = ("magnets", "spread")
@@ -182,12 +182,12 @@ class Grains(Section):
     magnets: str = choice_field("dipoles", "cylinders", default="dipoles")
 
     def validate(self) -> None:
-        """Check shares, mixing and parts; set the remanence that grade or moment stand for."""
+        """Check fractions, mixing and magnets; set the remanence from grade or moment."""
         total = sum(specy.share for specy in self.species)
         if abs(total - 1.0) > 1e-9:
             raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
         if self.spread == 0.0:
-            object.__setattr__(self, "seed", 1)  # of no random numbers
+            object.__setattr__(self, "seed", 1)  # unused
         if self.mixing == "every-kth" and len(self.species) != 2:
             raise FieldError(
                 f"'every-kth' mixes 2 species, not {len(self.species)}; take 'interspersed'", "mixing"
@@ -198,12 +198,12 @@ class Grains(Section):
     def _check_magnets(self) -> None:
         thinnest = min(float(self.species_values("thickness").min()), *(s.diameter for s in self.species))
         if self.coating is not None and 2.0 * self.coating >= thinnest:
-            raise FieldError(f"{self.coating:g} m leaves no magnet within {thinnest:g} m", "coating")
+            raise FieldError(f"{self.coating:g} m leaves no magnet in {thinnest:g} m", "coating")
         if self.spacing is not None and self.permeability is None and self.grade is None:
-            raise FieldError("weakens magnets by their permeability; give it, or a grade", "spacing")
+            raise FieldError("has an effect only with a permeability; give it, or a grade", "spacing")
         if self.spacing is not None and self.spacing < self.species[0].diameter:
             raise FieldError(
-                f"{self.spacing:g} m must be at least the discs' diameter, {self.species[0].diameter:g} m",
+                f"{self.spacing:g} m must not be below the discs' diameter, {self.species[0].diameter:g} m",
                 "spacing",
             )
         if self.grade is None:
@@ -213,7 +213,7 @@ class Grains(Section):
         if self.temperature is not None and self.temperature > grade.highest_temperature:
             raise FieldError(
                 f"{self.temperature:g} °C must be at most {grade.highest_temperature:g} °C, the limit of "
-                f"{grade.name}; take a grade for higher ones, such as N42M",
+                f"{grade.name}; take a grade for higher temperatures, such as N42M",
                 "temperature",
             )
         if self.permeability is None:
@@ -223,11 +223,13 @@ class Grains(Section):
         given, value = self.remanence, 1.3  # of [D]
         if self.moment is not None:
             if len(self.species) > 1 or self.species[0].remanence is not None:
-                raise FieldError("is for one species without a remanence; give that instead", "moment")
+                raise FieldError(
+                    "requires a single species without a remanence; give the remanence instead", "moment"
+                )
             lone = self._magnet(self.species[0], 1.0, cold=True)
             value = remanence_of_moment(self.moment, lone)
             if given is not None and not math.isclose(given, value):
-                raise FieldError("stands instead of the remanence; give one of the two", "moment")
+                raise FieldError("replaces the remanence; give one of the two", "moment")
         elif given is not None:
             return
         elif self.grade is not None:
@@ -246,12 +248,12 @@ class Grains(Section):
         )
 
     def magnets_in_species(self) -> tuple[Magnet, ...]:
-        """Magnet within a grain of each species, with its moment."""
+        """Magnet inside a grain of each species, with its moment."""
         values = self.species_values("remanence").tolist()
         return tuple(self._magnet(specy, value) for specy, value in zip(self.species, values, strict=True))
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; spread and discs are written where there are any."""
+        """Plain data as from `Section.to_plain`; spread and discs only if used."""
         plain = super().to_plain()
         grade = None if self.grade is None else find_grade(self.grade)
         if self.moment is not None or (grade is not None and self.remanence == grade.remanence):
@@ -272,7 +274,7 @@ class Grains(Section):
         return tuple(np.bincount(self.species_indices(), minlength=len(self.species)).tolist())
 
     def species_fractions(self) -> tuple[float, ...]:
-        """Fraction of the grains of each species, as the mixing rule really makes it."""
+        """Actual fraction of the grains of each species, by the mixing rule."""
         return tuple(number / max(self.count, 1) for number in self.species_counts())
 
     def species_indices(self) -> Int[np.ndarray, "n"]:
@@ -285,9 +287,9 @@ class Grains(Section):
         return owner[np.argsort(np.concatenate(indices), kind="stable")]
 
     def _largest_remainder_counts(self) -> tuple[int, ...]:
-        """Shares of ``count``, by largest remainder."""
+        """Numbers of grains per species, by the largest-remainder method."""
         exact = [self.count * specy.share for specy in self.species]
-        # Without it 100 times 0.29 would be 28.
+        # Without 1e-9, 100 times 0.29 would be 28.
         counts = [int(number + 1e-9) for number in exact]
         order = sorted(range(len(exact)), key=lambda k: counts[k] - exact[k])
         for k in order[: self.count - sum(counts)]:
@@ -300,8 +302,8 @@ class Grains(Section):
 
     def species_values(self, name: str) -> Float[np.ndarray, "s"]:
         """Thickness, density or remanence of each species."""
-        own = [getattr(specy, name) for specy in self.species]
-        return np.array([getattr(self, name) if value is None else value for value in own])
+        values = [getattr(specy, name) for specy in self.species]
+        return np.array([getattr(self, name) if value is None else value for value in values])
 
     def masses(self) -> Float[np.ndarray, "n"]:
         """Mass of each grain, a flat cylinder [kg]."""
@@ -310,16 +312,16 @@ class Grains(Section):
         return np.asarray(sheet[value] * self.diameters() ** 2)
 
     def mass_ratios(self) -> Float[np.ndarray, "s"]:
-        """Mass of a grain of each species over that of the first."""
+        """Mass of a grain of each species relative to the first species."""
         return self._ratios_to_first_species("density")
 
     def face_area_ratios(self) -> Float[np.ndarray, "s"]:
-        """Area of a face of a grain of each species over that of the first."""
+        """Face area of a grain of each species relative to the first species."""
         diameter = np.array([specy.diameter for specy in self.species])
         return np.asarray((diameter / diameter[0]) ** 2)
 
     def moment_ratios(self) -> Float[np.ndarray, "s"]:
-        """Magnetic moment of a grain of each species, without spread, over that of the first."""
+        """Magnetic moment of a grain of each species, without spread, relative to the first species."""
         if self.coating is None and self.permeability is None:
             return self._ratios_to_first_species("remanence")
         moments = np.array([magnet.moment for magnet in self.magnets_in_species()])
@@ -330,17 +332,17 @@ class Grains(Section):
         return self.face_area_ratios() * (thickness / thickness[0]) * (strength / strength[0])
 
     def moment_spread_factors(self) -> Float[np.ndarray, "n"]:
-        """Factor of each grain's moment over its species'."""
+        """Moment of each grain relative to its species."""
         if self.spread == 0.0:
             return np.ones(self.count)
         drawn = np.random.default_rng(self.seed).normal(size=self.count)
-        # Cut at three deviations: with a spread of at most 0.3 no moment turns round.
+        # Truncated at three deviations: with a maximum spread of 0.3 no moment changes sign.
         return np.asarray(1.0 + self.spread * np.clip(drawn, -3.0, 3.0))
 
 
 def _species_by_every_kth_rule(count: int, fraction: float) -> np.ndarray:
-    """Grain numbers count from 1; the quotients are exact, where floating point makes 19 of 20."""
-    # 0.6666666666666666 is meant for two thirds: its exact rest would make every second grain the rare one.
+    """Species by de Paula's rule, grains numbered from 1, in exact arithmetic (floats give 19 for 20)."""
+    # 0.6666666666666666 means two thirds: taken exactly, every second grain would be of the rare species.
     rare = Fraction(repr(fraction)).limit_denominator(10**6)
     common, result = 0, 1
     if rare > Fraction(1, 2):
@@ -353,20 +355,20 @@ def _species_by_every_kth_rule(count: int, fraction: float) -> np.ndarray:
 
 
 class Piston(Section):
-    """The piston, the cell's top wall.
+    """The piston, the top wall of the cell.
 
     Attributes
     ----------
     height : float
-        At the start [m].
+        Initial height [m].
     mass : float or None
-        [kg]; needed where a stage lets it move freely.
+        [kg]; required if it moves freely in a stage.
     drag : float
-        Viscous drag of the free piston [kg/s]; 0 without blade and guide, of which it follows otherwise.
+        Viscous drag of the free piston [kg/s]; computed from blade and guide, or 0 without them.
     blade : Blade or None
-        What dips into the liquid.
+        Part immersed in the liquid.
     guide : Guide or None
-        What guides it.
+        Rods and bushes.
     friction : float
         Coulomb friction of the free piston [N].
     """
@@ -379,15 +381,15 @@ class Piston(Section):
     guide: Guide | None = nested_section_field(Guide, default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that blade and guide give the drag alone; set it where there are none."""
+        """Check that drag is not given with blade or guide; set it to 0 without them."""
         if self.drag is None:
             object.__setattr__(self, "drag", 0.0)
         elif self.has_parts:
-            raise FieldError("follows from blade and guide; leave it out", "drag")
+            raise FieldError("follows from blade and guide; remove it", "drag")
 
     @property
     def has_parts(self) -> bool:
-        """True where blade or guide give the drag."""
+        """True if blade or guide determine the drag."""
         return self.blade is not None or self.guide is not None
 
     def resolve_parts(self, grains: Grains, cell: Cell, viscosity: float | None) -> Piston:
@@ -405,7 +407,7 @@ class Piston(Section):
         return result
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`, without what follows from blade and guide."""
+        """Plain data as from `Section.to_plain`, without the drag computed from blade and guide."""
         plain = super().to_plain()
         if self.has_parts:
             del plain["drag"]
@@ -418,11 +420,11 @@ class Output(Section):
     Attributes
     ----------
     scalars : float
-        From record to record of piston, wall forces and energies [s].
+        Interval of the records of piston, wall forces and energies [s].
     frames : float
-        From frame to frame of the grains' positions, velocities and forces [s].
+        Interval of the frames with the grains' positions, velocities and forces [s].
     record : str or None
-        The stage whose piston motion is the record to identify; all of the run if not given.
+        Stage whose piston motion is the record for identification; the whole run if not given.
     """
 
     scalars: float = quantity("s", default=0.001, above=0.0)
@@ -431,14 +433,15 @@ class Output(Section):
 
     @property
     def records_per_frame(self) -> int:
-        """Records from frame to frame."""
+        """Number of records per frame."""
         return round(self.frames / self.scalars)
 
     def validate(self) -> None:
-        """Check that frames come at whole multiples of the records' interval."""
+        """Check that the frame interval is an integer multiple of the record interval."""
         ratio = self.frames / self.scalars
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
             near = max(1, round(ratio)) * self.scalars
             raise FieldError(
-                f"{self.frames:g} s is no multiple of scalars, {self.scalars:g} s; give {near:g} s", "frames"
+                f"{self.frames:g} s is not a multiple of scalars, {self.scalars:g} s; give {near:g} s",
+                "frames",
             )

@@ -1,4 +1,4 @@
-"""The Hele-Shaw cell: its sides, each a straight line that moves with the cell or with the piston."""
+"""The Hele-Shaw cell, with straight sides that move with the cell or with the piston."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from granular.shared.array_types import Float
 
 BODIES = ("cell", "piston")
 CELL, PISTON = range(len(BODIES))
-"""Bodies that a side moves with."""
+"""Bodies with which a side can move."""
 
 ROUNDING = 1e-9
-"""Part of the cell's width by which rounding may move a corner."""
+"""Fraction of the cell's width by which rounding may move a corner."""
 
 Point = tuple[float, float]
 
 Heights = float | np.ndarray | None
-"""Height of the piston [m], and behind it those of further ones; None without a piston."""
+"""Height of the piston [m], followed by heights of further pistons; None without a piston."""
 
 
 class CellSide(Section):
@@ -32,12 +32,12 @@ class CellSide(Section):
     Attributes
     ----------
     name : str
-        Name, by which `effects.walls` gives the side its law.
+        Name of the side, for its law in `effects.walls`.
     ends : two pairs of float
-        The first and the second end [m]; the inside lies on the left of the way between them. Heights of a
-        side of the piston count from the piston's height.
+        First and second end [m]; the inside is to the left of the line from the first to the second. For a
+        side of the piston, heights are relative to the piston.
     body : str
-        The body that it moves with: ``"cell"`` or ``"piston"``.
+        Body with which it moves: ``"cell"`` or ``"piston"``.
     """
 
     name: str = text_field()
@@ -47,20 +47,22 @@ class CellSide(Section):
     def validate(self) -> None:
         """Check that there are two ends."""
         if len(set(self.ends)) != 2 or len(self.ends) != 2:
-            raise FieldError("must hold two different points, [[x, y], [x, y]]", "ends")
+            raise FieldError("must be two different points, [[x, y], [x, y]]", "ends")
         if self.name in ("piston", "host"):
-            raise FieldError(f"{self.name!r} names another force of a run; give another name", "name")
+            raise FieldError(
+                f"{self.name!r} is the name of another force in a run; give another name", "name"
+            )
 
 
 @dataclasses.dataclass(frozen=True)
 class SideLine:
-    """The line of a side, in the frame of its body."""
+    """Line of a side, in the frame of its body."""
 
     name: str
-    point: Point  # from which positions along the side count [m]
+    point: Point  # origin of positions along the side [m]
     normal: Point  # unit vector into the cell
     tangent: Point  # unit vector along the side
-    length: float | None  # [m]; None of an upright side of a rectangle, which ends at the piston
+    length: float | None  # [m]; None for a vertical side of a rectangle, which ends at the piston
     body: int = CELL
 
     @property
@@ -74,12 +76,12 @@ class SideLine:
         return abs(self.normal[0]) < ROUNDING
 
     def is_crossed(self, x: float, y: float) -> bool:
-        """Return whether grains that leave in a direction, and fall then, cross the line of the side."""
+        """Return True if grains that leave in a direction and then fall cross the line of the side."""
         nx, ny = self.normal
         return ny > ROUNDING or nx * x + ny * y < -ROUNDING
 
     def origin(self, height: float) -> Point:
-        """Point from which places along the side count, with the piston at a height [m]."""
+        """Origin of positions along the side, with the piston at a height [m]."""
         return (self.point[0], self.point[1] + (height if self.body == PISTON else 0.0))
 
     def distances(self, positions: Float[np.ndarray, "n 2"], height: float) -> Float[np.ndarray, "n"]:
@@ -87,7 +89,7 @@ class SideLine:
         return (positions - np.array(self.origin(height))) @ np.array(self.normal)
 
     def ends(self, height: float, top: float) -> tuple[Point, Point]:
-        """Both ends, with the piston at a height; one without a length ends at ``top`` [m]."""
+        """Both ends, with the piston at a height; a side without a length ends at ``top`` [m]."""
         (x, y), (tx, ty) = self.origin(height), self.tangent
         length = top - y if self.length is None else self.length
         return (x, y), (x + length * tx, y + length * ty)
@@ -115,17 +117,16 @@ class Cell(Section):
     Attributes
     ----------
     width : float
-        Distance of the side walls of a rectangle [m]; of other cells it follows from the sides.
+        Distance of the side walls of a rectangle [m]; for other cells it follows from the sides.
     separation : float
         Distance E of the glass plates [m].
     sides : str, or tuple of CellSide
-        ``"closed"``: a rectangle with the sides ``left``, ``right``, ``bottom`` and ``top``, which is the
-        piston, and walls as far as `granular.effects.walls` has them; ``"periodic"``: what leaves on one
-        side comes in on the other, in both directions, and every grain meets the images of all others,
-        without a piston; or the sides of a convex polygon, with openings between sides that do not
-        meet. Its lowest and its leftmost corner have the coordinate 0.
+        ``"closed"``: a rectangle with the sides ``left``, ``right``, ``bottom`` and ``top`` (the piston),
+        with the walls of `granular.effects.walls`; ``"periodic"``: periodic in both directions, without a
+        piston, where grains interact with the images of all others; or the sides of a convex polygon, with
+        openings between sides that do not meet. Its lowest and leftmost corners have the coordinate 0.
     height : float or None
-        Height of the periodic cell [m]; a closed one ends at its piston.
+        Height of a periodic cell [m]; a closed cell ends at its piston.
     """
 
     unwritten_defaults = ("sides",)
@@ -137,33 +138,33 @@ class Cell(Section):
 
     @property
     def periods(self) -> tuple[float, float] | None:
-        """Width and height of a periodic cell [m]; None of a closed one."""
+        """Width and height of a periodic cell [m]; None if the cell is not periodic."""
         return None if self.height is None else (self.width, self.height)
 
     def wrap_positions(self, positions: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
-        """Positions of the images within a periodic cell; as given of a closed one [m]; positions [m]."""
+        """Positions of the images inside a periodic cell, unchanged in a closed cell [m]; positions [m]."""
         if self.periods is None:
             return positions
         inside = np.mod(positions, self.periods)
-        # A place just below 0 is rounded to the other side itself.
+        # A position just below 0 is rounded to the period itself.
         return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
 
     def nearest_image_displacements(
         self, displacements: Float[np.ndarray, "... 2"]
     ) -> Float[np.ndarray, "... 2"]:
-        """Displacements of the nearest images, as given in a closed cell [m] (Allen and Tildesley 1987)."""
+        """Displacements of the nearest images, unchanged in a closed cell [m] (Allen and Tildesley 1987)."""
         if self.periods is None:
             return displacements
         return np.asarray(displacements - self.periods * np.round(displacements / self.periods))
 
     @property
     def is_polygon(self) -> bool:
-        """True if the cell has sides of its own, in place of a rectangle by its width."""
+        """True if the cell is given by its sides, not as a rectangle by its width."""
         return not isinstance(self.sides, str)
 
     @property
     def lines(self) -> tuple[SideLine, ...]:
-        """Lines of the sides; of a rectangle left, right, bottom and top."""
+        """Lines of the sides; left, right, bottom and top for a rectangle."""
         if not isinstance(self.sides, str):
             return tuple(_line_between_ends(side) for side in self.sides)
         origin, wide = (0.0, 0.0), self.width
@@ -175,20 +176,22 @@ class Cell(Section):
         )
 
     def validate(self) -> None:
-        """Check that a periodic cell has a height, and a polygon is convex; set the width of this one."""
+        """Check that a periodic cell has a height and a polygon is convex; set the width of a polygon."""
         if self.sides == "periodic" and self.height is None:
-            raise FieldError("must be given where the sides are periodic", "height")
+            raise FieldError("must be given if the sides are periodic", "height")
         if self.sides != "periodic" and self.height is not None:
-            raise FieldError("only a periodic cell has a height; a closed one has piston.height", "height")
+            raise FieldError(
+                "only a periodic cell has a height; for a closed cell give piston.height", "height"
+            )
         if isinstance(self.sides, str):
             if self.width is None:
                 raise FieldError("must be given", "width")
             return
         if self.width is not None:
-            raise FieldError("follows from the sides; leave it out", "width")
+            raise FieldError("follows from the sides; remove it", "width")
         corners = np.array([end for side in self.sides if side.body == "cell" for end in side.ends])
         if not len(corners):
-            raise FieldError("at least one side must move with the cell", "sides")
+            raise FieldError("one or more sides must move with the cell", "sides")
         object.__setattr__(self, "width", float(corners[:, 0].max()))
         if not self.width > 0.0 or (np.abs(corners.min(axis=0)) > ROUNDING * self.width).any():
             x, y = corners.min(axis=0)
@@ -199,7 +202,7 @@ class Cell(Section):
         self.check_convex(None)
 
     def gaps(self, names: Collection[str], height: float) -> list[Point]:
-        """Vectors over the gaps between neighbours among sides of a polygon; height of the piston [m]."""
+        """Vectors across the gaps between neighbouring sides of a polygon; height of the piston [m]."""
         ends = np.array([line.ends(height, 0.0) for line in self.lines if line.name in names])
         if not len(ends):
             return []
@@ -209,23 +212,23 @@ class Cell(Section):
         return [(x, y) for x, y in gaps.tolist() if math.hypot(x, y) > 100.0 * ROUNDING * self.width]
 
     def check_convex(self, height: float | None) -> None:
-        """Check that all corners lie inside all sides; of the cell, or with the piston at a height [m]."""
+        """Check that all corners lie inside all sides, without the piston or with it at a height [m]."""
         lines = [line for line in self.lines if line.body == CELL or height is not None]
         corners = [(line, end) for line in lines for end in line.ends(height or 0.0, 0.0)]
         for line in lines:
             for other, corner in corners:
                 outside = -float(line.distances(np.array(corner), height or 0.0))
-                # The cell may go on above its piston.
+                # The cell may extend above its piston.
                 if outside > ROUNDING * self.width and (line.body == CELL or other.body == PISTON):
                     raise FieldError(
-                        f"an end of {other.name!r} is {outside:.4g} m outside of {line.name!r}; a cell is "
-                        "convex, and the inside lies on the left of the way from the first end to the second",
+                        f"an end of {other.name!r} is {outside:.4g} m outside {line.name!r}; a cell must be "
+                        "convex, with the inside to the left of the line from the first end to the second",
                         "cell",
                         "sides",
                     )
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; sides are written unless they are a closed rectangle's."""
+        """Plain data as from `Section.to_plain`, without sides if they are a closed rectangle."""
         plain = super().to_plain()
         if self.is_polygon:
             del plain["width"]

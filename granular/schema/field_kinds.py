@@ -1,4 +1,4 @@
-"""Kinds of fields: each reads a value from plain data (as of a TOML file), checks it, and writes it back."""
+"""Kinds of fields: each reads a value from plain data (as in a TOML file), checks it, and writes it back."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TEMPERATURE = re.compile(r"\s*([+-]?[0-9]{1,6}(?:\.[0-9]{0,20})?)\s*(°C|degC|K
 
 
 class FieldError(SceneError):
-    """A field cannot take its value; ``path`` leads to it from the scene."""
+    """Invalid value of a field; ``path`` is the path of its key in the scene."""
 
     def __init__(self, reason: str, *path: str) -> None:
         self.reason, self.path = reason, path
@@ -30,7 +30,7 @@ class FieldError(SceneError):
 
 @contextlib.contextmanager
 def at_key(*path: str, errors: type[InputError] = FieldError) -> Iterator[None]:
-    """Make field errors of what is read inside, with the keys that lead to it before their own path."""
+    """Convert errors within the block to field errors, with these keys in front of their path."""
     try:
         yield
     except errors as error:
@@ -38,11 +38,11 @@ def at_key(*path: str, errors: type[InputError] = FieldError) -> Iterator[None]:
 
 
 def _parse_number(value: object) -> float:
-    """Parse a number, also NumPy's or as text; no truth value, nothing beyond a float."""
+    """Parse a number, also a NumPy number or text; not a truth value, not beyond the range of floats."""
     if not isinstance(value, bool | np.bool_):
         try:
             if not isinstance(value, str) or (value.isascii() and "_" not in value):
-                return float(value)  # type: ignore[arg-type]  # what is no number raises
+                return float(value)  # type: ignore[arg-type]  # raises if it is not a number
         except (TypeError, ValueError):
             pass
         except OverflowError:
@@ -52,29 +52,29 @@ def _parse_number(value: object) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class FieldKind:
-    """Kind of a field: it reads, checks and writes the field's value."""
+    """Base class of kinds of fields, which read, check and write a field's value."""
 
     optional: bool = False
 
     def read_value(self, value: Any, diameter: float | None) -> Any:
-        """Read a value, or its absence where the field is optional.
+        """Read a value, which may be missing if the field is optional.
 
         Parameters
         ----------
         value : object
             Value as plain data.
         diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
+            Value of the unit D [m]; None if D cannot be used.
 
         Returns
         -------
         object
-            Value of the field; None where it is absent.
+            Value of the field; None if it is missing.
 
         Raises
         ------
         FieldError
-            If it does not fit.
+            If the value is invalid.
         """
         if value is None or (self.optional and value == "none"):
             if self.optional:
@@ -83,14 +83,14 @@ class FieldKind:
         return self.parse(value, diameter)
 
     def parse(self, value: Any, diameter: float | None) -> Any:
-        """Read a value that is there.
+        """Read a value that is not missing.
 
         Parameters
         ----------
         value : object
             Value as plain data.
         diameter : float or None
-            Diameter that the unit D stands for [m]; None where D has no meaning.
+            Value of the unit D [m]; None if D cannot be used.
 
         Returns
         -------
@@ -100,7 +100,7 @@ class FieldKind:
         Raises
         ------
         FieldError
-            If it does not fit.
+            If the value is invalid.
         """
         raise NotImplementedError
 
@@ -131,7 +131,7 @@ class QuantityKind(FieldKind):
     most: float | None = None
 
     def parse(self, value: Any, diameter: float | None) -> float:
-        """Read a number in the field's SI unit, or a text with a unit of its dimension; diameter [m]."""
+        """Read a number in the field's SI unit, or text with a unit of the same dimension; diameter [m]."""
         if isinstance(value, str):
             with at_key(errors=SceneError):
                 number = si_value(value, self.unit, diameter)
@@ -156,7 +156,7 @@ class QuantityKind(FieldKind):
 
 @dataclasses.dataclass(frozen=True)
 class TemperatureKind(QuantityKind):
-    """A temperature in degrees Celsius, also as text in that unit or in kelvin."""
+    """A temperature in degrees Celsius; as text also in kelvin."""
 
     unit: str = "degC"
 
@@ -175,7 +175,7 @@ class IntegerKind(FieldKind):
     most: int = 2**63 - 1
 
     def parse(self, value: Any, diameter: float | None) -> int:
-        """Read an integer, also as text or a whole float; diameter [m]."""
+        """Read an integer, also as text or as a float with an integer value; diameter [m]."""
         number = _parse_integer(value)
         if number is None:
             raise FieldError(f"{quote(value)} must be an integer")
@@ -187,7 +187,7 @@ class IntegerKind(FieldKind):
 
 
 def _parse_integer(value: object) -> int | None:
-    """Integer, to its last digit; None where the text is none."""
+    """Exact integer; None if the value is not an integer."""
     if isinstance(value, str) and _DIGITS.fullmatch(value):
         return int(value)
     if isinstance(value, bool | np.bool_):
@@ -232,7 +232,7 @@ class TextKind(FieldKind):
     def parse(self, value: Any, diameter: float | None) -> str:
         """Read one line of text; diameter [m]."""
         if not isinstance(value, str) or not value.strip():
-            raise FieldError(f"{quote(value)} must be a text that is not empty")
+            raise FieldError(f"{quote(value)} must be a non-empty text")
         if len(value) > _LONGEST or not value.isprintable():
             raise FieldError(f"{quote(value)} must be one line of at most {_LONGEST} printable characters")
         return value
@@ -240,7 +240,7 @@ class TextKind(FieldKind):
 
 @dataclasses.dataclass(frozen=True)
 class PointListKind(FieldKind):
-    """Pairs of numbers, one a grain."""
+    """A list of pairs of quantities."""
 
     unit: str = "m"
 
@@ -306,7 +306,7 @@ class NestedSectionKind(FieldKind):
 
 @dataclasses.dataclass(frozen=True)
 class SectionListKind(FieldKind):
-    """A list of sections; of several classes, distinguished by their ``kind`` key, where given."""
+    """A list of sections of one class, or of several classes distinguished by the key ``kind``."""
 
     section: type[Any] | None = None
     kinds: Mapping[str, type[Any]] | None = None
@@ -341,7 +341,7 @@ class SectionListKind(FieldKind):
         return self.kinds[item["kind"]].from_plain(rest, diameter)
 
     def to_plain(self, value: Any) -> Any:
-        """Sections as tables, with their kinds where there are several."""
+        """Sections as tables, with their kinds if there are several."""
         if self.kinds is None:
             return [item.to_plain() for item in value]
         names = {cls: name for name, cls in self.kinds.items()}

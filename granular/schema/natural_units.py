@@ -1,6 +1,6 @@
-"""Natural units: the one file where SI and the kernels' units meet.
+"""Natural units: the only conversion between SI and the kernels' units.
 
-Length D and mass m are those of a grain of the first species; the force unit is
+The units of length D and mass m are the diameter and mass of a grain of the first species; the force unit is
 F* = mu0 mu^2 / (pi D^4), the time unit tau = sqrt(m D / F*) [D, 2.2; section "Scales" of the
 model]. In these units the pair coefficient is 3/4 and the experimental wall's is 1/2.
 """
@@ -42,7 +42,7 @@ class Scales:
 
     @classmethod
     def from_grains(cls, grains: Grains) -> Scales:
-        """Compute the natural units of a bed: those of its first species, [D, 2.2].
+        """Compute the natural units of a bed from its first species, [D, 2.2].
 
         Parameters
         ----------
@@ -62,7 +62,7 @@ class Scales:
         return cls(diameter, density * volume, force, moment / diameter**2)
 
     def natural_unit(self, unit: str) -> float:
-        """Natural unit of a quantity that is given in such an SI unit, in SI.
+        """Natural unit of the quantity with a given SI unit, in SI.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
-"""Sections: frozen dataclasses whose fields check themselves and round-trip through plain data.
+"""Sections: frozen dataclasses with checked fields, which round-trip through plain data.
 
-A section's fields are declared by the functions below (`quantity`, `integer_field`, ...). Each makes a field
-of a kind (`granular.schema.field_kinds`), which reads, checks and writes its value.
+The fields of a section are declared by the functions below (`quantity`, `integer_field`, ...). Each makes a
+field of a kind (`granular.schema.field_kinds`), which reads, checks and writes its value.
 """
 
 from __future__ import annotations
@@ -48,25 +48,25 @@ def quantity(
     most: float | None = None,
     optional: bool = False,
 ) -> Any:
-    """Declare a number in an SI unit, which scenes also give as text with a unit of that dimension.
+    """Declare a number with an SI unit; scenes can give it as text with any unit of the same dimension.
 
-    Nothing is checked here: a scene whose value, or whose default, does not fit raises `FieldError`.
+    Values and defaults are not checked here: a scene with an invalid one raises `FieldError`.
 
     Parameters
     ----------
     unit : str
-        SI unit of the number, such as ``"N/m"``; ``"1"`` for none.
+        SI unit of the number, such as ``"N/m"``; ``"1"`` for a pure number.
     default : float or str or None, optional
-        Value where a scene gives none, in that unit or as text; without it the key is needed.
+        Default in that unit or as text; without it the key is required.
     above, least, below, most : float, optional
-        Bounds in that unit; ``above`` and ``below`` are left out of the range.
+        Bounds in that unit: ``above`` and ``below`` are exclusive, ``least`` and ``most`` inclusive.
     optional : bool
         Allow None.
 
     Returns
     -------
     field
-        Field of a section, with its checks; the made object has the number, in SI.
+        Field of a section, with its checks; its value is the number in SI.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def quantity(
 
 def temperature_field() -> Any:
     """Declare an optional temperature of a section [deg C]."""
-    # No magnet of NdFeB bears more, and the liquids are known up to there.
+    # The maximum for NdFeB magnets and for the data of the liquids.
     return section_field(TemperatureKind(True, above=-273.15, most=250.0), None)
 
 
@@ -106,7 +106,7 @@ def flag_field(*, default: Any = dataclasses.MISSING, optional: bool = False) ->
 
 
 def choice_field(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    """Declare a word of a section, one of several."""
+    """Declare a choice among several words in a section."""
     return section_field(ChoiceKind(optional, names=names), default)
 
 
@@ -150,10 +150,10 @@ def section_list_field(section: type[Section], *, least: int = 0, default: Any =
     ),
 )
 class Section:
-    """Base of the scene's parts. Subclasses are frozen dataclasses with keyword fields."""
+    """Base class of the sections of a scene. Subclasses are frozen dataclasses with keyword fields."""
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
-    unwritten_defaults: ClassVar[tuple[str, ...]] = ()  # keys that `to_plain` leaves out at their defaults
+    unwritten_defaults: ClassVar[tuple[str, ...]] = ()  # keys that `to_plain` omits at their defaults
 
     def __init_subclass__(cls) -> None:
         dataclasses.dataclass(frozen=True, kw_only=True)(cls)
@@ -170,10 +170,10 @@ class Section:
         self.validate()
 
     def validate(self) -> None:
-        """Check what no single field can; raise `FieldError`."""
+        """Check conditions on several fields; raise `FieldError`."""
 
     def _inner_section(self, part: str) -> Any:
-        """Part by which a dotted key goes on; None if there is none."""
+        """Section for the next part of a dotted key; None if there is none."""
         return getattr(self, part, None)
 
     @classmethod
@@ -194,19 +194,19 @@ class Section:
         Parameters
         ----------
         plain : mapping of str
-            Plain data, as `to_plain` makes them.
+            Plain data, as from `to_plain`.
         diameter : float, optional
-            Diameter that the unit D stands for [m].
+            Value of the unit D [m].
 
         Returns
         -------
         Section
-            The section, checked.
+            The checked section.
 
         Raises
         ------
         FieldError
-            For an unknown key (with the nearest known one), a missing or an unfit value.
+            For an unknown key (with the most similar known key), or a missing or invalid value.
         """
         if plain is True:
             plain = {}
@@ -215,7 +215,7 @@ class Section:
         for key in plain:
             if key not in cls.key_names():
                 raise FieldError(unknown_word_message(key, cls.key_names(), "key"))
-        # The constructor has no diameter, which the unit D of the fields needs.
+        # The constructor does not take a diameter, which the unit D requires.
         self = object.__new__(cls)
         for field in dataclasses.fields(cls):
             default = None if field.default is dataclasses.MISSING else field.default
@@ -224,7 +224,7 @@ class Section:
         return self
 
     def to_plain(self) -> dict[str, Any]:
-        """Section as plain data, ready for TOML; `from_plain` makes an equal section of it.
+        """Section as plain data for TOML, which `from_plain` turns back into an equal section.
 
         Returns
         -------
@@ -245,7 +245,7 @@ class Section:
 
 
 def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
-    """Find the field that a dotted key leads to, an item of a list by its index or ``name``."""
+    """Return value and kind of the field at a dotted key; list items by index or ``name``."""
     *path, name = key.split(".")
     for part in path:
         section = _find_inner_section(section, part)
@@ -256,7 +256,7 @@ def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
 
 
 def find_value(section: Any, key: str) -> Any:
-    """Find the value that a dotted key leads to; None if it leads nowhere."""
+    """Return the value at a dotted key; None if there is no such key."""
     return (find_field(section, key) or (None,))[0]
 
 
@@ -273,7 +273,7 @@ _UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")
 
 @dataclasses.dataclass(frozen=True)
 class ParameterValuesKind(FieldKind):
-    """Parameters by their names, each as a number and its SI unit: ``10.0 kg s^-2``."""
+    """Parameters by name, each as a number with an SI unit: ``10.0 kg s^-2``."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, str], ...]:
         """Read parameters, each a number with a unit; diameter [m]."""
@@ -286,7 +286,7 @@ class ParameterValuesKind(FieldKind):
 
 def _text_in_si(given: Any, diameter: float | None) -> str:
     if isinstance(given, bool) or not isinstance(given, int | float | str):
-        raise FieldError(f"{quote(given)} is no quantity; write a number and a unit, as '5 mm'")
+        raise FieldError(f"{quote(given)} is not a quantity; write a number and a unit, such as '5 mm'")
     match = _UNIT.fullmatch(str(given))
     unit = match[1] if match is not None else ""
     si = unit_text(_dimension_of_unit(unit or "1", diameter))
@@ -298,18 +298,18 @@ def _dimension_of_unit(unit: str, diameter: float | None = None) -> Dimension:
 
 
 class SectionWithFormula(Section):
-    """A section with a formula, whose parameters stand next to it.
+    """A section with a formula, and the parameters of the formula.
 
     Attributes
     ----------
     variables : mapping of str to Dimension
-        Variables of the formula that need no value.
+        Variables of the formula, which need no value.
     formula_key : str
-        The key of the formula.
+        Key of the formula.
     unit : str
         SI unit of its value.
     values : pairs of str
-        The parameters, each with its number and SI unit; in a scene they stand next to the formula.
+        Parameters, each with a number and SI unit; in a scene they are given next to the formula.
     """
 
     variables: ClassVar[Mapping[str, Dimension]] = {}
@@ -320,13 +320,13 @@ class SectionWithFormula(Section):
 
     @property
     def formula(self) -> str:
-        """The formula's text."""
+        """Text of the formula."""
         formula: str = getattr(self, self.formula_key)
         return formula
 
     @property
     def parameters(self) -> list[tuple[float, str]]:
-        """Numbers of the parameters and their SI units, in the order of `values`."""
+        """Values of the parameters with their SI units, in the order of `values`."""
         split = (given.split(" ", 1) for _, given in self.values)
         return [(float(number), unit) for number, unit in split]
 
@@ -339,13 +339,13 @@ class SectionWithFormula(Section):
         return super().from_plain(plain, diameter)
 
     def to_plain(self) -> dict[str, Any]:
-        """Section as a table with its parameters; `from_plain` makes an equal section of it."""
+        """Section as a table with its parameters, which `from_plain` turns back into an equal section."""
         plain = super().to_plain()
         del plain["values"]
         return plain | dict(self.values)
 
     def validate(self) -> None:
-        """Check that the formula can be read, has its parameters, and makes the unit."""
+        """Check that the formula is valid, has all its parameters, and has the right unit."""
         given = dict(self.values)
         try:
             tree = parse(self.formula)
@@ -358,7 +358,7 @@ class SectionWithFormula(Section):
                 if name in self.variables:
                     raise FieldError("is a variable; give the parameter another name", name)
                 if name not in written:
-                    raise FieldError(f"the {self.formula_key} has no {quote(name)}; take it out", name)
+                    raise FieldError(f"the {self.formula_key} has no {quote(name)}; remove it", name)
             self.check_unit(tree, self.unit)
         except FieldError:
             raise
@@ -366,7 +366,7 @@ class SectionWithFormula(Section):
             raise FieldError(str(error), self.formula_key) from None
 
     def check_unit(self, tree: Node, unit: str) -> None:
-        """Check the unit of a formula of the variables and parameters."""
+        """Check the unit of a formula in the variables and parameters."""
         units = {name: given.split(" ", 1)[1] for name, given in self.values}
         known = dict(self.variables) | {name: _dimension_of_unit(unit) for name, unit in units.items()}
         dimension = infer_dimension(tree, known)

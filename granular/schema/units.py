@@ -1,4 +1,4 @@
-"""Quantities with units: ``"5.63 mm/s"`` becomes 0.00563, checked against the wanted unit.
+"""Quantities with units: ``"5.63 mm/s"`` becomes 0.00563, checked against the required unit.
 
 Numbers without a unit are SI. The unit ``D`` is the diameter of the scene's first species.
 """
@@ -49,8 +49,8 @@ _PLAIN: dict[str, tuple[float, Dimension]] = {
     "d": (86400.0, (0, 0, 1, 0)),
 }
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*")
-_MOST_POWER = 9
-_LEAST_SIZE, _MOST_SIZE = 1e-100, 1e100  # of a unit; far from overflow, and beyond every use
+_MAXIMUM_POWER = 9
+_MINIMUM_SIZE, _MAXIMUM_SIZE = 1e-100, 1e100  # of a unit; far from overflow, and beyond every use
 _FACTOR = re.compile(r"([A-Za-zµ%]+|10(?=\^|\*\*)|1)(?:(?:\^|\*\*)?(-?[0-9]+))?")
 
 
@@ -73,9 +73,9 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
     Parameters
     ----------
     unit : str
-        Unit as a text.
+        Unit as text.
     diameter : float, optional
-        Diameter that the unit D stands for [m].
+        Value of the unit D [m].
 
     Returns
     -------
@@ -106,10 +106,10 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
             power = _power_of_unit(match[2], unit) * (-1 if position else 1)
             size *= base**power
             total = [have + power * more for have, more in zip(total, dimension, strict=True)]
-    if not _LEAST_SIZE <= size <= _MOST_SIZE:
+    if not _MINIMUM_SIZE <= size <= _MAXIMUM_SIZE:
         raise SceneError(
-            f"the unit {quote(unit)} is {size:.1e} SI units; from {_LEAST_SIZE:g} to "
-            f"{_MOST_SIZE:g} can be used: write a smaller power"
+            f"the unit {quote(unit)} is {size:.1e} SI units; from {_MINIMUM_SIZE:g} to "
+            f"{_MAXIMUM_SIZE:g} can be used: write a smaller power"
         )
     return size, (total[0], total[1], total[2], total[3])
 
@@ -117,9 +117,9 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
 def _power_of_unit(digits: str | None, unit: str) -> int:
     if digits is None:
         return 1
-    # The length comes first: numbers of thousands of digits are refused by int itself.
-    if len(digits.lstrip("-")) > 2 or abs(int(digits)) > _MOST_POWER:
-        raise SceneError(f"a power in the unit {quote(unit)} is beyond {_MOST_POWER}; write a smaller one")
+    # The length is checked first: int rejects numbers of thousands of digits.
+    if len(digits.lstrip("-")) > 2 or abs(int(digits)) > _MAXIMUM_POWER:
+        raise SceneError(f"a power in the unit {quote(unit)} is beyond {_MAXIMUM_POWER}; write a smaller one")
     return int(digits)
 
 
@@ -129,11 +129,11 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
     Parameters
     ----------
     text : str
-        A number, with or without a unit: ``"5 mm"``, ``"20 D"``, ``"1e-3"``.
+        Number with or without a unit: ``"5 mm"``, ``"20 D"``, ``"1e-3"``.
     unit : str
-        The SI unit that is wanted; its dimension is checked.
+        Required SI unit; the dimension is checked.
     diameter : float, optional
-        Meaning of the unit D [m].
+        Value of the unit D [m].
 
     Returns
     -------
@@ -143,7 +143,7 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
     Raises
     ------
     SceneError
-        If the text is no quantity, or has another dimension than ``unit``.
+        If the text is not a quantity, or has another dimension than ``unit``.
 
     Examples
     --------
@@ -158,11 +158,10 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
     if not written:
         return number
     size, dimension = unit_size(written, diameter)
-    wanted = unit_size(unit)[1]
-    if dimension != wanted:
+    if dimension != unit_size(unit)[1]:
         right = "a pure number or a fraction in %" if unit == "1" else f"a quantity in {unit}"
         raise SceneError(f"{quote(text)} has the unit {sanitize(written)}; {right} is wanted")
     if not 0.0 < abs(number) < math.inf:
         return number
-    # By decimal numbers "0.2 D" of 6 mm is 0.0012 m, and not 0.0012000000000000001 m.
+    # In decimal arithmetic "0.2 D" of 6 mm is 0.0012 m, not 0.0012000000000000001 m.
     return float(Decimal(match[1]) * Decimal(repr(size)))

@@ -375,7 +375,7 @@ def test_messages_name_the_wall_of_the_piston() -> None:
     ("changes", "words"),
     [
         ({"cell.sides": polygon(SQUARE[::-1])}, "a cell is convex"),
-        ({"cell.sides.0.name": "piston"}, "'piston' names another force of a run"),
+        ({"cell.sides.0.name": "piston"}, "'piston' is the name of another force in a run"),
         ({"cell.sides": polygon(SQUARE + D)}, "shift all corners by -0.006, -0.006 m"),
         ({"cell.width": "9 D"}, "follows from the sides"),
         ({"cell.sides": [{"name": "a", "ends": [[0.0, 0.0]]}]}, "two different points"),

@@ -233,7 +233,7 @@ def test_custom_methods_have_their_declared_order(method: Method) -> None:
     [
         ([], None, "no method is given"),
         (["nothing"], None, "unknown method 'nothing'"),
-        ([Method("stormer-verlet", 1, kicks=(1.0, 0.0), drifts=(1.0,))], None, "give it a name of its own"),
+        ([Method("stormer-verlet", 1, kicks=(1.0, 0.0), drifts=(1.0,))], None, "give it another name"),
         (["pefrl"], ["energy", "nonsense"], "unknown quantity 'nonsense'"),
     ],
 )

@@ -22,9 +22,9 @@ class Acting(NamedTuple):
 class Constants(NamedTuple):
     acting: Any
     grains: int = 92
-    least_mass: float = 1.0
-    least_moment: float = 1.0
-    least_ratio: float = 1.0
+    minimum_mass: float = 1.0
+    minimum_moment: float = 1.0
+    minimum_ratio: float = 1.0
 """
 
 # Calls kernels of four files, and compiles some ten of them.

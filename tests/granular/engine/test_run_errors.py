@@ -1,4 +1,4 @@
-"""The message names the cause of the stop, and nothing that is in order."""
+"""Error messages of a stopped run name the actual cause."""
 
 from granular import Scene, plan
 from granular.run.protocol_runner import ProtocolRunner
@@ -8,11 +8,11 @@ GAP = {"law": "slab", "gap_start": "4 D", "gap_end": "8 D"}
 
 
 def runner(scene: Scene) -> ProtocolRunner:
-    """A run that has not begun."""
+    """A run before its first step."""
     return ProtocolRunner(plan(scene, 1e-4))
 
 
-def test_a_contact_that_is_too_deep_is_told_while_a_grain_leaves_through_a_gap(small_bed: Scene) -> None:
+def test_too_large_overlap_is_reported_while_a_grain_leaves_through_a_gap(small_bed: Scene) -> None:
     changes = {
         "grains.magnets": "cylinders",
         "effects.contact": {"modulus": "1 MPa"},
@@ -30,7 +30,7 @@ def test_a_contact_that_is_too_deep_is_told_while_a_grain_leaves_through_a_gap(s
     assert "two discs are at 0.1 of the distance at which they touch" in str(error)
 
 
-def test_a_grain_behind_a_wall_without_a_gap_is_told(small_bed: Scene) -> None:
+def test_grain_behind_a_wall_without_a_gap_is_reported(small_bed: Scene) -> None:
     for bottom in ("experimental", "slab"):
         run = runner(small_bed.replace(**{"effects.walls.bottom": bottom}))
         run.state.y[0] = -1.5
@@ -39,8 +39,8 @@ def test_a_grain_behind_a_wall_without_a_gap_is_told(small_bed: Scene) -> None:
         assert "m behind the bottom wall, 0 m is the limit" in str(error)
 
 
-def test_a_grain_in_a_row_of_discs_asks_for_a_softer_impact(small_bed: Scene) -> None:
-    """No dt cures that: the row holds off only so much."""
+def test_error_for_a_grain_in_a_row_of_discs_recommends_a_softer_impact(small_bed: Scene) -> None:
+    """A smaller time step does not help: the repulsion of the row is finite."""
     discs = {"grains.magnets": "cylinders", "effects.walls.bottom": {"law": "discs", "pitch": "1 D"}}
     run = runner(small_bed.replace(**discs))
     run.state.y[0] = -0.1

@@ -1,4 +1,4 @@
-"""Order conditions against methods of known order, and against counts of words and trees."""
+"""Order conditions checked with methods of known order, and with the numbers of rooted trees."""
 
 import random
 
@@ -26,23 +26,23 @@ def test_built_in_methods_have_their_order_and_no_higher(name: str) -> None:
     assert f"order {method.order + 1} needs" in str(found)
 
 
-def test_as_many_trees_as_there_are() -> None:
+def test_numbers_of_rooted_trees_are_correct() -> None:
     """Sequence A000081 of the On-Line Encyclopedia of Integer Sequences."""
     counts = [len(_rooted_trees(nodes)) for nodes in range(1, HIGHEST_ORDER + 1)]
     assert counts == [1, 1, 2, 4, 9, 20, 48, 115, 286, 719]
     assert len(set(_rooted_trees(8))) == 115
 
 
-def test_a_changed_digit_is_noticed() -> None:
-    """Any coefficient of any composition, off by 1e-6, fails a condition."""
+def test_wrong_digit_of_a_coefficient_fails_a_condition() -> None:
+    """An error of 1e-6 in any coefficient of any composition."""
     draw = random.Random(1)
     for method in METHODS.values():
         if method.tableau is not None:
             continue
-        every = [*method.kicks, *method.drifts]
-        place = draw.choice([k for k, value in enumerate(every) if value])
-        every[place] += 1e-6
-        kicks, drifts = every[: len(method.kicks)], every[len(method.kicks) :]
+        coefficients = [*method.kicks, *method.drifts]
+        index = draw.choice([k for k, value in enumerate(coefficients) if value])
+        coefficients[index] += 1e-6
+        kicks, drifts = coefficients[: len(method.kicks)], coefficients[len(method.kicks) :]
         assert failed_composition_condition(kicks, drifts, method.order) is not None
 
 
@@ -62,12 +62,12 @@ def test_a_changed_digit_is_noticed() -> None:
         ({"tableau": ((0.0,), (1.0,))}, r"order 2 needs 1/2 for the tree \[\[\]\]"),
         ({"tableau": ((1.0,), (1.0,))}, "implicit in row 0"),
         ({"tableau": ((0.0, 0.0), (1.0,))}, "s rows of s numbers"),
-        ({"tableau": ((0.0,), (1.0,)), "compensated": True}, "leave variable"),
+        ({"tableau": ((0.0,), (1.0,)), "compensated": True}, "remove variable"),
         ({"tableau": ((0.0,), (1.0,)), "drifts": (1.0,)}, "give one of them"),
-        ({"kicks": (0.0, 1.0, 0.0), "drifts": (0.5, 0.5), "variable": True}, "variable steps go"),
+        ({"kicks": (0.0, 1.0, 0.0), "drifts": (0.5, 0.5), "variable": True}, "variable steps require"),
     ],
 )
-def test_bad_tables_end_in_one_line(table: dict, words: str) -> None:
+def test_invalid_table_is_a_one_line_error(table: dict, words: str) -> None:
     with pytest.raises(InputError, match=words) as caught:
         Method(**{"name": "mine", "order": 2, **table})
     assert "\n" not in str(caught.value)

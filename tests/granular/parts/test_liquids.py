@@ -1,4 +1,4 @@
-"""Liquids against published tables, and their drags against quadrature and the equations of flow."""
+"""Liquids compared with published tables; drags compared with quadrature and the equations of flow."""
 
 import math
 
@@ -25,8 +25,8 @@ TABLES: dict[str, tuple[float, dict[int, float]]] = {
     "water": (0.001, {20: 1.0016, 25: 0.8900, 60: 0.4660}),
     "air": (0.01, {0: 0.01716, 20: 0.0181, 100: 0.0217}),
 }
-"""Error and viscosities [mPa s]: glycerol in water (Segur and Oberstar 1951, doi:10.1021/ie50501a040), water
-(IAPWS 2008, checked there), air (White 2006, table A-2)."""
+"""Relative error and viscosities [mPa s]: glycerol in water (Segur and Oberstar 1951,
+doi:10.1021/ie50501a040), water (IAPWS 2008, reference values), air (White 2006, table A-2)."""
 FITS: dict[str, tuple[float, dict[int, float]]] = {
     "water": (1e-4, {5: 1.5182, 40: 0.65273, 90: 0.31418}),
     "air": (0.015, {-50: 0.014614, 25: 0.018448, 150: 0.024027, 250: 0.02797}),
@@ -34,12 +34,12 @@ FITS: dict[str, tuple[float, dict[int, float]]] = {
     "glycerol 40 %": (0.03, {0: 7.9108, 20: 3.7012, 40: 2.0945}),
     "glycerol 100 %": (0.036, {10: 3741.5, 20: 1433.5, 40: 292.71, 60: 84.357, 80: 31.582}),
 }
-"""As CoolProp 8.0.0 and chemicals 1.5.2 have published fits: water by IAPWS R12-08, air by Lemmon and
-Jacobsen (2004), mixtures by Melinder (2010), glycerol by the VDI Heat Atlas, 3.5 % apart at 40 °C."""
+"""Published fits from CoolProp 8.0.0 and chemicals 1.5.2: water by IAPWS R12-08, air by Lemmon and Jacobsen
+(2004), mixtures by Melinder (2010), glycerol by the VDI Heat Atlas, which differ by 3.5 % at 40 °C."""
 
 
 @pytest.mark.parametrize(("name", "known"), [*TABLES.items(), *FITS.items()])
-def test_liquids_have_the_viscosities_of_tables_and_fits(
+def test_viscosities_agree_with_published_tables_and_fits(
     name: str, known: tuple[float, dict[int, float]]
 ) -> None:
     error, viscosities = known
@@ -47,13 +47,13 @@ def test_liquids_have_the_viscosities_of_tables_and_fits(
     np.testing.assert_allclose(found, list(viscosities.values()), rtol=error)
 
 
-def test_silicone_oils_follow_one_curve_through_what_is_sold() -> None:
-    """Fluids of 100 to 1000 cSt are sold with 1 - nu(98.9)/nu(37.8) of 0.60 to 0.61."""
+def test_viscosity_ratio_of_silicone_oils_agrees_with_data_sheets() -> None:
+    """Data sheets of fluids of 100 to 1000 cSt give 1 - nu(98.9)/nu(37.8) = 0.60 to 0.61."""
     ratio = silicone_oil_viscosity_ratio(98.9) / silicone_oil_viscosity_ratio(37.8)
     assert 1.0 - ratio == pytest.approx(0.605, abs=0.006)
     oil = find_liquid("silicone oil 350 cSt", 25.0)
     assert oil.viscosity == pytest.approx(350e-6 * 970.0, rel=1e-12)
-    # log nu = 763.1/(273 + T) - 2.559 + log nu_25, by hand at 0 degrees.
+    # log nu = 763.1/(273 + T) - 2.559 + log nu_25 at 0 degrees.
     cold = find_liquid("silicone oil 350 mm^2/s", 0.0)
     assert cold.viscosity / cold.density == pytest.approx(350e-6 * 10 ** (763.1 / 273.15 - 2.5594), rel=1e-3)
 
@@ -61,34 +61,34 @@ def test_silicone_oils_follow_one_curve_through_what_is_sold() -> None:
 @pytest.mark.parametrize(
     "name", ["honey", "silicone oil 20 cSt", "glycerol 101 %", "water ", "glycerol 8.0.1 %"]
 )
-def test_unknown_liquids_are_refused(name: str) -> None:
+def test_unknown_liquid_is_an_error(name: str) -> None:
     with pytest.raises(InputError, match=r"viscosity|number from"):
         find_liquid(name, 25.0)
 
 
-def test_a_liquid_is_known_between_two_temperatures() -> None:
+def test_temperature_outside_the_range_of_a_liquid_is_an_error() -> None:
     with pytest.raises(InputError, match="known from 0 to 100"):
         find_liquid("water", -5.0)
 
 
-def test_viscosity_of_an_oil_falls_as_measured() -> None:
+def test_temperature_dependence_of_silicone_oil_agrees_with_measurement() -> None:
     """Polisil P10 has 3.73 Pa s at -25 degrees and 1.18 Pa s at 25 (Monteiro et al., J. Plastination)."""
     assert silicone_oil_viscosity_ratio(25.0) == 1.0
     assert silicone_oil_viscosity_ratio(-25.0) == pytest.approx(3.73 / 1.18, rel=0.05)
 
 
-def test_disc_between_plates_feels_both_films() -> None:
+def test_drag_of_a_disc_is_the_sum_of_both_films() -> None:
     area = math.pi / 4.0 * 0.006**2
     assert disc_drag(0.34, area, (5e-5, 5e-5)) == pytest.approx(2.0 * 0.34 * area / 5e-5, rel=1e-12)
     assert disc_drag(0.34, area, (2e-5, 8e-5)) == pytest.approx(0.34 * area * (5e4 + 1.25e4), rel=1e-12)
 
 
 @pytest.mark.parametrize(("first", "second"), [(5e-5, 5e-5), (2e-4, 8e-4)])
-def test_flow_back_carries_what_discs_and_films_carry_and_takes_its_work(first: float, second: float) -> None:
+def test_counter_flow_factor_follows_from_volume_and_energy_balance(first: float, second: float) -> None:
     packing, thickness, viscosity, speed = 0.4, 0.003, 0.1, 0.02
     gap = thickness + first + second
 
-    # In the films the velocity falls evenly from the disc's to 0; between discs it is a parabola.
+    # The velocity profile is linear in the films, parabolic between discs.
     carried = packing * (thickness + quad(lambda z: 1.0 - z / first, 0.0, first)[0])
     carried += packing * quad(lambda z: 1.0 - z / second, 0.0, second)[0]
     mean = carried * speed / ((1.0 - packing) * gap)
@@ -98,20 +98,20 @@ def test_flow_back_carries_what_discs_and_films_carry_and_takes_its_work(first: 
     assert counter_flow_factor(packing, thickness, (first, second)) == pytest.approx(expected, rel=1e-9)
 
 
-def test_counter_flow_adds_what_was_estimated() -> None:
+def test_counter_flow_factor_agrees_with_estimates() -> None:
     assert counter_flow_factor(0.4, 0.003, (5e-5, 5e-5)) == pytest.approx(1.06, abs=0.01)
     assert counter_flow_factor(0.55, 0.003, (5e-4, 5e-4)) == pytest.approx(1.70, abs=0.01)
 
 
-def test_blade_of_the_packaged_damper() -> None:
+def test_blade_drag_equals_shear_drag_and_pressure_drag_by_hand() -> None:
     assert blade_drag(0.0884, 0.36, 0.01, 5e-5) == pytest.approx(12.73, abs=0.01)
-    # A plane flow between walls at rest has the gradient 12 eta u/h^2 at its mean speed u.
+    # Plane flow between fixed walls has the pressure gradient 12 eta u/h^2 at mean speed u.
     gradient = 12.0 * 0.0884 * (0.003 * 1.0 / (2.0 * 5e-5)) / 5e-5**2
     expected = gradient * 0.01 * 0.36 * 0.003
     assert blade_displacement_drag(0.0884, 0.36, 0.01, 0.003, 5e-5) == pytest.approx(expected, rel=1e-12)
 
 
-def test_concentric_guide_is_the_flow_in_a_ring() -> None:
+def test_drag_of_a_concentric_guide_equals_annular_shear_flow() -> None:
     """The shear between two cylinders solves (r v')' = 0."""
     inner, outer, viscosity, length = 0.006, 0.007, 0.34, 0.03
     r = np.linspace(inner, outer, 50)
@@ -126,7 +126,7 @@ def test_concentric_guide_is_the_flow_in_a_ring() -> None:
     assert guide_drag(viscosity, 2.0 * inner, length, outer - inner) == pytest.approx(force, rel=1e-6)
 
 
-def test_guide_off_its_axis_is_that_of_a_thin_film() -> None:
+def test_drag_of_an_eccentric_guide_equals_thin_film_theory() -> None:
     """In a film of c (1 + e cos t) the drag is the integral of eta r/film: 1/sqrt(1 - e^2) of the mean."""
     clearance, e = 1e-6, 0.8
     ring = quad(lambda t: 1.0 / (1.0 + e * math.cos(t)), 0.0, 2.0 * math.pi)[0]
@@ -134,8 +134,8 @@ def test_guide_off_its_axis_is_that_of_a_thin_film() -> None:
     assert guide_drag(0.34, 0.012, 0.03, clearance, e) == pytest.approx(expected, rel=1e-3)
 
 
-def test_glass_bows_as_much_as_the_gap() -> None:
-    """42 N on 360 x 59.1 mm of glass of 5 mm: a strip with clamped edges, by the beam's equation."""
+def test_deflection_of_a_glass_plate_equals_beam_theory() -> None:
+    """42 N on 360 x 59.1 mm of 5 mm glass: a strip with clamped edges; as large as the damper's gap."""
     bow = bow_of_plate(42.0, 0.36, 0.0591, 0.005)
     stiffness = 70e9 * 0.005**3 / (12.0 * (1.0 - 0.22**2))
     x = np.linspace(0.0, 0.36, 30)

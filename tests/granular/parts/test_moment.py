@@ -1,4 +1,4 @@
-"""Moments of real magnets, and the keys of parts, against calculations by hand."""
+"""Moments of real magnets, and scene keys of parts, compared with calculations by hand."""
 
 import math
 
@@ -27,7 +27,7 @@ def damper(**changes: object) -> Scene:
 
 
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 1.0])
-def test_demagnetising_factor_is_the_energy_of_the_charges_of_both_faces(ratio: float) -> None:
+def test_demagnetising_factor_equals_the_energy_of_the_surface_charges(ratio: float) -> None:
     """N = 2 (U(0) - U(h))/(4 pi V) for the integral U(z) of 1/distance over two discs of radius 1."""
     height = 2.0 * ratio
 
@@ -44,11 +44,11 @@ def test_demagnetising_factor_is_the_energy_of_the_charges_of_both_faces(ratio: 
 
 
 def test_demagnetising_factor_of_a_catalogue_disc() -> None:
-    """0.4745: 1 less Nagaoka's coefficient 0.5255 of a coil twice as wide as long."""
+    """0.4745: 1 minus Nagaoka's coefficient 0.5255 of a coil twice as wide as long."""
     assert demagnetising_factor(6.0, 3.0) == pytest.approx(1.0 - 0.525510, abs=2e-6)
 
 
-def test_lattice_sum() -> None:
+def test_lattice_sum_constant_agrees_with_direct_summation() -> None:
     assert hexagonal_lattice_sum() == pytest.approx(LATTICE_SUM, abs=1e-4)
 
 
@@ -71,22 +71,22 @@ def test_moment_of_a_coated_disc_by_hand() -> None:
     assert scene.grains.masses()[0] == load_scene("damper").grains.masses()[0]
 
 
-def test_catalogue_disc_has_lost_a_twentieth() -> None:
+def test_coating_and_permeability_reduce_the_moment_of_a_catalogue_disc_by_5_5_percent() -> None:
     parts = {"grains.coating": "20 um", "grains.permeability": 1.05, "grains.spacing": "1.375 D"}
     assert moment(damper(**parts)) / moment(damper()) - 1.0 == pytest.approx(-0.055, abs=5e-4)
 
 
-def test_neighbours_weaken_by_their_mean_field() -> None:
-    """The field of a disc within another is its energy there: dipoles have 4/5 of it at 1.375 D."""
+def test_mean_field_of_a_neighbouring_disc_is_close_to_a_dipole_field() -> None:
+    """The mean field in a disc follows from the pair energy: the dipole's is about 4/5 of it at 1.375 D."""
     disc = Disc(0.5, 0.5)
     energy = float(disc_energy_and_force(np.array([1.375]), disc, disc)[0][0])
     assert 0.75 < 1.375**-3 / energy < 0.9
 
 
-def test_measured_moment_stands_instead_of_the_remanence() -> None:
+def test_measured_moment_replaces_the_remanence() -> None:
     assert moment(damper(grains__moment=0.0812)) == pytest.approx(0.0812, rel=1e-9)
     hot = damper(grains__moment=0.0812, grains__coating="15 um", grains__permeability=1.05)
-    assert moment(hot) == pytest.approx(0.0812, rel=1e-9)  # it was measured with both
+    assert moment(hot) == pytest.approx(0.0812, rel=1e-9)  # the measurement includes both
     hot = hot.replace(**{"grains.temperature": 70.0})
     assert moment(hot) == pytest.approx(0.0812 * (1.0 - 0.06), rel=1e-9)
     near = hot.replace(**{"grains.spacing": "8.25 mm"})
@@ -96,7 +96,7 @@ def test_measured_moment_stands_instead_of_the_remanence() -> None:
     assert near.replace(**{"grains.remanence": 1.3}).grains.moment is None
 
 
-def test_grades_stand_for_remanence_and_limit_temperature() -> None:
+def test_grade_sets_remanence_permeability_and_maximum_temperature() -> None:
     scene = damper(grains__grade="N48")
     assert scene.grains.remanence == pytest.approx(0.5 * (1.37 + 1.42))
     assert scene.grains.permeability == 1.05
@@ -113,27 +113,27 @@ def test_grades_stand_for_remanence_and_limit_temperature() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"grains.grade": "N99"}, "grains.grade: there is no grade"),
+        ({"grains.grade": "N99"}, "grains.grade: unknown grade"),
         ({"grains.coating": "2 mm"}, "grains.coating: .* leaves no magnet"),
         ({"grains.moment": 0.08, "grains.remanence": 1.2}, "grains.moment: .* one of the two"),
-        ({"grains.permeability": 1.05, "grains.spacing": "5 mm"}, "grains.spacing: .* at least"),
+        ({"grains.permeability": 1.05, "grains.spacing": "5 mm"}, "grains.spacing: .* not be below"),
         ({"grains.spacing": "8 mm"}, "grains.spacing: .* permeability; give it"),
         ({"grains.moment": 0.08, "grains.species.0.remanence": 1.2}, "grains.moment: .* without a remanence"),
         ({"grains.temperature": "5 m"}, "grains.temperature"),
         ({"grains.temperature": 900}, "grains.temperature: .* at most 250"),
     ],
 )
-def test_parts_that_do_not_fit_are_refused(changes: dict[str, object], words: str) -> None:
+def test_inconsistent_magnet_data_are_an_error(changes: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         damper(**changes)
 
 
-def test_temperature_is_read_in_its_units() -> None:
+def test_temperature_may_be_given_in_kelvin_or_degrees_celsius() -> None:
     given = ("40", "40 °C", "40 degC", "313.15 K", 40)
     assert [damper(grains__temperature=t).grains.temperature for t in given] == pytest.approx([40.0] * 5)
 
 
-def test_scenes_show_each_step_of_their_parts() -> None:
+def test_scene_text_shows_each_factor_of_the_moment() -> None:
     parts = damper(grains__grade="N42", grains__coating="15 um", grains__spacing="8.25 mm")
     words = scene_text(parts)
     for step in ("1.28 to 1.32 T", "5.97 x 2.97 mm", "own field", "neighbours", f"{moment(parts):.5g} A m^2"):

@@ -1,4 +1,4 @@
-"""Keys of a scene for liquids, blade, guide and walls."""
+"""Scene keys for liquids, blade, guide and walls of discs."""
 
 import math
 from typing import Any
@@ -21,8 +21,8 @@ def damper(**changes: object) -> Scene:
     return load_scene("damper").replace(**changes)
 
 
-def test_scenes_without_parts_are_what_they_were() -> None:
-    """Digests of the version before parts had keys: runs on disk are found under them."""
+def test_digests_of_scenes_without_parts_are_unchanged() -> None:
+    """Digests from the version before the keys of parts, under which stored runs are found."""
     digests = {name: load_scene(name).digest() for name in ("bed", "damper")}
     assert digests == {"bed": "a2363bd9bb9ea27b", "damper": "be80f988c909b380"}
 
@@ -61,7 +61,7 @@ def test_drag_of_blade_and_guide_by_hand() -> None:
     assert Scene.from_plain(scene.to_plain()) == scene
 
 
-def test_a_key_takes_away_what_it_stands_instead_of() -> None:
+def test_drag_keys_replace_each_other() -> None:
     oil = damper(
         **{
             LIQUID: "silicone oil 350 cSt",
@@ -69,7 +69,7 @@ def test_a_key_takes_away_what_it_stands_instead_of() -> None:
         }
     )
     assert "coefficient" not in oil.to_plain()["effects"]["drag"]
-    measured = oil.replace(**{"effects.drag.coefficient": 0.2})  # the liquid is that of the guide still
+    measured = oil.replace(**{"effects.drag.coefficient": 0.2})  # the liquid still sets the guide's drag
     assert measured.effects.drag is not None
     assert measured.piston is not None
     assert oil.piston is not None
@@ -90,7 +90,7 @@ def test_a_key_takes_away_what_it_stands_instead_of() -> None:
     [
         ({LIQUID: "honey"}, "effects.drag.liquid: unknown liquid"),
         ({LIQUID: "water", "effects.drag.viscosity": 0.1}, "effects.drag: .* not both"),
-        ({LIQUID: "air", "cell.separation": "3 mm"}, "cell.separation: .* no film"),
+        ({LIQUID: "air", "cell.separation": "3 mm"}, "cell.separation: .* no liquid film"),
         ({"piston.blade": {"depth": 0.01, "film": 1e-4}}, "piston.blade: needs a liquid"),
         (
             {"effects.drag.viscosity": 0.1, "piston.blade": {"depth": 0.01, "film": "1.6 mm"}},
@@ -103,7 +103,7 @@ def test_a_key_takes_away_what_it_stands_instead_of() -> None:
         ({"effects.drag.offset": 1e-5}, "effects.drag: .* give liquid or viscosity"),
     ],
 )
-def test_liquids_that_do_not_fit_are_refused(changes: dict[str, object], words: str) -> None:
+def test_inconsistent_liquid_keys_are_an_error(changes: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         damper(**changes)
 
@@ -113,7 +113,7 @@ def laws(scene: Scene) -> list[str]:
     return [wall.law for _, wall in scene.effects.walls.present_walls]
 
 
-def test_unnamed_walls_of_discs_are_rows_of_their_magnets() -> None:
+def test_default_walls_of_discs_are_rows_of_the_same_magnets() -> None:
     assert laws(load_scene("magnets")) == ["discs"] * 4
     assert laws(load_scene("damper")) == ["experimental"] * 4
     discs = damper(**{"grains.magnets": "cylinders", "grains.species.0.diameter": "5 mm"})
@@ -122,10 +122,10 @@ def test_unnamed_walls_of_discs_are_rows_of_their_magnets() -> None:
     assert discs.replace(**{"grains.magnets": "dipoles", "grains.species.0.diameter": "6 mm"}) == damper()
 
 
-def test_named_walls_stay() -> None:
+def test_explicit_walls_are_kept() -> None:
     before = damper().to_plain() | {"name": "saved"}
     before["grains"]["magnets"] = "cylinders"
-    saved = Scene.from_plain(before)  # as a run of before is on disk
+    saved = Scene.from_plain(before)  # as stored with an older run
     assert laws(saved) == ["experimental"] * 4
     assert laws(saved.replace(**{"grains.remanence": 1.2})) == ["experimental"] * 4
     mixed = load_scene("magnets").replace(
@@ -138,9 +138,9 @@ def test_named_walls_stay() -> None:
 
 
 @quick_in_plain_python
-def test_coating_weakens_discs_and_keeps_their_places() -> None:
-    """A coated disc pushes the row as its smaller core does, half of its whole diameter behind the face."""
-    coat = 0.1  # of the diameter, to see it
+def test_wall_of_coated_discs_repels_like_rows_of_their_cores() -> None:
+    """The cores are half of the coated diameter behind the face."""
+    coat = 0.1  # fraction of the diameter, exaggerated
     scene = load_scene("magnets").replace(
         **{
             "grains.count": 1,
@@ -163,7 +163,7 @@ def test_coating_weakens_discs_and_keeps_their_places() -> None:
     assert scales.current * scales.length**2 == pytest.approx(magnet, rel=1e-9)
 
 
-def test_the_workshop_scene_names_parts() -> None:
+def test_workshop_scene_has_the_drag_and_magnets_of_its_parts() -> None:
     scene = load_scene("workshop")
     assert scene.effects.drag is not None
     assert scene.effects.walls is not None
@@ -177,13 +177,13 @@ def test_the_workshop_scene_names_parts() -> None:
 
 
 @pytest.mark.long
-def test_the_workshop_scene_settles_and_rubs() -> None:
-    """The friction of its plates and guide next to the drag of its oil."""
+def test_workshop_scene_settles_with_friction_and_viscous_drag() -> None:
+    """Friction of plates and guide compared with the drag of the oil."""
     rest = equilibrium(load_scene("workshop"))
     assert rest.is_stable
     assert rest.frictionless
     rubs = motion_friction(rest)
     assert rubs.moving_load < rubs.load
     assert rubs.force == pytest.approx(0.04 * rubs.moving_load + 0.05, rel=1e-12)
-    # Lifted by its diameter, the piston oscillates by the oil rather than by the plates.
+    # At an amplitude of one diameter, oil dissipates more than the plates.
     assert rubs.drag_amplitude < 0.006

@@ -1,4 +1,4 @@
-"""Each stage does what its law says, a user's own among them, and how stages end."""
+"""Motion of the piston in each kind of stage, user-defined stages, and ends of stages."""
 
 import math
 import pickle
@@ -19,13 +19,13 @@ from tests.modes import quick_in_plain_python
 D = 0.006
 
 
-def driven(scene: Scene, *stages: dict[str, object], **changes: object) -> Trajectory:
+def run_protocol(scene: Scene, *stages: dict[str, object], **changes: object) -> Trajectory:
     run = scene.replace(**{"protocol": list(stages), "output.scalars": 1e-3, **changes})
     return simulate(run, progress=False)
 
 
-def empty(*stages: dict[str, object], **changes: object) -> Trajectory:
-    """A piston over an empty cell; the effects are those of the packaged damper, which has compiled code."""
+def run_empty_cell(*stages: dict[str, object], **changes: object) -> Trajectory:
+    """A piston over an empty cell; the effects of the packaged damper, for which compiled code exists."""
     scene = load_scene("damper").replace(
         **{
             "grains.count": 0,
@@ -44,12 +44,14 @@ def test_automatic_step_resolves_the_drive() -> None:
     shaking = {"amplitude": 1e-5, "frequency": 2000.0}
     hold = {"kind": "hold", "name": "hold", "duration": 0.02}
     grain = load_scene("single-particle")
-    drag = {"coefficient": 0.0}  # of no size: as grains that fall freely elsewhere
-    run = driven(grain, hold, **{"effects.walls": None, "effects.shaking": shaking, "effects.drag": drag})
+    drag = {"coefficient": 0.0}  # zero drag, to use the compiled code of other tests
+    run = run_protocol(
+        grain, hold, **{"effects.walls": None, "effects.shaking": shaking, "effects.drag": drag}
+    )
     assert run.settings()["longest_step"] * 2.0 * math.pi * 2000.0 < 0.11
 
 
-def test_frames_keep_their_cadence_under_a_given_step(small_bed: Scene) -> None:
+def test_frame_interval_is_kept_with_a_given_time_step(small_bed: Scene) -> None:
     scene = small_bed.replace(
         **{
             "protocol": [{"kind": "hold", "name": "hold", "duration": 0.4}],
@@ -64,8 +66,8 @@ def test_frames_keep_their_cadence_under_a_given_step(small_bed: Scene) -> None:
 
 
 @pytest.mark.parametrize("t_end", [None, 3.2e-3])
-def test_an_end_on_a_tick_between_records_is_recorded(small_bed: Scene, t_end: float | None) -> None:
-    """352 steps from record to record are eleven ticks; a stage of 160 steps ends on the fifth."""
+def test_end_of_a_stage_between_two_records_is_recorded(small_bed: Scene, t_end: float | None) -> None:
+    """352 steps between records are eleven ticks; a stage of 160 steps ends with the fifth tick."""
     last = {"kind": "hold", "name": "second", **({} if t_end else {"duration": 1.6e-3})}
     scene = small_bed.replace(
         **{
@@ -74,13 +76,13 @@ def test_an_end_on_a_tick_between_records_is_recorded(small_bed: Scene, t_end: f
         }
     )
     run = simulate(scene, 1e-5, t_end, progress=False)
-    assert [one.end for one in run.stages] == pytest.approx([1.6e-3, 3.2e-3], rel=1e-9)
+    assert [result.end for result in run.stages] == pytest.approx([1.6e-3, 3.2e-3], rel=1e-9)
     assert run.dataset["time"].values == pytest.approx([0.0, 1.6e-3, 3.2e-3], rel=1e-9)
 
 
-def test_piston_below_the_bottom_is_stopped() -> None:
+def test_piston_below_the_bottom_is_an_error() -> None:
     with pytest.raises(OutsideError, match="below the bottom"):
-        empty({"kind": "free", "name": "fall", "duration": 1.0})
+        run_empty_cell({"kind": "free", "name": "fall", "duration": 1.0})
 
 
 @pytest.mark.parametrize(
@@ -93,26 +95,26 @@ def test_piston_below_the_bottom_is_stopped() -> None:
         {"times": [0.0, 0.1], "heights": [0.036, -0.01]},
     ],
 )
-def test_bad_tables(small_bed: Scene, table: dict[str, object]) -> None:
+def test_invalid_table_of_heights_is_an_error(small_bed: Scene, table: dict[str, object]) -> None:
     with pytest.raises(SceneError):
-        driven(small_bed, {"kind": "follow", "name": "table", **table})
+        run_protocol(small_bed, {"kind": "follow", "name": "table", **table})
 
 
-def test_force_that_is_not_reached(small_bed: Scene) -> None:
+def test_stage_ends_after_its_duration_if_the_force_is_not_reached(small_bed: Scene) -> None:
     stage = {"kind": "move", "name": "press", "to": "5.9 D", "speed": 0.05, "until_force": 1e3}
-    run = driven(small_bed, stage)
+    run = run_protocol(small_bed, stage)
     assert run.stage("press").reason == "duration"
     assert run.stage("press").height == 5.9 * D
 
 
 BARE = {"effects.dipole": None, "effects.drag": None, "effects.walls": None}
-"""With a resistance of the piston the loop is compiled anew: of as few effects as can be."""
+"""Minimal effects: a resistance of the piston requires a separate compilation of the loop."""
 
 
 @quick_in_plain_python
-def test_piston_drag() -> None:
-    """A falling mass with viscous drag: v = -g (1 - exp(-t/T)) T, T = M/c."""
-    run = empty({"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.drag": 40.0})
+def test_falling_piston_with_drag_follows_the_exact_solution() -> None:
+    """V = -g T (1 - exp(-t/T)) with T = M/c."""
+    run = run_empty_cell({"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.drag": 40.0})
     time, speed = (run.dataset[name].values for name in ("time", "piston_velocity"))
     assert speed == pytest.approx(-9.8 * 0.05 * -np.expm1(-time / 0.05), rel=1e-9)
     height = 0.12 - 9.8 * 0.05 * (time + 0.05 * np.expm1(-time / 0.05))
@@ -124,9 +126,11 @@ def test_piston_drag() -> None:
 
 @pytest.mark.parametrize(("friction", "moves"), [(19.0, True), (20.0, False)])
 @quick_in_plain_python
-def test_piston_friction(friction: float, moves: bool) -> None:
-    """Its weight is 19.6 N: below the friction it hangs still, to the last bit."""
-    run = empty({"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.friction": friction})
+def test_piston_with_friction_above_its_weight_stays_exactly_at_rest(friction: float, moves: bool) -> None:
+    """The weight is 19.6 N; with a smaller friction the piston falls at constant acceleration."""
+    run = run_empty_cell(
+        {"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.friction": friction}
+    )
     time, height = (run.dataset[name].values for name in ("time", "piston_height"))
     if moves:
         assert height == pytest.approx(0.12 - 0.5 * (9.8 - friction / 2.0) * time**2, rel=1e-6)
@@ -137,10 +141,10 @@ def test_piston_friction(friction: float, moves: bool) -> None:
 
 @pytest.mark.parametrize("friction", [5.0, 25.0])
 @quick_in_plain_python
-def test_piston_that_is_thrown_up(friction: float) -> None:
-    """It turns where its weight is greater than the friction, and sticks where it is not."""
+def test_piston_thrown_upwards_falls_back_or_sticks(friction: float) -> None:
+    """It falls back if its weight exceeds the friction, and sticks at the top otherwise."""
     push, weight, mass, until = 80.0, 19.6, 2.0, 0.05
-    run = empty(
+    run = run_empty_cell(
         {"kind": "push", "name": "push", "mean": push, "duration": until},
         {"kind": "free", "name": "flight", "duration": 0.2},
         **BARE,
@@ -149,10 +153,10 @@ def test_piston_that_is_thrown_up(friction: float) -> None:
     rise = (push - weight - friction) / mass
     speed, brake = rise * until, (weight + friction) / mass
     top = 0.12 + 0.5 * rise * until**2 + 0.5 * speed**2 / brake
-    left = 0.2 - speed / brake
-    fallen = 0.5 * max(weight - friction, 0.0) / mass * left**2 if left > 0.0 else 0.0
+    remaining = 0.2 - speed / brake
+    fallen = 0.5 * max(weight - friction, 0.0) / mass * remaining**2 if remaining > 0.0 else 0.0
     height, loss = (run.dataset[name].values for name in ("piston_height", "piston_loss"))
-    assert left > 0.0
+    assert remaining > 0.0
     assert height[-1] == pytest.approx(top - fallen, abs=1e-5)
     assert (np.diff(loss) >= 0.0).all()
     assert loss[-1] == pytest.approx(friction * (top - 0.12 + fallen), rel=1e-3)
@@ -160,8 +164,8 @@ def test_piston_that_is_thrown_up(friction: float) -> None:
         assert run.dataset["piston_velocity"].values[-1] == 0.0
 
 
-def test_shaken_cell() -> None:
-    """Seen from the cell, a grain that nothing holds swings against it."""
+def test_free_grain_in_a_shaken_cell_moves_against_the_cell() -> None:
+    """Position in the frame of the cell, compared with the exact solution."""
     scene = load_scene("single-particle").replace(
         **{
             "effects.gravity.acceleration": 0.0,
@@ -175,16 +179,16 @@ def test_shaken_cell() -> None:
     )
     run = simulate(scene, dt=1e-5, progress=False)
     time = run.dataset["frame_time"].values
-    place = run.dataset["position"].values[:, 0]
+    position = run.dataset["position"].values[:, 0]
     w = 40.0 * math.pi
-    way = 0.01 * (w * time - np.sin(w * time))
-    assert place[:, 0] - place[0, 0] == pytest.approx(way * math.cos(0.5), abs=1e-7)
-    assert place[:, 1] - place[0, 1] == pytest.approx(way * math.sin(0.5), abs=1e-7)
+    displacement = 0.01 * (w * time - np.sin(w * time))
+    assert position[:, 0] - position[0, 0] == pytest.approx(displacement * math.cos(0.5), abs=1e-7)
+    assert position[:, 1] - position[0, 1] == pytest.approx(displacement * math.sin(0.5), abs=1e-7)
     assert run.settings()["ledger_residual"] < 1e-5
 
 
-def test_lift_as_the_first_stage(small_damper: Scene) -> None:
-    run = driven(
+def test_lift_may_be_the_first_stage(small_damper: Scene) -> None:
+    run = run_protocol(
         small_damper,
         {"kind": "lift", "name": "lift", "by": "0.3 D"},
         {"kind": "free", "name": "fall", "duration": 0.02},
@@ -194,17 +198,19 @@ def test_lift_as_the_first_stage(small_damper: Scene) -> None:
     assert run.settings()["ledger_residual"] < 1e-3
 
 
-def test_lowering_into_the_bed_names_the_stage(small_damper: Scene) -> None:
+def test_error_for_lowering_the_piston_into_the_bed_names_the_stage(small_damper: Scene) -> None:
     with pytest.raises(OutsideError, match=r"stage 'lift' moves the piston into the bed"):
-        driven(small_damper, {"kind": "lift", "name": "lift", "by": "-4 D"}, **{"output.record": None})
+        run_protocol(small_damper, {"kind": "lift", "name": "lift", "by": "-4 D"}, **{"output.record": None})
 
 
-def test_rest_does_not_depend_on_the_cadence(small_damper: Scene) -> None:
-    """A given step is looked at as often, however rarely it is recorded."""
+def test_detection_of_rest_does_not_depend_on_the_record_interval(small_damper: Scene) -> None:
+    """The bed is checked equally often, however rarely it is recorded."""
     soon = small_damper.replace(**{"effects.drag.coefficient": 2.0})
     fall = {"kind": "free", "name": "drop", "until": "rest"}
     ends = [
-        driven(soon, fall, **{"output.record": None, "output.scalars": cadence, "output.frames": cadence})
+        run_protocol(
+            soon, fall, **{"output.record": None, "output.scalars": cadence, "output.frames": cadence}
+        )
         .stage("drop")
         .end
         for cadence in (5e-3, 0.5)
@@ -212,9 +218,9 @@ def test_rest_does_not_depend_on_the_cadence(small_damper: Scene) -> None:
     assert ends[1] == pytest.approx(ends[0], abs=0.02)
 
 
-def test_coarse_records_of_a_falling_piston(small_damper: Scene) -> None:
-    """The automatic step sees the impact coming, though nothing is recorded before it."""
-    fall = {"kind": "free", "name": "drop", "duration": 0.4}  # it meets the grains at 0.2 s
+def test_automatic_step_resolves_an_impact_between_records(small_damper: Scene) -> None:
+    """The step is shortened before the impact, although nothing is recorded before it."""
+    fall = {"kind": "free", "name": "drop", "duration": 0.4}  # the impact is at 0.2 s
     changes = {
         "output.record": None,
         "output.scalars": 1.0,
@@ -222,11 +228,11 @@ def test_coarse_records_of_a_falling_piston(small_damper: Scene) -> None:
         "piston.height": "40 D",
         "effects.drag.coefficient": 0.0,
     }
-    run = driven(small_damper, fall, **changes)
+    run = run_protocol(small_damper, fall, **changes)
     assert run.settings()["ledger_residual"] < 1e-3
 
 
-def test_resuming_to_another_end(small_damper: Scene, tmp_path: object) -> None:
+def test_run_can_be_resumed_to_a_later_end_only(small_damper: Scene, tmp_path: object) -> None:
     free = {"kind": "free", "name": "fall", "duration": 0.02}
     scene = small_damper.replace(**{"protocol": [free], "output.record": None})
 
@@ -265,7 +271,7 @@ class FileTap:
 
 @stage
 class Tap:
-    """The piston goes down and up again, softly."""
+    """The piston moves smoothly down and up again."""
 
     depth: float = quantity("m", above=0.0)
 
@@ -279,7 +285,7 @@ def bed(*protocol: dict[str, object]) -> Scene:
     return load_scene("damper").replace(**changes)
 
 
-def test_a_scene_with_one_round_trips_and_is_known_by_its_code(tmp_path: Path) -> None:
+def test_scene_with_a_custom_stage_round_trips_and_has_its_code_digest(tmp_path: Path) -> None:
     scene = bed({"kind": "tap", "name": "tap", "depth": 1e-3, "duration": 0.1})
     scene.save(tmp_path / "tap.toml")
     assert load_scene(tmp_path / "tap.toml") == scene
@@ -287,7 +293,7 @@ def test_a_scene_with_one_round_trips_and_is_known_by_its_code(tmp_path: Path) -
     assert custom_code_digests(scene) == [Tap.definition.digest]
 
 
-def test_a_file_brings_one_to_other_processes(tmp_path: Path) -> None:
+def test_custom_stage_of_a_file_is_pickled_with_the_text_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "taps.py").write_text(TAPS)
     import_user_code([tmp_path / "taps.py"])
     scene = bed({"kind": "file_tap", "name": "tap", "depth": 1e-3, "duration": 0.1})
@@ -295,10 +301,10 @@ def test_a_file_brings_one_to_other_processes(tmp_path: Path) -> None:
     assert pickle.loads(pickle.dumps(scene)) == scene
 
 
-def test_what_a_class_cannot_be() -> None:
+def test_invalid_stage_classes_are_errors() -> None:
     with pytest.raises(InputError, match="does nothing; give it a static method 'height' or 'force'"):
         stage(type("Idle", (), {}))
-    with pytest.raises(InputError, match="'hold' is a built-in one"):
+    with pytest.raises(InputError, match="'hold' is built in"):
         stage(type("Hold", (), {"height": staticmethod(lambda p, time, start: start)}))
     with pytest.raises(SceneError, match="depth: must be given"):
         bed({"kind": "tap", "name": "tap", "duration": 0.1})
@@ -307,12 +313,12 @@ def test_what_a_class_cannot_be() -> None:
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (lambda p, time, start: start + 1e-3, "begins at .* let it begin at the height"),
+        (lambda p, time, start: start + 1e-3, "starts at .* make it start at the height"),
         (lambda p, time, start: start + 1e-3 * (time > 0.031), "changes too fast, or is not smooth"),
         (lambda p, time, start: math.sqrt(-time - 1.0), "height fails 0 s after .* start: ValueError"),
     ],
 )
-def test_functions_that_are_no_motion(function: object, words: str) -> None:
+def test_invalid_height_function_is_an_error_before_the_run(function: object, words: str) -> None:
     stage(type("Faulty", (), {"height": staticmethod(function)}))
     scene = bed({"kind": "faulty", "name": "one", "duration": 0.1})
     with pytest.raises(InputError, match=f"stage 'one', tried before the run: .*{words}"):
@@ -330,20 +336,20 @@ HELD = {"kind": "hold", "name": "first", "duration": 0.01}
         (FREE, lambda p, time, start: p.nothing, "height fails 0 s after .*AttributeError"),
         (HELD, lambda p, time, start: start + math.sqrt(0.05 - time), "fails 0.05.* s after .*ValueError"),
         (FREE, lambda p, time, start: math.inf, "height: is not finite at the stage's start"),
-        (HELD, lambda p, time, start: 0.1, "begins at 0.1 m and the piston stands at 0.12 m"),
+        (HELD, lambda p, time, start: 0.1, "starts at 0.1 m, but the piston is at 0.12 m"),
     ],
 )
-def test_a_later_stage_is_tried_before_the_run(
+def test_later_stages_are_also_checked_before_the_run(
     before: dict[str, object], function: object, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage(type("Faulty", (), {"height": staticmethod(function)}))
-    monkeypatch.setattr("granular.run.simulation.ProtocolRunner", None)  # which no run comes to
+    monkeypatch.setattr("granular.run.simulation.ProtocolRunner", None)  # no run is started
     with pytest.raises(InputError, match=f"stage 'second', tried before the run: .*{words}"):
         simulate(bed(before, {"kind": "faulty", "name": "second", "duration": 0.1}), progress=False)
 
 
-def test_stages_after_a_free_one_begin_where_it_ends() -> None:
-    """A stage that depends on that height is not refused before the run."""
+def test_initial_height_after_a_free_stage_is_not_checked_before_the_run() -> None:
+    """It is only known in the run; other errors of the stage are reported."""
     stage(type("Timed", (), {"height": staticmethod(lambda p, time, start: 0.05 + 0.0 * time)}))
     stage(type("Pushed", (), {"force": staticmethod(lambda p, time: math.sqrt(0.05 - time))}))
     later = {"kind": "timed", "name": "second", "duration": 0.1}
@@ -357,16 +363,16 @@ def test_stages_after_a_free_one_begin_where_it_ends() -> None:
             try_stages(scene.protocol, 0.12, scales)
 
 
-def test_what_fails_in_its_turn_names_stage_and_time() -> None:
+def test_error_during_the_run_names_stage_and_time() -> None:
     stage(type("Timed", (), {"height": staticmethod(lambda p, time, start: 0.05 + 0.0 * time)}))
     scene = bed(FREE, {"kind": "timed", "name": "second", "duration": 0.1})
-    with pytest.raises(InputError, match=r"stage 'second', at t = 0\.01 s: height: begins at 0\.05 m"):
+    with pytest.raises(InputError, match=r"stage 'second', at t = 0\.01 s: height: starts at 0\.05 m"):
         simulate(scene, dt=1e-4, progress=False)
 
 
 @pytest.mark.parametrize("frequency", [6.4, 12.8, 6.41, 3.2])
-def test_a_path_keeps_its_amplitude_at_any_frequency(frequency: float) -> None:
-    """Also at those that fit the spacing of 64 or 128 knots in 10 s, where the spline looked right."""
+def test_sinusoidal_path_is_accurate_at_any_frequency(frequency: float) -> None:
+    """Including frequencies commensurate with 64 or 128 knots in 10 s, which could hide an error."""
     path = {"kind": "path", "name": "sine", "height": "h0 + a*sin(2*pi*f*t)", "a": "1 mm", "duration": "10 s"}
     scene = bed(path | {"f": f"{frequency} Hz"})
     scales = Scales.from_grains(scene.grains)

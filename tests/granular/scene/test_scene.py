@@ -162,11 +162,11 @@ BAD = [
     ({"arrangement.velocities": [[0.1, 0.1]]}, "together with positions"),
     ({"protocol.release.until": "tomorrow"}, "unknown choice 'tomorrow'"),
     ({"protocol.release.tolerance": 0.1}, "only counts with until"),
-    ({"protocol.drop.duration": 0.5}, "no longer than the window of rest"),
+    ({"protocol.drop.duration": 0.5}, "must be above the window of rest"),
     ({"protocol.lift.name": "drop"}, "the name 'drop' is given twice"),
     ({"protocol": [{"name": "nothing"}]}, "must be given, one of hold, move, descend"),
     ({"protocol": [{"kind": "move", "name": "m", "to": 0.1}]}, "give either speed or duration"),
-    ({"name": ""}, "must be a text that is not empty"),
+    ({"name": ""}, "must be a non-empty text"),
     ({"name": "d\udce4mper"}, "must be one line of at most 200 printable characters"),
     ({"protocol.lift": None, "protocol.release": None}, "protocol.1: None must be a table"),
     (
