@@ -1,7 +1,7 @@
-"""The one place where kernels are compiled: cached on disk, strict in arithmetic, without the GIL.
+"""Compilation of kernels: cached on disk, strict in arithmetic, without the GIL.
 
-`compiled` makes a kernel that other kernels call, `entry` one that Python calls. What Python needs
-to call a kernel takes about a sixth of the time of compiling it, so most kernels have none of it.
+`compiled` makes a kernel for calls from other kernels, `entry` one for calls from Python. The wrapper for
+calls from Python takes about a sixth of the compile time of a kernel, so most kernels have no wrapper.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class InnerKernel(CPUDispatcher):
-    """A kernel that only kernels can call: without what Python needs, a call of it would crash."""
+    """A kernel without a Python wrapper, which only kernels can call; a call from Python would crash."""
 
     def __call__(self, *args: object, **kwargs: object) -> NoReturn:
         raise TypeError(
@@ -48,19 +48,19 @@ def compiled(function: F) -> F: ...
 @overload
 def compiled(*, parallel: bool = ..., inline: bool = ...) -> Callable[[F], F]: ...
 def compiled(function: Any = None, *, parallel: bool = False, inline: bool = False) -> Any:
-    """Compile a kernel that other kernels call.
+    """Compile a kernel for calls from other kernels.
 
-    No operation is reordered or fused with another, so a result depends neither on the number of
-    threads, nor on what is recorded, nor on the order in which kernels are put into their callers.
+    No operations are reordered or fused, so results depend neither on the number of threads, nor on the
+    recorded quantities, nor on the order of inlining.
 
     Parameters
     ----------
     function : function, optional
-        Kernel; without one a decorator is returned.
+        Kernel; without it a decorator is returned.
     parallel : bool
         Run its ``prange`` loops on Numba's threads.
     inline : bool
-        Put the code into every caller, for what is met at every step and is short.
+        Inline the code into every caller, for short code that runs at every step.
 
     Returns
     -------
@@ -75,33 +75,33 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
     if function is None:
         return functools.partial(compiled, parallel=parallel, inline=inline)
     bare = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    # Code on threads is reached by its address, so it stands by itself.
+    # Threaded code is called by its address, so it cannot be linked into its callers.
     pipeline = {} if parallel else _INNER
     kernel = _compile_kernel(function, parallel=parallel, forceinline=inline, **bare, **pipeline)
-    if isinstance(kernel, CPUDispatcher):  # a plain function where compiling is switched off
+    if isinstance(kernel, CPUDispatcher):  # a plain function if compilation is disabled
         kernel.__class__ = InnerKernel
     return kernel
 
 
 def threaded_if_wanted(loop: Callable[..., Any]) -> Callable[..., Any]:
-    """Kernel ``(threaded, *rest)`` of one with a ``prange`` loop: on Numba's threads, or on one for None."""
+    """Make a kernel ``(threaded, *rest)`` of a ``prange`` loop: on Numba's threads, or on one if None."""
     serial, parallel = compiled(loop), compiled(parallel=True)(loop)
 
     def run(threaded: bool | None, *rest: Any) -> Any:
         return serial(*rest) if threaded is None else parallel(*rest)
 
-    # Compiled forms are kept by their names.
+    # Compiled code is cached by name.
     run.__module__, run.__qualname__ = loop.__module__, f"{loop.__qualname__}.run"
     return compiled(run)
 
 
 def entry(function: F) -> F:
-    """Compile a kernel that Python calls, and other kernels may.
+    """Compile a kernel for calls from Python and from other kernels.
 
     Parameters
     ----------
     function : function
-        Function, or a kernel of `compiled`, for another form of it that Python can call.
+        Function, or a kernel made by `compiled`, of which a version for Python is made.
 
     Returns
     -------
@@ -113,10 +113,10 @@ def entry(function: F) -> F:
 
 
 def _compile_kernel(function: Any, **options: Any) -> Any:
-    # No ``fastmath``: with reordered sums one thread and several would not have the same bits, and
-    # compensated sums would be lost; a b + c in one rounding would depend on the order of inlining.
+    # No ``fastmath``: reordered sums would depend on the number of threads and break compensated sums;
+    # fused a b + c would depend on the order of inlining.
     kernel = numba.njit(error_model="numpy", nogil=True, **options)(function)
-    # What stands elsewhere is not in the digest of the sources, and is compiled in every process.
+    # Functions of other packages are not in the digest of the sources, and are compiled in every process.
     if isinstance(kernel, CPUDispatcher) and function.__module__.startswith(f"{PACKAGE.name}."):
         cache_kernel(kernel)
     return kernel

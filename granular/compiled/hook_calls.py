@@ -1,17 +1,14 @@
-"""Kernels that the types of laws choose when the loop is compiled.
+"""Calls of the hooks of laws, resolved by type when the loop is compiled; named tuples by reference.
 
-An effect gives the loop its *law*: a named tuple of numbers and arrays, whose class has the
-effect's kernels as static methods, by the names of the loop's *hooks*. The laws that act are a
-tuple; what is made here calls a hook of each of them, one after another, as if the calls stood in
-the source. A law without the hook leaves nothing in the code. Without the compiler the same is
-chosen at every call.
+An effect gives the loop its *law*: a named tuple of numbers and arrays, whose class has the effect's kernels
+as static methods, named after the *hooks* of the loop. The active laws form a tuple. The kernels made here
+call a hook of each law in turn, as if the calls were written out in the source. A law without the hook adds
+no code. Without the compiler, the calls are resolved at run time.
 
-Named tuples that kernels hand on by reference.
-
-A named tuple of some forty arrays is some two hundred numbers for a processor, and Numba hands on
-every one of them at every call: calls cost more than they do, and each takes as long to compile as
-a page of code. `by_reference` puts a named tuple in one place and gives its address. Kernels read
-its fields as before; a field that is a named tuple is read by reference, too.
+A named tuple of forty arrays is about two hundred numbers, and Numba passes each of them in every call. Such
+calls take longer than the work done in them, and each takes as long to compile as a page of code.
+`by_reference` stores a named tuple once and passes its address. Kernels read its fields as before; fields
+that are named tuples are also read by reference.
 """
 
 from __future__ import annotations
@@ -35,21 +32,21 @@ from numba.extending import intrinsic, lower_getattr_generic, models, register_m
 Kernel = Callable[..., Any]
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "forceinline": True}
-"""Options for a user's functions: those of `granular.compiled.compiled` with ``inline``."""
+"""Options for a user's functions: the same as in `granular.compiled.compiled` with ``inline``."""
 
 
 def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
-    """Make a kernel ``(laws, workspaces, *rest)`` that adds up what a hook of each law returns."""
+    """Make a kernel ``(laws, workspaces, *rest)`` that returns the sum over the laws of a hook's results."""
     return _call_hooks(hook, rest, slice(None, None, -1 if backward else 1), empty)
 
 
 def maximum_of_hooks(hook: str, rest: str) -> Kernel:
-    """Make a kernel as of `sum_of_hooks`, for the greatest value; 0 where no law has the hook."""
+    """Make a kernel like `sum_of_hooks` that returns the maximum; 0 if no law has the hook."""
     return _call_hooks(hook, rest, slice(None), 0.0, max, _emit_maximum)
 
 
 def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """Make a kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``."""
+    """Make a kernel that calls the hook of the last law with this hook, or else ``otherwise(*rest)``."""
     return _call_hooks(hook, rest, slice(-1, None), otherwise=otherwise)
 
 
@@ -62,7 +59,7 @@ def _call_hooks(
     emit_join: Kernel | None = None,
     otherwise: Kernel | None = None,
 ) -> Kernel:
-    """Make a kernel that calls a hook of some of the laws that have it, and joins what they return."""
+    """Make a kernel that calls a hook of some of the laws that have it, and combines the results."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         indices = [index for index, law in enumerate(laws) if hasattr(law, hook)][called]
@@ -84,7 +81,7 @@ def _call_hooks(
 
 
 def call_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """Make a kernel ``(law, *rest)`` that calls a law's hook; ``otherwise`` of a law without it, or None."""
+    """Make a kernel ``(law, *rest)`` that calls a law's hook, or ``otherwise`` without law or hook."""
 
     def call(law: Any, *others: Any) -> Any:
         return getattr(law, hook, otherwise)(law, *others)
@@ -103,7 +100,7 @@ class _KernelCall(NamedTuple):
     kernel: Any
     sig: Signature
     given: Sequence[Any]  # types of its arguments
-    take: Kernel  # (context, builder, values) -> arguments, of those of the calling kernel
+    take: Kernel  # (context, builder, values) -> arguments, from the arguments of the caller
 
 
 def _resolve_kernel_call(context: Any, kernel: Kernel, given: Sequence[Any], take: Kernel) -> _KernelCall:
@@ -124,7 +121,7 @@ def _resolve_hook_call(
 
 
 def _emit_sum(builder: Any, first: Any, second: Any) -> Any:
-    """Sum of two numbers of one type."""
+    """Emit the sum of two numbers of one type."""
     is_integer = isinstance(first.type, ir.IntType)
     return builder.add(first, second) if is_integer else builder.fadd(first, second)
 
@@ -136,9 +133,9 @@ def _emit_maximum(builder: Any, first: Any, second: Any) -> Any:
 def _emit_unrolled_calls(
     calls: Sequence[_KernelCall], empty: float, join: Kernel, given: tuple[Any, ...]
 ) -> tuple[Signature, Kernel]:
-    """Return the calls, one after another, and what joins their results."""
+    """Return signature and code generator of successive calls with combined results."""
     none = types.float64 if isinstance(empty, float) else types.int64
-    # Not a literal: the sum of what two calls return is not what the first one always does.
+    # Not a literal type: the sum of two results differs from the constant that the first call returns.
     result = types.unliteral(calls[0].sig.return_type) if calls else none
 
     def write(context: Any, builder: Any, sig: Signature, values: Sequence[Any]) -> Any:
@@ -170,7 +167,7 @@ def _emit_call(context: Any, builder: Any, call: _KernelCall, values: Sequence[A
 
 
 def _make_intrinsic_wrapper(call: Kernel, choose: Any, names: str) -> Kernel:
-    """Return a function that plain Python or kernels call, with arguments of these names."""
+    """Return a function for calls from Python or kernels, with the given argument names."""
     if numba.config.DISABLE_JIT:
         return call
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
@@ -180,21 +177,21 @@ def _make_intrinsic_wrapper(call: Kernel, choose: Any, names: str) -> Kernel:
 
 
 class ReferenceType(types.Type):
-    """Address of a named tuple; its name is short, since it is a part of names of kernels."""
+    """Address of a named tuple; its name is short, since it is part of the names of kernels."""
 
     def __init__(self, total: Any) -> None:
         self.integer = total
-        # 48 bits: of ten thousand types two clash with a chance of 2e-7.
+        # 48 bits: the probability of a collision among ten thousand types is 2e-7.
         digest = hashlib.sha256(str(total).encode()).hexdigest()[:12]
         super().__init__(name=f"{total.instance_class.__name__}.{digest}")
 
     @property
     def mangling_args(self) -> tuple[str, tuple[()]]:
-        """Name of the type in names of compiled kernels, without parameters."""
+        """Name of the type in the names of compiled kernels, without parameters."""
         return self.name, ()
 
     def field_position_and_type(self, name: str) -> tuple[int, Any] | None:
-        """Position of a field, and the type that reading it gives."""
+        """Position of a field, and type of the value read from it."""
         if name not in self.integer.fields:
             return None
         number = self.integer.fields.index(name)
@@ -235,7 +232,7 @@ def _read_field(context: Any, builder: Any, kind: ReferenceType, value: Any, nam
         return pointer
     block, before = builder.block, len(builder.block.instructions)
     result = context.data_model_manager[read].load_from_data_pointer(builder, pointer)
-    # Fields never change, whatever is written to arrays: they are read once, before a loop.
+    # Fields are constant even if arrays are written to: the compiler may read them once, before a loop.
     never = builder.module.add_metadata([])
     for instruction in block.instructions[before:]:
         if isinstance(instruction, ir.LoadInstr):
@@ -268,7 +265,7 @@ def _pass_by_reference(typing: Any, total: Any) -> Any:
         workspace = context.data_model_manager[total].get_data_type()
         pointer = cgutils.alloca_once(builder, workspace)
         _store_fields(context, builder, total, values[0], pointer)
-        # Behind what the optimiser cannot look through, the fields are as they are now.
+        # An opaque instruction, so that the optimiser does not move stores of fields past it.
         kind = ir.FunctionType(pointer.type, [pointer.type])
         return builder.asm(kind, "", "=r,0,~{memory}", [pointer], side_effect=True)
 
@@ -276,4 +273,4 @@ def _pass_by_reference(typing: Any, total: Any) -> Any:
 
 
 by_reference: Any = (lambda total: total) if numba.config.DISABLE_JIT else _pass_by_reference
-"""The address of a named tuple, good until the kernel returns; of anything else, that itself."""
+"""Address of a named tuple, valid until the kernel returns; any other argument is returned unchanged."""

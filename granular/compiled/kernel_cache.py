@@ -1,20 +1,17 @@
-"""Compiled kernels on disk: compiled once, linked from each other, and read in a few milliseconds.
+"""Cache of compiled kernels: compiled once, linked into each other, and read in a few milliseconds.
 
-Numba's own cache looks at the file of the function that is called alone, keeps an index that two
-processes may write simultaneously, names its files by line numbers, and loads whatever it finds.
-Here
+Numba's cache checks only the file of the called function, has an index that two processes may write
+simultaneously, names files by line numbers, and loads any file that it finds. In this cache
 
-- one digest of all kernels' sources stands for them all, since kernels call each other: editing one
-  compiles all afresh, and nothing stale is ever run;
-- a file is loaded only if it is the user's own and whole (see `granular.shared.files`), and what
-  cannot be written is not kept: the worst that a cache can do to a run is to cost it time.
+- one digest of all kernels' sources identifies the code, since kernels call each other: editing one kernel
+  recompiles all, and stale code is never run;
+- a file is loaded only if it belongs to the user and is intact (see `granular.shared.files`). If a file
+  cannot be written, its kernel is not cached: the cache can cost time, but never changes results.
 
-Kernels that only kernels call are linked into their callers, and turned into code only there.
-
-Numba optimises every function and writes its machine code, also where its code is put into a caller
-and optimised there again, level by level; that took most of the time of a first start. Here a
-kernel that only kernels call stays as it was lowered, and an entry takes in all kernels below it at
-once.
+Kernels that are only called by kernels are linked into their callers, and machine code is generated only
+there. Numba would optimise every function and generate its machine code, although it is inlined into its
+callers and optimised again at each level; this took most of the time of a first start. Here such a kernel
+stays in lowered form, and an entry links all kernels below it at once.
 """
 
 from __future__ import annotations
@@ -41,7 +38,7 @@ from granular.shared.garbage import rare_garbage_collection
 
 
 def _libraries_below(libraries: list[Any]) -> list[Any]:
-    """Libraries and those that they link, each once, callers before what they call."""
+    """Libraries and the libraries that they link, each once, callers before callees."""
     result: dict[Any, None] = {}
 
     def enter(library: Any) -> None:
@@ -57,13 +54,13 @@ def _libraries_below(libraries: list[Any]) -> list[Any]:
 
 
 class LinkedLibrary(JITCodeLibrary):
-    """Code of a kernel that is to be linked, neither optimised as a whole nor turned into code."""
+    """Code of a kernel for linking, neither optimised as a whole nor compiled to machine code."""
 
     _linking_libraries: list[Any]
     _shared_module: Any
 
     def finalize(self) -> None:
-        """Close the library without optimising it; its functions may be merged when it is linked."""
+        """Finalize the library without optimisation; its functions may be merged in linking."""
         self._raise_if_finalized()
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage == binding.Linkage.external:
@@ -74,7 +71,7 @@ class LinkedLibrary(JITCodeLibrary):
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
-        """Own code with all that it calls."""
+        """Module with the kernel and all its callees."""
         self._ensure_finalized()
         if self._shared_module is None:
             total = self._final_module.clone()
@@ -84,22 +81,22 @@ class LinkedLibrary(JITCodeLibrary):
         return self._shared_module
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
-        """Bitcode of the kernel with all that it calls, for the cache."""
+        """Bitcode of the kernel with all its callees, for the cache."""
         return self.name, "linked", self._get_module_for_linking().as_bitcode()
 
 
 class EntryLibrary(JITCodeLibrary):
-    """Code of a kernel that Python calls, with all kernels below it."""
+    """Code of a kernel for calls from Python, with all kernels below it."""
 
     _linking_libraries: list[Any]
 
     def finalize(self) -> None:
-        """Link in all kernels below, and turn all of it into machine code."""
+        """Link all kernels below, and generate machine code."""
         self._raise_if_finalized()
         for library in _libraries_below(self._linking_libraries):
             self._reload_init.update(library._reload_init)
             self._final_module.link_in(_module_to_link(library), preserve=True)
-        # Numba's own finalize would link them in a second time.
+        # Numba's finalize would link them a second time.
         self._linking_libraries = []
         super().finalize()
 
@@ -111,10 +108,10 @@ def _module_to_link(library: Any) -> Any:
 
 
 class InnerCompiler(Compiler):
-    """Numba's compiler, up to what is to be linked."""
+    """Numba's compiler, up to a library for linking."""
 
     def define_pipelines(self) -> Any:
-        """Define Numba's stages of compiling, up to a library that is to be linked."""
+        """Define Numba's compiler pipelines, up to a library for linking."""
         state = self.state
         if not state.flags.auto_parallel.enabled:
             codegen = state.targetctx.codegen()
@@ -133,10 +130,10 @@ class InnerCompiler(Compiler):
 
 
 class EntryCompiler(Compiler):
-    """Numba's compiler, with a library that takes in all kernels below."""
+    """Numba's compiler, with a library that links all kernels below."""
 
     def define_pipelines(self) -> Any:
-        """Define Numba's stages of compiling, with a library that takes in the kernels below."""
+        """Define Numba's compiler pipelines, with a library that links the kernels below."""
         state = self.state
         codegen = state.targetctx.codegen()
         state.library = EntryLibrary(codegen, state.func_id.func_qualname)
@@ -144,18 +141,18 @@ class EntryCompiler(Compiler):
         return super().define_pipelines()
 
     def _compile_core(self) -> Any:
-        with rare_garbage_collection():  # all kernels below are compiled in here
+        with rare_garbage_collection():  # all kernels below are compiled here
             return super()._compile_core()
 
 
 def _placeholder_entry_point(library: Any, fndesc: Any, env: Any) -> Any:
-    """Stand in for the kernel in Numba's tables; not to be called."""
+    """Placeholder for the kernel in Numba's tables; never called."""
     name = fndesc.qualname.split(".")[-1]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
 
 
 def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
-    """Rebuild the compiled form of a kernel from its file's content."""
+    """Rebuild compiled code of a kernel from the content of its file."""
     (name, kind, data), fndesc, env, signature, *rest = payload
     if kind != "linked":
         return CompileResult._rebuild(context, *payload)
@@ -180,12 +177,12 @@ def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
 
 
 ABANDONED = 86400.0
-"""Age [s] from which a part of a file is nobody's any more."""
+"""Age [s] after which a partial file counts as abandoned."""
 
 
 @functools.cache
 def _delete_outdated_files(folder: Path) -> None:
-    """Take out what former sources left, and parts of files that nobody will finish."""
+    """Delete files of former sources, and abandoned partial files."""
     stamp = digest_of_sources()[:16]
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
@@ -196,21 +193,21 @@ def _delete_outdated_files(folder: Path) -> None:
 
 
 PATIENCE = 60.0
-"""Time [s] for which a form is waited for that another process compiles."""
-_LOOK = 0.02  # [s], from look to look whether it is there
+"""Maximum time [s] to wait for code that another process compiles."""
+_LOOK = 0.02  # polling interval [s]
 
 _claims: dict[Path, contextlib.ExitStack] = {}
-"""Locks of the forms that this process compiles."""
+"""Locks of the code that this process compiles."""
 
 
 def _read_kernel_file_or_claim(path: Path, label: str) -> bytes | None:
-    """Content of a form's file; None where this process is to compile it, and to write it."""
+    """Return the content of a cache file; None if this process must compile the code and write it."""
     latest = time.monotonic() + PATIENCE
     while (body := read_sealed_file(path, label)) is None and path not in _claims:
         claim = contextlib.ExitStack()
         try:
             claimed = claim.enter_context(lock_file(path.with_suffix(".lock"), wait=False))
-        except OSError:  # nothing can be written here
+        except OSError:  # the folder is not writable
             return None
         if claimed:
             _claims[path] = claim
@@ -229,14 +226,14 @@ def _release_claim(path: Path) -> None:
 
 
 class KernelCache(NullCache):
-    """The compiled forms of one kernel, as Numba asks for them."""
+    """Cache of one kernel's compiled code, with Numba's interface."""
 
     def __init__(self, function: Any, options: dict[str, Any]) -> None:
         self.name = f"{function.__module__}.{function.__qualname__}"
         self.options = repr(sorted(options.items()))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load the compiled form for these types of arguments."""
+        """Load the compiled code for given argument types."""
         target_context.refresh()
         entry = self._kernel_file_and_label(sig, target_context.codegen())
         body = None if entry is None else _read_kernel_file_or_claim(*entry)
@@ -249,29 +246,29 @@ class KernelCache(NullCache):
         return rebuild_kernel(target_context, payload) if types == sig else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Write the compiled form for these types of arguments to its file."""
+        """Write the compiled code for given argument types to its file."""
         entry = self._kernel_file_and_label(sig, data.codegen)
         if entry is None:
             return
-        # Dynamic globals are addresses in this process; in another they would point anywhere.
+        # Dynamic globals are addresses in this process, invalid in any other.
         if not data.library.has_dynamic_globals:
             _delete_outdated_files(entry[0].parent)
             write_cache_file(*entry, dumps((sig, data._reduce())))
         _release_claim(entry[0])
 
     def _kernel_file_and_label(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
-        """File of a form, and all that it must have been made for."""
+        """Cache file for given argument types, and the label that it must have."""
         folder = kernel_cache_folder()
         if folder is None:
             return None
         stamp = digest_of_sources()
-        checked = numba.config.BOUNDSCHECK  # code with checks of indices is other code
+        checked = numba.config.BOUNDSCHECK  # bounds checks change the code
         label = f"{self.name} {self.options} {sig} {codegen.magic_tuple()} {checked} {stamp}"
         key = hashlib.sha256(label.encode()).hexdigest()
-        # 64 bits of each digest do: a clash is harmless, since the label in the file holds them in full.
+        # 64 bits of each digest suffice: a collision is harmless, since the label in the file is complete.
         return folder / f"{self.name}-{key[:16]}-{stamp[:16]}.kernel", label
 
 
 def cache_kernel(kernel: Any) -> None:
-    """Keep the compiled forms of a kernel on disk."""
+    """Cache the compiled code of a kernel on disk."""
     kernel._cache = KernelCache(kernel.py_func, kernel.targetoptions)

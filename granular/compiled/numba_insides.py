@@ -1,8 +1,7 @@
-"""Parts of the kernels' cache that need none of Numba's insides, used before these are tried.
+"""Parts of the kernels' cache that do not use Numba internals, and the check of these internals.
 
-The digest of the kernels' sources, without comments and docstrings; the folder of compiled kernels, and
-Numba's own cache in it; the time that is spent compiling; the trial of a version of Numba that was not
-tested.
+Digest of the kernels' sources without comments and docstrings; folder of compiled kernels, with Numba's cache
+in it; measurement of compile time; trial of untested versions of Numba.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from granular.shared.files import (
 
 PACKAGE = Path(__file__).parent.parent
 FOLDERS = ("compiled", "effects", "engine", "formulas", "kernel_data", "pairs", "protocol")
-"""The folders of the package with the kernels and all that kernels take from other files."""
+"""Folders of the package with kernels, and with everything that kernels use from other files."""
 
 _KERNEL = re.compile(rb"^\s*@(compiled|entry|intrinsic)\b", re.MULTILINE)
 
@@ -49,7 +48,7 @@ def read_compiled_sources() -> dict[str, bytes]:
 
 
 def digest_of_bytes(files: dict[str, bytes]) -> str:
-    """Digest of the files to the last byte."""
+    """Digest of the complete content of files."""
     digest = hashlib.sha256()
     for name, content in files.items():
         digest.update(f"{name}\0{len(content)}\0".encode() + content)
@@ -57,7 +56,7 @@ def digest_of_bytes(files: dict[str, bytes]) -> str:
 
 
 def digest_of_syntax(files: dict[str, bytes]) -> str:
-    """Digest of what the compiler sees of the files that hold kernels, or that these import from."""
+    """Digest of the code, without comments and docstrings, of files with kernels and of their imports."""
     waiting = [name for name, content in files.items() if _KERNEL.search(content)]
     trees: dict[str, ast.Module] = {}
     while waiting:
@@ -73,7 +72,7 @@ def digest_of_syntax(files: dict[str, bytes]) -> str:
 
 
 def _remove_docstrings(tree: ast.Module) -> list[str]:
-    """Take out docstrings, and return the package's files that the file may import from."""
+    """Remove docstrings, and return the package's files from which the file may import."""
     imports: list[str] = []
     waiting: list[Any] = [tree]
     for node in waiting:
@@ -87,7 +86,7 @@ def _remove_docstrings(tree: ast.Module) -> list[str]:
 
 
 def _imports_of(node: ast.ImportFrom | ast.Import) -> Iterator[str]:
-    """Files of this package that a statement may import from."""
+    """Files of this package from which a statement may import."""
     modules = [alias.name for alias in node.names]
     if isinstance(node, ast.ImportFrom):
         base = node.module or ""
@@ -106,7 +105,7 @@ def _is_docstring(node: ast.stmt) -> bool:
 
 @functools.cache
 def kernel_cache_folder() -> Path | None:
-    """Folder where kernels are kept: in ``NUMBA_CACHE_DIR``, or among the user's caches."""
+    """Folder of the kernels' cache: in ``NUMBA_CACHE_DIR``, or in the user's cache folder."""
     here = hashlib.sha256(f"{PACKAGE} {sys.implementation.cache_tag}".encode()).hexdigest()
     chosen = numba.config.CACHE_DIR
     home = Path(chosen) if chosen else toolkit_cache_folder()
@@ -115,7 +114,7 @@ def kernel_cache_folder() -> Path | None:
 
 @functools.cache
 def digest_of_sources() -> str:
-    """Digest of all that the code of kernels depends on, but for arguments and processor."""
+    """Digest of everything that determines the kernels' code, except argument types and processor."""
     files = read_compiled_sources()
     # Parsing takes a quarter of a second.
     syntax = read_or_compute("source", digest_of_bytes(files), lambda: digest_of_syntax(files))
@@ -124,7 +123,7 @@ def digest_of_sources() -> str:
 
 
 def read_or_compute(name: str, label: str, compute: Callable[[], str]) -> str:
-    """Text of a file in the folder that was made for a label, or as computed, and written there."""
+    """Return the text cached under a name and label, or compute and cache it."""
     folder = kernel_cache_folder()
     sealed = None if folder is None else read_sealed_file(folder / name, label)
     if sealed is not None:
@@ -136,7 +135,7 @@ def read_or_compute(name: str, label: str, compute: Callable[[], str]) -> str:
 
 
 def write_cache_file(path: Path, label: str, body: bytes) -> None:
-    """Write a sealed file, or warn once that it cannot be written."""
+    """Write a sealed file, or warn once if it cannot be written."""
     try:
         write_sealed_file(path, label, body)
     except OSError as error:
@@ -145,12 +144,12 @@ def write_cache_file(path: Path, label: str, body: bytes) -> None:
 
 @functools.cache
 def _warn_once(why: str) -> None:
-    warnings.warn(f"compiled code is not kept: {why}; the next start compiles anew", stacklevel=3)
+    warnings.warn(f"compiled code is not cached: {why}; the next start compiles again", stacklevel=3)
 
 
 @functools.cache
 def _numba_cache_folder() -> Path | None:
-    """Folder for Numba's own cache, of these sources alone: Numba looks at one file of theirs."""
+    """Folder for Numba's cache, separate for these sources, since Numba checks only one source file."""
     folder = kernel_cache_folder()
     if folder is None:
         return None
@@ -162,7 +161,7 @@ def _numba_cache_folder() -> Path | None:
 
 
 def cache_kernel_by_numba(kernel: Any) -> None:
-    """Keep the compiled forms of an entry, which hold all kernels below it, by Numba's own cache."""
+    """Cache the compiled code of an entry, including all kernels below it, in Numba's cache."""
     folder, chosen = _numba_cache_folder(), numba.config.CACHE_DIR
     if folder is not None and "no_cpython_wrapper" not in kernel.targetoptions:
         numba.config.CACHE_DIR = str(folder)
@@ -171,21 +170,21 @@ def cache_kernel_by_numba(kernel: Any) -> None:
 
 
 class CompileTimer(Listener):
-    """Counts the time in which its thread holds the lock of Numba's compiler."""
+    """Measures the time for which its thread holds the lock of Numba's compiler."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
         self._thread, self._depth, self._begun = threading.get_ident(), 0, 0.0
 
     def on_start(self, event: Event) -> None:
-        """Start the clock where the thread takes the lock."""
+        """Start the clock when the thread acquires the lock."""
         if threading.get_ident() == self._thread:
             if self._depth == 0:
                 self._begun = time.perf_counter()
             self._depth += 1
 
     def on_end(self, event: Event) -> None:
-        """Stop the clock where the thread gives the lock back."""
+        """Stop the clock when the thread releases the lock."""
         if threading.get_ident() == self._thread:
             self._depth -= 1
             if self._depth == 0:
@@ -194,44 +193,44 @@ class CompileTimer(Listener):
 
 @contextlib.contextmanager
 def measure_compile_time() -> Iterator[CompileTimer]:
-    """Measure the time in which kernels are compiled or read within the block [s]."""
+    """Measure the time of compiling or reading kernels within the block [s]."""
     with install_listener("numba:compiler_lock", CompileTimer()) as timer:
         yield timer
 
 
 class CompileReporter(Listener):
-    """Tells how many kernels its thread has begun to compile; those from the cache do not count."""
+    """Reports the number of kernels that its thread has started to compile, without cached kernels."""
 
     def __init__(self, report: Callable[[int], None]) -> None:
         self._report, self._thread, self._begun = report, threading.get_ident(), 0
 
     def on_start(self, event: Event) -> None:
-        """Count a kernel whose compiling the thread begins, and report the number."""
+        """Count a kernel at the start of its compilation, and report the number."""
         if threading.get_ident() == self._thread:
             self._begun += 1
             self._report(self._begun)
 
     def on_end(self, event: Event) -> None:
-        """Do nothing where a kernel is done."""
+        """Do nothing at the end of a compilation."""
         pass
 
 
 @contextlib.contextmanager
 def report_compiled_kernels(report: Callable[[int], None]) -> Iterator[None]:
-    """Call a function with the number of each kernel that is compiled within the block."""
+    """Call a function with the number of each kernel compiled within the block."""
     with install_listener("numba:compile", CompileReporter(report)):
         yield
 
 
 SWITCH = "GRANULAR_PLAIN_NUMBA"
-"""Variable of the environment: 1 for Numba's own ``njit``, 0 for the insides, whatever the version."""
+"""Environment variable: 1 for Numba's ``njit``, 0 for the internals, for any version."""
 
 TESTED = (0, 64), (0, 68)
-"""First and last version of Numba that the tests were run with."""
+"""First and last tested version of Numba."""
 
 
 def insides_are_usable() -> bool:
-    """Return whether kernels are compiled by Numba's insides; warn once where they no longer fit."""
+    """Return True if kernels are compiled with Numba internals; warn once if they are incompatible."""
     chosen = os.environ.get(SWITCH, "")
     if chosen:
         return chosen == "0"
@@ -242,17 +241,18 @@ def insides_are_usable() -> bool:
     if fault:
         tested = " to ".join(f"{major}.{minor}" for major, minor in TESTED)
         warnings.warn(
-            f"numba {numba.__version__} is outside the tested versions, {tested}, and its insides do not "
-            f"fit ({fault}): its own njit compiles, with the same results and a first start twice as long",
+            f"numba {numba.__version__} is outside the tested versions, {tested}, and its internals are "
+            f"incompatible ({fault}): kernels are compiled by njit, with the same results, but a first start "
+            "takes twice as long",
             stacklevel=2,
         )
-        os.environ[SWITCH] = "1"  # worker processes need not find out, and warn, again
+        os.environ[SWITCH] = "1"  # so that worker processes do not check and warn again
     return not fault
 
 
 def _find_fault() -> str:
-    """Return the error that stops the trial kernels; empty if they run."""
-    # In a process of its own: code that does not fit may end one without an exception.
+    """Return the error of the trial kernels; empty if they run."""
+    # In a separate process, which incompatible code may terminate without an exception.
     path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(

@@ -1,4 +1,4 @@
-"""Kernels of one line, which take all of Numba's insides that the others take."""
+"""One-line kernels that use all Numba internals on which the other kernels rely."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _sum_of_read(weighted: Weighted) -> float:
 
 
 def run() -> None:
-    """Compile the kernels, read them from the disk, and compare what they return."""
+    """Compile the kernels, read them from disk, and compare their results."""
     weighted = Weighted(np.arange(4.0), 0.5)
     results = [kernel(weighted) for kernel in (_sum, _sum_of_read, entry(_sum))]
     assert results == [3.0, 3.0, 3.0], results

@@ -1,6 +1,6 @@
-"""Orders of convergence by slope, against exact solutions.
+"""Orders of convergence from the slope of errors relative to exact solutions.
 
-The negative control, drag in the force sum, is in `tests/plain_python/test_orders_and_bits.py`.
+The negative control, drag added to the forces, is in `tests/plain_python/test_orders_and_bits.py`.
 """
 
 import numpy as np
@@ -34,7 +34,7 @@ STEPS = (2e-5, 1e-5, 5e-6, 2.5e-6)
 
 
 def reference(scene: Scene) -> np.ndarray:
-    """The motion by SciPy's DOP853 at 1e-13, from the laws as they are written."""
+    """Motion by SciPy's DOP853 with tolerance 1e-13, from the formulas of the laws."""
     from scipy.integrate import solve_ivp
 
     from granular.schema.natural_units import Scales

@@ -1,4 +1,4 @@
-"""Contact: restitution at every speed, energy, momentum, and the search for close pairs."""
+"""Contact between grains: coefficient of restitution, energy, momentum, and search for close pairs."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def head_on_collision(speed: float, restitution: float, **changes: object) -> Sc
 
 
 @pytest.mark.parametrize(("speed", "restitution"), [(0.01, 0.2), (0.01, 1.0), (0.5, 0.6)])
-def test_restitution_at_every_speed(restitution: float, speed: float) -> None:
+def test_restitution_is_the_same_at_every_impact_speed(restitution: float, speed: float) -> None:
     run = simulate(head_on_collision(speed, restitution), "auto/16", 0.003 / speed, progress=False)
     after = run.dataset["velocity"].values[-1, :, 0]
     assert after[1] == pytest.approx(restitution * speed, rel=1e-3)
@@ -35,7 +35,7 @@ def test_restitution_at_every_speed(restitution: float, speed: float) -> None:
 
 
 @pytest.mark.long
-def test_bed_with_contact_does_not_overlap(small_damper: Scene) -> None:
+def test_contacts_keep_grains_of_a_squeezed_bed_apart(small_damper: Scene) -> None:
     """A heavy piston squeezes the bed; contacts keep the grains apart."""
     heavy = small_damper.replace(
         **{"piston.mass": 10.0, "protocol.drop.until": None, "protocol.drop.duration": 0.3}

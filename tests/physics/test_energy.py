@@ -1,4 +1,4 @@
-"""The energy ledger: conservation, dissipation, work, and how its residual falls with the step."""
+"""Energy balance: conservation, dissipation, work, and the order of its residual in the time step."""
 
 import numpy as np
 import pytest
@@ -20,8 +20,8 @@ def ledger(run: Trajectory) -> tuple[np.ndarray, float]:
     return stored - stored[0] + lost - work, float(moved.max())
 
 
-def test_held_bed_keeps_its_energy(bed: Scene) -> None:
-    """Grains under a piston at 20 D, 1e5 steps of 1e-5 s: within 1e-6, without a trend."""
+def test_energy_of_a_held_bed_is_conserved(bed: Scene) -> None:
+    """Grains under a piston at 20 D, 1e5 steps of 1e-5 s: to 1e-6, without a trend."""
     # No drag, by its coefficient: as other beds that are compiled already.
     scene = bed.replace(**{"effects.drag.coefficient": 0.0, "grains.count": 92})
     scene = scene.replace(**{"cell.width": "15 D"})
@@ -37,8 +37,8 @@ def test_held_bed_keeps_its_energy(bed: Scene) -> None:
     assert abs(trend.slope) < 4.0 * trend.stderr or abs(trend.slope) * 20 < 1e-8 * total
 
 
-def test_work_at_a_lift_is_the_change_of_energy(small_damper: Scene) -> None:
-    """A nudge does work on the piston's weight and on the wall energy, and the ledger sees it."""
+def test_work_of_a_lift_equals_the_change_of_energy(small_damper: Scene) -> None:
+    """The lift does work against the piston's weight and on the wall energy."""
     # In more drag it rests sooner.
     scene = small_damper.replace(**{"protocol.release.duration": 0.05, "effects.drag.coefficient": 0.5})
     run = simulate(scene, dt=2e-5, progress=False)
@@ -62,7 +62,7 @@ def test_work_at_a_lift_is_the_change_of_energy(small_damper: Scene) -> None:
 
 @pytest.fixture(scope="module")
 def falling(bed: Scene) -> Scene:
-    """A grain that feels gravity and drag; shaking, of no size, is in what others compile."""
+    """A grain with gravity and drag; shaking of zero amplitude, to use the compiled code of other tests."""
     return bed.replace(
         **{
             "grains.count": 1,
@@ -76,7 +76,7 @@ def falling(bed: Scene) -> Scene:
 
 
 def test_overdamped_grain_sinks_at_terminal_speed(falling: Scene) -> None:
-    """Gamma h/m = 1.6e4: the grain moves at m g/gamma, whatever the step."""
+    """With gamma h/m = 1.6e4 the grain moves at m g/gamma, for any time step."""
     run = simulate(falling.replace(**{"effects.drag.coefficient": 1e4}), dt=1e-3, t_end=0.1, progress=False)
     mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
     speed = run.dataset["velocity"].values[-1, 0, 1]

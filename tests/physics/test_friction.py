@@ -1,4 +1,4 @@
-"""Dry friction: normal load, sticking, stopping, and the ledger, for both schemes."""
+"""Dry friction: normal load, sticking, stopping and energy balance, for both schemes."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ MASS = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
 
 
 def lone_grain(**changes: object) -> Scene:
-    """One grain with a constant load, no other force."""
+    """One grain with a constant load and no other force."""
     return load_scene("bed").replace(
         **{
             "grains.count": 1,
@@ -38,7 +38,7 @@ def lone_grain(**changes: object) -> Scene:
     [(0.006, "first", 0.0126585), (0.005, "first", 0.0152756), (0.006, "second", 0.0168786)],
 )
 def test_normal_load_of_two_grains(diameter: float, torque: str, wanted: float) -> None:
-    """K of the model page: N = K/r^3 in natural units, from both grains alike."""
+    """K of the model page: N = K/r^3 in natural units, the same for both grains."""
     scene = load_scene("bed").replace(
         **{"grains.species.0.diameter": diameter, "grains.count": 2, "effects.friction.torque": torque}
     )
@@ -51,7 +51,7 @@ def test_normal_load_of_two_grains(diameter: float, torque: str, wanted: float) 
 
 
 def torques_of_tilted_dipoles(places: np.ndarray, tilts: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Torque on a dipole at the origin, the first, by small tilts (n, 2) of all, over mu0 m1^2 / (4 pi)."""
+    """Torque on the first dipole, at the origin, for small tilts (n, 2), over mu0 m1^2 / (4 pi)."""
     r = np.linalg.norm(places[1:], axis=1)
     toward = places[1:] / r[:, None]
     along = np.einsum("ij,ij->i", tilts[1:], toward)
@@ -60,8 +60,10 @@ def torques_of_tilted_dipoles(places: np.ndarray, tilts: np.ndarray, moments: np
 
 
 @pytest.mark.parametrize(("tilt", "part"), [("aligned", 1.0 / 2.0), ("independent", 1.0 / 3.0)])
-def test_tilts_other_than_the_bound_add_torques_as_vectors(bed: Scene, tilt: str, part: float) -> None:
-    """Neighbours all round, in 4000 draws; the mean torque in the direction of a grain's own tilt."""
+def test_aligned_and_independent_tilts_equal_the_vector_sum_of_torques(
+    bed: Scene, tilt: str, part: float
+) -> None:
+    """Random neighbours all round, 4000 samples; mean torque along the grain's tilt."""
     random = np.random.default_rng(5)
     angle, own = np.radians(0.96), np.array([1.0, 0.0])
     means = []
@@ -85,8 +87,8 @@ def test_tilts_other_than_the_bound_add_torques_as_vectors(bed: Scene, tilt: str
 
 
 @pytest.mark.parametrize("dt", [1e-4, 1e-5])
-def test_grain_that_slides_up_sticks_at_every_phase(dt: float) -> None:
-    """Between mu_d N and mu_s N a force that a grain runs against stops it, and it stays."""
+def test_grain_sliding_against_a_force_below_static_friction_sticks(dt: float) -> None:
+    """A force between mu_d N and mu_s N against the motion stops the grain for good, at any phase of a step."""
     weight, load = 6.2498e-4 * 9.8, 6.2498e-4 * 9.8 / 0.55
     assert 0.45 * load < weight < 0.6 * load
     for speed in np.linspace(0.05, 0.06, 21):
@@ -105,7 +107,7 @@ def test_grain_that_slides_up_sticks_at_every_phase(dt: float) -> None:
 
 @pytest.mark.parametrize("dt", [1e-5, 3.7e-5])
 def test_sliding_grain_stops_at_the_exact_distance(dt: float) -> None:
-    """The distance is m v^2/(2 mu_d N), and the grain stays there to the last bit."""
+    """The distance is m v^2/(2 mu_d N), and the grain then stays exactly at rest."""
     speed, load = 0.1, 0.01
     scene = lone_grain(**{"arrangement.velocities": [[0.6 * speed, 0.8 * speed]]})
     run = simulate(scene, dt=dt, progress=False)
@@ -120,7 +122,7 @@ def test_sliding_grain_stops_at_the_exact_distance(dt: float) -> None:
     assert run.dataset["friction_loss"].values[-1] == pytest.approx(0.5 * MASS * speed**2, rel=1e-9)
 
 
-def test_stuck_grain_does_not_move_by_one_bit() -> None:
+def test_grain_below_static_friction_stays_exactly_at_rest() -> None:
     """A weight just below mu_s N, for a second."""
     load = 0.01
     scene = lone_grain(**{"effects.gravity.acceleration": 0.999 * 0.6 * load / MASS})
@@ -143,7 +145,7 @@ def test_weight_above_static_friction_slides_with_dynamic_friction() -> None:
     assert fall == pytest.approx(0.5 * (gravity - 0.45 * load / MASS) * 0.04, rel=1e-9)
 
 
-def test_friction_and_drag_together_stop_a_grain_as_in_closed_form() -> None:
+def test_stopping_with_friction_and_drag_equals_the_closed_form() -> None:
     """With v' = -c v - b it stops after ln(1 + c v/b)/c."""
     load, gamma, speed = 0.01, 0.02, 0.2
     scene = lone_grain(**{"effects.drag.coefficient": gamma, "arrangement.velocities": [[speed, 0.0]]})
@@ -160,8 +162,8 @@ def test_friction_and_drag_together_stop_a_grain_as_in_closed_form() -> None:
 
 
 @pytest.mark.parametrize("gamma", [0.0, 0.05])
-def test_grain_that_is_thrown_up_slides_back(gamma: float) -> None:
-    """Its weight is greater than static friction: it turns without a rest, at any step."""
+def test_grain_heavier_than_static_friction_slides_back(gamma: float) -> None:
+    """Its weight exceeds static friction: it reverses without stopping, for any time step."""
     load, speed, g = 0.005, 0.1, 9.8
     b, c = 0.45 * load / MASS, gamma / MASS
     scene = lone_grain(
@@ -218,18 +220,18 @@ def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
         ({"effects.friction.scheme": "sticky"}, "unknown choice"),
         ({"effects.friction.torque": "second", "effects.friction.tilt": "aligned"}, "take 'first'"),
         ({"effects.friction.load": -1.0}, "at least 0 N"),
-        ({"cell.separation": 0.0029}, "at least the grains' thickness"),
+        ({"cell.separation": 0.0029}, "must not be below the grains' thickness"),
         ({"grains.species.0.diameter": 0.0007, "arrangement.height": 0.1}, "falls over"),
     ],
 )
-def test_bad_friction(bed: Scene, changes: dict, words: str) -> None:
+def test_invalid_friction_is_an_error(bed: Scene, changes: dict, words: str) -> None:
     with pytest.raises(SceneError) as caught:
         bed.replace(**{"effects.friction": {}}).replace(**changes)
     assert words in str(caught.value)
 
 
 @pytest.mark.parametrize("torque", ["first", "second"])
-def test_least_diameter_is_that_of_the_model(torque: str) -> None:
+def test_minimum_diameter_for_a_tilt_angle_equals_theory(torque: str) -> None:
     """The angle exists above sqrt(E^2 - eps^2) = 0.78 mm."""
     bed = load_scene("bed").replace(**{"effects.friction.torque": torque, "grains.count": 2})
     bed.replace(**{"grains.species.0.diameter": 0.00079})

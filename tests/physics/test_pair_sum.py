@@ -1,4 +1,4 @@
-"""The fast pair sum against its slow twin, high precision, and with other numbers of threads."""
+"""Fast pair sum compared with a plain sum, with extended precision, and for several numbers of threads."""
 
 import itertools
 import json
@@ -39,7 +39,7 @@ def sums(
 
 @settings(max_examples=25, deadline=None)
 @given(count=st.integers(1, 60), seed=st.integers(0, 10**6), differing=st.booleans(), full=st.booleans())
-def test_fast_sum_is_its_slow_twin(count: int, seed: int, differing: bool, full: bool) -> None:
+def test_fast_pair_sum_equals_the_plain_sum(count: int, seed: int, differing: bool, full: bool) -> None:
     positions = scattered(count, seed)
     moments = pad_values(np.linspace(0.3, 1.0, count)) if differing else None
     fast = sums(direct_sum, positions, moments, full=full)
@@ -49,7 +49,7 @@ def test_fast_sum_is_its_slow_twin(count: int, seed: int, differing: bool, full:
 
 
 def exact(positions: np.ndarray, moments: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
-    """Forces, their magnitudes' sum and the friction load, in extended precision."""
+    """Forces, sum of their magnitudes and friction load, in extended precision."""
     place = positions.astype(np.longdouble)
     delta = place[:, None] - place[None]
     r2 = (delta**2).sum(axis=2)
@@ -66,8 +66,8 @@ def exact(positions: np.ndarray, moments: np.ndarray, weight: np.ndarray) -> lis
 
 
 @pytest.mark.parametrize(("count", "differing"), list(itertools.product((7, 92, 368), (False, True))))
-def test_error_against_long_double(count: int, differing: bool) -> None:
-    """Within 1e-13 of the sum of the magnitudes of a grain's pair forces."""
+def test_error_of_the_pair_sum_is_near_rounding(count: int, differing: bool) -> None:
+    """Below 1e-13 of the sum of the magnitudes of a grain's pair forces."""
     positions = scattered(count, 3)
     moments = np.linspace(0.3, 1.0, count) if differing else np.ones(count)
     fast = sums(direct_sum, positions, pad_values(moments) if differing else None, full=True)
@@ -95,8 +95,8 @@ print(json.dumps([fx.tolist(), fy.tolist(), load.tolist(), "rsqrt14" in code, "s
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="other processors run it always")
-def test_portable_path(tmp_path: Path) -> None:
-    """The code for a processor without AVX: as exact, and without square roots and estimates."""
+def test_portable_code_without_avx_is_equally_accurate(tmp_path: Path) -> None:
+    """The code for processors without AVX is as accurate, without square roots and estimates."""
     positions = scattered(57, 8)
     done = subprocess.run(
         [sys.executable, "-c", PORTABLE, json.dumps(positions.tolist())],
@@ -116,8 +116,8 @@ def test_portable_path(tmp_path: Path) -> None:
     assert (np.abs(np.array(found[2])[:57] - load) <= 1e-13 * load).all()
 
 
-def test_parts_agree_with_one_part() -> None:
-    """The same grains, summed in parts and (a few fewer, far away ones) in one part."""
+def test_sum_in_parts_equals_the_sum_in_one_part() -> None:
+    """The same grains summed in parts and, with a few distant grains fewer, in one part."""
     positions = scattered(MIN_GRAINS_FOR_PARTS - 8, 5)
     far = np.stack([1e12 * np.arange(1.0, 17.0), np.zeros(16)], axis=1)
     moments = np.linspace(0.3, 1.0, MIN_GRAINS_FOR_PARTS + 8)
@@ -127,8 +127,8 @@ def test_parts_agree_with_one_part() -> None:
         np.testing.assert_allclose(among[: len(alone)], alone, rtol=1e-11, atol=1e-13)
 
 
-def test_threads_give_the_same_bits() -> None:
-    """Each part is summed by one thread, and the parts in their order."""
+def test_pair_sum_does_not_depend_on_the_number_of_threads() -> None:
+    """Each part is summed by one thread, and the parts are added in order."""
     positions = scattered(MIN_GRAINS_FOR_PARTS + 3, 6)
     one, several = (sums(direct_sum, positions, None, full=True, threaded=way) for way in (None, True))
     for alone, together in zip(one, several, strict=True):

@@ -1,4 +1,4 @@
-"""Sides of any inclination: forces, motion, friction and outflow against closed forms and invariants."""
+"""Sides of any inclination: forces, motion, friction and outflow compared with closed forms and invariants."""
 
 import math
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ LAWS: dict[str, Any] = {
     "e": "slab",
     "f": {"energy": "u*exp(-w/l)", "u": "1 mJ", "l": "9 mm"},
 }
-"""A law for each side of a hexagon."""
+"""Wall law of each side of a hexagon."""
 GAP = dict.fromkeys("abcdf", "slab") | {"e": {"law": "slab", "gap_start": "2 D", "gap_end": "4 D"}}
 ROW = ("experimental", "infinite", "slab", {"law": "discs", "pitch": "1.3 D"})
 
@@ -45,12 +45,12 @@ def hexagon_corners() -> np.ndarray:
 
 
 def hexagon() -> list[dict[str, Any]]:
-    """Sides of that hexagon."""
+    """Sides of the hexagon."""
     return polygon(hexagon_corners())
 
 
 def held_in(sides: list[dict[str, Any]], walls: dict[str, Any], places: Any, **changes: Any) -> Scene:
-    """Dipoles at given places [m] in a cell without piston, drag and weight."""
+    """Dipoles at given positions [m] in a cell without piston, drag and weight."""
     return load_scene("bed").replace(
         **{
             "cell": {"sides": sides},
@@ -65,7 +65,7 @@ def held_in(sides: list[dict[str, Any]], walls: dict[str, Any], places: Any, **c
 
 
 def scattered(sides: list[dict[str, Any]], count: int, seed: int = 1) -> np.ndarray:
-    """Places within a polygon, at least 1 D from its sides and 1.1 D from each other [m]."""
+    """Positions in a polygon, >= 1 D from its sides and >= 1.1 D from each other [m]."""
     ends = np.array([side["ends"] for side in sides])
     along = np.diff(ends, axis=1)[:, 0]
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1)[:, None]
@@ -79,7 +79,7 @@ def scattered(sides: list[dict[str, Any]], count: int, seed: int = 1) -> np.ndar
 
 
 @quick_in_plain_python
-def test_grain_in_a_wedge_rests_and_oscillates_as_in_closed_form() -> None:
+def test_equilibrium_and_frequency_of_a_grain_in_a_wedge_equal_the_closed_form() -> None:
     """Two infinite walls of inclination b: w^3 = 2 cos(b) F*/(m g), k = 3 F*/w^4 along each normal."""
     incline, tall = math.radians(35.0), 40.0 * D
     half = tall / math.tan(incline)
@@ -102,7 +102,7 @@ def test_grain_in_a_wedge_rests_and_oscillates_as_in_closed_form() -> None:
 
 @quick_in_plain_python
 def test_forces_on_six_sides_and_on_grains_cancel() -> None:
-    """Each wall's force acts along its normal, and of rows and slabs along itself, too."""
+    """The force of each wall acts along its normal; rows and slabs also have a tangential force."""
     sides = hexagon()
     places = scattered(sides, 25)
     scene = held_in(sides, LAWS, places)
@@ -120,7 +120,7 @@ def test_forces_on_six_sides_and_on_grains_cancel() -> None:
 
 @pytest.mark.parametrize("walls", [LAWS, GAP], ids=["each another", "slabs with a gap"])
 @quick_in_plain_python
-def test_force_is_minus_the_gradient_at_every_law_on_an_inclined_side(walls: dict[str, Any]) -> None:
+def test_force_of_every_wall_law_on_an_inclined_side_is_minus_the_gradient(walls: dict[str, Any]) -> None:
     sides = hexagon()
     places = scattered(sides, 25)
     scene = held_in(sides, walls, places)
@@ -172,8 +172,8 @@ def small_bed(count: int) -> Scene:
 
 
 @quick_in_plain_python
-def test_polygon_of_a_rectangle_is_the_rectangle() -> None:
-    """Also under a piston, whose side counts heights from its own."""
+def test_rectangle_given_as_a_polygon_is_equivalent() -> None:
+    """Including a piston, whose side has heights relative to the piston."""
     bed = small_bed(40)
     places = bed.initial_positions_and_velocities()[0]
     wide, tall = 20.0 * D, 30.0 * D
@@ -214,7 +214,7 @@ def test_force_on_a_wedge_shaped_piston_is_the_slope_of_the_energy() -> None:
 
 
 def funnel(opening: float, count: int, law: Any = "slab", **changes: Any) -> Scene:
-    """Two inclined sides of 45 degrees above an opening [D], filled with grains at rest."""
+    """Two sides inclined by 45 degrees above an opening [D], filled with grains at rest."""
     tall = 14.0 * D
     sides = [
         {"name": "left", "ends": [[0.0, tall], [tall, 0.0]]},
@@ -246,7 +246,7 @@ def test_energy_ledger_closes_at_second_order_in_a_funnel() -> None:
     np.testing.assert_allclose(orders, 2.0, atol=0.1)
 
 
-def test_grains_leave_a_funnel_with_time_and_place_and_resume_to_the_last_bit(tmp_path: Path) -> None:
+def test_outflow_from_a_funnel_is_recorded_and_resumed_exactly(tmp_path: Path) -> None:
     scene = funnel(8.0, 20, **{"effects.drag.coefficient": 0.02})
     flow = simulate(scene, dt=5e-5, progress=False)
     data = flow.dataset
@@ -265,8 +265,8 @@ def test_grains_leave_a_funnel_with_time_and_place_and_resume_to_the_last_bit(tm
         assert np.array_equal(data[name].values, again.dataset[name].values, equal_nan=True), name
 
 
-def test_lone_grain_leaves_when_it_has_fallen() -> None:
-    """Far from the walls it falls freely: 5 D below the opening after sqrt(2 (h + 5 D)/g)."""
+def test_grain_leaves_the_run_at_the_time_of_free_fall() -> None:
+    """Far from the walls it is in free fall: 5 D below the opening after sqrt(2 (h + 5 D)/g)."""
     changes = {"effects.drag.coefficient": 0.0}  # of no size: as other funnels, which are compiled
     scene = funnel(200.0, 1, **{"arrangement": {"positions": [["114 D", "8 D"]]}, **changes})
     data = simulate(scene, progress=False).dataset
@@ -277,8 +277,8 @@ def test_lone_grain_leaves_when_it_has_fallen() -> None:
 
 @pytest.mark.parametrize("coefficient", [0.3, 0.6])
 @quick_in_plain_python
-def test_grain_on_an_incline_slides_or_stays(coefficient: float) -> None:
-    """Where the wall carries m g cos(b), it slides by g (sin(b) - mu cos(b)), or stays to the last bit."""
+def test_grain_on_an_incline_slides_or_stays_exactly_at_rest(coefficient: float) -> None:
+    """The wall carries m g cos(b); the grain slides with g (sin(b) - mu cos(b)), or stays exactly at rest."""
     incline, g = math.radians(30.0), 9.8
     up = np.array([math.cos(incline), math.sin(incline)])
     sides = [{"name": "slope", "ends": [[0.0, 0.0], (400.0 * D * up).tolist()]}]
@@ -306,7 +306,7 @@ SQUARE = D * np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]])
 
 
 def with_hole(lid: str) -> list[dict[str, Any]]:
-    """A square of 9 D with a hole of 3 D in its floor, and a lid of the cell or the piston."""
+    """A square of 9 D with a hole of 3 D in its floor; its lid belongs to the cell or to the piston."""
     sides = polygon(SQUARE, "aecd")
     sides[0]["ends"][1][0] = 3.0 * D
     sides.insert(1, {"name": "b", "ends": [[6.0 * D, 0.0], [9.0 * D, 0.0]]})
@@ -316,7 +316,7 @@ def with_hole(lid: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("lid", ["cell", "piston"])
-def test_a_hole_in_the_floor_under_a_lid_lets_grains_out(lid: str) -> None:
+def test_hole_in_the_floor_is_an_opening(lid: str) -> None:
     walls = {"a": "slab", "b": "slab", "e": "infinite", "c": "infinite", "d": "infinite"}
     more = {"piston": {"height": "9 D"}} if lid == "piston" else {}
     scene = held_in(with_hole(lid), walls, [[4.5 * D, 4.5 * D]], **more)
@@ -328,7 +328,7 @@ def test_a_hole_in_the_floor_under_a_lid_lets_grains_out(lid: str) -> None:
         scene.replace(**{"effects.walls.a": "infinite"})
 
 
-def test_an_open_top_or_a_floor_that_is_the_piston_is_no_hole() -> None:
+def test_open_top_and_piston_as_floor_are_not_openings() -> None:
     box = polygon(SQUARE)
     floor = [{**box[0], "body": "piston", "ends": [[0.0, -D], [9.0 * D, -D]]}, *box[1:]]
     for sides, changes in ((box, {"effects.walls.c": "none"}), (floor, {"piston": {"height": D}})):
@@ -337,17 +337,17 @@ def test_an_open_top_or_a_floor_that_is_the_piston_is_no_hole() -> None:
         assert not scene.effects.walls.has_gap
 
 
-def test_a_window_in_an_upright_wall_wants_slabs_there() -> None:
+def test_opening_in_a_vertical_wall_requires_slabs() -> None:
     sides = polygon(SQUARE, "abcd")
     sides[1]["ends"][1][1] = 4.0 * D
     sides.insert(2, {"name": "e", "ends": [[9.0 * D, 6.0 * D], [9.0 * D, 9.0 * D]]})
     walls = {"a": "slab", "b": "slab", "e": "slab", "c": "infinite", "d": "infinite"}
     scene = held_in(sides, walls, [[4.5 * D, 4.5 * D]])
-    with pytest.raises(SceneError, match=r"walls\.e\.law: 'infinite' has no end"):
+    with pytest.raises(SceneError, match=r"walls\.e\.law: 'infinite' is infinitely long"):
         scene.replace(**{"effects.walls.e": "infinite"})
 
 
-def test_sides_may_have_any_names() -> None:
+def test_names_of_sides_may_equal_attribute_names() -> None:
     names = ("key", "rank", "walls", "has_gap", "to_plain")
     sides = polygon(hexagon_corners()[:5])
     for side, name in zip(sides, names, strict=True):
@@ -359,7 +359,7 @@ def test_sides_may_have_any_names() -> None:
     assert scene.replace(**{"effects.walls.key": "none"}).effects.walls.wall_of("key") is None  # type: ignore[union-attr]
 
 
-def test_messages_name_the_wall_of_the_piston() -> None:
+def test_error_message_gives_the_wall_of_the_piston() -> None:
     box = polygon(SQUARE, ["a", "b", "press", "d"])
     box[2] |= {"ends": [[9.0 * D, 0.0], [0.0, 0.0]], "body": "piston"}
     free = [{"kind": "free", "name": "fall", "duration": 0.1}]
@@ -374,7 +374,7 @@ def test_messages_name_the_wall_of_the_piston() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"cell.sides": polygon(SQUARE[::-1])}, "a cell is convex"),
+        ({"cell.sides": polygon(SQUARE[::-1])}, "a cell must be convex"),
         ({"cell.sides.0.name": "piston"}, "'piston' is the name of another force in a run"),
         ({"cell.sides": polygon(SQUARE + D)}, "shift all corners by -0.006, -0.006 m"),
         ({"cell.width": "9 D"}, "follows from the sides"),
@@ -382,10 +382,13 @@ def test_messages_name_the_wall_of_the_piston() -> None:
         ({"effects.walls": {"lid": "infinite"}}, "unknown side 'lid'"),
         ({"effects.walls.a": {"law": "slab", "length": "9 D"}}, "follows from the side"),
         ({"effects.walls": {"a": "infinite", "b": "none", "c": "slab", "d": "none"}}, "close the opening"),
-        ({"effects.walls.a": {"law": "slab", "gap_start": "8 D", "gap_end": "10 D"}}, "at most the length"),
+        (
+            {"effects.walls.a": {"law": "slab", "gap_start": "8 D", "gap_end": "10 D"}},
+            "must not exceed the length",
+        ),
     ],
 )
-def test_bad_sides(changes: dict[str, Any], words: str) -> None:
+def test_invalid_sides_are_an_error(changes: dict[str, Any], words: str) -> None:
     scene = held_in(polygon(SQUARE), dict.fromkeys("abcd", "infinite"), [[4.5 * D, 4.5 * D]])
     with pytest.raises(SceneError) as caught:
         scene.replace(**changes)

@@ -1,4 +1,4 @@
-"""Motion of beds that are let go a little off their equilibrium, or shaken, against their matrices."""
+"""Small motions of beds released near equilibrium, or shaken, compared with linear theory."""
 
 import math
 from typing import Any
@@ -13,9 +13,9 @@ from granular.linear.equilibrium import Equilibrium
 from tests.granular.linear.small_beds import D, at_rest, free_motion, moved, small_damper
 
 LIFT = 1e-4 * D
-"""[m]"""
+"""Initial displacement [m]."""
 EASED = 0.15
-"""The grains' own motions have died out by then, by drag [s]."""
+"""Time after which drag has damped the motion of the grains [s]."""
 
 TWO = [{"name": "big", "diameter": "6 mm", "share": 0.6}, {"name": "small", "diameter": "5 mm", "share": 0.4}]
 BODIES = [
@@ -45,7 +45,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 QUICK = ("dipoles",)
 BY_VERLET = ("dipoles", "viscous contact", "cold bath")
-"""The last two hold effects that no method of fourth order takes; the first is compiled for other tests."""
+"""Fourth-order methods do not support the last two; the first uses the compiled code of other tests."""
 
 
 def quick_or_long(names: Any) -> list[Any]:
@@ -53,7 +53,7 @@ def quick_or_long(names: Any) -> list[Any]:
 
 
 def released(name: str, rest: Equilibrium) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s], and displacements of the piston after it is let go from its lift [m]."""
+    """Times [s] and displacements of the piston after its release [m]."""
     assert rest.piston_height is not None
     scene = moved(
         rest,
@@ -69,7 +69,7 @@ def released(name: str, rest: Equilibrium) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", quick_or_long(SCENES))
-def test_a_release_is_the_sum_over_the_roots(name: str) -> None:
+def test_release_from_a_small_lift_equals_the_sum_over_the_roots(name: str) -> None:
     rest = at_rest(small_damper(**SCENES[name]))
     assert rest.is_stable
     if name == "viscous contact":
@@ -93,7 +93,7 @@ def smallest_gap(rest: Equilibrium) -> float:
 
 
 def fitted(time: np.ndarray, found: np.ndarray, near: Root) -> tuple[float, float]:
-    """Natural frequency [Hz] and damping ratio of the decaying cosine next to a motion."""
+    """Natural frequency [Hz] and damping ratio of the decaying cosine fitted to a motion."""
 
     def off(s: np.ndarray) -> np.ndarray:
         motions = np.exp(np.outer(time, [complex(*s)]))
@@ -110,7 +110,7 @@ def rms(values: np.ndarray) -> float:
 
 @pytest.mark.long  # quick: the release, above, and shaken machines in plain Python
 @pytest.mark.parametrize("frequency", [1.0, 3.0, 5.0, 5.8, 7.0, 9.0, 14.0, 25.0])
-def test_a_shaken_bed_answers_by_its_transmissibility(frequency: float) -> None:
+def test_response_of_a_shaken_bed_equals_its_transmissibility(frequency: float) -> None:
     rest = at_rest(small_damper())
     scene = moved(
         rest,
@@ -123,7 +123,7 @@ def test_a_shaken_bed_answers_by_its_transmissibility(frequency: float) -> None:
     data = simulate(scene, dt="auto/4", method="pefrl", progress=False).dataset
     time = data.time.values
     late = time > EASED
-    # What is driven, and the piston's own motion that the start has called up.
+    # The forced response, and the piston's transient due to the start.
     phases = math.tau * frequency * time[late]
     own = np.exp(piston_roots(rest)[0].s * time[late])
     columns = np.stack([np.sin(phases), np.cos(phases), own.real, own.imag], axis=1)

@@ -1,4 +1,4 @@
-"""The wall laws: energy and force, limits, the tangential part, and beds on them."""
+"""Wall laws: energy and force, limits, and tangential force."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,7 +20,7 @@ LENGTH = 10.0
 
 
 def difference(function: Callable[..., Any], *place: float, axis: int) -> float:
-    """Derivative by mpmath, to many digits."""
+    """Derivative in high precision by mpmath."""
     with mpmath.workdps(90):
         point = [mpmath.mpf(one) for one in place]
 
@@ -33,7 +33,7 @@ def difference(function: Callable[..., Any], *place: float, axis: int) -> float:
 
 
 def slab_energy(w: Any, s: Any) -> Any:
-    """The slab's energy as it is written, for any precision."""
+    """Energy of the slab by its formula, in any precision."""
     a, b = s, LENGTH - s
     return (a / mpmath.sqrt(w * w + a * a) + b / mpmath.sqrt(w * w + b * b)) / (4 * w * w)
 
@@ -41,7 +41,7 @@ def slab_energy(w: Any, s: Any) -> Any:
 @settings(max_examples=150, deadline=None)
 @given(w=st.floats(-4.0, 1.5).map(lambda one: 10.0**one), s=st.floats(-15.0, 25.0))
 def test_slab_force_is_minus_gradient(w: float, s: float) -> None:
-    """Normal and tangential force, above the slab and beyond its ends, close to the line too."""
+    """Normal and tangential force, above the slab and beyond its ends, also close to the line."""
     a, b = s, LENGTH - s
     with mpmath.workdps(60):
         energy = float(slab_energy(mpmath.mpf(w), mpmath.mpf(s)))
@@ -57,7 +57,7 @@ def test_slab_force_is_minus_gradient(w: float, s: float) -> None:
 
 @pytest.mark.parametrize("law", [ExperimentalWall, InfiniteWall])
 @pytest.mark.parametrize("w", [0.1, 1.0, 7.0])
-def test_simple_laws(law: Any, w: float) -> None:
+def test_force_and_stiffness_of_simple_wall_laws_are_derivatives(law: Any, w: float) -> None:
     h = 1e-4 * w
     slope = (law.energy(None, w - h) - law.energy(None, w + h)) / (2.0 * h)
     assert law.force(None, w) == pytest.approx(slope, rel=1e-6)
@@ -70,8 +70,8 @@ def test_simple_laws(law: Any, w: float) -> None:
     assert near == pytest.approx(law.stiffness(None, turn), rel=0.01)
 
 
-def test_stiffest_turn_at_a_slab_is_that_at_its_end() -> None:
-    """A grain of that speed turns there where half the infinite wall's energy stops it."""
+def test_maximum_stiffness_at_a_turning_point_of_a_slab_is_at_its_end() -> None:
+    """At the end a grain turns at half the infinite wall's energy."""
     speed, far = 0.4, 1e6
     distances = np.geomspace(0.2, 20.0, 20000)
     energies = [wall_laws.energy(one, 0.0, far) for one in distances]
@@ -85,7 +85,7 @@ COIN, SMALL = Disc(0.5, 0.5), Disc(0.3, 0.5)
 
 
 def row_sum(disc: Disc, w: float, along: float, pitch: float) -> np.ndarray:
-    """Energy and forces away from a row of coins and along it, magnet by magnet."""
+    """Energy, normal and tangential force of a row of discs, summed over magnets."""
     x = along - pitch * (np.arange(-4000, 4000) + 0.5)
     r = np.hypot(x, w + COIN.radius)
     near = r < 40.0
@@ -98,8 +98,8 @@ def row_sum(disc: Disc, w: float, along: float, pitch: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("disc", "pitch"), [(COIN, 1.0), (COIN, 1.5), (SMALL, 1.0)])
-def test_row_of_discs_is_the_sum_over_its_magnets(disc: Disc, pitch: float) -> None:
-    """Within 1e-7 of energy and force where a grain touches, and 1e-3 of the force right there."""
+def test_law_of_a_row_of_discs_equals_the_sum_over_magnets(disc: Disc, pitch: float) -> None:
+    """To 1e-7 of the energy and force at contact, and to 1e-3 of the local force."""
     tables = wall_discs.disc_wall_tables((disc,), COIN, 1.0, pitch)
     touch = np.array(wall_discs.energy_and_forces(tables, 0, disc.radius, 0.5 * pitch))[[0, 1, 1]]
     random = np.random.default_rng(3)
@@ -111,7 +111,7 @@ def test_row_of_discs_is_the_sum_over_its_magnets(disc: Disc, pitch: float) -> N
             assert off[0] <= 1e-6
 
 
-def test_row_of_discs_far_away_is_the_infinite_wall() -> None:
+def test_row_of_discs_tends_to_the_infinite_wall_at_large_distance() -> None:
     tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.5)
     for w in (20.0, 80.0):
         normal, middle = wall_discs.energy_and_forces(tables, 0, w, 0.3)[1], w + COIN.radius
@@ -120,7 +120,7 @@ def test_row_of_discs_far_away_is_the_infinite_wall() -> None:
 
 
 @pytest.mark.parametrize("w", [0.42, 0.53, 0.6, 1.1, 2.5])
-def test_forces_of_a_row_of_discs_are_slopes_and_its_stiffness_is_a_bound(w: float) -> None:
+def test_forces_of_a_row_of_discs_are_slopes_and_its_stiffness_an_upper_bound(w: float) -> None:
     tables, h = wall_discs.disc_wall_tables((COIN, SMALL), COIN, 1.0, 1.2), 2e-4
     touch, hessians = wall_discs.energy_and_forces(tables, 0, 0.5, 0.6)[1], []
     for along in np.linspace(0.0, 1.2, 9):
@@ -135,7 +135,7 @@ def test_forces_of_a_row_of_discs_are_slopes_and_its_stiffness_is_a_bound(w: flo
     assert greatest <= wall_discs.stiffness(tables, 0, w) * (1.0 + 1e-4) <= 3.0 * greatest
 
 
-def test_stiffest_turn_at_a_row_of_discs_is_between_its_magnets() -> None:
+def test_maximum_stiffness_at_a_turning_point_of_a_row_is_between_magnets() -> None:
     tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.2)
     speed = np.sqrt(2.0 * wall_discs.energy_and_forces(tables, 0, 0.7, 0.0)[0])
     found = entry(wall_discs.DiscWall.turning_point_stiffness)(wall_discs.DiscWall(tables, None), speed)
@@ -154,8 +154,8 @@ pitch  gap  of a row  w^-3.5  w^-3  ripple
 """
 
 
-def test_rows_of_discs_beside_the_other_walls() -> None:
-    """The figures of the documentation: mean forces [F*] and by how much they vary along the wall."""
+def test_documented_forces_of_rows_of_discs_and_other_walls() -> None:
+    """Mean forces [F*] and their variation along the wall, as in the documentation."""
     for line in RIPPLE.strip().splitlines()[1:]:
         pitch, gap, mean, experimental, infinite, ripple = (
             float(word) for word in line.replace("D", "").replace("%", "").split()
@@ -176,14 +176,14 @@ def test_rows_of_discs_beside_the_other_walls() -> None:
         ({"left": {"law": "slab", "length": -1}}, "above 0 m"),
         ({"bottom": {"law": "infinite", "length": 0.1}}, "only a slab has a length"),
         ({"bottom": "discs"}, "a row of discs has a pitch"),
-        ({"bottom": {"law": "discs", "pitch": "0.9 D"}}, "at least the magnets' diameter"),
+        ({"bottom": {"law": "discs", "pitch": "0.9 D"}}, "must not be below the magnets' diameter"),
         ({"top": {"law": "slab", "gap_start": 0.1, "gap_end": 0.2}}, "of the piston, cannot have a gap"),
         ({"bottom": {"law": "slab", "gap_start": 0.1}}, "both ends of the gap"),
         ({"bottom": {"law": "slab", "gap_start": 0.2, "gap_end": 0.1}}, "above gap_start"),
         ({"bottom": {"law": "experimental", "gap_start": 0.1, "gap_end": 0.2}}, "only a slab"),
     ],
 )
-def test_bad_walls(bed: Scene, walls: dict, words: str) -> None:
+def test_invalid_walls_are_an_error(bed: Scene, walls: dict, words: str) -> None:
     with pytest.raises(SceneError) as caught:
         bed.replace(**{"effects.walls": walls})
     assert words in str(caught.value)

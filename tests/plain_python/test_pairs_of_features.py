@@ -115,7 +115,7 @@ REFUSED: list[tuple[Row, str]] = [
     *(({"mount": name, "effect": "shaking"}, "shaken already") for name in MACHINES),
     *(({"mount": name, "effect": "bath"}, "ignores the host") for name in MACHINES),
     *(
-        ({"mount": name, "sides": "periodic"}, "periodic sides|the host carries the piston")
+        ({"mount": name, "sides": "periodic"}, "periodic sides|the host or a spring carries the piston")
         for name in MACHINES
     ),
     *(({"own": name, "sides": "periodic"}, "in a cell with periodic sides") for name in OWN),

@@ -1,9 +1,8 @@
-"""Digests of runs and a table of fits, which changes of the code's form must leave as they are.
+"""Digests of runs and a table of fits, which refactoring must not change.
 
-``python -m tests.regression.digests`` computes them and writes tests/data/digests.json, with the
-processor and the versions that they were made with. Another processor rounds differently (one
-without vectors of eight numbers, for instance, by 1e-14 of the positions), and then only the figures
-next to the digests are compared.
+``python -m tests.regression.digests`` computes them and writes tests/data/digests.json, with the processor
+and library versions used. Another processor rounds differently (without vectors of eight numbers, for
+instance, by 1e-14 of the positions); then only the rms values stored with the digests are compared.
 """
 
 import hashlib
@@ -28,7 +27,7 @@ FILE = Path(__file__).parents[1] / "data" / "digests.json"
 SECONDS = 0.2
 SCENES = ("bed", "damper", "damper-source", "machine", "single-particle")
 PARTED = "bed of 1472"
-"""A bed with so many grains that its sums over pairs are shared among threads."""
+"""A bed large enough for pair sums on several threads."""
 WAYS: dict[str, dict[str, Any]] = {
     "direct": {"pairs.method": "direct"},
     "mesh": {"pairs.method": "mesh"},
@@ -39,14 +38,14 @@ LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "jax", "jaxlib", "diffrax")
 
 
 def surroundings() -> dict[str, str]:
-    """What the last digits may depend on: processor, system, versions of the libraries."""
+    """Processor, system and library versions, on which the last digits may depend."""
     name = numba.config.CPU_NAME or get_host_cpu_name()
     processor = f"{platform.system()} {platform.machine()} {name}"
     return {"processor": processor} | {one: version(one) for one in LIBRARIES}
 
 
 def cases() -> Iterator[tuple[str, str]]:
-    """Each scene with each way to sum and rub; the mesh needs a closed cell."""
+    """Each scene with each pair sum, and with friction; the mesh requires a closed cell."""
     for name in (*SCENES, PARTED):
         for way in WAYS:
             if (name, way) != ("single-particle", "mesh"):
@@ -81,13 +80,13 @@ def run_of(name: str, way: str, threads: int) -> dict[str, dict[str, Any]]:
 
 
 def fit_of(law: str) -> dict[str, list[float]]:
-    """Value and both ends of the interval of each parameter, of a made record at 1 % noise."""
+    """Value and confidence interval of each parameter, from a synthetic record with 1 % noise."""
     model = fit(Made()(law, seed=1), law)
     return {name: [value, *model.intervals[name]] for name, value in model.parameters.items()}
 
 
 def write() -> None:
-    """Compute all of it and write the file."""
+    """Compute all digests and fits, and write the file."""
     runs = {}
     for name, way in cases():
         runs[f"{name}, {way}"] = run_of(name, way, 1)

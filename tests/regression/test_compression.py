@@ -1,4 +1,4 @@
-"""The source's compression: piston force and mean distance at full compression, three starts each.
+"""De Paula's compression: piston force and mean distance at full compression, for three initial packings.
 
 Quick protocol: 5 s of relaxation, then 33 mm/s to 20 D (scaled with the number of grains).
 """
@@ -33,7 +33,7 @@ def half_distances(runs: list[Trajectory]) -> np.ndarray:
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("dt", [pytest.param(5e-4, marks=pytest.mark.long), 1e-3])
-def test_distance_of_92_grains(dt: float) -> None:
+def test_published_pair_distance_of_92_grains(dt: float) -> None:
     runs = [simulate(compression(92, seed), dt, progress=False) for seed in SEEDS]
     assert half_distances(runs).mean() == pytest.approx(5.33, rel=5e-3)
 
@@ -51,14 +51,14 @@ def test_published_force_and_distance(count: int, force: float, distance: float,
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("seeds", [SEEDS[:1], pytest.param(SEEDS, marks=pytest.mark.long)], ids=len)
 def test_published_force_of_368_grains(seeds: tuple[int, ...]) -> None:
-    """One start, or the mean of three, at a step of 1 ms; the longer checks take shorter ones too."""
+    """One packing, or the mean of three, with a step of 1 ms; longer tests also use smaller steps."""
     runs = [simulate(compression(368, seed), 1e-3, progress=False) for seed in seeds]
     assert forces(runs).mean() == pytest.approx(15.26, rel=0.03)
     assert half_distances(runs).mean() == pytest.approx(10.90, rel=5e-3)
 
 
 @pytest.mark.long
-def test_force_with_drag_instead_of_friction() -> None:
+def test_compression_force_with_drag_instead_of_friction() -> None:
     changes = {"effects.friction": None, "effects.drag": {"coefficient": 0.1}}
     runs = [simulate(compression(368, seed, **changes), progress=False) for seed in SEEDS]
     assert forces(runs).mean() == pytest.approx(12.25, abs=0.3)

@@ -1,4 +1,4 @@
-"""The packaged damper gives the figures of the model page."""
+"""The packaged damper reproduces the results of the model page."""
 
 import tracemalloc
 from pathlib import Path
@@ -19,15 +19,15 @@ from reduced_models import fit
     [
         pytest.param("auto", {}, marks=pytest.mark.long),
         pytest.param("auto*2", {"pairs.far_every": 8}, marks=pytest.mark.long),
-        # What `identify` takes.
+        # The setting of `identify`.
         pytest.param("auto*4", {"pairs.method": "mesh"}, marks=pytest.mark.long),
         ("auto*6", {"protocol.release.duration": 2.0}),
     ],
 )
-def test_rest_height_period_and_damping(
+def test_equilibrium_height_period_and_damping_of_the_packaged_damper(
     damper: Scene, tmp_path: Path, dt: str, changes: dict[str, Any]
 ) -> None:
-    """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D; long, also with far pairs less often."""
+    """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D; the long tests also use impulses of far pairs."""
     run = simulate(damper.replace(**changes), dt=dt, progress=False)
     diameter = damper.grains.species[0].diameter
     assert run.stage("drop").height / diameter == pytest.approx(9.86, abs=0.1)
@@ -36,11 +36,11 @@ def test_rest_height_period_and_damping(
     assert model.at_rest.height / diameter == pytest.approx(9.86, abs=0.1)
     assert model.at_rest.period == pytest.approx(0.288, abs=0.003)
     assert model.at_rest.damping_ratio == pytest.approx(0.037, abs=0.003)
-    _is_at_home_in_xarray(run, tmp_path)
+    _check_dataset_operations(run, tmp_path)
 
 
-def _is_at_home_in_xarray(run: Trajectory, folder: Path) -> None:
-    """Also where the piston is lifted at once, and in little memory."""
+def _check_dataset_operations(run: Trajectory, folder: Path) -> None:
+    """Selection and interpolation at the jump of the piston, export, and memory use."""
     tracemalloc.start()
     data, jump = run.dataset, run.stage("lift").start
     height = data.sel(time=jump, method="nearest")["piston_height"].item()
@@ -52,6 +52,6 @@ def _is_at_home_in_xarray(run: Trajectory, folder: Path) -> None:
     data.to_netcdf(folder / "run.nc")
     with xarray.open_dataset(folder / "run.nc") as back:
         assert dict(back.sizes) == dict(data.sizes)
-    most = tracemalloc.get_traced_memory()[1]
+    peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert most < 2e9
+    assert peak < 2e9

@@ -1,4 +1,4 @@
-"""Runs have the bits, and fits the figures, that tests/data/digests.json holds."""
+"""Runs and fits agree with the digests and values stored in tests/data/digests.json."""
 
 import json
 import warnings
@@ -11,7 +11,7 @@ from tests.regression.digests import FILE, cases, fit_of, run_of, surroundings
 STORED = json.loads(FILE.read_text(encoding="utf-8"))
 QUICK = {("bed", "direct", 1), ("damper", "direct", 1)}  # compiled by other tests anyway
 ROUGH_RUN, ROUGH_FIT = 1e-6, 1e-4
-"""Agreement of figures where processor or libraries are others, relative: fits as printed."""
+"""Relative tolerance with another processor or other libraries: to the printed digits for fits."""
 
 
 def long_unless(quick: bool, *values: object) -> object:
@@ -19,7 +19,7 @@ def long_unless(quick: bool, *values: object) -> object:
 
 
 def same_surroundings() -> bool:
-    """Whether the last digits can be compared; says what is different where they cannot."""
+    """Return True if the last digits can be compared; otherwise warn of the differences."""
     here, there = surroundings(), STORED["surroundings"]
     others = [f"{key} {here[key]}, not {there[key]}" for key in here if here[key] != there[key]]
     if others:
@@ -31,8 +31,8 @@ def same_surroundings() -> bool:
     ("name", "way", "threads"),
     [long_unless((*case, threads) in QUICK, *case, threads) for case in cases() for threads in (1, 2)],
 )
-def test_runs_keep_their_bits(name: str, way: str, threads: int) -> None:
-    """For any number of threads; where processor or libraries are others, to six digits."""
+def test_runs_have_the_stored_digests(name: str, way: str, threads: int) -> None:
+    """For any number of threads; with another processor or other libraries, to six digits."""
     stored = STORED["runs"][f"{name}, {way}"]
     found = run_of(name, way, threads)
     assert found.keys() == stored.keys()
@@ -43,8 +43,8 @@ def test_runs_keep_their_bits(name: str, way: str, threads: int) -> None:
 
 
 @pytest.mark.parametrize("law", [long_unless(law == "linear", law) for law in LAWS])
-def test_fits_keep_their_figures(law: str) -> None:
-    """Parameters and intervals, to 1e-9; where processor or libraries are others, as printed."""
+def test_fits_have_the_stored_values(law: str) -> None:
+    """Parameters and intervals to 1e-9; with another processor or other libraries, to the printed digits."""
     stored, found = STORED["fits"][law], fit_of(law)
     near = 1e-9 if same_surroundings() else ROUGH_FIT
     assert found.keys() == stored.keys()
@@ -52,6 +52,6 @@ def test_fits_keep_their_figures(law: str) -> None:
         assert values == pytest.approx(stored[parameter], rel=near)
 
 
-def test_every_case_is_stored() -> None:
+def test_stored_digests_are_complete() -> None:
     assert set(STORED["runs"]) == {f"{name}, {way}" for name, way in cases()}
     assert set(STORED["fits"]) == set(LAWS)

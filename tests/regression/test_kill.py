@@ -1,4 +1,4 @@
-"""A run that is killed again and again at random moments ends like one that was left alone."""
+"""A run that is killed repeatedly at random times ends like an uninterrupted run."""
 
 import multiprocessing
 import os
@@ -17,14 +17,16 @@ KILLS = 100
 STEP = 2e-6
 
 
-def go_on(scene: Scene, path: Path) -> None:
+def resume_run(scene: Scene, path: Path) -> None:
     granular.run.simulation.COMMIT_SECONDS = 0.02
     simulate(scene, STEP, out=path, resume=True, progress=False)
 
 
 @pytest.mark.long  # it forks, which a process with threads of other tests must not
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills forked processes")
-def test_hundred_random_kills(small_bed: Scene, tmp_path: Path, random: np.random.Generator) -> None:
+def test_run_killed_a_hundred_times_equals_an_uninterrupted_run(
+    small_bed: Scene, tmp_path: Path, random: np.random.Generator
+) -> None:
     scene = small_bed.replace(
         **{
             "effects.friction": True,
@@ -46,7 +48,7 @@ def test_hundred_random_kills(small_bed: Scene, tmp_path: Path, random: np.rando
     fork = multiprocessing.get_context("fork")
     lengths = []
     for _ in range(KILLS):
-        process = fork.Process(target=go_on, args=(scene, path))
+        process = fork.Process(target=resume_run, args=(scene, path))
         process.start()
         time.sleep(random.uniform(0.0, 2.0 * short))
         assert process.pid is not None

@@ -1,4 +1,4 @@
-"""A copy of the package that may be edited, and a process that compiles a few of its kernels."""
+"""An editable copy of the package, and a process that compiles a few of its kernels."""
 
 import os
 import shutil
@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 
-# Of the constants only those that the kernels read: a scene takes longer to be made than the kernels.
+# Only the constants that the kernels read: making a scene takes longer than compiling the kernels.
 CONSTANTS = """
 from typing import Any, NamedTuple
 
@@ -40,7 +40,7 @@ print(evaluate_highest_impact_frequency(Constants(Acting((walls,))), 2.0))
 
 
 class Workshop:
-    """A folder with a copy of the package and a cache of its own."""
+    """A folder with a copy of the package and a separate cache."""
 
     code = CODE
 
@@ -67,14 +67,14 @@ class Workshop:
         )
 
     def run(self, code: str = CODE, cache: str | None = None) -> tuple[str, str]:
-        """What a process prints and what it says besides; it must not fail."""
+        """Return standard output and standard error of a process, which must not fail."""
         process = self.start(code, cache)
         said = process.communicate(timeout=300)
         assert process.returncode == 0, said[1]
         return said
 
     def kernels(self) -> dict[Path, int]:
-        """The files of compiled code, with the time at which each was written."""
+        """Files of compiled code with their modification times."""
         return {path: path.stat().st_mtime_ns for path in self.cache.rglob("*.kernel")}
 
     def edit(self, name: str, old: str, new: str) -> None:
@@ -86,11 +86,11 @@ class Workshop:
 
 @pytest.fixture
 def fresh_workshop(tmp_path: Path) -> Workshop:
-    """One whose files may be edited."""
+    """A workshop whose files may be edited."""
     return Workshop(tmp_path)
 
 
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory: pytest.TempPathFactory) -> Workshop:
-    """One that tests share, since compiling takes long; its cache is theirs to spoil."""
+    """A workshop shared by tests, since compilation is slow; tests may damage its cache."""
     return Workshop(tmp_path_factory.mktemp("workshop"))

@@ -1,4 +1,4 @@
-"""Compiled code on disk is never stale, and what is wrong with it costs time alone."""
+"""Cached compiled code is never stale, and damage to the cache costs only time."""
 
 import random
 import shutil
@@ -15,8 +15,8 @@ from granular.compiled.kernel_cache import KernelCache, _read_kernel_file_or_cla
 ROOT = Path(__file__).parents[3]
 
 
-def test_a_docstring_compiles_nothing_and_an_operator_compiles_all(fresh_workshop: Any) -> None:
-    """The law's caller stands in another file; Numba alone would not notice the second change."""
+def test_edited_docstring_keeps_the_cache_and_edited_code_discards_it(fresh_workshop: Any) -> None:
+    """The caller of the law is in another file; Numba alone would not notice the second change."""
     before = float(fresh_workshop.run()[0])
     kernels = fresh_workshop.kernels()
     assert len(kernels) > 5
@@ -41,7 +41,7 @@ def flip(path: Path, choice: random.Random) -> None:
 
 
 def damage(path: Path, kind: int, choice: random.Random) -> None:
-    """Flip a bit, or truncate, empty, zero or take away the file; or let others write to it."""
+    """Flip a bit, truncate, empty, zero or remove the file, or make it writable by others."""
     if kind == 0:
         flip(path, choice)
     elif kind == 1:
@@ -56,8 +56,8 @@ def damage(path: Path, kind: int, choice: random.Random) -> None:
         path.chmod(0o666)
 
 
-def test_damaged_files_are_made_again(workshop: Any) -> None:
-    """All files at once, each in one of six ways."""
+def test_damaged_cache_files_are_replaced(workshop: Any) -> None:
+    """All files at the same time, each in one of six ways."""
     wanted = workshop.run()
     choice, hurt = random.Random(0), {}
     for place, path in enumerate([*sorted(workshop.kernels()), *workshop.cache.rglob("source")]):
@@ -77,7 +77,7 @@ print(found.piston_force, found.potential_energy, found.force.sum())
 
 
 @pytest.mark.long
-def test_a_hundred_flipped_bits(workshop: Any) -> None:
+def test_flipped_bits_in_cache_files_never_change_results(workshop: Any) -> None:
     wanted = workshop.run(EVALUATE)
     choice = random.Random(15)
     for _ in range(100):
@@ -86,7 +86,7 @@ def test_a_hundred_flipped_bits(workshop: Any) -> None:
 
 
 @pytest.mark.long  # quick: one form, below
-def test_two_processes_compile_at_once(workshop: Any) -> None:
+def test_two_processes_can_compile_simultaneously(workshop: Any) -> None:
     shutil.rmtree(workshop.cache, ignore_errors=True)
     both = [workshop.start() for _ in range(2)]
     said = [process.communicate(timeout=300) for process in both]
@@ -115,8 +115,8 @@ if sys.argv[2] == "writes":
 
 
 @pytest.mark.parametrize(("end", "wanted"), [("writes", b"code"), ("dies", None)])
-def test_a_form_is_compiled_once(end: str, wanted: bytes | None, tmp_path: Path) -> None:
-    """The second process waits for the first one's file; after one that dies it compiles itself."""
+def test_code_is_compiled_by_one_of_two_processes(end: str, wanted: bytes | None, tmp_path: Path) -> None:
+    """The second process waits for the file of the first; if the first dies, the second compiles."""
     path = tmp_path / "a.kernel"
     tmp_path.chmod(0o700)
     words = [sys.executable, "-c", COMPILES, str(path), end]
@@ -131,7 +131,7 @@ def test_a_form_is_compiled_once(end: str, wanted: bytes | None, tmp_path: Path)
 FULL = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
 
 
-def test_code_that_checks_its_indices_is_kept_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_with_bounds_checks_is_cached_separately(monkeypatch: pytest.MonkeyPatch) -> None:
     def increase(number: float) -> float:
         return number + 1.0
 
@@ -146,7 +146,7 @@ def test_code_that_checks_its_indices_is_kept_apart(monkeypatch: pytest.MonkeyPa
     assert len(found) == 2
 
 
-def test_a_full_disk_stops_nothing(workshop: Any) -> None:
+def test_full_disk_only_causes_a_warning(workshop: Any) -> None:
     wanted, said = workshop.run()
     assert not said
     for path in workshop.kernels():
@@ -159,7 +159,7 @@ def test_a_full_disk_stops_nothing(workshop: Any) -> None:
     assert not list(workshop.cache.rglob("*.part"))
 
 
-def test_nothing_is_kept_in_a_folder_that_others_may_write_to(workshop: Any) -> None:
+def test_folder_writable_by_others_is_not_used_as_cache(workshop: Any) -> None:
     wanted, _ = workshop.run()
     kernels = workshop.kernels()
     (folder,) = {path.parent for path in kernels}
@@ -174,8 +174,8 @@ def test_nothing_is_kept_in_a_folder_that_others_may_write_to(workshop: Any) -> 
     folder.chmod(0o700)
 
 
-def test_code_is_kept_among_the_caches_of_the_user(workshop: Any) -> None:
-    """An empty ``XDG_CACHE_HOME`` is none, and nothing is left in the working directory."""
+def test_code_is_cached_in_the_users_cache_folder(workshop: Any) -> None:
+    """An empty ``XDG_CACHE_HOME`` is ignored, and nothing is written to the working directory."""
     before = set(workshop.folder.iterdir())
     assert not workshop.run(cache="")[1]
     home = workshop.folder / "home"

@@ -1,4 +1,4 @@
-"""Which kernels Python can call, their hooks, and what the digest of their sources sees."""
+"""Kernels callable from Python, hooks of laws, and the digest of the kernels' sources."""
 
 import ast
 import functools
@@ -24,12 +24,12 @@ from granular.schema import cell
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_a_kernel_for_kernels_says_so_to_python() -> None:
+def test_inner_kernel_called_from_python_is_an_error() -> None:
     with pytest.raises(TypeError, match=r"effects\.friction\.velocity_factor_after_friction is a kernel"):
         friction.velocity_factor_after_friction(1.0, 2.0)
 
 
-def test_entry_makes_a_form_that_python_can_call() -> None:
+def test_entry_makes_a_kernel_callable_from_python() -> None:
     values = np.arange(16.0)
     assert entry(reproducible_sum)(values) == values.sum()
     assert entry(friction.velocity_factor_after_friction)(1.0, 2.0) == 0.0
@@ -47,8 +47,8 @@ def test_without_compilation_kernels_are_plain_functions(monkeypatch: pytest.Mon
     assert entry(double) is double
 
 
-def test_kernels_of_other_files_are_not_kept_on_disk() -> None:
-    """Their source is not in the digest that stands for all kernels."""
+def test_kernels_of_other_packages_are_not_cached() -> None:
+    """Their source is not in the digest of all kernels."""
 
     @entry
     def double(x: float) -> float:
@@ -59,7 +59,7 @@ def test_kernels_of_other_files_are_not_kept_on_disk() -> None:
 
 
 class Quiet(NamedTuple):
-    """It returns a constant, which has a type of its own."""
+    """Its hook returns a constant, which has a literal type."""
 
     size: float
 
@@ -124,7 +124,7 @@ def every(laws: Any, workspaces: Any, values: Any) -> Any:
 
 
 @pytest.mark.parametrize("places", [(0, 1, 2, 3), (1, 2), (2,)], ids=str)
-def test_hooks_are_called_in_order_with_their_rooms_and_places(places: tuple[int, ...]) -> None:
+def test_hooks_are_called_in_order_with_workspace_and_index(places: tuple[int, ...]) -> None:
     laws, workspaces = (tuple(one[place] for place in places) for one in (LAWS, WORKSPACES))
     values = np.array([0.0])
     found = every(laws, workspaces, values)
@@ -153,7 +153,7 @@ FEW = {
     or name in ("compiled/__init__.py", "effects/drag.py", "pairs/dipole_law.py")
     or name in ("pairs/direct_sum.py", "pairs/grain_arrays.py", "pairs/simd.py")
 }
-"""Files that import from each other: parsing all takes half a second."""
+"""Files that import each other: parsing all takes half a second."""
 
 
 @functools.cache
@@ -176,7 +176,7 @@ def edited(name: str, old: str, new: str, files: dict[str, bytes]) -> dict[str, 
         ("engine/state.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
     ],
 )
-def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new: str) -> None:
+def test_digest_ignores_docstrings_and_files_without_kernels(name: str, old: str, new: str) -> None:
     few = name in FEW
     files = edited(name, old, new, FEW if few else FILES)
     assert digest_of_syntax(files) == digest(few=few)
@@ -194,12 +194,12 @@ def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new
         ("compiled/__init__.py", 'error_model="numpy"', 'error_model="python"'),
     ],
 )
-def test_what_the_compiler_sees_counts(name: str, old: str, new: str) -> None:
+def test_digest_depends_on_compiled_code(name: str, old: str, new: str) -> None:
     assert digest_of_syntax(edited(name, old, new, FEW)) != digest(few=True)
 
 
-def test_kernels_take_nothing_from_other_rooms_but_classes_and_functions() -> None:
-    """A number from elsewhere would be compiled in, and its change would not be noticed."""
+def test_kernels_import_only_classes_and_functions_from_other_folders() -> None:
+    """An imported number would be compiled in, and its change would go unnoticed."""
     for name, content in FILES.items():
         for node in ast.walk(ast.parse(content)):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("granular."):
@@ -209,6 +209,6 @@ def test_kernels_take_nothing_from_other_rooms_but_classes_and_functions() -> No
     assert {path.name for path in PACKAGE.iterdir()} >= set(FOLDERS)
 
 
-def test_kernels_count_bodies_as_scenes_do() -> None:
-    """The numbers stand in both rooms, since kernels take none from the scene's."""
+def test_kernels_and_scenes_number_bodies_equally() -> None:
+    """The numbers are defined twice, since kernels import none from the schema."""
     assert (state.CELL, state.PISTON) == (cell.CELL, cell.PISTON)

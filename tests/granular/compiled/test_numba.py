@@ -1,4 +1,4 @@
-"""What kernels need of Numba's insides is there, and kernels do without most of it."""
+"""Numba has the internals that kernels use, and kernels also work without most of them."""
 
 import importlib
 import os
@@ -45,13 +45,13 @@ INSIDES = {
         "numba.core.base.BaseContext.add_linking_libs",
     ),
 }
-"""By the file that takes them; `docs/reference/compiled.md` says what for."""
+"""Internals by the file that uses them; `docs/reference/compiled.md` explains their use."""
 
 
 @pytest.mark.parametrize(
     ("file", "name"), [(file, name) for file, names in INSIDES.items() for name in names]
 )
-def test_numba_has_what_kernels_take(file: str, name: str) -> None:
+def test_numba_has_the_internals_used_by_kernels(file: str, name: str) -> None:
     words = name.split(".")
     for length in range(len(words) - 1, 0, -1):
         try:
@@ -76,7 +76,7 @@ print(_sum(Weighted(np.arange(4.0), 0.5)), "granular.compiled.kernel_cache" in s
 
 
 def start(folder: Path, switch: str = "", tampering: str = "") -> tuple[list[str], list[str]]:
-    """Return the output of a process with kernels, and its messages; it tampers with Numba first."""
+    """Return output and messages of a process with kernels that first modifies Numba."""
     (folder / "sitecustomize.py").write_text(tampering, encoding="utf-8")
     environment = {
         **os.environ,
@@ -92,13 +92,15 @@ def start(folder: Path, switch: str = "", tampering: str = "") -> tuple[list[str
 
 
 def files(folder: Path, pattern: str) -> dict[Path, int]:
-    """Files that are kept, with the time at which each was written."""
+    """Cached files with their modification times."""
     return {path: path.stat().st_mtime_ns for path in (folder / "cache").rglob(pattern)}
 
 
 @pytest.mark.parametrize(("switch", "linked", "kept"), [("1", "False", "*.nbc"), ("0", "True", "*.kernel")])
-def test_kernels_do_without_linking(switch: str, linked: str, kept: str, tmp_path: Path) -> None:
-    """Either way they are kept on disk."""
+def test_kernels_compile_and_are_cached_without_linking(
+    switch: str, linked: str, kept: str, tmp_path: Path
+) -> None:
+    """With and without linking, kernels are cached on disk."""
     assert start(tmp_path, switch) == (["3.0", linked], [])
     kernels = files(tmp_path, kept)
     assert any("._sum-" in path.name for path in kernels)
@@ -106,8 +108,8 @@ def test_kernels_do_without_linking(switch: str, linked: str, kept: str, tmp_pat
     assert files(tmp_path, kept) == kernels
 
 
-def test_numba_s_own_cache_is_never_stale(fresh_workshop: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A law is changed, whose caller stands in another file."""
+def test_numba_cache_is_never_stale(fresh_workshop: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a change to a law whose caller is in another file."""
     monkeypatch.setenv("GRANULAR_PLAIN_NUMBA", "1")
     before = float(fresh_workshop.run()[0])
     kept = set(fresh_workshop.cache.rglob("*.nbc"))
@@ -132,7 +134,7 @@ JITCodeLibrary.__init_subclass__ = """
 
 
 @pytest.mark.long  # quick: one that lacks them, and this one, whose version is known
-def test_a_newer_numba_that_has_the_insides_is_taken(tmp_path: Path) -> None:
+def test_newer_numba_with_compatible_internals_is_used(tmp_path: Path) -> None:
     assert start(tmp_path, "", NEWER) == (["3.0", "True"], [])
     (verdict,) = files(tmp_path, "insides").items()
     assert start(tmp_path, "", NEWER) == (["3.0", "True"], [])
@@ -147,7 +149,7 @@ def test_a_newer_numba_that_has_the_insides_is_taken(tmp_path: Path) -> None:
         pytest.param("os.abort", "(exit code -6)", marks=pytest.mark.long),
     ],
 )
-def test_without_the_insides_numba_s_own_njit_compiles(subclass: str, fault: str, tmp_path: Path) -> None:
+def test_njit_compiles_if_the_internals_are_incompatible(subclass: str, fault: str, tmp_path: Path) -> None:
     for _ in range(2):
         printed, said = start(tmp_path, "", NEWER + SUBCLASS + subclass)
         assert printed == ["3.0", "False"]
@@ -157,7 +159,7 @@ def test_without_the_insides_numba_s_own_njit_compiles(subclass: str, fault: str
     assert len(files(tmp_path, "insides")) == 1
 
 
-def test_the_lowest_version_of_numba_that_may_be_installed_is_tested() -> None:
+def test_lowest_allowed_version_of_numba_is_tested() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     required = [one for one in project["dependencies"] if one.startswith("numba")]
     assert required == ["numba>=" + ".".join(map(str, TESTED[0]))]
