@@ -71,7 +71,7 @@ class LinkedLibrary(JITCodeLibrary):
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
-        """Module with the kernel and all its callees."""
+        """Return the module with the kernel and all its callees."""
         self._ensure_finalized()
         if self._shared_module is None:
             total = self._final_module.clone()
@@ -146,7 +146,7 @@ class EntryCompiler(Compiler):
 
 
 def _placeholder_entry_point(library: Any, fndesc: Any, env: Any) -> Any:
-    """Placeholder for the kernel in Numba's tables; never called."""
+    """Make a placeholder for the kernel in Numba's tables, which is never called."""
     name = fndesc.qualname.split(".")[-1]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
 

@@ -88,7 +88,7 @@ def test_aligned_and_independent_tilts_equal_the_vector_sum_of_torques(
 
 @pytest.mark.parametrize("dt", [1e-4, 1e-5])
 def test_grain_sliding_against_a_force_below_static_friction_sticks(dt: float) -> None:
-    """A force between mu_d N and mu_s N against the motion stops the grain for good, at any phase of a step."""
+    """A force between mu_d N and mu_s N against the motion stops the grain for good."""
     weight, load = 6.2498e-4 * 9.8, 6.2498e-4 * 9.8 / 0.55
     assert 0.45 * load < weight < 0.6 * load
     for speed in np.linspace(0.05, 0.06, 21):

@@ -1,4 +1,4 @@
-"""Sides of any inclination: forces, motion, friction and outflow compared with closed forms and invariants."""
+"""Sides of any inclination: forces, motion, friction and outflow compared with exact results."""
 
 import math
 from collections.abc import Sequence

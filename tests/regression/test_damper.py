@@ -27,7 +27,7 @@ from reduced_models import fit
 def test_equilibrium_height_period_and_damping_of_the_packaged_damper(
     damper: Scene, tmp_path: Path, dt: str, changes: dict[str, Any]
 ) -> None:
-    """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D; the long tests also use impulses of far pairs."""
+    """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D; long tests also use impulses of far pairs."""
     run = simulate(damper.replace(**changes), dt=dt, progress=False)
     diameter = damper.grains.species[0].diameter
     assert run.stage("drop").height / diameter == pytest.approx(9.86, abs=0.1)
