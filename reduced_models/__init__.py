@@ -4,20 +4,19 @@
 >>> model = fit(PistonRecord.from_csv("lab.csv"), law="van-der-pol-like")
 >>> print(model)
 
-Each folder knows those before it. ``records`` are motions of a piston and what they say without a
-law; ``laws`` are its equations with their solutions. ``models`` predict, and are written to files;
-``fitting`` makes one of a record and a law, ``derived`` one of a bed's equilibria and roots. On these
-stand ``falls`` (a law against records of other falls) and the jobs: ``discovery`` finds a law,
-``calibration`` the parameters of a scene, ``designs`` a damper, and ``machines`` its use in a machine;
-``identification`` goes from a source to a report.
-``commands`` call all these, and ``jax_setup`` is where JAX is imported.
+Each folder uses only the folders before it. ``records`` holds motions of a piston and their analysis
+without a law; ``laws`` holds its equations of motion with their solutions. ``models`` predict, and are
+written to files; ``fitting`` makes a model from a record and a law, ``derived`` from a bed's equilibria
+and roots. The next folders build on these: ``falls`` (a law compared with records of other falls),
+``discovery`` (of a law), ``calibration`` (of a scene's parameters), ``designs`` (of a damper),
+``machines`` (its use in a machine), and ``identification`` (from a source to a report).
+``commands`` call all of these, and ``jax_setup`` imports JAX.
 """
 
 import lazy_loader
 
 from granular.shared.errors import with_missing_package_advice
 
-# Names, which stand in __init__.pyi, are imported when they are used: importing the package costs
-# next to nothing.
+# Names are listed in __init__.pyi and imported on first use, so importing the package takes almost no time.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __getattr__ = with_missing_package_advice(__getattr__)

@@ -1,1 +1,1 @@
-"""Numbers of a scene from a lab record, by fitting simulations to it."""
+"""Calibration of a scene's parameters by fitting simulations to a laboratory record."""

@@ -1,13 +1,12 @@
-"""`calibrate`: numbers of a scene from a lab record, by fitting simulations to it.
+"""`calibrate`: parameters of a scene from a laboratory record, by fitting simulations to it.
 
-Level of rest, period and damping ratio of simulations (`reduced_models.calibration.simulations`)
-are brought to those of the record by Gauss-Newton steps on logarithms, in which they are nearly
-linear. The slopes are differences over tenths, from the same random starts of the bed on both
-sides, and follow the simulations that are made in the search (Broyden 1965,
-doi:10.1090/S0025-5718-1965-0198670-6).
+Equilibrium height, period and damping ratio of simulations (`reduced_models.calibration.simulations`)
+are matched to the record by Gauss-Newton steps on logarithms, in which they are nearly linear. The
+derivatives are differences over a tenth, with the same random starts of the bed at both points, and are
+updated with each simulation of the search (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6).
 
-Two beds that differ by their random start alone differ in these figures as well. A lab's bed is
-one more such bed: the intervals hold the record's noise and the scatter over random starts.
+Beds with different initial packings also differ in these features. A laboratory's bed is one more such
+bed, so the intervals include the record's noise and the spread over random packings.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from granular.shared.errors import InputError, RecordError, quote
 from granular.studies.executors import case_executor
 from reduced_models.calibration.result import CalibratedValue, Calibration, FeatureMatch
 from reduced_models.calibration.simulations import (
-    LAW,
+    DEFAULT_LAW,
     RecordFeatures,
     SceneParameter,
     SceneSimulator,
@@ -44,50 +43,52 @@ from reduced_models.fitting.fit_data import list_of_records
 from reduced_models.fitting.problem import check_fit_options
 from reduced_models.fitting.uncertainty import OPEN, undetermined_directions
 from reduced_models.laws.law import Law
-from reduced_models.records.sources import METHOD, make_directory
+from reduced_models.records.sources import DEFAULT_METHOD, make_directory
 
-STRIDE = 0.1
+DIFFERENCE_STEP = 0.1
 """Step of the differences, in logarithms."""
-RADIUS = 0.5
-"""Longest step of a logarithm."""
-MOST_MOVES = 8
-_SETTLED, _LINEAR, _LEAST_STEP = 2.0, 0.1, 1e-3
-# Slopes err by about a tenth, so a last step of two standard errors, if it is no longer than the
-# differences, errs by a fraction of one; shorter ones move the beds rather than the values.
+MAXIMUM_STEP = 0.5
+"""Maximum step of a logarithm."""
+MAXIMUM_MOVES = 8
+# Slopes have errors of about a tenth, so a last step of two standard errors that does not exceed the
+# differences has an error of a fraction of a standard error. Below the minimum step, rounding changes the
+# beds more than the parameters do.
+_SETTLED_ERRORS, _LINEAR_STEP, _MINIMUM_STEP = 2.0, 0.1, 1e-3
 
 
 class GaussNewtonResult(NamedTuple):
-    """The end of a search."""
+    """Final state of a search."""
 
     centre: SimulatedPoint
     estimate: LinearEstimate
     scatter: Float[np.ndarray, "d d"]  # covariance of features over random starts
-    simulations: int  # of scenes, random starts counted
+    simulations: int  # number of simulations, including all random starts
     settled: bool
 
 
 def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> GaussNewtonResult:
-    """Take Gauss-Newton steps on the features' logarithms until they are smaller than their errors."""
-    # Slopes by differences with common random starts, updated by Broyden's formula (Broyden 1965,
+    """Take Gauss-Newton steps on the features' logarithms until the steps are below their errors."""
+    # Slopes from differences with common random starts, updated by Broyden's formula (Broyden 1965,
     # doi:10.1090/S0025-5718-1965-0198670-6).
     start = np.log([parameter.value for parameter in simulator.parameters])
-    strides = STRIDE * np.eye(len(start))
+    strides = DIFFERENCE_STEP * np.eye(len(start))
     points = simulator.simulate_points([start, *(start + stride for stride in strides)])
     for point in points:
         if point.failure:
             raise InputError(f"{point.failure}; start from other values or a shorter dt")
     centre = points[0]
-    slopes = np.stack([(point.logs - centre.logs) / STRIDE for point in points[1:]], axis=2)
-    radius = RADIUS
+    slopes = np.stack([(point.logs - centre.logs) / DIFFERENCE_STEP for point in points[1:]], axis=2)
+    radius = MAXIMUM_STEP
     for move in itertools.count():
         # Covariance (d, d) of the features over random starts, the mean over all positions.
         scatter = np.mean([np.atleast_2d(np.cov(point.logs, rowvar=False)) for point in points], axis=0)
         estimate = linear_estimate(centre, slopes, scatter, wanted)
         deviations = np.sqrt(np.diag(estimate.noise + estimate.scatter))
-        short = np.clip(_SETTLED * deviations, _LEAST_STEP, _LINEAR)
-        # Along a direction that is hardly known, a short step of the logarithms may move features by much.
-        settled = (np.abs(estimate.step) <= short).all() and (np.abs(estimate.moved) <= _SETTLED).all()
-        if settled or move == MOST_MOVES:
+        short = np.clip(_SETTLED_ERRORS * deviations, _MINIMUM_STEP, _LINEAR_STEP)
+        # Along a poorly determined direction, a short step of the logarithms may still change features by
+        # much.
+        settled = (np.abs(estimate.step) <= short).all() and (np.abs(estimate.moved) <= _SETTLED_ERRORS).all()
+        if settled or move == MAXIMUM_MOVES:
             break
         step = estimate.step * min(1.0, radius / float(np.abs(estimate.step).max()))
         trial = simulator.simulate_points([centre.position + step])[0]
@@ -95,36 +96,36 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
             radius = 0.25 * float(np.abs(step).max())
             continue
         points.append(trial)
-        if np.abs(step).max() >= 0.5 * STRIDE:
-            lacking = trial.mean - centre.mean - slopes.mean(axis=0) @ step
-            slopes = slopes + np.outer(lacking, step) / (step @ step)
+        if np.abs(step).max() >= 0.5 * DIFFERENCE_STEP:
+            slope_error = trial.mean - centre.mean - slopes.mean(axis=0) @ step
+            slopes = slopes + np.outer(slope_error, step) / (step @ step)
         better = _normalised_distance(trial, wanted, scatter) < _normalised_distance(centre, wanted, scatter)
-        radius = min(RADIUS, 2.0 * radius) if better else 0.25 * float(np.abs(step).max())
+        radius = min(MAXIMUM_STEP, 2.0 * radius) if better else 0.25 * float(np.abs(step).max())
         centre = trial if better else centre
     return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), bool(settled))
 
 
 def _variance_of_difference(wanted: RecordFeatures, scatter: np.ndarray, starts: int) -> np.ndarray:
-    """Variance (d,) of the features of the record about the mean of the simulated ones."""
+    """Variance (d,) of the record's features about the mean of the simulated ones."""
     return np.asarray(wanted.errors**2 + (1.0 + 1.0 / starts) * np.diag(scatter))
 
 
 def _normalised_distance(point: SimulatedPoint, wanted: RecordFeatures, scatter: np.ndarray) -> float:
-    away = np.log(wanted.values) - point.mean
-    return float((away**2 / _variance_of_difference(wanted, scatter, len(point.logs))).sum())
+    deviation = np.log(wanted.values) - point.mean
+    return float((deviation**2 / _variance_of_difference(wanted, scatter, len(point.logs))).sum())
 
 
 class LinearEstimate(NamedTuple):
-    """A step of linearised features at a point, and its uncertainty."""
+    """A step from linearised features at a point, and its uncertainty."""
 
-    step: Float[np.ndarray, "p"]  # along the directions that are known
-    noise: Float[np.ndarray, "p p"]  # covariance there by the record's noise
-    scatter: Float[np.ndarray, "p p"]  # and by random starts
-    unknown: Float[np.ndarray, "p p"]  # covariance of the open directions
+    step: Float[np.ndarray, "p"]  # along the determined directions
+    noise: Float[np.ndarray, "p p"]  # covariance there due to the record's noise
+    scatter: Float[np.ndarray, "p p"]  # covariance there due to random starts
+    unknown: Float[np.ndarray, "p p"]  # covariance of the undetermined directions
     information: Float[np.ndarray, "p p"]
-    gain: Float[np.ndarray, "p d"]  # of the step by a change of a feature
+    gain: Float[np.ndarray, "p d"]  # derivative of the step by a feature
     moved: Float[np.ndarray, "d"]  # change of the features by the step, in standard deviations
-    away: Float[np.ndarray, "d"]  # and their difference to the record after it
+    deviation: Float[np.ndarray, "d"]  # difference from the record after the step, in standard deviations
 
 
 def linear_estimate(
@@ -138,17 +139,17 @@ def linear_estimate(
     mean = slopes.mean(axis=0)
     weight = 1.0 / np.maximum(_variance_of_difference(wanted, scatter, starts), 1e-300)
     about = slopes - mean
-    # Slopes that differ from start to start would else pass for information.
-    doubt = np.einsum("sdk,d,sdl->kl", about, weight, about) / (starts * (starts - 1))
-    information = (mean.T * weight) @ mean - doubt
+    # The scatter of slopes over random starts would otherwise count as information.
+    slope_scatter = np.einsum("sdk,d,sdl->kl", about, weight, about) / (starts * (starts - 1))
+    information = (mean.T * weight) @ mean - slope_scatter
     strengths, directions = np.linalg.eigh(information)
     known = strengths > OPEN**-2
     inverse = np.where(known, 1.0 / np.where(known, strengths, 1.0), 0.0)
     gain = (directions * inverse) @ directions.T @ (mean.T * weight)
     residual = np.log(wanted.values) - centre.mean
     step = gain @ residual
-    # Weights that few random starts tell are not the best ones; to first order, each feature beyond
-    # the known directions costs that much (C. R. Rao, Proc. 5th Berkeley Symp. 1 (1967) 355).
+    # Weights estimated from few random starts are not optimal; to first order, each feature in excess of the
+    # determined directions increases the variance by this (C. R. Rao, Proc. 5th Berkeley Symp. 1 (1967) 355).
     chosen = 1.0 + max(0, len(residual) - int(known.sum())) / (starts - 1)
     free = np.where(known, 0.0, 1.0 / np.maximum(strengths, 1e-12))
     return LinearEstimate(
@@ -159,20 +160,24 @@ def linear_estimate(
         information=information,
         gain=gain,
         moved=mean @ step * np.sqrt(weight),
-        away=(residual - mean @ step) * np.sqrt(weight),
+        deviation=(residual - mean @ step) * np.sqrt(weight),
     )
 
 
-SEEDS = 4
-"""Random starts of the bed at every position."""
-MAX_SEEDS = 10_000
-_SHORT = 0.99
-_UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
-_SMALL_POWER = 0.2  # least share of a parameter in a direction that is hardly known, over the largest
-_WEAK = 5.0  # least ratio of standard deviations, along such a direction and the next one
-_OFF_REST = 2.0  # standard deviations of the height at rest, which a record has best
-_STRANGE = 4.0  # standard deviations of a feature that noise and scatter do not explain
-_OFF_HEIGHT = 0.01  # of the height at rest; starts scatter by 0.03 % with dipoles, 0.8 % with rows of discs
+SEED_COUNT = 4
+"""Number of random starts of the bed at each position."""
+MAXIMUM_SEED_COUNT = 10_000
+_MINIMUM_DURATION = 0.99
+_UNBOUNDED = math.log(1e6)  # half-width of a logarithmic interval above which it is unbounded
+_MINIMUM_SHARE = 0.2  # minimum share of a parameter in a poorly determined direction, over the largest share
+_WEAK_RATIO = 5.0  # minimum ratio of standard deviations along such a direction and the next one
+_HEIGHT_DEVIATIONS = (
+    2.0  # standard deviations of the equilibrium height, the most precise feature of a record
+)
+_FEATURE_DEVIATIONS = 4.0  # standard deviations of a feature that noise and scatter do not explain
+_MAXIMUM_HEIGHT_ERROR = (
+    0.01  # of the equilibrium height; it scatters by 0.03 % with dipoles, 0.8 % with rows of discs
+)
 
 
 def calibrate(
@@ -180,40 +185,40 @@ def calibrate(
     scene: Scene,
     parameters: Sequence[str] = ("piston.mass", "effects.drag.coefficient"),
     *,
-    seeds: int = SEEDS,
-    law: str | Law = LAW,
+    seeds: int = SEED_COUNT,
+    law: str | Law = DEFAULT_LAW,
     confidence: float = 0.95,
     dt: float | str = "auto",
-    method: str = METHOD,
+    method: str = DEFAULT_METHOD,
     out: str | Path | None = None,
     checks: bool = True,
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Calibration:
-    """Calibrate numbers of a scene, so that its simulations move as a record does.
+    """Calibrate parameters of a scene, so that its simulations move as a record does.
 
-    Level of rest, period and damping ratio are matched by Gauss-Newton steps on logarithms, with
-    slopes updated by Broyden's formula (1965, doi:10.1090/S0025-5718-1965-0198670-6). Intervals are
-    those of Student's t distribution, with degrees of freedom by Welch (1947,
-    doi:10.1093/biomet/34.1-2.28), as the scatter is known from few random starts.
+    Equilibrium height, period and damping ratio are matched by Gauss-Newton steps on logarithms, with
+    slopes updated by Broyden's formula (1965, doi:10.1090/S0025-5718-1965-0198670-6). Intervals use
+    Student's t distribution, with degrees of freedom by Welch (1947, doi:10.1093/biomet/34.1-2.28),
+    since the scatter is estimated from few random starts.
 
     Parameters
     ----------
     record : PistonRecord or table of one (pandas, xarray)
-        The motion of the stage that the scene names as ``output.record``, from its start on: times
-        [s] and heights [m], at least 20 samples of a piston that swings about rest. Where it has a
-        force [N], the mean force counts as well.
+        The motion of the scene's stage ``output.record``, from its start on: times [s] and heights
+        [m], 20 or more samples of a piston that oscillates about equilibrium. If it has a force [N],
+        the mean force is matched as well.
     scene : Scene
-        Scene that says everything else, and where to start.
+        Scene with all other parameters and the start values.
     parameters : sequence of str
         Dotted keys, each once, of quantities above 0, such as ``piston.mass``,
-        ``effects.drag.coefficient`` and ``grains.remanence``. Mass and remanence (and drag) scale
-        together without a free swing noticing much: the force tells them apart.
+        ``effects.drag.coefficient`` and ``grains.remanence``. A common scaling of mass and remanence
+        (and drag) hardly changes a free oscillation: only a force separates them.
     seeds : int
-        Random starts of the bed at every position, from the scene's own on; 2 to 10000.
+        Number of random starts of the bed at each position, from the scene's seed on; 2 to 10000.
     law : str or Law
-        Law that is fitted to record and simulations, and whose level of rest, period and damping
-        ratio are compared; where the record is driven, an equation with the drive's column.
+        Law that is fitted to record and simulations, and whose equilibrium height, period and damping
+        ratio are compared; for a driven record, an equation with the column of the drive.
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     dt : float or str
@@ -221,38 +226,38 @@ def calibrate(
     method : str
         Integration method, as in `granular.simulate`.
     out : str or Path, optional
-        Directory that keeps every simulation as soon as it is done, and the result; called again,
-        the calibration goes on from there. Nothing is written if not given.
+        Directory that stores each finished simulation and the result; called again, the calibration
+        continues from there. By default nothing is written.
     checks : bool
-        True for one more simulation, with half the time step, that tells what the step does.
+        True for one more simulation, with half the time step, to estimate the error of the time step.
     executor : concurrent.futures.Executor, optional
-        Where the simulations run, as in `granular.sweep`; processes on this machine if not given.
+        Executor of the simulations, as in `granular.sweep`; by default processes on this machine.
     progress : bool
         Show a progress bar of each round of simulations on standard error.
 
     Returns
     -------
     Calibration
-        Calibrated values in the units of their keys with intervals, and how the simulation compares
-        with the record. An interval is (0, inf) where the record does not tell the value.
+        Calibrated values in the units of their keys with intervals, and a comparison of the
+        simulation with the record. An interval is (0, inf) if the record does not determine the value.
 
     Raises
     ------
     InputError
-        If it is not one record, there is no such scene or law, an argument is out of its range, a
-        key is no quantity above 0 that the scene holds, the scene has no piston or no stage in
-        which it moves freely, no start of the fit to the record stays finite, or a simulation at
-        the start fails.
+        If several records are given, the scene or law is unknown, an argument is out of its range, a
+        key is not a quantity above 0 of the scene, the scene has no piston or no stage in which it
+        moves freely, no start of the fit to the record stays finite, or a simulation at the start
+        values fails.
     RecordError
-        If a table is no record, or the record holds no heights or those of a prescribed stroke, has
-        fewer than 20 samples, does not swing about a level of rest that is above 0, or lacks a
-        column that the law needs; or if the law leaves more than half of the swing unexplained.
+        If a table is not a record, or the record has no heights or a prescribed stroke, has fewer
+        than 20 samples, does not oscillate about an equilibrium height above 0, or lacks a column
+        that the law needs; or if the law leaves more than half of the rms displacement unexplained.
     StoreError
-        If ``out`` cannot be made or written to.
+        If ``out`` cannot be created or written to.
     ExecutorLostError
-        If the executor's processes are gone; ``out`` keeps what was done.
+        If the executor's processes are gone; ``out`` keeps the finished simulations.
     KeyboardInterrupt
-        On Ctrl-C; ``out`` keeps what was done.
+        On Ctrl-C; ``out`` keeps the finished simulations.
 
     Warns
     -----
@@ -262,20 +267,20 @@ def calibrate(
     check_fit_options(confidence=confidence)
     record, *others = list_of_records(record)
     if others:
-        raise InputError(f"calibrate is of one record, not of {1 + len(others)}; give one")
+        raise InputError(f"calibrate takes one record, not {1 + len(others)}; give one")
     if record.measured != "height":
         raise RecordError(
-            f"calibrate needs heights, and this record holds the {record.measured} only; record a position"
+            f"calibrate needs heights, but this record holds only the {record.measured}; record a position"
         )
-    if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAX_SEEDS:
+    if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAXIMUM_SEED_COUNT:
         raise InputError(
-            f"seeds = {quote(seeds)}; give an integer from 2 on, to see their scatter, "
-            f"and at most {MAX_SEEDS}"
+            f"seeds = {quote(seeds)}; give an integer from 2 (to estimate their scatter) "
+            f"to {MAXIMUM_SEED_COUNT}"
         )
     if not isinstance(parameters, Sequence):
         raise InputError(f"parameters = {quote(parameters)}; give dotted keys in a list")
     if not parameters or len(set(parameters)) != len(parameters):
-        raise InputError(f"parameters = {list(parameters)}; give at least one, each once")
+        raise InputError(f"parameters = {list(parameters)}; give one or more, each once")
     _check_scene(scene)
     varied = tuple(scene_parameter(scene, key) for key in parameters)
     resolve_method(method)
@@ -311,34 +316,34 @@ def calibrate(
 def run_calibration(
     simulator: SceneSimulator, record: PistonRecord, wanted: RecordFeatures, confidence: float, checks: bool
 ) -> Calibration:
-    """Numbers for which a scene's simulations have the wanted features of a record."""
-    ended = gauss_newton_search(simulator, wanted)
-    shift, more = _time_step_error(simulator, ended.centre) if checks else (None, 0)
-    position = ended.centre.position + (ended.estimate.step if ended.settled else 0.0)
+    """Parameters for which a scene's simulations have the features of a record."""
+    search_result = gauss_newton_search(simulator, wanted)
+    shift, extra_simulations = _time_step_error(simulator, search_result.centre) if checks else (None, 0)
+    position = search_result.centre.position + (search_result.estimate.step if search_result.settled else 0.0)
     values = simulator.scene_changes(position)
-    simulated, scatter = map(math.exp, ended.centre.mean), np.sqrt(np.diag(ended.scatter))
+    simulated, scatter = map(math.exp, search_result.centre.mean), np.sqrt(np.diag(search_result.scatter))
     columns = (wanted.values.tolist(), simulated, wanted.errors.tolist(), scatter.tolist())
     return Calibration(
         parameters=tuple(
-            _calibrated_value(item, k, values[item.key], ended, shift, confidence)
+            _calibrated_value(item, k, values[item.key], search_result, shift, confidence)
             for k, item in enumerate(simulator.parameters)
         ),
         confidence=confidence,
         matches=tuple(map(FeatureMatch, wanted.names, *columns)),
         undetermined=undetermined_directions(
-            [item.key for item in simulator.parameters], ended.estimate.information
+            [item.key for item in simulator.parameters], search_result.estimate.information
         ),
         scene=simulator.scene.replace(**values),
         record=record,
-        motions=ended.centre.records,
-        simulations=ended.simulations + more,
-        notes=(*wanted.notes, *_calibration_notes(simulator, wanted, ended)),
+        motions=search_result.centre.records,
+        simulations=search_result.simulations + extra_simulations,
+        notes=(*wanted.notes, *_calibration_notes(simulator, wanted, search_result)),
     )
 
 
 def _check_scene(scene: Scene) -> None:
     if not isinstance(scene, Scene):
-        raise InputError(f"scene = {quote(scene)}; give a Scene, as load_scene makes it")
+        raise InputError(f"scene = {quote(scene)}; give a Scene, as load_scene returns it")
     if scene.piston is None:
         raise InputError(f"scene {quote(scene.name)} has no piston, so there is nothing to calibrate")
     if not any(stage.needs_piston_mass for stage in scene.protocol):
@@ -346,8 +351,8 @@ def _check_scene(scene: Scene) -> None:
 
 
 def _time_step_error(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.ndarray | None, int]:
-    """Estimated error of the features (d,) by the time step, and how many simulations it took."""
-    # Half the step changes 1 - 2^-p of an error of order p.
+    """Estimated error of the features (d,) due to the time step, and the number of simulations for it."""
+    # Halving the step removes the fraction 1 - 2^-p of an error of order p.
     settings = {**simulator.settings, "dt": multiply_time_step(simulator.settings["dt"], 0.5)}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
     point = finer.simulate_points([centre.position])[0]
@@ -361,22 +366,22 @@ def _calibrated_value(
     item: SceneParameter,
     k: int,
     value: float,
-    ended: GaussNewtonResult,
+    search_result: GaussNewtonResult,
     shift: np.ndarray | None,
     confidence: float,
 ) -> CalibratedValue:
     from scipy.stats import t as student
 
-    estimate = ended.estimate
+    estimate = search_result.estimate
     noise, scatter, unknown = (
         float(part[k, k]) for part in (estimate.noise, estimate.scatter, estimate.unknown)
     )
     variance = noise + scatter + unknown
-    # Welch 1947, doi:10.1093/biomet/34.1-2.28: the scatter is known from few starts only.
-    starts = len(ended.centre.logs)
+    # Welch 1947, doi:10.1093/biomet/34.1-2.28, since the scatter is estimated from few starts only.
+    starts = len(search_result.centre.logs)
     freedom = (starts - 1) * (variance / max(scatter + unknown, 1e-9 * variance, 1e-300)) ** 2
     half = float(student.ppf(0.5 + 0.5 * confidence, freedom)) * math.sqrt(variance)
-    known = half < _UNKNOWN
+    known = half < _UNBOUNDED
     return CalibratedValue(
         key=item.key,
         unit=item.unit,
@@ -390,49 +395,55 @@ def _calibrated_value(
 
 
 def _weak_direction_notes(keys: list[str], information: Float[np.ndarray, "p p"]) -> list[str]:
-    """Name parameters that the record knows well together, and badly apart."""
+    """Report parameters of which the record determines a combination well but not each one."""
     strengths, directions = np.linalg.eigh(information)
     powers = directions[:, 0] / np.abs(directions[:, 0]).max()
-    mixed = [k for k in range(len(keys)) if abs(powers[k]) > _SMALL_POWER]
-    if len(mixed) < 2 or not 0.0 < strengths[0] < strengths[1] / _WEAK**2:
+    mixed = [k for k in range(len(keys)) if abs(powers[k]) > _MINIMUM_SHARE]
+    if len(mixed) < 2 or not 0.0 < strengths[0] < strengths[1] / _WEAK_RATIO**2:
         return []
     spread = 100.0 / math.sqrt(strengths[0])
     weighed = "piston.mass" in (keys[k] for k in mixed)
     remedy = "weigh the piston and set its mass" if weighed else "measure one of them and set it"
     changes = ", ".join(f"{keys[k]} by {powers[k] * spread:+.2g} %" for k in mixed)
     return [
-        f"the record hardly tells parameters apart that change together, {changes} (one standard "
-        f"deviation); {remedy}, or record the height at rest under two weighed masses"
+        f"the record hardly constrains a joint change of parameters, {changes} (one standard "
+        f"deviation); {remedy}, or record the equilibrium height under two weighed masses"
     ]
 
 
 def _calibration_notes(
-    simulator: SceneSimulator, wanted: RecordFeatures, ended: GaussNewtonResult
+    simulator: SceneSimulator, wanted: RecordFeatures, search_result: GaussNewtonResult
 ) -> tuple[str, ...]:
     notes = []
-    if not ended.settled:
+    if not search_result.settled:
         notes.append(
-            f"the search did not settle in {MOST_MOVES} moves, so read the values as a step there; "
+            f"the search did not converge in {MAXIMUM_MOVES} steps, so the values are preliminary; "
             "calibrate again from them"
         )
-    notes += _weak_direction_notes([item.key for item in simulator.parameters], ended.estimate.information)
-    for name, away in zip(wanted.names, ended.estimate.away, strict=True):
-        if abs(away) > (_OFF_REST if name == "height" else _STRANGE):
+    notes += _weak_direction_notes(
+        [item.key for item in simulator.parameters], search_result.estimate.information
+    )
+    for name, deviation in zip(wanted.names, search_result.estimate.deviation, strict=True):
+        if abs(deviation) > (_HEIGHT_DEVIATIONS if name == "height" else _FEATURE_DEVIATIONS):
             notes.append(
-                f"no values give the record's {name.replace('_', ' ')}: it stays "
-                f"{abs(away):.2g} standard deviations away, so something else in the scene is not "
-                "as in the laboratory"
+                f"no values reproduce the record's {name.replace('_', ' ')}: it remains "
+                f"{abs(deviation):.2g} standard deviations away, so the scene differs from the laboratory in "
+                "something else"
             )
-    off = math.exp(ended.centre.mean[0]) / wanted.values[0] - 1.0
-    if abs(off) > _OFF_HEIGHT and abs(ended.estimate.away[0]) <= _OFF_REST:
+    relative_height_error = math.exp(search_result.centre.mean[0]) / wanted.values[0] - 1.0
+    if (
+        abs(relative_height_error) > _MAXIMUM_HEIGHT_ERROR
+        and abs(search_result.estimate.deviation[0]) <= _HEIGHT_DEVIATIONS
+    ):
         notes.append(
-            f"the simulations rest {100.0 * off:+.2g} % off the record's height, so the values are not its "
-            "damper's: calibrate again from them, fit fewer numbers, or take more random starts (--seeds)"
+            f"the simulated equilibrium height differs by {100.0 * relative_height_error:+.2g} % from the "
+            "record's, so the values are not its damper's: calibrate again from them, fit fewer parameters, or "
+            "use more random starts (--seeds)"
         )
-    shortest = min(float(motion.time[-1]) for motion in ended.centre.records)
-    if shortest < _SHORT * simulator.duration:
+    shortest = min(float(motion.time[-1]) for motion in search_result.centre.records)
+    if shortest < _MINIMUM_DURATION * simulator.duration:
         notes.append(
-            f"the simulations end after {shortest:.3g} s, and the record after "
+            f"the simulations end after {shortest:.3g} s, but the record after "
             f"{simulator.duration:.3g} s; lengthen the stage"
         )
     return tuple(notes)

@@ -1,4 +1,4 @@
-"""The result of a calibration: numbers of a scene, their uncertainty, and what does not fit."""
+"""The result of a calibration: parameters of a scene, their uncertainty, and remaining discrepancies."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class CalibratedValue:
-    """A number of a scene as a record has it.
+    """A calibrated parameter of a scene.
 
     Attributes
     ----------
@@ -31,12 +31,12 @@ class CalibratedValue:
     interval : (float, float)
         From the record's noise and the scatter over random starts together.
     start : float
-        In the scene that was given.
+        Value in the given scene.
     noise, scatter : float
-        Standard deviations, relative to the value, that the record's residual leaves, and that
-        the random starts make (of the record's bed, and of the mean of the simulated ones).
+        Standard errors, relative to the value, due to the record's residual and due to the random
+        starts (of the record's bed, and of the mean of the simulated ones).
     step : float or None
-        Estimated error of the simulation's time step, relative.
+        Estimated relative error due to the simulation's time step.
     """
 
     key: str
@@ -60,36 +60,37 @@ class CalibratedValue:
 
 @dataclasses.dataclass(frozen=True)
 class FeatureMatch:
-    """A feature of the record and of the simulations at the end."""
+    """A feature of the record and of the final simulations."""
 
     name: str
     record: float
     simulated: float  # mean over the random starts
-    noise: float  # relative standard deviation of the record's
-    scatter: float  # and over the random starts
+    noise: float  # relative standard error of the record's
+    scatter: float  # relative standard deviation over the random starts
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Calibration:
-    """Numbers of a scene as a record has them.
+    """Parameters of a scene, calibrated to a record.
 
     Attributes
     ----------
-    parameters : tuple of Calibrated
+    parameters : tuple of CalibratedValue
     confidence : float
-        Of the intervals.
+        Confidence level of the intervals.
     matches : tuple of FeatureMatch
     undetermined : tuple of ParameterDirection
-        Directions in which the parameters can move without the features noticing; along them, the
-        values are those of the scene that was given.
+        Directions in which the parameters can move without changing the features; along them, the
+        values of the given scene are kept.
     scene : Scene
-        With the values.
+        With the calibrated values.
     record : PistonRecord
     motions : tuple of PistonRecord
-        Of the last simulations, one a random start.
+        Of the last simulations, one per random start.
     simulations : int
+        Number of simulations.
     notes : tuple of str
-        What is to be doubted, in plain words.
+        Reservations, as text.
     """
 
     parameters: tuple[CalibratedValue, ...]
@@ -104,12 +105,12 @@ class Calibration:
 
     @property
     def values(self) -> dict[str, float]:
-        """The values by their keys, ready for `Scene.replace`."""
+        """The values by key, ready for `Scene.replace`."""
         return {parameter.key: parameter.value for parameter in self.parameters}
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """The intervals by their keys."""
+        """The intervals by key."""
         return {parameter.key: parameter.interval for parameter in self.parameters}
 
     def __str__(self) -> str:
@@ -141,12 +142,12 @@ class Calibration:
         }
 
     def plot(self) -> Figure:
-        """Draw the record, the simulations over it, and how far their features are apart [mm, s, %]."""
+        """Draw the record, the simulations over it, and the differences of their features [mm, s, %]."""
         with figure(2, 1, height=5.4, height_ratios=(2, 1)) as (drawing, (top, bottom)):
             time = self.record.time - self.record.time[0]
             top.plot(time, 1e3 * self.record.height, color=GREY, linewidth=3, label="record")
             for k, motion in enumerate(self.motions):
-                label = "simulated, one line a random start" if k == 0 else None
+                label = "simulated, one line per random start" if k == 0 else None
                 top.plot(motion.time, 1e3 * motion.height, color=COLOURS[0], linewidth=0.7, label=label)
             top.set(ylabel="height [mm]", xlabel="time [s]")
             top.legend()

@@ -1,7 +1,7 @@
-"""Simulations of a scene with other numbers, and the figures that tell them apart.
+"""Simulations of a scene with other parameters, and the features by which they are compared.
 
-Heights of two beds at the same instant differ by their phase after a few swings; the level of rest,
-period and damping ratio of the same law, fitted to both, do not. Matching them is indirect
+After a few cycles the heights of two beds at the same instant differ by their phase. Equilibrium height,
+period and damping ratio of the same law, fitted to both, are free of this. Matching them is indirect
 inference (Gourieroux, Monfort, Renault 1993, doi:10.1002/jae.3950080507).
 """
 
@@ -27,14 +27,14 @@ from reduced_models.fitting.fit import fit
 from reduced_models.laws.law import Law
 from reduced_models.records.derivatives import noise_level
 
-LAW = "polynomial-spring"
-STARTS = 8
-_POOR = 0.5
+DEFAULT_LAW = "polynomial-spring"
+FIT_STARTS = 8
+_MAXIMUM_RESIDUAL = 0.5
 _ONE_SIGMA = math.erf(math.sqrt(0.5))
 
 
 class RecordFeatures(NamedTuple):
-    """Figures of a record, all above 0."""
+    """Features of a record, all above 0."""
 
     names: tuple[str, ...]
     values: Float[np.ndarray, "d"]  # [m, s, 1, N]
@@ -42,20 +42,22 @@ class RecordFeatures(NamedTuple):
     notes: tuple[str, ...]
 
 
-def record_features(record: PistonRecord, law: str | Law = LAW, *, force: bool = False) -> RecordFeatures:
-    """Figures of a record."""
+def record_features(
+    record: PistonRecord, law: str | Law = DEFAULT_LAW, *, force: bool = False
+) -> RecordFeatures:
+    """Features of a record: equilibrium height, period, damping ratio and, on request, mean force."""
     with warnings.catch_warnings(action="ignore"):
-        model = fit(record, law, test_fraction=0.0, starts=STARTS, confidence=_ONE_SIGMA)
-    if model.quality.relative > _POOR:
+        model = fit(record, law, test_fraction=0.0, starts=FIT_STARTS, confidence=_ONE_SIGMA)
+    if model.quality.relative > _MAXIMUM_RESIDUAL:
         raise RecordError(
             f"the law {model.law.name!r} leaves {100.0 * model.quality.relative:.3g} % of the "
-            f"record's rms swing unexplained, {100.0 * _POOR:g} % is the limit; give a record that "
-            "swings about rest and settles, or another law"
+            f"record's rms displacement unexplained, the limit is {100.0 * _MAXIMUM_RESIDUAL:g} %; give a "
+            "record that oscillates about equilibrium and settles, or another law"
         )
     if model.at_rest is None:
         raise RecordError(
-            f"the law {model.law.name!r} finds no level of rest in the record; give a record that "
-            "swings about rest, or another law"
+            f"the law {model.law.name!r} finds no equilibrium in the record; give a record that "
+            "oscillates about equilibrium, or another law"
         )
     names = list(model.at_rest.intervals)
     values = [getattr(model.at_rest, name) for name in names]
@@ -78,18 +80,18 @@ def record_features(record: PistonRecord, law: str | Law = LAW, *, force: bool =
 
 
 def _mean_force(time: np.ndarray, force: np.ndarray) -> tuple[float, float]:
-    """Mean and its standard error, under a window that hides where the swing is cut off."""
+    """Mean and its standard error, with a window that suppresses incomplete cycles."""
     phase = (time - time[0]) / (time[-1] - time[0])
     weight = np.sin(math.pi * phase) ** 2 * np.gradient(time)
     weight /= weight.sum()
     return float(weight @ force), noise_level(force, time) * float(np.sqrt((weight**2).sum()))
 
 
-_DIGITS = 12  # of a parameter: positions that differ by rounding are the same simulation
+_DIGITS = 12  # of a parameter: positions that differ only by rounding share a simulation
 
 
 class SceneParameter(NamedTuple):
-    """A number in a scene."""
+    """A quantity of a scene that is calibrated."""
 
     key: str  # dotted
     value: float  # in SI, above 0
@@ -97,14 +99,14 @@ class SceneParameter(NamedTuple):
 
 
 def scene_parameter(scene: Scene, key: str) -> SceneParameter:
-    """Return the number of a scene that can be varied by its logarithm."""
+    """Return a positive quantity of a scene, which can be varied on a logarithmic scale."""
     field = find_field(scene, key)
     if field is None:
-        scene.replace(**{key: 1.0})  # says which key there is instead
-        raise InputError(f"the scene holds no {key}; set one, or calibrate a number that it holds")
+        scene.replace(**{key: 1.0})  # its error suggests a similar key
+        raise InputError(f"the scene has no {key}; set one, or calibrate a quantity that it has")
     value, kind = field
     if not isinstance(kind, QuantityKind):
-        raise InputError(f"{key} is no quantity; calibrate a number such as piston.mass")
+        raise InputError(f"{key} is not a quantity; calibrate one such as piston.mass")
     if value is None or not value > 0.0:
         raise InputError(
             f"{key} = {'none' if value is None else value}; a calibration starts from a value "
@@ -119,7 +121,7 @@ class SimulatedPoint(NamedTuple):
     position: Float[np.ndarray, "p"]  # logarithms of the parameters
     records: tuple[PistonRecord, ...]
     logs: Float[np.ndarray, "starts d"]  # logarithms of their features
-    failure: str = ""  # why there are no records; empty otherwise
+    failure: str = ""  # reason for missing records; empty otherwise
 
     @property
     def mean(self) -> np.ndarray:
@@ -129,7 +131,7 @@ class SimulatedPoint(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SceneSimulator:
-    """A scene to be simulated with other numbers, and what is measured of it."""
+    """Simulator of a scene with other parameters, and the settings of the comparison."""
 
     scene: Scene
     parameters: tuple[SceneParameter, ...]
@@ -147,7 +149,7 @@ class SceneSimulator:
         }
 
     def simulate_points(self, positions: Sequence[Float[np.ndarray, "p"]]) -> list[SimulatedPoint]:
-        """Simulate the scene at positions (logarithms), with all random starts side by side."""
+        """Simulate the scene at positions (logarithms), with all random starts in parallel."""
         cases = [
             self.scene_changes(position) | {"arrangement.seed": seed}
             for position in positions
@@ -170,10 +172,10 @@ class SceneSimulator:
                 record = record.between(0.0, self.duration * (1.0 + 1e-9))
                 figures = record_features(record, self.law, force=self.force)
             except InputError as error:
-                where = ", ".join(
+                changed_values = ", ".join(
                     f"{key} = {value:.5g}" for key, value in self.scene_changes(position).items()
                 )
-                cause = f"the simulation with {where} from random start {seed} failed: {error}"
+                cause = f"the simulation with {changed_values} from random start {seed} failed: {error}"
                 return SimulatedPoint(position, (), np.empty((0, 0)), cause)
             records.append(record)
             rows.append(np.log(figures.values))

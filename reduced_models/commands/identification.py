@@ -95,7 +95,7 @@ def identify(
     from granular.shared.progress_bars import print_above_bar
     from reduced_models.identification.identify import IdentifyOptions, plan_run
     from reduced_models.identification.identify import identify as identify_source
-    from reduced_models.records.sources import METHOD, open_source
+    from reduced_models.records.sources import DEFAULT_METHOD, open_source
 
     changes.run()
     leave_cautions_to_print_out(output)
@@ -103,7 +103,7 @@ def identify(
     if hasattr(opened, "replace"):
         opened = plan_run(changes.apply(opened), dt, method, threads, checks=not no_checks)
     else:
-        named_method = None if method == METHOD else method
+        named_method = None if method == DEFAULT_METHOD else method
         of_scene = {"dt": dt, "method": named_method, "threads": threads, "set": changes.changes or None}
         for name in given(**of_scene):
             raise InputError(f"--{name} applies to a scene only; this is a run or a record: leave it out")

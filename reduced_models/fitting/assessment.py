@@ -1,4 +1,4 @@
-"""From a fit to a model: its numbers, how good they are, and what is to be doubted."""
+"""Model of a fit: parameters with intervals, the quality of the fit, and notes on its weak points."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from reduced_models.fitting.parameter import Unknowns
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import SearchResult, delay_remarks
 from reduced_models.fitting.residual_diagnostics import (
-    SLIGHT,
+    NEGLIGIBLE_RESIDUAL,
     autocorrelation_time,
     count_release_transient_samples,
     diagnose_residuals,
     held_at_zero_remarks,
 )
-from reduced_models.fitting.residuals import BLOWN_UP, remove_random_walk, rms
+from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, remove_random_walk, rms
 from reduced_models.fitting.uncertainty import (
     FitStatistics,
     Interval,
@@ -42,8 +42,8 @@ from reduced_models.models.quantities import Quality
 from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.envelope import (
     amplitude_remarks,
+    describe_extreme_mismatch,
     envelope_of_extremes,
-    extremes_apart,
     find_extremes,
 )
 from reduced_models.records.free_motion import PredictionErrorEstimate, prediction_error_on_cycles
@@ -51,31 +51,32 @@ from reduced_models.records.release import release_sample
 from reduced_models.records.sensor import Sensor
 from reduced_models.records.sources import describe_record
 
-FEW = 0.25
-"""Fraction of the starts that must lead to the best fit before it is taken without a note."""
-# Residuals below this fraction of the swing are rounding, and the solver's: ten times `SOLVER_LIMIT`.
-SMALL = 1e-5
-FRACTION = 0.5
-"""Fraction of the residuals' power that makes them swing with the motion."""
-DRIFT = 4.0
-"""Slow power of the residuals, over that of white noise, that makes a drift."""
-NOISY = 0.3
-"""Noise above this fraction of the swing is noted."""
-VIOLENT = 500.0
+MINIMUM_AGREEING_FRACTION = 0.25
+"""Fraction of the starts that must lead to the best fit; below it a note is added."""
+# Residuals below this fraction of the rms displacement are rounding and solver error: ten times
+# `SOLVER_LIMIT`.
+ROUNDING_RESIDUAL = 1e-5
+OSCILLATING_FRACTION = 0.5
+"""Fraction of the residuals' power near the motion's frequency above which they oscillate with it."""
+DRIFT_POWER_RATIO = 4.0
+"""Low-frequency power of the residuals, relative to white noise, above which they drift."""
+NOISY_FRACTION = 0.3
+"""Noise above this fraction of the rms displacement is noted."""
+SUSPICIOUS_ACCELERATION = 500.0
 """Accelerations above this [m/s^2], fifty times gravity, are noted."""
-LAG = 0.1
-"""Fraction of the interval between samples: a shorter lag is not reported."""
-_DRIFT_FOUND = (
-    "the record's zero drifts, by {size:.2g} {unit} in all, as a random walk next to its noise: fitted with "
-    "that, which the intervals allow for; FitOptions(drift=False) (fit --no-drift on the command line) "
-    "leaves it out"
+REPORTED_LAG_FRACTION = 0.1
+"""Fraction of the sampling interval: a shorter lag is not reported."""
+_DRIFT_NOTE = (
+    "the record's zero drifts by {size:.2g} {unit} in all, as a random walk in addition to its noise: the "
+    "fit includes the drift, and the intervals allow for it; FitOptions(drift=False) (fit --no-drift on the "
+    "command line) omits it"
 )
-_LET_DRIFT = "fit with FitOptions(drift=True) (fit --drift on the command line)"
-_NEARLY_ALL, _ROUNDED = 0.99, 0.6
-"""Fraction of the residuals, and the part of the step of a sensor that rounds, half of which is its own
-error, below which they show nothing but its rounding."""
-NOISE_TIMES, NOTABLE = 3.0, 0.05
-"""A residual above so many noise levels, and above this fraction of the swing, is noted."""
+_DRIFT_REMEDY = "fit with FitOptions(drift=True) (fit --drift on the command line)"
+_ROUNDING_QUANTILE, _ROUNDING_FRACTION = 0.99, 0.6
+"""Quantile of the residuals, and the fraction of a sensor's rounding step below which it shows only the
+rounding; the rounding error itself is up to half a step."""
+NOTED_NOISE_RATIO, NOTED_FRACTION = 3.0, 0.05
+"""A residual above this multiple of the noise and this fraction of the rms displacement is noted."""
 
 
 def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> tuple[ReducedModel, ...]:
@@ -101,9 +102,9 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
         for data in problem.data
     ]
     for k, data in enumerate(problem.data):
-        if data.number in models:  # of which this is a further observation
-            left = remove_random_walk(residuals[k], data.gain)
-            model, quality = models[data.number], _assess_quality(result, k, residuals[k], left)
+        if data.number in models:  # this is a further observation of the same record
+            without_drift = remove_random_walk(residuals[k], data.gain)
+            model, quality = models[data.number], _assess_quality(result, k, residuals[k], without_drift)
             qualities = {**model.qualities, data.unknowns.observation: quality}
             models[data.number] = dataclasses.replace(model, qualities=qualities)
             continue
@@ -132,7 +133,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
             intervals = widen_to_linear_intervals(intervals, undetermined, profiled[k])
         names, matrix = physical_covariance(problem.unknowns, theta[here], known.covariance)
         model = _make_model_of_record(result, k, intervals, at_rest, motions, residuals[k])
-        drift = _DRIFT_FOUND.format(size=model.quality.zero_drift, unit=model.coordinate_unit)
+        drift = _DRIFT_NOTE.format(size=model.quality.zero_drift, unit=model.coordinate_unit)
         notes = (*model.notes, drift) if drift_was_found else model.notes
         models[data.number] = dataclasses.replace(
             model,
@@ -157,8 +158,8 @@ def _make_model_of_record(
     unknowns, record = data.unknowns, data.record
     theta = result.theta[data.entries]
     values, height, velocity, hidden = unknowns.physical_values(theta)
-    left = remove_random_walk(residuals, data.gain)
-    quality = _assess_quality(result, k, residuals, left)
+    without_drift = remove_random_walk(residuals, data.gain)
+    quality = _assess_quality(result, k, residuals, without_drift)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
     rest = None if isinstance(at_rest, NoOscillation) else at_rest
     remarks: tuple[str, ...] = ()
@@ -167,7 +168,7 @@ def _make_model_of_record(
             remarks = delay_remarks(problem, result.theta, k)
     else:
         fitted = record.height + residuals * unknowns.residual_unit
-        rest, remarks = _what_peaks_show(rest, motions[k], fitted)
+        rest, remarks = _damping_from_peaks(rest, motions[k], fitted)
     known = {name: value for name, value in parameters.items() if name not in problem.unidentified}
     ends = (float(record.height.min()), float(record.height.max()))
     observed = {unknowns.observation: ends} if unknowns.observation else {}
@@ -183,7 +184,10 @@ def _make_model_of_record(
         domain=_ranges_of_motion(motions) | observed,
         notes=(
             *_model_notes(
-                quality, _robust_residual_size(data, left), record, _release_transient_text(data, left)
+                quality,
+                _robust_residual_size(data, without_drift),
+                record,
+                _release_transient_text(data, without_drift),
             ),
             *problem.notes,
             *remarks,
@@ -195,7 +199,7 @@ def _make_model_of_record(
             *_bound_notes(parameters, problem.bounds),
             *_suspicious_unit_notes(unknowns, record.coordinate_unit),
         ),
-        provenance=_provenance_words(
+        provenance=_provenance_texts(
             record, problem, None if isinstance(at_rest, NoOscillation) else at_rest.period
         ),
         hidden={
@@ -214,7 +218,7 @@ def _make_model_of_record(
 
 
 def _cycles_of_strokes(result: SearchResult, motions: Sequence[PistonRecord]) -> tuple[HarmonicCycle, ...]:
-    """Cycles of a force on prescribed strokes, as they were measured."""
+    """Measured cycles of a force on prescribed strokes."""
     sensor, law = result.problem.unknowns.sensor, result.problem.law
     if not law.prescribed or sensor is None or law.observations != ("force",):
         return ()
@@ -223,19 +227,19 @@ def _cycles_of_strokes(result: SearchResult, motions: Sequence[PistonRecord]) ->
 
 
 def _fitted_sensor(unknowns: Unknowns, theta: np.ndarray) -> Sensor | None:
-    """Sensor with the gain and the offset of a fit."""
+    """Sensor with the fitted gain and offset."""
     if unknowns.sensor is None:
         return None
     gain, offset = unknowns.gain_and_offset(theta)
     return dataclasses.replace(unknowns.sensor, gain=gain, offset=offset)
 
 
-def _what_peaks_show(
+def _damping_from_peaks(
     rest: AtRest | None, record: PistonRecord, fitted: np.ndarray
 ) -> tuple[AtRest | None, tuple[str, ...]]:
-    """Small motion, with the damping by the peaks of a free oscillation if they contradict it, and remarks.
+    """Small oscillation, with the damping from successive peaks if they contradict it, and remarks.
 
-    Peaks that are not those of the fitted motion (n,) are noise, and show no damping.
+    Peaks that differ from the peaks of the fitted motion (n,) are noise and give no damping.
     """
     try:
         extremes = find_extremes(record)
@@ -244,7 +248,11 @@ def _what_peaks_show(
     except GranularError:  # too few of them
         return rest, ()
     peaks = cycles.peak_damping
-    if rest is not None and peaks.contradicts(rest.damping_ratio) and not extremes_apart(extremes, motion):
+    if (
+        rest is not None
+        and peaks.contradicts(rest.damping_ratio)
+        and not describe_extreme_mismatch(extremes, motion)
+    ):
         rest = dataclasses.replace(rest, peaks=peaks)
     low, high = (0.0, 0.0) if rest is None or rest.peaks else rest.intervals["damping_ratio"]
     return rest, amplitude_remarks(cycles, low > 0.0 or high < 0.0)
@@ -260,13 +268,13 @@ def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float,
     }
 
 
-def _provenance_words(record: PistonRecord, problem: FitProblem, period: float | None) -> dict[str, str]:
-    """Origin of a model, in words: the same for the same data and settings."""
+def _provenance_texts(record: PistonRecord, problem: FitProblem, period: float | None) -> dict[str, str]:
+    """Origin of a model as text, the same for the same data and settings."""
     digest = hashlib.sha256(record.time.tobytes() + record.height.tobytes()).hexdigest()
     pairs = problem.bounds.items()
-    limits = [f"{low:g} <= {name} <= {high:g}" for name, (low, high) in pairs if low < high]
-    limits += [f"{name} = {low:g} given" for name, (low, high) in pairs if low == high]
-    bounds = ", ".join(limits)
+    bound_texts = [f"{low:g} <= {name} <= {high:g}" for name, (low, high) in pairs if low < high]
+    bound_texts += [f"{name} = {low:g} given" for name, (low, high) in pairs if low == high]
+    bounds = ", ".join(bound_texts)
     return {
         "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, sha256 {digest[:16]}",
         "record": "\n".join(describe_record(record, period)),
@@ -279,7 +287,7 @@ def _bound_notes(
     parameters: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[str, ...]:
     return tuple(
-        f"{name} = {parameters[name]:.5g} lies at its bound; widen the bounds or read it as given"
+        f"{name} = {parameters[name]:.5g} lies at its bound; widen the bounds or regard it as given"
         for name, pair in bounds.items()
         if pair[0] < pair[1] and any(math.isclose(parameters[name], edge) for edge in pair)
     )
@@ -287,34 +295,42 @@ def _bound_notes(
 
 def _suspicious_unit_notes(unknowns: Unknowns, coordinate_unit: str) -> tuple[str, ...]:
     acceleration = unknowns.speed**2 / unknowns.amplitude
-    if coordinate_unit == "rad" or acceleration < VIOLENT:
+    if coordinate_unit == "rad" or acceleration < SUSPICIOUS_ACCELERATION:
         return ()
     return (
-        f"the motion accelerates at {acceleration:.2g} m/s^2; check the units of height and time, "
-        "which are m and s where none are given",
+        f"the acceleration of the motion is {acceleration:.2g} m/s^2; check the units of height and time, "
+        "m and s by default",
     )
 
 
-def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray, left: np.ndarray) -> Quality:
-    """Quality of a fit by its residuals, and by what is left of them without a fitted drift of the zero."""
+def _assess_quality(
+    result: SearchResult, k: int, residuals: np.ndarray, without_drift: np.ndarray
+) -> Quality:
+    """Quality of a fit, from its residuals with and without the fitted drift of the zero."""
     problem, data = result.problem, result.problem.data[k]
-    record, swings, here = data.record, data.held_out_cycles, data.entries
-    swing = float(record.height.std())
+    record, held_out_cycles, here = data.record, data.held_out_cycles, data.entries
+    rms_displacement = float(record.height.std())
     unit = data.unknowns.residual_unit
-    residual, step = rms(left) * unit, rounding_step(record.height)
+    residual, step = rms(without_drift) * unit, rounding_step(record.height)
     level = data.noise if problem.known_noise else None
     period = 2.0 * math.pi * data.unknowns.amplitude / data.unknowns.speed
     fitted = record.height + residuals * unit
-    structure = diagnose_residuals(record.time, unit * left, np.gradient(fitted, record.time), period)
+    structure = diagnose_residuals(
+        record.time, unit * without_drift, np.gradient(fitted, record.time), period
+    )
     error = None
-    if swings:
-        unseen = data.residuals(result.trained[here])
-        error = _prediction_error_on_held_out_cycles(record, unseen, unit, swings, data.training_mask)
+    if held_out_cycles:
+        held_out_residuals = data.residuals(result.trained[here])
+        error = _prediction_error_on_held_out_cycles(
+            record, held_out_residuals, unit, held_out_cycles, data.training_mask
+        )
     return Quality(
         residual=residual,
-        relative=residual / swing,
+        relative=residual / rms_displacement,
         test_error=None if error is None else error.value,
-        test_swings=[(float(record.time[part.start]), float(record.time[part.stop - 1])) for part in swings],
+        test_swings=[
+            (float(record.time[part.start]), float(record.time[part.stop - 1])) for part in held_out_cycles
+        ],
         starts=problem.starts,
         converged=result.converged,
         samples=len(record),
@@ -322,13 +338,14 @@ def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray, left: n
         test_error_at_rest=None if error is None else error.at_rest,
         test_standard_error=None if error is None else error.standard_error,
         noise=noise_level(record.height, record.time) if level is None else level,
-        correlation=autocorrelation_time(left),
+        correlation=autocorrelation_time(without_drift),
         collocation=result.collocation,
         shifts=_relative_small_motion_changes(data.unknowns, result.theta[here], result.trained[here])
-        if swings
+        if held_out_cycles
         else {},
-        rounded=float(np.quantile(np.abs(left), _NEARLY_ALL)) * unit <= _ROUNDED * step,
-        zero_drift=float(np.ptp(residuals - left)) * unit,
+        rounded=float(np.quantile(np.abs(without_drift), _ROUNDING_QUANTILE)) * unit
+        <= _ROUNDING_FRACTION * step,
+        zero_drift=float(np.ptp(residuals - without_drift)) * unit,
         **structure,
     )
 
@@ -336,7 +353,7 @@ def _assess_quality(result: SearchResult, k: int, residuals: np.ndarray, left: n
 def _relative_small_motion_changes(
     unknowns: Unknowns, theta: np.ndarray, trained: np.ndarray
 ) -> dict[str, float]:
-    """Relative changes of the figures of rest between two search vectors; empty where there are none."""
+    """Relative changes of period and damping ratio between two search vectors; empty if either has none."""
     figures, others = (small_motion_figures(unknowns, vector) for vector in (theta, trained))
     if isinstance(figures, NoOscillation) or isinstance(others, NoOscillation):
         return {}
@@ -346,46 +363,53 @@ def _relative_small_motion_changes(
 
 
 def _prediction_error_on_held_out_cycles(
-    record: PistonRecord, residuals: np.ndarray, unit: float, swings: Sequence[slice], mask: np.ndarray
+    record: PistonRecord,
+    residuals: np.ndarray,
+    unit: float,
+    held_out_cycles: Sequence[slice],
+    mask: np.ndarray,
 ) -> PredictionErrorEstimate:
-    """Error on the test swings of a model that has seen the other samples, which are a mask's."""
+    """Prediction error on the held-out cycles of a model fitted to the other samples, given by a mask."""
     others = record.height[mask]
-    # The level of rest at the end of what that model has seen.
+    # Displacement from the mean of the last third of the fitted samples.
     displacement = record.height - others[-len(others) // 3 :].mean()
-    swing = float(record.height.std())
-    missed = residuals * unit
-    error = prediction_error_on_cycles(missed, displacement, swings, swing)
-    if any((np.abs(residuals[part]) >= BLOWN_UP).any() for part in swings):
+    rms_displacement = float(record.height.std())
+    misfit = residuals * unit
+    error = prediction_error_on_cycles(misfit, displacement, held_out_cycles, rms_displacement)
+    if any((np.abs(residuals[part]) >= DIVERGED_RESIDUAL).any() for part in held_out_cycles):
         return error._replace(value=math.inf, standard_error=None)
     return error
 
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
-    """Words for residuals that are not white, however small, of samples an interval [s] apart."""
-    follow = f"follow each other over {round(quality.correlation)} samples"
+    """Text on residuals that are not white, however small, of samples an interval [s] apart."""
+    correlation_text = f"are correlated over {round(quality.correlation)} samples"
     if round(quality.correlation) < 2:
-        follow = "are correlated"
-    words = f"the residuals, {100 * quality.relative:.2g} % of the swing, are not white noise (they {follow}"
-    if abs(quality.lag) > LAG * interval and quality.swinging > FRACTION:
-        words += f"; the solution lags by {quality.lag:.2g} s"
-    words += quality.figure_shifts_text
+        correlation_text = "are correlated"
+    text = (
+        f"the residuals, {100 * quality.relative:.2g} % of the rms displacement, are not white noise "
+        f"(they {correlation_text}"
+    )
+    if abs(quality.lag) > REPORTED_LAG_FRACTION * interval and quality.swinging > OSCILLATING_FRACTION:
+        text += f"; the solution lags by {quality.lag:.2g} s"
+    text += quality.figure_shifts_text
     if has_sensor_drift(quality) and not quality.zero_drift:
-        return f"{words}) but drift slowly, so the level of rest is known less; {_LET_DRIFT}"
-    if quality.swinging > FRACTION:
-        return f"{words}) and swing with the motion, so the law is not right; try another law"
-    return f"{words}), so the law is not right, or the noise is not white; try another law"
+        return f"{text}) but drift slowly, so the equilibrium is less certain; {_DRIFT_REMEDY}"
+    if quality.swinging > OSCILLATING_FRACTION:
+        return f"{text}) and oscillate with the motion, so the law is not right; try another law"
+    return f"{text}), so the law is not right, or the noise is not white; try another law"
 
 
 def has_sensor_drift(quality: Quality) -> bool:
-    """Tell whether residuals are slower than the motion, and stronger there than white noise."""
-    return quality.drift > DRIFT and quality.slow > quality.swinging
+    """Return whether residuals are slower than the motion, with more power there than white noise."""
+    return quality.drift > DRIFT_POWER_RATIO and quality.slow > quality.swinging
 
 
 def _misfit_text(quality: Quality, record: PistonRecord) -> str:
-    """Cause of residuals far above the noise, as far as it is seen, and the remedy."""
+    """Probable cause of residuals far above the noise, and the remedy."""
     if start := release_sample(record):
         return (
-            f"the law is not right for all of the record: it stands still for the first "
+            f"the law does not hold for the whole record, which is at rest for the first "
             f"{record.time[start] - record.time[0]:.4g} s before it moves; fit it from there on "
             "(reduced_models.cut_at_release)"
         )
@@ -393,50 +417,59 @@ def _misfit_text(quality: Quality, record: PistonRecord) -> str:
 
 
 def _robust_residual_size(data: FitData, residuals: np.ndarray) -> float:
-    """Residual [m] that notes go by: where the loss spares outliers, they do not count."""
+    """Residual [m] on which notes are based; with a robust loss, outliers do not count."""
     if data.loss_name == "linear":
         return rms(residuals) * data.unknowns.residual_unit
-    usual = float(np.median(np.abs(residuals))) / NORMAL_MEDIAN
-    return usual * data.unknowns.residual_unit
+    typical_residual = float(np.median(np.abs(residuals))) / NORMAL_MEDIAN
+    return typical_residual * data.unknowns.residual_unit
 
 
 def _release_transient_text(data: FitData, residuals: np.ndarray) -> str:
-    """Words on what a release stirs up, where a law holds but for that; empty elsewhere."""
-    left = residuals * data.unknowns.residual_unit
+    """Text on the transient after a release, if the law holds except there; empty otherwise."""
+    without_drift = residuals * data.unknowns.residual_unit
     time, period = data.record.time, math.tau * data.unknowns.amplitude / data.unknowns.speed
-    start, swing = count_release_transient_samples(time, left, period), float(data.record.height.std())
-    after = rms(left[start:]) / swing
-    if not start or after > SLIGHT:
+    start, rms_displacement = (
+        count_release_transient_samples(time, without_drift, period),
+        float(data.record.height.std()),
+    )
+    after = rms(without_drift[start:]) / rms_displacement
+    if not start or after > NEGLIGIBLE_RESIDUAL:
         return ""
-    missed, until = float(np.abs(left[:start]).max()) / swing, time[start] - time[0]
+    misfit, until = float(np.abs(without_drift[:start]).max()) / rms_displacement, time[start] - time[0]
     return (
-        f"in the first {1e3 * until:.2g} ms after release the model misses {100 * missed:.2g} % of the "
+        f"in the first {1e3 * until:.2g} ms after release the model misses {100 * misfit:.2g} % of the "
         f"displacement, {100 * after:.2g} % later"
     )
 
 
-def _model_notes(quality: Quality, usual: float, record: PistonRecord, release: str) -> tuple[str, ...]:
+def _model_notes(
+    quality: Quality, typical_residual: float, record: PistonRecord, release: str
+) -> tuple[str, ...]:
     notes = []
-    if quality.converged < FEW * quality.starts:
+    if quality.converged < MINIMUM_AGREEING_FRACTION * quality.starts:
         notes.append(
             f"only {quality.converged} of {quality.starts} random starts led to this fit, so there "
             "may be a better one; try more starts"
         )
-    swing = quality.residual / max(quality.relative, 1e-300)
-    if usual > NOISE_TIMES * quality.noise and usual > NOTABLE * swing and not quality.rounded:
-        ratio = usual / quality.noise if quality.noise > 0.0 else math.inf
+    rms_displacement = quality.residual / max(quality.relative, 1e-300)
+    if (
+        typical_residual > NOTED_NOISE_RATIO * quality.noise
+        and typical_residual > NOTED_FRACTION * rms_displacement
+        and not quality.rounded
+    ):
+        ratio = typical_residual / quality.noise if quality.noise > 0.0 else math.inf
         notes.append(
-            f"the residual is {100 * usual / swing:.2g} % of the swing and {format_factor(ratio)} "
-            f"times the record's noise, so {_misfit_text(quality, record)}"
+            f"the residual is {100 * typical_residual / rms_displacement:.2g} % of the rms displacement and "
+            f"{format_factor(ratio)} times the record's noise, so {_misfit_text(quality, record)}"
         )
-    elif quality.has_structured_residuals and quality.relative > SMALL:
+    elif quality.has_structured_residuals and quality.relative > ROUNDING_RESIDUAL:
         interval = float(np.median(np.diff(record.time)))
         notes.append(release or residual_structure_text(quality, interval))
-    if quality.noise > NOISY * swing:
+    if quality.noise > NOISY_FRACTION * rms_displacement:
         notes.append(
-            f"the noise is {100 * quality.noise / swing:.2g} % of the rms swing, so the record "
-            "says little of any law; average more samples or measure a larger motion"
+            f"the noise is {100 * quality.noise / rms_displacement:.2g} % of the rms displacement, so the "
+            "record constrains any law poorly; average more samples or measure a larger motion"
         )
     if quality.test_error == math.inf:
-        notes.append("fitted without the test swings, the law diverges in them")
+        notes.append("fitted without the held-out cycles, the law diverges in them")
     return tuple(notes)

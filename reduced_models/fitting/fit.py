@@ -1,17 +1,16 @@
 """`fit`: the parameters of a law from a record, through the law's differential equation.
 
-The whole motion is compared, not its derivatives: for trial parameters the equation is solved
-from a fitted initial state, and Levenberg-Marquardt changes the parameters until the solution
-lies on the record. Many random starts, first on the first two swings and then on horizons that
-double, keep it from settling in a wrong valley; what they find is compared with the estimate of a
-method that solves nothing, from accelerations in the record.
+The motion itself is compared, not its derivatives: for trial parameters the equation is solved from
+a fitted initial state, and Levenberg-Marquardt changes the parameters until the solution follows the
+record. Many random starts, first on the first two cycles and then on horizons that double, avoid
+wrong local minima. The result is compared with a second estimate, from accelerations in the record,
+which needs no solution of the equation.
 
-Hidden states at the start of a record, from the motion before it.
-
-What a hysteretic or a visco-elastic part has been through is seen in the record before the stretch
-that is fitted: its hidden states are carried along that motion as it was measured, from zero at its
-beginning, which they forget on the way. Where they end depends on the parameters, so that fit and
-hidden states take turns until neither changes.
+Hidden states at the start of a record can follow from the motion before it. The history of a
+hysteretic or visco-elastic part is in the record before the fitted stretch: its hidden states are
+integrated along that measured motion, from zero at its beginning, which they forget on the way. Their
+final values depend on the parameters, so fit and hidden states are updated in turn until neither
+changes.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ from reduced_models.fitting.problem import (
 )
 from reduced_models.fitting.refinement import SearchResult, solve_on_verified_grids
 from reduced_models.fitting.residual_diagnostics import random_walk_gain, whiteness_p_value
-from reduced_models.fitting.residuals import BLOWN_UP, LossName, remove_random_walk
+from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, LossName, remove_random_walk
 from reduced_models.fitting.search import multistart_search
 from reduced_models.fitting.start_values import acceleration_function
 from reduced_models.laws.catalogue import law_named
@@ -63,13 +62,13 @@ from reduced_models.records.inputs import (
 from reduced_models.records.sensor import Sensor, SensorQuantity
 
 _NODES_PER_CYCLE = 128
-_GAP = 1.5  # samples between a history and its record
-_ROUNDS = 20
-_SAME = 1e-7  # change of a search vector that is none
+_MAXIMUM_GAP = 1.5  # maximum gap between a history and its record, in samples
+_HISTORY_ROUNDS = 20
+_CONVERGED = 1e-7  # relative change of a search vector below which it has converged
 
 
 def is_motion_history(initial: Initial | None) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
-    """Tell a motion before the record from other starts."""
+    """Return whether an initial state is given as the motion before the record."""
     if isinstance(initial, Sequence) and not isinstance(initial, str) and initial:
         return all(isinstance(entry, PistonRecord) for entry in initial)
     return isinstance(initial, PistonRecord)
@@ -78,15 +77,15 @@ def is_motion_history(initial: Initial | None) -> TypeGuard[PistonRecord | Seque
 def prepend_histories(
     law: Law, histories: PistonRecord | Sequence[PistonRecord], records: Sequence[PistonRecord]
 ) -> list[PistonRecord]:
-    """Each record with its history before it, from time 0 at the record's own start."""
+    """Each record with its history before it; time 0 is the start of the record."""
     given = [histories] if isinstance(histories, PistonRecord) else list(histories)
     if not law.hidden:
         raise InputError(
-            f"the law {quote(law.name)} has no hidden state, so what was before its record does "
-            "not matter; leave initial out"
+            f"the law {quote(law.name)} has no hidden state, so the motion before its record does "
+            "not matter; remove initial"
         )
     if len(given) != len(records):
-        raise InputError(f"initial: {len(given)} motions for {len(records)} records; give one before each")
+        raise InputError(f"initial: {len(given)} motions for {len(records)} records; give one for each")
     return [_prepend_history(history, record) for history, record in zip(given, records, strict=True)]
 
 
@@ -94,7 +93,7 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
     begin, end = float(record.time[0]), float(history.time[-1])
     step = float(record.time[-1] - begin) / (len(record) - 1)
     before = history.time < begin
-    if not -0.5 * step <= begin - end <= _GAP * step or before.sum() < 2:
+    if not -0.5 * step <= begin - end <= _MAXIMUM_GAP * step or before.sum() < 2:
         raise InputError(
             f"initial: the motion before ends at {end:.6g} s, and the record begins at {begin:.6g} "
             "s; cut both from one record, as record.between(0, 5) and record.between(5, 20)"
@@ -112,10 +111,10 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
 
 
 def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
-    """Fit with hidden states held where the records' histories end."""
+    """Fit with initial hidden states held at the values at the end of the records' histories."""
     problem, theta = result.problem, result.trained
     first = len(problem.law.parameters) + 2
-    for _ in range(_ROUNDS):
+    for _ in range(_HISTORY_ROUNDS):
         former, theta = theta, theta.copy()
         moved = []
         for data, history in zip(problem.data, histories, strict=True):
@@ -125,13 +124,13 @@ def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) 
             moved.append(dataclasses.replace(data, initial={**data.initial, **hidden}))
         problem = problem.with_data(moved)
         theta = problem.refit(theta, problem.training, tolerance=1e-10)
-        if np.abs(theta - former).max() <= _SAME * max(1.0, np.abs(theta).max()):
+        if np.abs(theta - former).max() <= _CONVERGED * max(1.0, np.abs(theta).max()):
             break
     return result.with_training_fit(problem, theta)
 
 
 def _states_at_history_end(data: FitData, theta: np.ndarray, history: PistonRecord) -> np.ndarray:
-    """Hidden states (h,) where a history ends, which is at time 0."""
+    """Hidden states (h,) at the end of a history, which is at time 0."""
     law, period = data.unknowns.law, data.guess.period
     values = data.unknowns.physical_values(theta)[0]
     start = float(history.time[0])
@@ -143,19 +142,19 @@ def _states_at_history_end(data: FitData, theta: np.ndarray, history: PistonReco
     return np.asarray(acceleration_function(law, motion, drive)(np.array(values)[:, None])[1][-1, :, 0])
 
 
-_MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is chosen
-_CLEARLY = 0.98  # of the spline's error, for another to be taken
+_MAXIMUM_COMPARED_SAMPLES = 2000  # of a record, by which the interpolation of inputs is chosen
+_CLEARLY_BETTER = 0.98  # of the spline's error: a better interpolation must be below it
 _DRIFT_ROUNDS = 3
-_MOST_GAIN = 0.5  # of a walk that is found without being asked for
+_MAXIMUM_FOUND_GAIN = 0.5  # of a random walk that is fitted without drift=True
 
 P = ParamSpec("P")
 Records = RecordLike | Sequence[RecordLike]
 
 
 class _FitFunction(Protocol[P]):
-    """A fit of one record, which gives a model, or of several, which gives one for each."""
+    """A fit of one record, which returns a model, or of several, which returns one for each."""
 
-    @overload  # a text is one record, though a sequence of texts too
+    @overload  # a text is one record, although it is a sequence of texts too
     def __call__(  # type: ignore[overload-overlap]
         self, record: RecordLike, /, *args: P.args, **kwargs: P.kwargs
     ) -> ReducedModel: ...
@@ -168,7 +167,7 @@ class _FitFunction(Protocol[P]):
 def _unwrap_single_record(
     function: Callable[Concatenate[Records, P], tuple[ReducedModel, ...]],
 ) -> _FitFunction[P]:
-    """Give the model itself, where there is one record and no sequence."""
+    """Return the model itself if a single record is given, not a sequence."""
 
     @functools.wraps(function)
     def fit_records(record: Records, *args: P.args, **kwargs: P.kwargs) -> Any:
@@ -197,76 +196,76 @@ def fit(
 ) -> tuple[ReducedModel, ...]:
     """Fit a law to a record, or to several together, through its differential equation.
 
-    Many starts of Levenberg-Marquardt searches (Marquardt 1963, doi:10.1137/0111030) bring the
-    solution of the law onto the record.
+    Levenberg-Marquardt searches (Marquardt 1963, doi:10.1137/0111030) from many starts minimise the
+    difference between the solution of the law and the record.
 
     Parameters
     ----------
     record : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
         Times [s] and heights [m], or a file that `read_record` reads; samples may be irregular and have
-        gaps. At least 20 samples must be left to fit.
+        gaps. A fit needs 20 or more samples.
     law : str or Law
         A law of the package by its name, an equation such as ``"z'' + 2*lam*z' + k*z = g0"``, or a
-        Law, whose text may hold several equations (see `Law`). The coordinate, that with two primes,
-        may have any name; ``t`` is the time since the record's start. Names that are columns of the
-        record are inputs, or, alone on the left, what is compared; all others are parameters. Without
-        an equation of motion the record's heights are a prescribed stroke, as of a dynamometer.
+        Law, whose text may hold several equations (see `Law`). The coordinate, the variable with two
+        primes, may have any name; ``t`` is the time since the record's start. Names that are columns
+        of the record are inputs or, alone on the left, compared signals; all others are parameters.
+        Without an equation of motion the record's heights are a prescribed stroke, as of a
+        dynamometer.
     parameters : mapping of str to Parameter, float or str, optional
-        What is known of parameters by name: values, limits, which are kept, and which each of several
-        records has for itself (see `Parameter`); the others are shared. A number alone is one to
-        begin from. Not all may be fixed. Every record has its own initial state.
+        Prior knowledge of parameters by name: values, bounds, which are fixed, and which have a
+        separate value for each record (see `Parameter`); the others are shared. A number alone is a
+        start value. Not all may be fixed. Every record has a separate initial state.
     noise : float or float (n,), or mapping of str to these, optional
-        Standard deviation of the noise, above 0, in m or the unit of the signal that is compared, of
-        all samples or of each; for several records a list. Where the law observes several columns, a
-        mapping gives that of each by its name. Intervals then come from it, and weights where it is
-        given for each sample.
+        Standard deviation of the noise, above 0, in m or the unit of the compared signal, of all
+        samples or of each; for several records a list. If the law observes several columns, a
+        mapping gives the noise of each by its name. Intervals are then computed from it; if it is
+        given for each sample, so are the weights.
     weights : float (n,), optional
-        Weights of the residuals, above 0, without unit; for several records a list of such.
+        Weights of the residuals, above 0, without unit; for several records a list of them.
     loss : "linear", "soft_l1" or "huber"
-        What residuals cost: their squares, or less where they are far beyond the noise, so that
-        outliers weigh little (Huber 1964, doi:10.1214/aoms/1177703732); intervals are then those
-        of the sandwich estimate (White 1980, doi:10.2307/1912934).
+        Cost of the residuals: their squares, or less for residuals far above the noise, so that
+        outliers weigh little (Huber 1964, doi:10.1214/aoms/1177703732); intervals then come from the
+        sandwich estimate (White 1980, doi:10.2307/1912934).
     intervals : "linear" or "profile"
         From the linearisation at the best fit, or by holding each parameter at values further and
-        further away and fitting the others again: right also where parameters are bounded or trade
-        places (see `reduced_models.fitting.profile_likelihood`).
-        Intervals of the small swing at rest are always those of the linearisation.
+        further away and refitting the others: correct also if parameters are bounded or strongly
+        correlated (see `reduced_models.fitting.profile_likelihood`).
+        Intervals of the small oscillation at rest always come from the linearisation.
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     starts : int
         Number of random starts, from 1 to 10000.
     test_fraction : float
-        Fraction, from 0 to 0.9, of each record's whole swings, spread over those above its noise,
-        that is held out: a model is fitted without them, through them, and judged on them. Of a
-        motion with few swings it is the end. The model that is given back is fitted to all of the
-        record. 0 for none.
+        Fraction, from 0 to 0.9, of each record's whole cycles that is held out, spread over the
+        cycles above its noise: a first model is fitted without them, integrated through them, and
+        judged on them. Of a motion with few cycles the end is held out. The returned model is fitted
+        to the whole record. 0 holds out none.
     seed : int
         Seed of the random starts, from 0 on.
     options : FitOptions, optional
-        The drift of the zero, the interpolation of inputs, the sensor and the start of the
-        motion, where they are not as usual.
+        Drift of the zero, interpolation of inputs, sensor and initial state, if not the defaults.
 
     Returns
     -------
     ReducedModel, or a tuple of them
-        One for one record that is in no sequence, else a tuple with one for each.
+        One model for a single record, a tuple with one for each record of a sequence.
 
     Raises
     ------
     RecordError
-        If a table is no record, or a record has fewer than 20 samples to fit, does not move, or
+        If a table is not a record, or a record has fewer than 20 samples to fit, does not move, or
         lacks a column that is an input of the law or that ``measured`` needs.
     InputError
-        If there is no record, an argument is out of its range, there is no such law or parameter,
+        If no record is given, an argument is out of its range, a law or parameter is unknown,
         options do not go together, no start led to a solution that stays finite, the solution
-        cannot be followed to the accuracy that the fit needs, or is so steep in the parameters that
-        they have no intervals.
+        cannot be computed to the accuracy that the fit needs, or depends so steeply on the
+        parameters that they have no intervals.
 
     Warns
     -----
     UserWarning
-        For each of the model's notes: where few starts agree, a parameter lies at its bound, or the
-        law leaves over much more than the record's noise.
+        For each of the model's notes: if few starts agree, a parameter lies at its bound, or the
+        residual is far above the record's noise.
 
     Examples
     --------
@@ -294,12 +293,12 @@ def fit(
     settings = parameter_settings(law, declared, len(records))
     chosen, initial = settings.law, how.initial
     if how.drift and intervals == "profile":
-        raise InputError("profile intervals know no drift; give intervals='linear'")
+        raise InputError("profile intervals do not support a drift; give intervals='linear'")
     histories = prepend_histories(chosen, initial, records) if is_motion_history(initial) else []
     state = {} if histories else prescribed_initial_state(chosen, initial)
     observed = observed_records(chosen, records, how.measured, declared, state)
     if histories and (observed.sensor is not None or chosen.observations):
-        raise InputError("initial: a motion before is followed by its heights; fit these")
+        raise InputError("initial: hidden states follow a motion before by its heights; fit heights too")
     data = observed_data(
         observed, settings, test_fraction, weights, noise, loss, how.input_interpolation or "spline", state
     )
@@ -347,7 +346,7 @@ def resolve_law(
     declared: Sequence[str] = (),
     measured: SensorQuantity | Sensor | None = None,
 ) -> Law:
-    """Law by its name, its equation, or as it is; ``declared`` names are parameters."""
+    """Law from a name, an equation or a Law; ``declared`` names are parameters."""
     quantity = measured.quantity if isinstance(measured, Sensor) else measured
     of_force = (quantity or record.measured) == "force" and record.measured in ("height", "force")
     chosen = law
@@ -360,18 +359,19 @@ def resolve_law(
         raise InputError(f"law = {quote(law)}; give a name, an equation or a Law")
     if of_force and not chosen.prescribed:
         raise InputError(
-            f"{quote(law if isinstance(law, str) else chosen.name)} is no law of a force on a prescribed "
-            f'stroke; give one of {", ".join(FORCE_LAWS)}, or an equation, "force = c*z\' + k*z + zero"'
+            f"{quote(law if isinstance(law, str) else chosen.name)} is not a law of the force on a "
+            f"prescribed stroke; give one of {', '.join(FORCE_LAWS)}, or an equation, "
+            '"force = c*z\' + k*z + zero"'
         )
     return chosen
 
 
 def _best_interpolation(result: SearchResult) -> SearchResult:
-    """Fit with the interpolation of the inputs that has the least held-out error."""
-    # Each is fitted from the fit with splines, so that all end in the same valley.
+    """Fit with the interpolation of the inputs that has the smallest held-out error."""
+    # Each fit starts from the fit with splines, so that all end in the same minimum.
     problem = result.problem
-    counts = [min(samples, _MOST_SAMPLES) for samples in problem.training]
-    # One step a sample at least: what a held input does within a step has no order.
+    counts = [min(samples, _MAXIMUM_COMPARED_SAMPLES) for samples in problem.training]
+    # One or more steps per sample: a jump of a held input within a step would spoil the solver's order.
     aligned = [fine_grid(problem.law, data.record, data.guess.period, "linear") for data in problem.data]
     errors = {}
     for how in INTERPOLATIONS:
@@ -382,27 +382,27 @@ def _best_interpolation(result: SearchResult) -> SearchResult:
         theta = trial.refit(result.trained, counts, tolerance=1e-6)
         errors[how] = (_mean_square_residual_after(trial, theta, counts), trial)
     best = min(INTERPOLATIONS, key=lambda how: errors[how][0])
-    if best == "spline" or errors[best][0] > _CLEARLY * errors["spline"][0]:
+    if best == "spline" or errors[best][0] > _CLEARLY_BETTER * errors["spline"][0]:
         return result
     chosen = errors[best][1]
     return result.with_training_fit(chosen, chosen.refit(result.trained, problem.training))
 
 
 def _mean_square_residual_after(problem: FitProblem, theta: np.ndarray, counts: list[int]) -> float:
-    """Mean squared residual behind so many samples of each record, over as many at most."""
+    """Mean squared residual of the samples after the first ``counts`` of each record, up to as many again."""
     total, size = 0.0, 0
     for residuals, count in zip(problem.residuals(theta), counts, strict=True):
         left = residuals[count : 2 * count]
-        if (np.abs(left) >= BLOWN_UP).any():
+        if (np.abs(left) >= DIVERGED_RESIDUAL).any():
             return float("inf")
         total, size = total + float(left @ left), size + len(left)
     return total / max(size, 1)
 
 
 def _fit_with_drift(result: SearchResult) -> SearchResult:
-    """Fit with the gains that leave least of the records' residuals."""
-    # Exponential smoothing of the residuals is the filter of a random walk in white noise (Muth 1960,
-    # doi:10.1080/01621459.1960.10482064): with the gain of the true ratio of both its errors are white.
+    """Fit with the drift filter whose gains minimise the records' residuals."""
+    # Exponential smoothing is the optimal filter of a random walk in white noise (Muth 1960,
+    # doi:10.1080/01621459.1960.10482064); with the gain of the true ratio of both, its errors are white.
     problem, theta = result.problem, result.trained
     for _ in range(_DRIFT_ROUNDS):
         gains = map(random_walk_gain, problem.residuals(theta))
@@ -414,7 +414,7 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
 
 
 def _has_random_walk_residuals(result: SearchResult, models: Sequence[ReducedModel]) -> bool:
-    """Tell whether residuals of a record drift, and are a random walk next to white noise."""
+    """Return whether residuals of a record drift, as a random walk plus white noise."""
     for data, residuals in zip(result.problem.data, result.problem.residuals(result.theta), strict=True):
         model = models[data.number]
         quality = model.qualities.get(data.unknowns.observation, model.quality)
@@ -422,7 +422,7 @@ def _has_random_walk_residuals(result: SearchResult, models: Sequence[ReducedMod
             continue
         gain = random_walk_gain(residuals)
         left = remove_random_walk(residuals, gain)
-        # What a wrong law leaves is smooth: it is followed by a gain near one, or is not white then.
-        if gain < _MOST_GAIN and whiteness_p_value(left) > SURE:
+        # The misfit of a wrong law is smooth: it needs a gain near one, or is not white after the filter.
+        if gain < _MAXIMUM_FOUND_GAIN and whiteness_p_value(left) > SURE:
             return True
     return False

@@ -1,4 +1,4 @@
-"""Data of a fit: what is compared of a record, on the grid of a solution, and what judges a law."""
+"""Data of a fit: the compared column of a record, the grid of the solution, and the held-out cycles."""
 
 from __future__ import annotations
 
@@ -38,45 +38,45 @@ from reduced_models.records.sensor_artefacts import count_samples_in_motion, wit
 from reduced_models.records.sources import read_record
 
 _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
-"""Scales of the losses, in standard deviations of the noise: nine tenths as sharp as least squares,
-and more, where the noise is normal (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
-_LEAST_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
-# Samples whose median is compared; up to two outliers in a row do not move it.
-_WINDOW = 5
-_FAR = 5.0  # standard deviations of the noise
+"""Scales of the losses, in standard deviations of the noise: 90 % or more of the efficiency of least
+squares for normal noise (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
+_MINIMUM_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
+# Samples of a running median; up to two outliers in a row do not move it.
+_MEDIAN_WINDOW = 5
+_OUTLIER_LIMIT = 5.0  # standard deviations of the noise
 COARSE_STEPS, FINE_STEPS = 16, 64
-"""Grid steps of a period: the phase error of a period is then 4e-6, and 1e-9."""
+"""Grid steps per period: the phase error per period is then 4e-6 and 1e-9."""
 
 Selection = int | np.ndarray | None
-"""Samples of a record: the first so many, those of a mask (n,), or all."""
+"""Samples of a record: a number of first ones, the samples of a mask (n,), or all."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FitData:
-    """One column of a record as a fit compares it; several records, or columns, are a tuple of these."""
+    """One compared column of a record; several records, or columns, are a tuple of these."""
 
     unknowns: Unknowns
-    record: PistonRecord  # from time 0 on; its heights are what is compared
+    record: PistonRecord  # from time 0 on; its heights are the compared signal
     grid: StepGrid
     weights: Float[np.ndarray, "n"]
-    look: PistonRecord  # motion of the training stretch, outliers clipped if the loss spares them
+    clipped_motion: PistonRecord  # motion of the training stretch, with outliers clipped for a robust loss
     guess: FirstGuesses  # from it
-    training: int  # samples that a search sees, from the first on
+    training: int  # number of samples that a search compares, from the first on
     interpolation: Interpolation = "spline"
     held_out_cycles: tuple[slice, ...] = ()  # without weight in a first fit, which they judge
     noise: float = 0.0  # [m]
-    balance: float = 1.0  # part of the weights that makes several columns count by their noise
+    balance: float = 1.0  # part of the weights that scales several columns to equal noise
     loss_name: LossName = "linear"
-    bounds: Pairs = dataclasses.field(default_factory=dict)  # of parameters, equal where one is given
-    initial: Mapping[str, float] = dataclasses.field(default_factory=dict)  # given of the start [m, m/s]
-    own: tuple[str, ...] = ()  # parameters that this record has for itself
-    number: int = 0  # of the record, of which several columns may be compared
-    gain: float = 0.0  # of the filter that takes a drift out of the residuals
-    means: bool = False  # whether means about the grid's points stand for the samples
+    bounds: Pairs = dataclasses.field(default_factory=dict)  # of parameters, equal if one is fixed
+    initial: Mapping[str, float] = dataclasses.field(default_factory=dict)  # given initial state [m, m/s]
+    per_record: tuple[str, ...] = ()  # parameters with a separate value for this record
+    number: int = 0  # of the record; several of its columns may be compared
+    gain: float = 0.0  # of the filter that removes a drift from the residuals
+    means: bool = False  # whether means about the grid points replace the samples
 
     @functools.cached_property
     def samples(self) -> Samples:
-        """Samples on the grid, as compiled code takes them."""
+        """Samples on the grid, in the form of the compiled code."""
         make = means_on_grid if self.means else samples_on_grid
         unknowns = self.unknowns
         result = make(self.record, self.grid, unknowns.law.inputs, self.interpolation, self.weights)
@@ -86,9 +86,9 @@ class FitData:
 
     @functools.cached_property
     def entries(self) -> Int[np.ndarray, "p"]:
-        """Entries of the joint search vector that are this record's: shared ones first, then its own."""
+        """Entries of the joint search vector that this record uses: shared, then separate ones."""
         names, length = self.unknowns.law.parameters, len(self.unknowns.prior)
-        private = np.array([k >= len(names) or names[k] in self.own for k in range(length)])
+        private = np.array([k >= len(names) or names[k] in self.per_record for k in range(length)])
         result = np.cumsum(~private) - 1
         count, shared = int(private.sum()), length - int(private.sum())
         result[private] = shared + self.number * count + np.arange(count)
@@ -96,15 +96,15 @@ class FitData:
 
     @property
     def edges(self) -> Bounds:
-        """Least and greatest entries (p,) of the record's search vector, equal where they are held."""
+        """Lower and upper bounds (p,) of the record's search vector, equal for held entries."""
         return Bounds(*theta_bounds(self.unknowns, self.bounds, self.initial))
 
     @property
     def training_mask(self) -> np.ndarray:
-        """Samples (n,) that the test swings leave."""
+        """Mask (n,) of the samples outside the held-out cycles."""
         result = np.ones(len(self.record), dtype=bool)
-        for swing in self.held_out_cycles:
-            result[swing] = False
+        for cycle in self.held_out_cycles:
+            result[cycle] = False
         return result
 
     @property
@@ -114,28 +114,28 @@ class FitData:
 
     @property
     def loss(self) -> Loss:
-        """Loss of the residuals, which count in a unit."""
-        level = max(self.weighted_noise / self.unknowns.residual_unit, _LEAST_SCALE)
+        """Loss of the residuals, in their unit."""
+        level = max(self.weighted_noise / self.unknowns.residual_unit, _MINIMUM_SCALE)
         return Loss(self.loss_name, _SCALES[self.loss_name] * level)
 
     def residuals(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
-        """Residuals (n,) of all samples, in amplitudes; not weighted."""
+        """Unweighted residuals (n,) of all samples, in amplitudes."""
         linear = residual_function(self.unknowns, "linear")
         left = linear(theta, self._selected_samples(None, weighted=False), self.unknowns.scales)[0]
         return np.asarray(left)[: len(self.record)]
 
     def fitted_signal(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
-        """Signal (n,), or heights [m], by a search vector."""
+        """Fitted signal (n,), or heights [m], from a search vector."""
         return self.record.height + self.unknowns.residual_unit * self.residuals(theta)
 
     def fitted_heights(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
-        """Heights (n,) [m] by a search vector."""
+        """Fitted heights (n,) [m] from a search vector."""
         unknowns = self.unknowns
         if unknowns.compares_heights:
             return self.fitted_signal(theta)
         if unknowns.law.prescribed:
             return self.record.extra["z"]
-        # About rest, since residuals of far numbers are cut.
+        # Relative to rest, since large residuals are clipped.
         still = dataclasses.replace(self.record, height=np.full(len(self.record), unknowns.rest))
         heights = dataclasses.replace(unknowns, sensor=None, observation="")
         plain = dataclasses.replace(self, unknowns=heights, record=still)
@@ -144,7 +144,7 @@ class FitData:
     def linearised_residuals(
         self, theta: Float[np.ndarray, "p"]
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n p"]]:
-        """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
+        """Weighted residuals (n,) of all samples with any drift removed, and their derivatives (n, p)."""
         return self._linearised_samples(theta, self._selected_samples(None), slice(None))
 
     def _linearised_samples(
@@ -157,9 +157,9 @@ class FitData:
         return remove_random_walk(value[0], self.gain), remove_random_walk(value[1], self.gain)
 
     def normal_equations(self, selection: Selection = None) -> Normal:
-        """Return the normal equations of some samples."""
-        # Only those of a single vector are without drift; over samples outside the selection the walk stays
-        # as it is.
+        """Return the normal equations of selected samples."""
+        # The drift is removed for a single vector only; over samples outside the selection the random walk
+        # stays constant.
         seen = self._selected_samples(selection)
         here = selection if isinstance(selection, np.ndarray) else slice(selection)
         loss = self.loss
@@ -180,7 +180,7 @@ class FitData:
         return self.samples.with_weights(weight)
 
     def with_column_deviation(self, name: str, deviation: Float[np.ndarray, "n"]) -> FitData:
-        """Return the same with a deviation (n,) added to a column of the record."""
+        """Return the same data with a deviation (n,) added to a column of the record."""
         record = self.record
         if name in record.extra:
             record = dataclasses.replace(record, extra={**record.extra, name: record.extra[name] + deviation})
@@ -202,9 +202,9 @@ def data_of_record(
     *,
     about_rest: bool = False,
 ) -> FitData:
-    """Split a record into its training stretch and test swings, and take a glance at it; noise [m]."""
-    # The fraction is one of the motion: an end at rest would say nothing of a law. It is whole swings spread
-    # over the motion, or its end if there are too few of them.
+    """Split a record into training stretch and held-out cycles, with first guesses; noise [m]."""
+    # The fraction is of the motion: an end at rest would not test a law. Whole cycles spread over the motion
+    # are held out, or its end if there are too few of them.
     total = record.with_time_from_zero()
     motion, prescribed = total, law.prescribed
     reading = sensor or (column_sensor(observation) if observation else None)
@@ -212,7 +212,7 @@ def data_of_record(
         columns = total.columns
         if not prescribed:
             height = reading.approximate_heights(columns, about_rest=about_rest)
-            # The column stays as it is, for what a law says of it.
+            # The column itself is unchanged, since a law may observe it.
             extra = {**total.extra, "height": columns.get("height", height)}
             motion = dataclasses.replace(total, height=height, extra=extra)
         total = dataclasses.replace(
@@ -223,24 +223,24 @@ def data_of_record(
         seen = np.isin(total.time, sound.time)
         total, motion = (entry.with_time_from_zero() for entry in (sound, motion.select(seen)))
         weights = None if weights is None else weights[seen]
-    moving = count_samples_in_motion(total) if test_fraction > 0.0 and not prescribed else len(total)
-    stop = float(total.time[moving - 1]) * (1.0 - test_fraction)
-    # Two samples make a record; what is too short to fit is reported by its first guesses.
+    moving_count = count_samples_in_motion(total) if test_fraction > 0.0 and not prescribed else len(total)
+    stop = float(total.time[moving_count - 1]) * (1.0 - test_fraction)
+    # A record needs two samples; `first_guesses` reports records that are too short to fit.
     count = max(2, int(np.searchsorted(total.time, stop, side="right")))
     given = np.ones(len(total)) if weights is None else weights
     level = noise or 0.0
     if noise is None and loss != "linear":
         level = noise_level(total.height, total.time)
-    look = motion.first(count)
+    clipped_motion = motion.first(count)
     if loss != "linear":
-        look = clip_outliers(look)
-    guess = first_guesses(look.time, look.height)
-    swings: tuple[slice, ...] = ()
+        clipped_motion = clip_outliers(clipped_motion)
+    guess = first_guesses(clipped_motion.time, clipped_motion.height)
+    held_out: tuple[slice, ...] = ()
     if test_fraction > 0.0:
         seen = motion.height if prescribed else total.height
-        swings = choose_held_out_cycles(total.time, seen, test_fraction, moving)
-    if not swings and len(total) - count >= 2:
-        swings = (slice(count, max(moving, count + 2)),)
+        held_out = choose_held_out_cycles(total.time, seen, test_fraction, moving_count)
+    if not held_out and len(total) - count >= 2:
+        held_out = (slice(count, max(moving_count, count + 2)),)
     size = float(np.abs(total.height[:count] - total.height[:count].mean()).max()) if reading else 1.0
     speed = guess.amplitude * guess.frequency
     units = (1.0,) * len(law.parameters)
@@ -252,11 +252,11 @@ def data_of_record(
         total,
         fine_grid(law, total, guess.period, interpolation),
         given,
-        look,
+        clipped_motion,
         guess,
         count,
         interpolation,
-        swings,
+        held_out,
         level,
         loss_name=loss,
     )
@@ -264,23 +264,24 @@ def data_of_record(
 
 def fine_grid(law: Law, record: PistonRecord, period: float, how: Interpolation) -> StepGrid:
     """Fine grid over a record that starts at time 0; period [s]."""
-    # A driven law's steps end at the samples; it starts coarse, and is refined if its solution needs that.
+    # The steps of a driven law end at the samples; its grid starts coarse and is refined if the solution
+    # needs it.
     wanted = law.step_ratio * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)
     return grid_over_record(record, law.inputs, period, wanted, how)
 
 
 def clip_outliers(record: PistonRecord) -> PistonRecord:
-    """Move samples of a record that are far from the median about them to it."""
-    # Outliers may be larger than the amplitude, and each makes two passages through rest. A Hampel filter
-    # (Pearson 2002, doi:10.1109/87.974338), its limit by the noise in third differences, or by the motion's
-    # own step if samples are few.
+    """Replace samples far from the median around them by that median."""
+    # Outliers may exceed the amplitude, and each adds two passages through rest. This is a Hampel filter
+    # (Pearson 2002, doi:10.1109/87.974338). Its limit comes from the noise in third differences, or from the
+    # step of the motion between samples if there are few.
     height = record.height
-    if len(height) < _WINDOW:
+    if len(height) < _MEDIAN_WINDOW:
         return record
-    around = np.pad(height, _WINDOW // 2, mode="edge")
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _WINDOW), axis=1)
+    around = np.pad(height, _MEDIAN_WINDOW // 2, mode="edge")
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _MEDIAN_WINDOW), axis=1)
     step = float(np.median(np.abs(np.diff(height))))
-    limit = _FAR * max(noise_level(height, record.time), step)
+    limit = _OUTLIER_LIMIT * max(noise_level(height, record.time), step)
     far = np.abs(height - medians) > limit
     return dataclasses.replace(record, height=np.where(far, medians, height))
 
@@ -288,15 +289,15 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
 RecordLike = (
     PistonRecord | PandasOrXarray | str | Path | Mapping[str, np.ndarray] | tuple[np.ndarray, np.ndarray]
 )
-"""A record, a table of one, the name of its file, or its times and heights."""
+"""A record, a table of one, the path of its file, or its times and heights."""
 
 
 def record_from_table(source: Any) -> Any:
-    """Record in a table, in a mapping of names to arrays or in a pair (time, height); else the source."""
+    """Record from a table, a mapping of names to arrays or a pair (time, height); else the source itself."""
     if (
         isinstance(source, tuple)
         and len(source) == 2
-        # a table of one column is no column
+        # a table of one column is not an array of times or heights
         and all(np.ndim(values) == 1 and not hasattr(values, "equals") for values in source)
     ):
         return PistonRecord(*source)
@@ -305,7 +306,7 @@ def record_from_table(source: Any) -> Any:
 
 
 def read_given_record(source: Any) -> Any:
-    """Record in a file, as `read_record` reads it, or in a table; anything else as it is."""
+    """Record from a file, as `read_record` reads it, or from a table; anything else unchanged."""
     return read_record(source) if isinstance(source, str | Path) else record_from_table(source)
 
 
@@ -316,13 +317,13 @@ def list_of_records(record: Any) -> list[PistonRecord]:
     if isinstance(record, Sequence):
         records = [read_given_record(item) for item in record]
         if not records:
-            raise InputError("there is no record to fit; give at least one")
+            raise InputError("there is no record to fit; give one or more")
         if all(isinstance(item, PistonRecord) for item in records):
             return records
     kind = type(record).__name__
     raise InputError(
-        f"a {kind} is no record; give a file's name, (time, height), a table, or a PistonRecord, such as "
-        "read_record(path) gives"
+        f"a {kind} is not a record; give the path of a file, (time, height), a table, or a PistonRecord, as "
+        "read_record(path) returns"
     )
 
 
@@ -331,7 +332,7 @@ def refuse_prescribed_strokes(records: Sequence[PistonRecord], action: str) -> N
     for record in records:
         if record.measured == "force":
             raise RecordError(
-                f"{action} is of free or driven motions, and the stroke of this record is prescribed; "
+                f"{action} needs a free or driven motion, but the stroke of this record is prescribed; "
                 'for a law of its force give target="force" (--target force)'
             )
 
@@ -339,9 +340,9 @@ def refuse_prescribed_strokes(records: Sequence[PistonRecord], action: str) -> N
 def weights_and_noise(
     records: Sequence[PistonRecord], weights: Any, noise: Any
 ) -> list[tuple[np.ndarray | None, float | None]]:
-    """Weights (n,) of each record's residuals, and the noise [m] of one with the weight 1."""
+    """Weights (n,) of each record's residuals, and the noise [m] of a residual of weight 1."""
     if weights is not None and noise is not None and np.ndim(noise) > 0:
-        raise InputError("noise of each sample gives their weights; leave weights out")
+        raise InputError("noise of each sample gives their weights; remove weights")
     several = len(records) > 1
     both: list[tuple[np.ndarray | None, float | None]] = []
     for k, record in enumerate(records):
@@ -357,19 +358,19 @@ def weights_and_noise(
 
 
 def _option_of_record(
-    what: str, given: Any, k: int, record: PistonRecord, *, several: bool
+    option_name: str, given: Any, k: int, record: PistonRecord, *, several: bool
 ) -> np.ndarray | None:
     if given is None:
         return None
     try:
-        own = np.asarray(given[k] if several and np.ndim(given) != 0 else given, dtype=np.float64)
+        option = np.asarray(given[k] if several and np.ndim(given) != 0 else given, dtype=np.float64)
     except (TypeError, ValueError, IndexError):
-        own = np.array(np.nan)
-    shapes = [record.time.shape] if what == "weights" else [(), record.time.shape]
-    if own.shape not in shapes or not np.isfinite(own).all() or not (own > 0.0).all():
+        option = np.array(np.nan)
+    shapes = [record.time.shape] if option_name == "weights" else [(), record.time.shape]
+    if option.shape not in shapes or not np.isfinite(option).all() or not (option > 0.0).all():
         raise InputError(
-            f"{what}: give positive numbers, one a sample ({len(record)})"
-            + (", or one for all" if what == "noise" else "")
+            f"{option_name}: give positive numbers, one per sample ({len(record)})"
+            + (", or one for all" if option_name == "noise" else "")
             + (", for each record" if several else "")
         )
-    return own
+    return option

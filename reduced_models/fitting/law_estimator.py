@@ -1,4 +1,4 @@
-"""A law as an estimator of scikit-learn: fit, predict, score, in its searches and pipelines."""
+"""A law as a scikit-learn estimator: fit, predict and score, for its searches and pipelines."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 
 class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
-    """A law to be fitted to heights at given times, as a regressor of scikit-learn.
+    """A law to be fitted to heights at given times, as a scikit-learn regressor.
 
-    Arguments are kept as they are, and checked by `fit`; see `reduced_models.fit` for all of them.
+    Arguments are stored unchanged and checked by `fit`; see `reduced_models.fit` for all of them.
 
     Parameters
     ----------
@@ -34,18 +34,18 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         Number of random starts, from 1 to 10000.
     test_fraction : float
         Fraction of the motion's whole cycles, from 0 to 0.9, on which a first model is judged; 0 in
-        a search, which holds out by itself.
+        a search, which holds out data itself.
     parameters : mapping of str to Parameter, float or str, optional
         Values and limits of parameters by name.
     loss : "linear", "soft_l1" or "huber"
-        What residuals cost: their squares, or less if they are far beyond the noise.
+        Cost of the residuals: their squares, or less for residuals far above the noise.
     inputs : tuple of str
-        Inputs of the law, such as a force, that the columns of X behind the time hold.
+        Inputs of the law, such as a force, in the columns of X after the time.
 
     Attributes
     ----------
     model_ : ReducedModel
-        Fitted model; there after `fit` alone.
+        Fitted model; present only after `fit`.
     """
 
     model_: ReducedModel
@@ -84,14 +84,14 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         Raises
         ------
         ValueError
-            If scikit-learn refuses X or y: they have another shape, are not as many, or hold a value
-            that is no finite real number.
+            If scikit-learn refuses X or y: wrong shape, different lengths, or a value
+            that is not a finite real number.
         InputError
             If X has other columns than the time and the inputs, an argument of the estimator is out of its
             range, or the law cannot be fitted.
         RecordError
-            If times and heights make no record (two heights at one time, fewer than 20 samples to
-            fit, no motion), or the law has an input that is not among ``inputs``.
+            If times and heights do not form a record (two heights at one time, fewer than 20 samples
+            to fit, no motion), or the law has an input that is not among ``inputs``.
 
         Warns
         -----
@@ -119,12 +119,12 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         Parameters
         ----------
         X : array (n, 1 + inputs)
-            Times [s], in any order, and the inputs at these times. A time may be there twice.
+            Times [s], in any order, and the inputs at these times. A time may occur twice.
 
         Returns
         -------
         float64 (n,)
-            Heights [m] in the order of X, of the motion from the fitted initial state.
+            Heights [m] of the motion from the fitted initial state, in the order of X.
 
         Raises
         ------
@@ -133,17 +133,17 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         ValueError
             If scikit-learn refuses X, as in `fit`.
         InputError
-            For times before the record, or if the motion diverges or is too stiff or too long to follow.
+            For times before the record, or if the motion diverges or is too stiff or too long to compute.
         """
         check_is_fitted(self, "model_")
         table = validate_data(self, X, dtype=np.float64, reset=False)
         wanted, start = table[:, 0], float(self._seen[0, 0])
         if wanted.min() < start:
             raise InputError(
-                f"predict starts at {start:g} s, as the fitted record does; give times "
-                "from there on: TimeSeriesSplit makes such folds"
+                f"predict starts at {start:g} s, as the fitted record does; give later times, "
+                "as the folds of TimeSeriesSplit"
             )
-        # An input acts from the record's start on: its values until then belong to the motion.
+        # An input acts from the record's start on, so its earlier values affect the motion.
         rows = np.vstack([self._seen if self.inputs else self._seen[:1], table])
         grid, first = np.unique(rows[:, 0], return_index=True)
         if len(grid) == 1:
@@ -152,7 +152,7 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         return self.model_.simulate(grid, inputs=inputs).height[np.searchsorted(grid, wanted)]
 
     def __sklearn_tags__(self) -> Tags:
-        """Tags of a regressor that predicts poorly on tables that hold no motion in time."""
+        """Tags of a regressor that predicts poorly on tables that are not a motion in time."""
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True
         return tags

@@ -1,7 +1,7 @@
-"""Levenberg-Marquardt for many starts side by side, with a prior and bounds.
+"""Levenberg-Marquardt for many starts at once, with a prior and bounds.
 
 Entries are scaled to a unit diagonal of the normal matrix, and the damping changes tenfold (Marquardt
-1963, doi:10.1137/0111030). The batch is stepped in NumPy: compiling the few operations of a step took
+1963, doi:10.1137/0111030). The batch is iterated in NumPy: compiling the few operations of a step took
 longer than most searches.
 """
 
@@ -23,57 +23,62 @@ Normal = Callable[[np.ndarray], Any]
 """Map from search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p)."""
 
 TIE = 1e-7
-"""Residuals below this, in amplitudes, are not told apart."""
-_MOST_TRIALS = 120
+"""Differences of residuals below this, in amplitudes, are ignored."""
+_MAXIMUM_TRIALS = 120
 _PATIENCE = 3
-_AGREE = 0.01  # costs that differ by less than this fraction are those of the same fit
-_ENOUGH = 0.9  # fraction of the starts that lead to the best fit, behind which a search ends
-_IN_THE_RUNNING = 4.0  # times the least cost: starts above it are not waited for
-_LONGEST, _SHORTEST = 1e6, 1e-12  # steps: one over the damping
-_VAIN = 0.01  # of the tolerance: a promise below it is not worth a trial
-_LONG = 1e4  # steps that damping hardly shortens: what they promise is what there is to gain
-_FAR, _NEAR = 10.0, 0.1  # factors of the step's length behind a good trial and a vain one
-_GOOD = 0.25  # of the saving that the quadratic model promises
+_AGREEMENT = 0.01  # relative difference of costs below which two starts have led to the same fit
+_SETTLED_FRACTION = 0.9  # fraction of the starts that must reach the best fit for a search to end
+_PROMISING_COST_RATIO = 4.0  # times the lowest cost: a search does not wait for starts above it
+_MAXIMUM_INVERSE_DAMPING, _MINIMUM_INVERSE_DAMPING = 1e6, 1e-12  # inverse damping
+_NEGLIGIBLE_GAIN = 0.01  # of the tolerance: a predicted decrease below it is not worth a trial
+_NEARLY_UNDAMPED = (
+    1e4  # inverse damping that hardly shortens a step: its predicted decrease is all there is to gain
+)
+_GROWTH_FACTOR, _SHRINK_FACTOR = (
+    10.0,
+    0.1,
+)  # factors of the inverse damping after a good trial and after a failed one
+_GOOD_TRIAL_RATIO = 0.25  # of the decrease that the quadratic model predicts
 
 
-_END: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("end", default=(math.inf, ""))
+_DEADLINE: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("end", default=(math.inf, ""))
 
 
 def spent_budget_text(budget: float) -> str:
-    """Say of a law or a discovery that it came too late for a budget, and how to give more; budget [s]."""
+    """Text for a fit or a discovery that did not finish within a budget [s], and how to increase it."""
     return (
-        f"not done when the budget of {budget:g} s of processor was spent; for more: "
+        f"not finished within the budget of {budget:g} s of processor time; to increase it: "
         f"budget={5.0 * budget:g} (--budget {5.0 * budget:g})"
     )
 
 
 @contextlib.contextmanager
-def time_budget(seconds: float, words: str) -> Iterator[None]:
-    """Let searches begun within it end with `TimeBudgetError` after so much processor time; seconds [s]."""
-    # Processor time, so that other work on the machine does not change the results; of nested budgets the one
-    # that ends first counts.
-    token = _END.set(min(_END.get(), (time.process_time() + seconds, words)))
+def time_budget(seconds: float, text: str) -> Iterator[None]:
+    """End searches within the context with `TimeBudgetError` after a processor time; seconds [s]."""
+    # Processor time, so that other work on the machine does not change the results. Of nested budgets the
+    # first to end counts.
+    token = _DEADLINE.set(min(_DEADLINE.get(), (time.process_time() + seconds, text)))
     try:
         yield
     finally:
-        _END.reset(token)
+        _DEADLINE.reset(token)
 
 
 def _check_budget() -> None:
-    end, words = _END.get()
+    end, text = _DEADLINE.get()
     if time.process_time() > end:
-        raise TimeBudgetError(words)
+        raise TimeBudgetError(text)
 
 
 class Prior(NamedTuple):
     """A normal prior about the start of a search."""
 
-    precision: Float[np.ndarray, "p"]  # of each entry, in the information of one sample
-    samples: float  # whose mean square is the unit of that information
+    precision: Float[np.ndarray, "p"]  # of each entry, in units of one sample's information
+    samples: float  # number of samples, whose mean square defines that unit
 
 
 class Bounds(NamedTuple):
-    """Least and greatest values (p,) of the entries of a search vector; equal ones hold it."""
+    """Lower and upper bounds (p,) of the entries of a search vector; equal bounds hold an entry."""
 
     low: np.ndarray
     high: np.ndarray
@@ -83,7 +88,7 @@ Point = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Search vectors (s, p) with their costs (s,), gradients (s, p) and matrices (s, p, p)."""
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of starts that blow up
+@np.errstate(over="ignore", invalid="ignore")  # in starts that diverge
 def levenberg_marquardt(
     normal: Normal,
     start: Float[np.ndarray, "s p"],
@@ -91,39 +96,45 @@ def levenberg_marquardt(
     tolerance: float = 1e-6,
     bounds: Bounds | None = None,
     *,
-    trials: int = _MOST_TRIALS,
+    trials: int = _MAXIMUM_TRIALS,
     damping: float = 1e-2,
     waiting: Bool[np.ndarray, "s"] | None = None,
     patience: int = _PATIENCE,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Levenberg-Marquardt on a batch."""
+    """Return search vectors (s, p) and costs (s,) after Levenberg-Marquardt from a batch of starts."""
     if bounds is None:
         bounds = Bounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
-    # Each start has its own where one has: profiles hold another entry in each.
+    # Bounds may differ between starts: profiles hold a different entry in each.
     bounds = Bounds(*(np.broadcast_to(edge, start.shape) for edge in bounds))
-    wanted = np.ones(len(start), dtype=bool) if waiting is None else waiting
+    awaited = np.ones(len(start), dtype=bool) if waiting is None else waiting
     _check_budget()
     best = _evaluate_point(normal, np.clip(start, *bounds))
-    sizes = np.full(len(start), 1.0 / damping)
+    inverse_damping = np.full(len(start), 1.0 / damping)
     idle = np.zeros(len(start), dtype=int)
     for _ in range(trials):
         _check_budget()
         theta, cost = best[:2]
         precision = cost[:, None] / prior.samples * prior.precision
         model = _quadratic_model(best, start, precision)
-        moved, gain = _next_vectors(model, theta, sizes, bounds)
+        moved, gain = _next_vectors(model, theta, inverse_damping, bounds)
         total = cost + (precision * (theta - start) ** 2).sum(axis=1)
-        idle = np.where((gain <= _VAIN * tolerance * total) & (sizes >= _LONG), patience, idle)
-        if _starts_have_settled(idle >= patience, wanted, cost, prior.samples):
+        idle = np.where(
+            (gain <= _NEGLIGIBLE_GAIN * tolerance * total) & (inverse_damping >= _NEARLY_UNDAMPED),
+            patience,
+            idle,
+        )
+        if _starts_have_settled(idle >= patience, awaited, cost, prior.samples):
             break
         trial = _evaluate_point(normal, moved)
         trial_total = trial[1] + (precision * (moved - start) ** 2).sum(axis=1)
         better = trial_total < total
         step = (moved - theta) / model.scale
-        promised = 2.0 * (model.slope * step).sum(axis=1) + _form(model.matrix, step)
-        good = better & (trial_total - total < _GOOD * promised)
-        factors = np.where(good, _FAR, np.where(trial_total <= total, 1.0, _NEAR))
-        sizes = np.clip(factors * sizes, _SHORTEST, _LONGEST)
+        predicted_change = 2.0 * (model.slope * step).sum(axis=1) + _form(model.matrix, step)
+        good = better & (trial_total - total < _GOOD_TRIAL_RATIO * predicted_change)
+        factors = np.where(good, _GROWTH_FACTOR, np.where(trial_total <= total, 1.0, _SHRINK_FACTOR))
+        inverse_damping = np.clip(
+            factors * inverse_damping, _MINIMUM_INVERSE_DAMPING, _MAXIMUM_INVERSE_DAMPING
+        )
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
         theta, cost, gradient, matrix = (
@@ -131,26 +142,26 @@ def levenberg_marquardt(
             for after, before in zip(trial, best, strict=True)
         )
         best = theta, cost, gradient, matrix
-        if _starts_have_settled(idle >= patience, wanted, cost, prior.samples):
+        if _starts_have_settled(idle >= patience, awaited, cost, prior.samples):
             break
     return best[:2]
 
 
-def _starts_have_settled(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
-    """Return whether all that are wanted rest, or nine tenths of them at the same least cost."""
-    # The last few starts may follow a bent valley for as long as all others together.
-    agreeing = resting & (cost <= agreeing_cost_limit(cost, samples))
-    return bool((resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(cost))
+def _starts_have_settled(at_rest: np.ndarray, awaited: np.ndarray, cost: np.ndarray, samples: float) -> bool:
+    """Return whether all awaited starts have converged, or nine tenths of all at the same lowest cost."""
+    # The last few starts may follow a curved valley for as long as all others together.
+    agreeing = at_rest & (cost <= agreeing_cost_limit(cost, samples))
+    return bool((at_rest | ~awaited).all() or agreeing.sum() >= _SETTLED_FRACTION * len(cost))
 
 
 def agreeing_cost_limit(cost: Float[np.ndarray, "s"], samples: float) -> float:
-    """Cost up to which starts have led to the best fit."""
-    return float((1.0 + _AGREE) * cost.min() + samples * TIE**2)
+    """Cost up to which a start counts as having reached the best fit."""
+    return float((1.0 + _AGREEMENT) * cost.min() + samples * TIE**2)
 
 
 def promising_starts(cost: Float[np.ndarray, "s"], samples: float) -> Bool[np.ndarray, "s"]:
     """Mask of the starts that may still lead to the best fit."""
-    return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
+    return np.asarray(cost <= _PROMISING_COST_RATIO * cost.min() + samples * TIE**2)
 
 
 def _evaluate_point(normal: Normal, theta: np.ndarray) -> Point:
@@ -159,7 +170,7 @@ def _evaluate_point(normal: Normal, theta: np.ndarray) -> Point:
 
 
 class _QuadraticModel(NamedTuple):
-    """Half cost about search vectors, in entries that are scaled to a unit diagonal."""
+    """Quadratic model of half the cost, in entries scaled to a unit diagonal."""
 
     slope: Float[np.ndarray, "s p"]
     matrix: Float[np.ndarray, "s p p"]
@@ -177,19 +188,22 @@ def _quadratic_model(
 
 
 def _next_vectors(
-    model: _QuadraticModel, theta: Float[np.ndarray, "s p"], sizes: Float[np.ndarray, "s"], bounds: Bounds
+    model: _QuadraticModel,
+    theta: Float[np.ndarray, "s p"],
+    inverse_damping: Float[np.ndarray, "s"],
+    bounds: Bounds,
 ) -> tuple[Float[np.ndarray, "s p"], Float[np.ndarray, "s"]]:
-    """Next search vectors, within the bounds, and the part of the cost that they promise to save."""
+    """Next search vectors within the bounds, and their predicted decrease of the cost."""
     slope, matrix, scale = model
-    resting = (
+    at_rest = (
         ((theta <= bounds.low) & (slope >= 0.0))
         | ((theta >= bounds.high) & (slope <= 0.0))
         | (bounds.low == bounds.high)
     )
     identity = np.eye(theta.shape[1])
-    matrix = np.where(resting[:, :, None] | resting[:, None, :], identity, matrix)
-    slope = np.where(resting, 0.0, slope)
-    damped = matrix + identity / sizes[:, None, None]
+    matrix = np.where(at_rest[:, :, None] | at_rest[:, None, :], identity, matrix)
+    slope = np.where(at_rest, 0.0, slope)
+    damped = matrix + identity / inverse_damping[:, None, None]
     step = -np.linalg.solve(damped, slope[:, :, None])[:, :, 0]
     gain = -2.0 * (slope * step).sum(axis=1) - _form(matrix, step)
     moved = np.clip(theta + scale * step, *bounds)

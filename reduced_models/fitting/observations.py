@@ -1,9 +1,9 @@
 """Data of a fit: columns of the records that are compared with a law's height or observations.
 
-A signal of velocities or accelerations says nothing of where heights count from, and one of
-unknown gain nothing of their unit. Where a law keeps its form under such a change, the coordinate
-is chosen: heights count from the level of rest, and in units of the signal. Parameters that the
-change moves mean nothing then.
+A velocity or acceleration signal does not fix the origin of the heights, and a signal of unknown
+gain does not fix their unit. If the law keeps its form under a shift or a rescaling, a coordinate is
+chosen: heights are measured from equilibrium, in units of the signal. Parameters that change under
+that transformation are then not identified.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from reduced_models.records.sensor_artefacts import keep_text, without_clipped_s
 
 
 class ObservedRecords(NamedTuple):
-    """Records as a fit takes them, with the sensor between a law and their signal."""
+    """Records prepared for a fit, with the sensor between a law and their signal."""
 
     records: Sequence[PistonRecord]
     sensor: Sensor | None = None
-    held: tuple[str, ...] = ()  # parameters at zero, so that heights count from rest
+    held: tuple[str, ...] = ()  # parameters held at zero, so that heights are measured from equilibrium
     unidentified: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -45,51 +45,51 @@ def observed_records(
     declared: Collection[str],
     initial: Mapping[str, float],
 ) -> ObservedRecords:
-    """Return records with the columns that a law needs, and what lies between it and their signal."""
+    """Return records with the columns that a law needs, and the sensor between it and their signal."""
     given = measured or records[0].measured
     if law.prescribed:
         name = law.observations[0]
         cell = measured if isinstance(measured, Sensor) else None
         if len(law.observations) > 1:
             return ObservedRecords([with_stroke_columns(record) for record in records])
-        # A force may be the reaction of what is moved; anything else is taken as it is.
+        # A force may be the reaction of the moved part, with the opposite sign; other columns are unchanged.
         plain = Sensor("force", gain=None if name == "force" else 1.0, offset=0.0, column=name)
         return _strokes_with_force(records, cell or plain)
     if law.observations:
         if measured is not None:
             raise InputError(
-                f"the law {quote(law.name)} says that {', '.join(law.observations)} is observed; leave out "
-                "measured"
+                f"the law {quote(law.name)} itself gives the observed {', '.join(law.observations)}; "
+                "remove measured"
             )
         return ObservedRecords(records)
     sensor = None if given == "height" else resolve_sensor(given)
     if sensor is None:
         return ObservedRecords(records)
-    known, held, unidentified = _identifiable_sensor(law, sensor, declared, initial)
-    if sensor != known:  # its gain is held
+    identified, held, unidentified = _identifiable_sensor(law, sensor, declared, initial)
+    if sensor != identified:  # its gain is held
         records = [
             dataclasses.replace(
                 record, deviations=sensor.deviations_with_open_gain(record.columns, record.deviations)
             )
             for record in records
         ]
-    return ObservedRecords(records, known, held, unidentified)
+    return ObservedRecords(records, identified, held, unidentified)
 
 
 def _identifiable_sensor(
     law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
 ) -> tuple[Sensor, tuple[str, ...], tuple[str, ...]]:
-    """Sensor as a fit of a law can take it, and what is held and what is open of the law by its signal."""
+    """Sensor that a fit can identify; parameters to hold at zero, and quantities the signal leaves open."""
     held: tuple[str, ...] = ()
     unidentified: list[str] = []
     has_line = law.parsed_equation.line is not None
     shift = None if has_line else find_similarity(law, "shift")
     level_is_open = sensor.derivative_order > 0 or sensor.offset == "free"
     if shift is not None and level_is_open and "height" not in initial:
-        known = shift.level in declared
-        if shift.level and not known:
+        identified = shift.level in declared
+        if shift.level and not identified:
             held = (shift.level,)
-        if not known:
+        if not identified:
             unidentified += ["level", *(name for name in shift.moving if name == shift.level)]
     if sensor.gain == "free" or isinstance(sensor.gain, tuple):
         scale = None if has_line else find_similarity(law, "scale")
@@ -101,7 +101,7 @@ def _identifiable_sensor(
 
 
 def _strokes_with_force(records: Sequence[PistonRecord], cell: Sensor) -> ObservedRecords:
-    """Return records of prescribed strokes, and the load cell with its sign, which the energy tells."""
+    """Return records of prescribed strokes, and the load cell with the sign that makes loops dissipate."""
     if cell.filter_order or cell.absolute:
         raise InputError("a load cell on a prescribed stroke has no filter and no base; give gain and offset")
     energy = 0.0
@@ -110,19 +110,17 @@ def _strokes_with_force(records: Sequence[PistonRecord], cell: Sensor) -> Observ
         if not np.ptp(record.height) > 0.0:
             raise RecordError("the stroke of the record does not move; give one that does")
         if not np.ptp(signal) > 0.0:
-            raise RecordError(
-                f"the column {cell.column or cell.quantity} is one number; give one that changes"
-            )
+            raise RecordError(f"the column {cell.column or cell.quantity} is constant; give one that changes")
         energy += float(np.trapezoid((signal - cell.nominal_offset) / cell.nominal_gain, record.height))
-    turned = energy < 0.0 and not isinstance(cell.gain, int | float)
+    sign_is_reversed = energy < 0.0 and not isinstance(cell.gain, int | float)
     note = (
-        "the measured force is the reaction of what is moved (its loops give energy), so its sign "
-        "was turned; Sensor('force', gain=1.0) keeps it"
+        "the measured force is the reaction of the moved part (its loops release energy), so its sign "
+        "was reversed; Sensor('force', gain=1.0) keeps it"
     )
-    gain = -cell.nominal_gain if turned else cell.nominal_gain
+    gain = -cell.nominal_gain if sign_is_reversed else cell.nominal_gain
     sensor = dataclasses.replace(cell, gain=gain, offset=cell.nominal_offset)
     strokes = [dataclasses.replace(with_stroke_columns(record), complete=True) for record in records]
-    return ObservedRecords(strokes, sensor, notes=(note,) * turned)
+    return ObservedRecords(strokes, sensor, notes=(note,) * sign_is_reversed)
 
 
 def observed_data(
@@ -135,13 +133,12 @@ def observed_data(
     interpolation: Interpolation,
     initial: Mapping[str, float],
 ) -> tuple[FitData, ...]:
-    """Return the data of a fit: each column that a law compares, of each record."""
+    """Return the data of a fit: each compared column of each record."""
     law = settings.law
     names = law.observations or ("",)
     if len(names) > 1 and (weights is not None or not isinstance(noise, Mapping | None)):
         raise InputError(
-            f"several columns are observed; give noise by their names, {{{quote(names[0])}: ...}}, and no "
-            "weights"
+            f"several columns are observed; give noise by column, {{{quote(names[0])}: ...}}, and no weights"
         )
     if isinstance(noise, Mapping):
         _check_noise_names(law, noise)
@@ -149,8 +146,8 @@ def observed_data(
     shared = [_shared_samples(record, law.observations) for record in observed.records]
     bounds = settings.bounds | dict.fromkeys(observed.held, (0.0, 0.0))
     for name in names:
-        own = noise.get(name) if isinstance(noise, Mapping) else noise
-        given = weights_and_noise(observed.records, weights, own)
+        column_noise = noise.get(name) if isinstance(noise, Mapping) else noise
+        given = weights_and_noise(observed.records, weights, column_noise)
         for number, record in enumerate(observed.records):
             weight, level = given[number]
             data = data_of_record(
@@ -168,14 +165,18 @@ def observed_data(
             fixed = {key: (value, value) for key, value in settings.by_record[number].items()}
             result.append(
                 dataclasses.replace(
-                    data, number=number, bounds=bounds | fixed, initial=initial, own=settings.own
+                    data,
+                    number=number,
+                    bounds=bounds | fixed,
+                    initial=initial,
+                    per_record=settings.per_record,
                 )
             )
     return tuple(result) if len(names) == 1 else _weighted_by_noise(result)
 
 
 def _shared_samples(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
-    """Mask of the samples from the first on that no column is clipped at: columns share their time zero."""
+    """Mask of the samples from the first at which no column is clipped; columns share their time zero."""
     start = record.time[0]
     if len(names) > 1:
         with warnings.catch_warnings(action="ignore"):
@@ -184,32 +185,32 @@ def _shared_samples(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
                 sound = without_clipped_samples(dataclasses.replace(record, height=signal))
                 start = max(start, sound.time[0])
     if start > record.time[0]:
-        words = "a column begins at the limit of its sensor (clipped)"
-        cut = f"the first {start - record.time[0]:.3g} s are left out"
-        warnings.warn(f"{words}, so {cut}; {keep_text(record)}", RecordWarning, stacklevel=3)
+        cause = "a column begins at the limit of its sensor (clipped)"
+        cut = f"the first {start - record.time[0]:.3g} s are omitted"
+        warnings.warn(f"{cause}, so {cut}; {keep_text(record)}", RecordWarning, stacklevel=3)
     return np.asarray(record.time >= start)
 
 
 def _check_noise_names(law: Law, noise: Mapping[str, Any]) -> None:
-    """Refuse noise by name that is not of the columns that a law observes."""
+    """Refuse noise by name if the names are not the observed columns of a law."""
     if not law.observations:
-        raise InputError(f"noise: the law {quote(law.name)} names no observed column; give a number")
+        raise InputError(f"noise: the law {quote(law.name)} defines no observed column; give a number")
     unknown = [str(name) for name in noise if name not in law.observations]
     missing = [name for name in law.observations if name not in noise]
     if unknown or missing:
         wrong = [f"no column {', '.join(map(quote, unknown))} is observed"] if unknown else []
-        wrong += [f"that of {', '.join(map(quote, missing))} is missing"] if missing else []
-        raise InputError(f"noise: {', and '.join(wrong)}; give it of {', '.join(law.observations)}")
+        wrong += [f"{', '.join(map(quote, missing))} is missing"] if missing else []
+        raise InputError(f"noise: {', and '.join(wrong)}; give it for {', '.join(law.observations)}")
 
 
 def _weighted_by_noise(data: Sequence[FitData]) -> tuple[FitData, ...]:
-    """Weigh columns of different kinds by their noise, each in the size of its signal."""
+    """Weight columns of different quantities by their noise relative to the signal."""
     levels = []
     for item in data:
         level = item.noise or noise_level(item.record.height, item.record.time)
         levels.append(level / item.unknowns.signal)
-    least = max(min(levels), 1e-300)
-    balances = [least / max(level, least) for level in levels]
+    minimum = max(min(levels), 1e-300)
+    balances = [minimum / max(level, minimum) for level in levels]
     return tuple(
         dataclasses.replace(item, weights=item.weights * balance, balance=balance)
         for item, balance in zip(data, balances, strict=True)

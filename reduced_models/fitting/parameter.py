@@ -1,4 +1,4 @@
-"""Values and limits of the parameters of a law, as they are known before a fit."""
+"""Values and bounds of a law's parameters that are known before a fit."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ Quantity = float | str
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """Value and limits of a parameter of a law, as they are known before a fit.
+    """Value and bounds of a parameter of a law that are known before a fit.
 
-    Numbers are in SI units; texts have units, as ``"2.5 N/m"``, where the law names the parameter's.
+    Numbers are in SI units. Texts have units, as ``"2.5 N/m"``, if the law defines the parameter's.
 
     Parameters
     ----------
     value : float or str, or a sequence of them, optional
-        Value about which the parameter is looked for first, or the one that it keeps if it is fixed.
-        Several are kept, one for each record, such as the lengths of pendulums.
+        Start value of the search, or the fixed value. A sequence gives one fixed value for each
+        record, such as the lengths of pendulums.
     low, high : float or str, optional
-        Least and greatest value; None for an open end. Where ``low`` is 0 or more the parameter is
-        above zero, and is searched on the logarithmic scale.
+        Lower and upper bound; None for an open end. If ``low`` is 0 or more, the parameter is
+        positive and is searched on a logarithmic scale.
     fixed : bool
         Whether the parameter keeps its value.
     per_record : bool
-        Whether each of several records has a value for itself; otherwise they share one.
+        Whether each of several records has a separate value; otherwise they share one.
 
     Raises
     ------
     InputError
-        If a number is none, the limits are not in order, a value lies outside them, one is lacking
-        where it is fixed, or several are not fixed.
+        If a value is not a number, the bounds are not in order, a value lies outside them, a fixed
+        parameter has no value, or several values are not fixed.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if _is_list(self.value) and not self.fixed:
-            raise InputError("several values are kept, one for each record; add fixed=True, or give one")
+            raise InputError("several values must be fixed, one for each record; add fixed=True, or give one")
         if self.fixed and self.value is None:
             raise InputError("fixed, but without a value; give one")
         _numbers(self, None)
@@ -69,7 +69,7 @@ Parameters = Mapping[str, Parameter | Quantity]
 
 
 def as_parameters(given: Parameters | None) -> dict[str, Parameter]:
-    """Parameters by name; a value alone is one to begin from."""
+    """Parameters by name; a value alone is a start value."""
     if not isinstance(given, Mapping | None):
         raise InputError(f"parameters = {quote(given)}; give a mapping, as {{'k': Parameter(low=0)}}")
     return {
@@ -78,8 +78,8 @@ def as_parameters(given: Parameters | None) -> dict[str, Parameter]:
     }
 
 
-def si_number(what: str, given: object, unit: str | None) -> float:
-    """Return a number [unit]; a unit None is not known yet: texts are NaN in it. "" is one never named."""
+def si_number(quantity: str, given: object, unit: str | None) -> float:
+    """Return a number [unit]; a text is NaN while the unit is unknown (None), refused without a unit ("")."""
     try:
         result = math.nan if isinstance(given, bool) else float(given)  # type: ignore[arg-type]  # tried
     except (TypeError, ValueError):
@@ -87,13 +87,19 @@ def si_number(what: str, given: object, unit: str | None) -> float:
     if not math.isnan(result):
         return result
     if not isinstance(given, str):
-        raise InputError(f"{what} = {quote(given)} is no number; give one, or a text such as '2.5 N/m'")
+        raise InputError(
+            f"{quantity} = {quote(given)} is not a number; give one, or a text such as '2.5 N/m'"
+        )
     if unit is None:
         return math.nan
     if not unit:
-        raise InputError(f"{what} = {quote(given)}, and the law names no unit for it; give a number in SI")
+        raise InputError(
+            f"{quantity} = {quote(given)}, but the law defines no unit for it; give a number in SI units"
+        )
     if unit == "rad/s" and "Hz" in given:
-        raise InputError(f"{what} = {quote(given)} is a frequency; give 2 pi times it, in rad/s")
+        raise InputError(
+            f"{quantity} = {quote(given)} is a frequency; give the angular frequency, 2 pi times it, in rad/s"
+        )
     return si_value(given, unit)
 
 
@@ -102,7 +108,7 @@ def _is_list(value: object) -> bool:
 
 
 def _numbers(known: Parameter, unit: str | None) -> tuple[list[float], float, float]:
-    """Values, least and greatest value of a parameter, in an SI unit as of `si_number`."""
+    """Values, lower and upper bound of a parameter, in an SI unit as of `si_number`."""
     low = -math.inf if known.low is None else si_number("low", known.low, unit)
     high = math.inf if known.high is None else si_number("high", known.high, unit)
     if low == high:
@@ -118,23 +124,23 @@ def _numbers(known: Parameter, unit: str | None) -> tuple[list[float], float, fl
 
 
 def is_per_record(known: Parameter) -> bool:
-    """Return whether each of several records has a value for itself."""
+    """Return whether each of several records has a separate value."""
     return known.per_record or _is_list(known.value)
 
 
 class ParameterSettings(NamedTuple):
-    """Values and limits of parameters as a search takes them, in SI units."""
+    """Values and bounds of parameters for a search, in SI units."""
 
-    law: Law  # with the parameters that are above zero
-    bounds: dict[str, tuple[float, float]]  # equal where one value is kept
+    law: Law  # with its positive parameters
+    bounds: dict[str, tuple[float, float]]  # equal for a fixed value
     start: dict[str, float]
-    by_record: tuple[dict[str, float], ...]  # values that are kept in each record
-    own: tuple[str, ...]  # parameters that each record has for itself
+    by_record: tuple[dict[str, float], ...]  # fixed values of each record
+    per_record: tuple[str, ...]  # parameters with a separate value for each record
 
 
 def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: int) -> ParameterSettings:
-    """Return values and limits of parameters, checked against a law and the number of records."""
-    bounds, start, own, positive = {}, {}, [], list(law.positive)
+    """Return values and bounds of parameters, checked against a law and the number of records."""
+    bounds, start, separate, positive = {}, {}, [], list(law.positive)
     by_record: tuple[dict[str, float], ...] = tuple({} for _ in range(records))
     check_parameter_names(parameters, law.parameters)
     for name, known in parameters.items():
@@ -143,13 +149,13 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
             if low >= 0.0 and not known.fixed and name not in positive:
                 positive.append(name)
             if name in positive and min([high, *values]) <= 0.0:
-                raise InputError("it is above 0, by its limits or by the law; give values above 0")
+                raise InputError("it is positive, by its bounds or by the law; give values above 0")
             if _is_list(known.value) and len(values) != records:
                 raise InputError(f"{len(values)} values for {records} records; give one for each")
         except InputError as error:
             raise InputError(f"parameter {name}: {error}") from None
         if is_per_record(known):
-            own.append(name)
+            separate.append(name)
         if _is_list(known.value):
             for fixed, value in zip(by_record, values, strict=True):
                 fixed[name] = value
@@ -161,9 +167,9 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
             if low > (0.0 if name in positive else -math.inf) or high < math.inf:
                 bounds[name] = (low, high)
     if sum(low == high for low, high in bounds.values()) + len(by_record[0]) == len(law.parameters):
-        raise InputError("all parameters are fixed, so there is nothing to fit; leave one out")
+        raise InputError("all parameters are fixed, so there is nothing to fit; let one vary")
     law = dataclasses.replace(law, positive=tuple(positive))
-    return ParameterSettings(law, bounds, start, by_record, tuple(own))
+    return ParameterSettings(law, bounds, start, by_record, tuple(separate))
 
 
 def check_parameter_names(names: Iterable[str], parameters: Sequence[str]) -> None:
@@ -174,7 +180,7 @@ def check_parameter_names(names: Iterable[str], parameters: Sequence[str]) -> No
 
 
 def given_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
-    """Parameters of a model's line to the height that were given to its fit, as a discovery gives them."""
+    """Parameters, fixed, of a model's line from its coordinate to the height, as a discovery gives them."""
     line = model.law.parsed_equation.line or ()
     names = {symbol.name for item in line for symbol in item.free_symbols}
     return {
@@ -185,10 +191,10 @@ def given_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
 
 
 Pairs = Mapping[str, tuple[float, float]]
-"""Least and greatest values by names."""
+"""Lower and upper bounds by name."""
 
-# A factor of e^3 = 20 either way for a logarithm. It keeps open directions from running away; by a sample's
-# information it moves nothing that a record tells.
+# A factor of e^3 = 20 either way for a logarithm. It keeps undetermined directions from diverging; with the
+# information of one sample it does not shift quantities that a record determines.
 _PRIOR_SPREAD = 3.0
 
 
@@ -196,32 +202,32 @@ _PRIOR_SPREAD = 3.0
 class Unknowns:
     """A law, and the scales in which the search works."""
 
-    # The search vector holds parameters (logarithms of positive ones, multiples of `units` of the others);
-    # height from rest, velocity and hidden states at the start; a sensor's open gain and offset, and its
-    # filter's state. Heights count in amplitudes.
+    # The search vector holds the parameters (logarithms of positive ones, multiples of `units` of the
+    # others); initial displacement from rest, velocity and hidden states; a sensor's open gain and offset,
+    # and its filter's state. Heights are in amplitudes.
 
     law: Law
-    units: tuple[float, ...]  # of the parameters that are no logarithms; 1 of the others
+    units: tuple[float, ...]  # of the parameters that are not logarithms; 1 for the others
     rest: float  # [m]
     amplitude: float  # [m]
     speed: float  # amplitude times angular frequency [m/s]
     sensor: Sensor | None = None
-    signal: float = 1.0  # size of the signal that is compared, in its unit
-    observation: str = ""  # of the law, that is compared; empty for the height, or what a sensor makes of it
+    signal: float = 1.0  # amplitude of the compared signal, in its unit
+    observation: str = ""  # of the law, which is compared; empty for the height or a sensor's signal of it
 
     @property
     def compares_heights(self) -> bool:
-        """True where heights are compared, and no signal."""
+        """True if heights are compared, not a signal."""
         return self.sensor is None and not self.observation
 
     @property
     def residual_unit(self) -> float:
-        """Size that residuals are counted in: that of the signal, or the amplitude [m]."""
+        """Unit of the residuals: the amplitude of the signal, or of the motion [m]."""
         return self.amplitude if self.compares_heights else self.signal
 
     @property
     def scales(self) -> np.ndarray:
-        """Numbers that the compiled residual takes: rest, amplitude, speed, units, sensor."""
+        """Arguments of the compiled residual: rest, amplitude, speed, units, sensor."""
         numbers = [self.rest, self.amplitude, self.speed, *self.units]
         if not self.compares_heights:
             sensor = self.sensor or Sensor(gain=1.0, offset=0.0)
@@ -230,7 +236,7 @@ class Unknowns:
 
     @property
     def open_gain_and_offset(self) -> tuple[bool, bool]:
-        """Tell whether gain and offset of the sensor are entries of the search vector."""
+        """True for each of gain and offset of the sensor that is an entry of the search vector."""
         if self.sensor is None:
             return False, False
         gain, offset = self.sensor.gain, self.sensor.offset
@@ -238,29 +244,29 @@ class Unknowns:
 
     @property
     def sensor_entry_count(self) -> int:
-        """Number of entries that a sensor has: gain, offset, and the filter's state."""
+        """Number of a sensor's entries: open gain and offset, and the filter's state."""
         return sum(self.open_gain_and_offset) + (0 if self.sensor is None else self.sensor.filter_order)
 
     @property
     def logarithmic_parameters(self) -> tuple[bool, ...]:
-        """True for each parameter that is searched for by its logarithm."""
+        """True for each parameter that is searched on a logarithmic scale."""
         return tuple(name in self.law.positive for name in self.law.parameters)
 
     @property
     def prior(self) -> np.ndarray:
         """Prior precision of each entry, in the information of one sample."""
-        # The initial height and velocity have none: the first samples tell them.
+        # The initial height and velocity need none: the first samples determine them.
         hidden = [_PRIOR_SPREAD**-2] * len(self.law.hidden)
         sensor = [_PRIOR_SPREAD**-2] * self.sensor_entry_count
         return np.array([_PRIOR_SPREAD**-2] * len(self.law.parameters) + [0.0, 0.0] + hidden + sensor)
 
     def physical_values(self, theta: Float[np.ndarray, "p"]) -> Any:
-        """Parameters; height [m], velocity [m/s] and hidden states at first."""
+        """Parameters; initial height [m], velocity [m/s] and hidden states."""
         motion = theta[: len(theta) - self.sensor_entry_count]
         return physical_values(motion, self.scales, self.logarithmic_parameters, np)
 
     def gain_and_offset(self, theta: Float[np.ndarray, "p"]) -> tuple[float, float]:
-        """Gain and offset of the sensor by a search vector (p,)."""
+        """Gain and offset of the sensor, from a search vector (p,)."""
         gain, offset, _ = sensor_values(
             theta[len(theta) - self.sensor_entry_count :], self.scales, self.open_gain_and_offset
         )
@@ -271,19 +277,19 @@ class Unknowns:
 def theta_bounds(
     unknowns: Unknowns, bounds: Pairs, initial: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest entries (p,) of the search vector, equal where held; initial [m, m/s] by name."""
+    """Lower and upper bounds (p,) of the search vector, equal if held; initial [m, m/s] by name."""
     edges = np.full((2, len(unknowns.prior)), [[-np.inf], [np.inf]])
     for k, name in enumerate(unknowns.law.parameters):
         if name not in bounds:
             continue
-        for side, value in enumerate(bounds[name]):
+        for end, value in enumerate(bounds[name]):
             if name in unknowns.law.positive:
-                edges[side, k] = math.log(value) if value > 0.0 else -np.inf
+                edges[end, k] = math.log(value) if value > 0.0 else -np.inf
             else:
-                edges[side, k] = value / unknowns.units[k]
+                edges[end, k] = value / unknowns.units[k]
     names = ("height", "velocity", *unknowns.law.hidden)
     count = len(unknowns.law.parameters)
-    if unknowns.law.prescribed:  # the stroke is no state
+    if unknowns.law.prescribed:  # the stroke is not a state
         edges[:, count : count + 2] = 0.0
     for k, name in enumerate(names, count):
         if name in initial:
@@ -299,7 +305,7 @@ def theta_bounds(
 
 
 def _bound_sensor(unknowns: Unknowns, sensor: Sensor, edges: np.ndarray) -> None:
-    """Set the edges (2, p) of a sensor's gain and offset that lie between two numbers."""
+    """Set the bounds (2, p) of a sensor's gain and offset that lie between two numbers."""
     k = edges.shape[1] - unknowns.sensor_entry_count
     settings = (
         (sensor.gain, 0.0, sensor.nominal_gain),
@@ -312,7 +318,7 @@ def _bound_sensor(unknowns: Unknowns, sensor: Sensor, edges: np.ndarray) -> None
 
 
 def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], np_: Any) -> Any:
-    """Parameters; height [m], velocity [m/s] and hidden states at first, of vectors (p, ...)."""
+    """Parameters; initial height [m], velocity [m/s] and hidden states, from vectors (p, ...)."""
     rest, amplitude, speed = (scales[k] for k in range(3))
     count = len(logarithmic)
     values = tuple(
@@ -322,7 +328,7 @@ def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], np_:
 
 
 def sensor_values(entries: Any, scales: Any, is_open: tuple[bool, bool]) -> tuple[Any, Any, Any]:
-    """Gain with its sign, offset, and the filter's state at the start, from a sensor's entries."""
+    """Gain with its sign, offset, and the filter's initial state, from a sensor's entries."""
     signal, gain, offset = scales[-3], scales[-2], scales[-1]
     if is_open[0]:
         gain, entries = gain * entries[0], entries[1:]

@@ -1,9 +1,9 @@
 """The posterior of a model's parameters, by Hamiltonian Monte Carlo on the residuals of the fit.
 
-Chains of the No-U-Turn Sampler (Hoffman, Gelman 2014) of NumPyro start at the fit and move in
-directions that its covariance makes alike. Priors are flat in the search's units, the logarithms of
-positive parameters and multiples of the others, and in the logarithm of the noise; what a
-hierarchical fit says of several records stands in `sample_posterior`.
+Chains of the No-U-Turn Sampler (Hoffman, Gelman 2014) of NumPyro start at the fit, in coordinates
+that its covariance makes isotropic. Priors are flat in the units of the search (logarithms of
+positive parameters, multiples of the others) and in the logarithm of the noise. `sample_posterior`
+describes the hierarchical model of several records.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 jnp = jax.numpy
 
-_STEPS = 48  # of a period
-_WIDE = 100.0  # standard deviations of the linearisation that the prior is wide
-_LEAST = 1e-9  # of a residual, in amplitudes: records without noise
-_FLAT = 1e-12  # of the strongest direction: the data say nothing of one that is weaker
+_STEPS_PER_PERIOD = 48  # per period
+_PRIOR_WIDTH = 100.0  # width of the prior, in standard deviations of the linearisation
+_MINIMUM_NOISE = 1e-9  # minimum noise in amplitudes, for records without noise
+_UNDETERMINED_STRENGTH = 1e-12  # of the strongest direction: a weaker one is not determined by the data
 
 
 def sample_posterior(
@@ -50,7 +50,7 @@ def sample_posterior(
 
     Chains of the No-U-Turn Sampler (Hoffman and Gelman 2014, J. Mach. Learn. Res. 15, 1593) start
     at the fit. Priors are flat in the logarithms of positive parameters, in the others and in the
-    logarithm of the noise, up to a hundred standard deviations of the fit; that of a population's
+    logarithm of the noise, up to a hundred standard deviations of the fit. The prior of a population's
     spread is half-normal, ten times as wide as the spread of the fits.
 
     Parameters
@@ -60,44 +60,43 @@ def sample_posterior(
     record : PistonRecord or table of one (pandas, xarray), or a sequence of them
         Records that the model was fitted to, times [s] and heights [m].
     per_record : sequence of str
-        Parameters that each of several records has for itself. They are taken for draws from a
-        normal population, in the search's units, whose mean and spread are found with them
+        Parameters with a separate value for each of several records. They are modelled as draws from
+        a normal population, in the units of the search, whose mean and spread are sampled with them
         (``<name>_mean``, ``<name>_spread``).
     draws, warmup, chains : int
-        Number of draws of each chain, of the draws before them that tune it, and of chains, each
-        from 1 on.
+        Number of draws per chain, of tuning draws before them, and of chains, each 1 or more.
     seed : int
         Seed of the draws, from 0 on.
 
     Returns
     -------
     arviz.InferenceData
-        Parameters in their units, ``height`` [m] and ``velocity`` [m/s] at the start, and ``noise``
-        [m], each (chains, draws) or, where there are several records and they are a record's own
-        (height and velocity always are), (chains, draws, records). ``<name>_spread`` of a positive
-        parameter is that of its logarithm. Fixed parameters are constant. ``arviz.summary`` gives
-        convergence figures.
+        Parameters in their units, initial ``height`` [m] and ``velocity`` [m/s], and ``noise`` [m],
+        each (chains, draws). For several records, quantities that differ between records (height
+        and velocity always do) are (chains, draws, records). ``<name>_spread`` of a positive
+        parameter is the spread of its logarithm. Fixed parameters are constant. ``arviz.summary``
+        gives convergence statistics.
 
     Raises
     ------
     InputError
-        If a number of draws or chains or the seed is out of its range, there is no record, models
-        and records are not as many, a name in ``per_record`` is no parameter, or a model was fitted to a
-        sensor's signal.
+        If a number of draws or chains or the seed is out of its range, no record is given, the
+        numbers of models and records differ, a name in ``per_record`` is not a parameter, or a model
+        was fitted to a sensor's signal.
     RecordError
-        If a table is no record, or a record is too short, does not move, has heights or times beyond
-        what can be computed with, lasts more periods than can be followed, or lacks an input of the law.
+        If a table is not a record, or a record is too short, does not move, has heights or times beyond
+        the computable range, lasts more periods than can be computed, or lacks an input of the law.
     MissingPackageError
         If the extra is not installed.
     """
-    for name, value, least in (
+    for name, value, minimum in (
         ("draws", draws, 1),
         ("warmup", warmup, 1),
         ("chains", chains, 1),
         ("seed", seed, 0),
     ):
-        if not isinstance(value, int) or value < least:
-            raise InputError(f"{name} = {quote(value)}; give an integer from {least} on")
+        if not isinstance(value, int) or value < minimum:
+            raise InputError(f"{name} = {quote(value)}; give an integer, {minimum} or more")
     try:
         import arviz
         import numpyro.infer
@@ -123,19 +122,19 @@ def sample_posterior(
     return arviz.from_dict(_name_draws(problem, per_record, centre + result @ spread.T))
 
 
-def _data_of_models(model: Any, record: Any, own: Sequence[str]) -> tuple[FitProblem, np.ndarray]:
-    """Return the data of the fit, and where it ended."""
+def _data_of_models(model: Any, record: Any, separate: Sequence[str]) -> tuple[FitProblem, np.ndarray]:
+    """Return the data of the fit and its search vector."""
     records = [entry.with_time_from_zero() for entry in list_of_records(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
         raise InputError(f"{len(models)} models for {len(records)} records; give one for each")
-    check_parameter_names(own, models[0].law.parameters)
+    check_parameter_names(separate, models[0].law.parameters)
     if any(entry.sensor is not None or entry.observation for entry in models):
         raise InputError(
             "sample_posterior takes models that were fitted to heights; this was fitted to a signal"
         )
     guesses = [first_guesses(record.time, record.height) for record in records]
-    # All in the units of the first model: vectors of different units would not add up.
+    # All in the units of the first model, since vectors in different units cannot be joined.
     unknowns, _ = search_vector_of_model(models[0], guesses[0])
     thetas = [search_vector_of_model(entry, None, unknowns)[1] for entry in models]
     law, given = unknowns.law, [name for name, (low, high) in models[0].intervals.items() if low == high]
@@ -143,7 +142,7 @@ def _data_of_models(model: Any, record: Any, own: Sequence[str]) -> tuple[FitPro
         FitData(
             unknowns,
             record,
-            grid_over_record(record, law.inputs, guess.period, _STEPS * law.step_ratio),
+            grid_over_record(record, law.inputs, guess.period, _STEPS_PER_PERIOD * law.step_ratio),
             np.ones(len(record)),
             record,
             guess,
@@ -151,7 +150,7 @@ def _data_of_models(model: Any, record: Any, own: Sequence[str]) -> tuple[FitPro
             models[0].input_interpolation,
             bounds={name: (entry.parameters[name], entry.parameters[name]) for name in given},
             initial={name: entry.hidden.get(name, 0.0) for name in law.hidden},
-            own=tuple(own),
+            per_record=tuple(separate),
             number=number,
         )
         for number, (entry, record, guess) in enumerate(zip(models, records, guesses, strict=True))
@@ -161,9 +160,9 @@ def _data_of_models(model: Any, record: Any, own: Sequence[str]) -> tuple[FitPro
 
 
 def _negative_log_density(
-    problem: FitProblem, theta: np.ndarray, own: Sequence[str]
+    problem: FitProblem, theta: np.ndarray, separate: Sequence[str]
 ) -> tuple[Any, np.ndarray, np.ndarray]:
-    """Minus the logarithm of the density of scaled unknowns, with their centre and their scales."""
+    """Negative log density of scaled unknowns, with their centre and scales."""
     size, free = len(theta), np.flatnonzero(~problem.held_entries)
     normal, left = np.zeros((size, size)), []
     for data in problem.data:
@@ -172,21 +171,21 @@ def _negative_log_density(
         normal[np.ix_(here, here)] += slopes.T @ slopes
         left.append(value)
     count = sum(map(len, left))
-    level = max(float(np.sqrt(np.concatenate(left) @ np.concatenate(left) / count)), _LEAST)
+    level = max(float(np.sqrt(np.concatenate(left) @ np.concatenate(left) / count)), _MINIMUM_NOISE)
     strengths, directions = np.linalg.eigh(normal[np.ix_(free, free)])
-    root = directions / np.sqrt(np.maximum(strengths, _FLAT * strengths[-1]))
+    root = directions / np.sqrt(np.maximum(strengths, _UNDETERMINED_STRENGTH * strengths[-1]))
     law = problem.law
     entries = [data.entries for data in problem.data]
-    saved = [np.array([here[law.parameters.index(name)] for here in entries]) for name in own]
+    saved = [np.array([here[law.parameters.index(name)] for here in entries]) for name in separate]
     means = [theta[here].mean() for here in saved]
     spreads = [max(theta[here].std(), 1e-3) for here in saved]
-    extra = 1 + 2 * len(own)
+    extra = 1 + 2 * len(separate)
     total = size + extra
     centre = np.concatenate([theta, [np.log(level)], means, np.log(spreads)])
     scale = np.zeros((total, len(free) + extra))
     scale[np.ix_(free, np.arange(len(free)))] = level * root
-    tails = [1.0 / np.sqrt(2.0 * count), *spreads, *(0.5 for _ in own)]
-    scale[np.arange(size, total), len(free) + np.arange(extra)] = tails
+    extra_scales = [1.0 / np.sqrt(2.0 * count), *spreads, *(0.5 for _ in separate)]
+    scale[np.arange(size, total), len(free) + np.arange(extra)] = extra_scales
     samples = [data.samples for data in problem.data]
     residual = residual_function(problem.unknowns, "residual")
     scales = problem.unknowns.scales
@@ -200,17 +199,17 @@ def _negative_log_density(
         )
         minus = 0.5 * cost * jnp.exp(-2.0 * noise) + count * noise
         for k, here in enumerate(saved):
-            mean, wide = full[size + 1 + k], full[size + 1 + len(own) + k]
+            mean, wide = full[size + 1 + k], full[size + 1 + len(separate) + k]
             minus += 0.5 * (((full[here] - mean) * jnp.exp(-wide)) ** 2).sum() + len(here) * wide
-            # A population's spread has a half-normal prior of some ten times what was seen.
+            # The half-normal prior of a population's spread is ten times as wide as the spread of the fits.
             minus += 0.5 * (jnp.exp(wide) / (10.0 * spreads[k])) ** 2 - wide
-        minus += 0.5 * ((scaled / _WIDE) ** 2).sum()
+        minus += 0.5 * ((scaled / _PRIOR_WIDTH) ** 2).sum()
         return jnp.where(jnp.isfinite(minus), minus, jnp.inf)
 
     return potential, centre, scale
 
 
-def _name_draws(problem: FitProblem, own: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
+def _name_draws(problem: FitProblem, separate: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
     """Draws (chain, draw, ...) by name, in their units."""
     unknowns, size = problem.unknowns, len(problem.held_entries)
     several = len(problem.data) > 1
@@ -219,19 +218,19 @@ def _name_draws(problem: FitProblem, own: Sequence[str], full: np.ndarray) -> di
         theta = np.moveaxis(full[..., here], -1, 0)
         values, height, velocity, _ = unknowns.physical_values(theta)
         for name, value in zip(unknowns.law.parameters, values, strict=True):
-            if name in own:
+            if name in separate:
                 result.setdefault(name, []).append(value)
             elif index == 0:
                 result[name] = np.broadcast_to(value, full.shape[:2])
         result.setdefault("height", []).append(height)
         result.setdefault("velocity", []).append(velocity)
-    for name in ("height", "velocity", *own):
+    for name in ("height", "velocity", *separate):
         stacked = np.stack(result[name], axis=-1)
         result[name] = stacked if several else stacked[..., 0]
     result["noise"] = unknowns.amplitude * np.exp(full[..., size])
     units = dict(zip(unknowns.law.parameters, unknowns.units, strict=True))
-    for k, name in enumerate(own):
-        mean, wide = full[..., size + 1 + k], np.exp(full[..., size + 1 + len(own) + k])
+    for k, name in enumerate(separate):
+        mean, wide = full[..., size + 1 + k], np.exp(full[..., size + 1 + len(separate) + k])
         positive = name in unknowns.law.positive
         result[f"{name}_mean"] = np.exp(mean) if positive else units[name] * mean
         # Of a positive parameter, the spread of its logarithm.

@@ -1,6 +1,7 @@
 """The problem that a fit solves: the data of its records, and its options with their defaults and limits.
 
-One search vector describes all records: what they share once, then what each has alone.
+One search vector describes all records: first the shared parameters, then the parameters and initial
+state of each record.
 """
 
 from __future__ import annotations
@@ -26,28 +27,29 @@ from reduced_models.records.sensor import Sensor, SensorQuantity
 
 Intervals = Literal["linear", "profile"]
 
-_PATIENCE = 2  # trials without a gain, of a search that starts near its end
-_NEAR = 1e-6  # first damping of a search that starts near its end
+_REFIT_PATIENCE = 2  # trials without a gain, of a search that starts near its minimum
+_REFIT_DAMPING = 1e-6  # initial damping of a search that starts near its minimum
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FitProblem:
-    """Data to fit together, and what is asked; see `reduced_models.fitting.fit.fit`."""
+    """Data to fit together, and the options of the fit; see `reduced_models.fitting.fit.fit`."""
 
     data: tuple[FitData, ...]
     bounds: Pairs = dataclasses.field(default_factory=dict)  # of all records
-    start: Mapping[str, float] = dataclasses.field(default_factory=dict)  # where parameters are looked for
+    start: Mapping[str, float] = dataclasses.field(default_factory=dict)  # given start values of parameters
     known_noise: bool = False
     starts: int = 1
     confidence: float = 0.95
     intervals: Intervals = "linear"
     seed: int = 0
     notes: tuple[str, ...] = ()  # on the data
-    unidentified: tuple[str, ...] = ()  # by the signal; level: height of rest, size: size of the motion
+    # Not determined by the signal; "level": equilibrium height, "size": amplitude of the motion.
+    unidentified: tuple[str, ...] = ()
 
     @property
     def unknowns(self) -> Unknowns:
-        """Scales of what records share."""
+        """Law and scales that all records share."""
         return self.data[0].unknowns
 
     @property
@@ -66,11 +68,11 @@ class FitProblem:
         return tuple(data.training for data in self.data)
 
     def with_data(self, data: Iterable[FitData]) -> FitProblem:
-        """Return the same of other data."""
+        """Return the same problem for other data."""
         return dataclasses.replace(self, data=tuple(data))
 
     def with_scales(self, unknowns: Unknowns) -> FitProblem:
-        """Return the same in common scales; what a law observes has the size of its own signal."""
+        """Return the same problem in common scales; each observation keeps the size of its signal."""
         return self.with_data(
             dataclasses.replace(
                 data,
@@ -85,17 +87,17 @@ class FitProblem:
 
     @functools.cached_property
     def edges(self) -> Bounds:
-        """Least and greatest entries (q,) of the search vector, equal where they are held."""
+        """Lower and upper bounds (q,) of the search vector, equal for entries that are held."""
         edges = [data.edges for data in self.data]
         return Bounds(*(self.joint_vector(side) for side in zip(*edges, strict=True)))
 
     @property
     def held_entries(self) -> np.ndarray:
-        """Entries (q,) of the search vector that are given, as a mask."""
+        """Mask (q,) of the entries of the search vector that are held."""
         return np.asarray(self.edges.low == self.edges.high)
 
     def joint_vector(self, vectors: Sequence[np.ndarray]) -> Float[np.ndarray, "... q"]:
-        """Search vector of the vectors of each record; shared entries are the first's."""
+        """Joint search vector of the records' vectors; shared entries come from the first record."""
         result = np.empty((*vectors[0].shape[:-1], self._size))
         for vector, data in zip(reversed(vectors), reversed(self.data), strict=True):
             result[..., data.entries] = vector
@@ -106,7 +108,7 @@ class FitProblem:
         return 1 + max(int(data.entries.max()) for data in self.data)
 
     def prior(self, samples: float) -> Prior:
-        """Prior about a start, for costs of so many samples."""
+        """Prior about a start, for costs of a number of samples."""
         return Prior(self.joint_vector([self.unknowns.prior] * len(self.data)), samples)
 
     def residuals(self, theta: Float[np.ndarray, "q"]) -> list[np.ndarray]:
@@ -114,16 +116,18 @@ class FitProblem:
         return [data.residuals(theta[data.entries]) for data in self.data]
 
     def sum_of_normal_equations(self, normals: Sequence[Normal]) -> Normal:
-        """Return the normal equations of all records, of those of each."""
+        """Return the sum of the records' normal equations, in the joint search vector."""
         size = self._size
 
         def normal_equations(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             count = len(theta)
             cost, gradient = np.zeros(count), np.zeros((count, size))
             matrix = np.zeros((count, size, size))
-            for data, own in zip(self.data, normals, strict=True):
+            for data, record_normal in zip(self.data, normals, strict=True):
                 here = data.entries
-                cost_of_record, gradient_of_record, matrix_of_record = map(np.asarray, own(theta[:, here]))
+                cost_of_record, gradient_of_record, matrix_of_record = map(
+                    np.asarray, record_normal(theta[:, here])
+                )
                 cost += cost_of_record
                 gradient[:, here] += gradient_of_record
                 matrix[:, here[:, None], here] += matrix_of_record
@@ -151,49 +155,52 @@ class FitProblem:
             self.prior(float(sum(np.sum(here) for here in selections))),
             tolerance,
             self.edges,
-            damping=_NEAR,
-            patience=_PATIENCE,
+            damping=_REFIT_DAMPING,
+            patience=_REFIT_PATIENCE,
         )
         return np.asarray(theta[0])
 
 
 STARTS = 16
 TEST_FRACTION = 0.3
-MOST_STARTS = 10_000
-"""Ten times a thousand, with which a short record takes minutes."""
+MAXIMUM_STARTS = 10_000
+"""Ten times a number of starts with which a short record already takes minutes."""
 
 Initial = Literal["free", "rest"] | Mapping[str, float | str] | PistonRecord | Sequence[PistonRecord]
 
 
 @dataclasses.dataclass(frozen=True)
 class FitOptions:
-    """Rare options of `fit`: how a law and its records are read.
+    """Less common options of `fit`: how a law and its records are interpreted.
 
     Parameters
     ----------
     drift : bool, optional
         Whether the records' zero may drift, as a random walk; intervals then allow for it. If not
-        given, it may where the residuals are such a walk next to white noise, and a note says so.
+        given, a drift is fitted if the residuals are white noise plus a random walk, and a note
+        reports it.
     input_interpolation : str, optional
-        What an input does between samples: ``"spline"``, ``"linear"``, ``"previous"`` (it keeps its
-        last value) or ``"band-limited"``; otherwise that with the least held-out error.
+        Interpolation of inputs between samples: ``"spline"``, ``"linear"``, ``"previous"`` (the
+        last value is held) or ``"band-limited"``; by default the one with the smallest held-out
+        error.
     measured : str or Sensor, optional
-        What is compared: ``"height"``, ``"velocity"``, ``"acceleration"`` or ``"base_force"``, or a
-        `Sensor` with gain, offset and filter; that of which the record holds the measurement if not
-        given. Where it does not tell the level of rest, heights count from there. ``"force"`` of a
-        record with heights: these are prescribed, and laws of the force are fitted, see
-        `fit`.
+        Quantity that is compared: ``"height"``, ``"velocity"``, ``"acceleration"`` or
+        ``"base_force"``, or a `Sensor` with gain, offset and filter; by default the one that the
+        record holds. If it does not determine the equilibrium height, heights are measured from
+        equilibrium. ``"force"`` of a record with heights: the heights are a prescribed stroke, and
+        a law of the force is fitted, see `fit`.
     initial : "rest", "free", mapping of str to float, or PistonRecord, optional
-        The start of the motion: at velocity zero, or free with the hidden states too, or numbers
-        (or ``"free"``) for ``height`` [m], ``velocity`` [m/s] and hidden states by name. Or the
-        record of the motion before, that ends where this one begins (for several records a list of
-        such): hidden states are carried along it. Otherwise height and velocity are free, and
-        hidden states are zero.
+        Initial state: zero velocity, or everything free including hidden states, or numbers (or
+        ``"free"``) for ``height`` [m], ``velocity`` [m/s] and hidden states by name. Or the
+        record of the motion before this one, ending where this one begins (for several records a
+        list of them): hidden states are integrated along it. By default height and velocity are
+        free and hidden states are zero.
 
     Raises
     ------
     InputError
-        If the interpolation, what is measured or a word for the start is none of these.
+        If the interpolation, the measured quantity or the word for the initial state is not one of
+        these.
 
     Examples
     --------
@@ -227,9 +234,9 @@ def check_fit_options(
     loss: str = "linear",
     seed: int = 0,
 ) -> None:
-    """Check that the options of `fit` are in their ranges."""
-    if not isinstance(starts, int) or isinstance(starts, bool) or not 1 <= starts <= MOST_STARTS:
-        raise InputError(f"starts = {quote(starts)}; give an integer from 1 to {MOST_STARTS}")
+    """Check that the options of `fit` are within their ranges."""
+    if not isinstance(starts, int) or isinstance(starts, bool) or not 1 <= starts <= MAXIMUM_STARTS:
+        raise InputError(f"starts = {quote(starts)}; give an integer from 1 to {MAXIMUM_STARTS}")
     if not isinstance(test_fraction, Real) or not 0.0 <= float(test_fraction) <= 0.9:
         raise InputError(f"test_fraction = {quote(test_fraction)}; give a fraction from 0 to 0.9")
     if not isinstance(confidence, Real) or not 0.0 < float(confidence) < 1.0:
@@ -246,25 +253,25 @@ def _check_word(name: str, value: str, known: Sequence[str]) -> None:
 
 
 def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
-    """Given height, velocity and hidden states at the start by name; the rest is free [m, m/s]."""
-    # Other coordinates have starts of their own; so have hidden states along a stroke, which may have begun
-    # anywhere.
+    """Given initial height [m], velocity [m/s] and hidden states by name; all others are free."""
+    # Other coordinates have free initial states; so have hidden states along a stroke, since it may have
+    # begun in any state.
     free = law.hidden if law.prescribed else law.other_coordinates
-    still = {name: 0.0 for name in law.hidden if name not in free}
+    at_zero = {name: 0.0 for name in law.hidden if name not in free}
     if initial is None:
-        return still
+        return at_zero
     if initial == "free":
         return {}
     if initial == "rest":
         speeds = (name for name in law.other_coordinates if name.endswith("_first"))
-        return {"velocity": 0.0, **still, **dict.fromkeys(speeds, 0.0)}
+        return {"velocity": 0.0, **at_zero, **dict.fromkeys(speeds, 0.0)}
     names = ("height", "velocity", *law.hidden)
     if not isinstance(initial, Mapping):
         raise InputError(
             f"initial = {quote(initial)}; give 'rest', 'free' or numbers by name, for "
             f"{', '.join(names)}, or the motion before"
         )
-    result = dict(still)
+    result = dict(at_zero)
     for name, value in initial.items():
         if name not in names:
             raise InputError(unknown_word_message(str(name), names, "state at the start"))

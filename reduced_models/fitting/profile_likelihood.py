@@ -1,10 +1,10 @@
-"""Intervals from the profile of the residuals: how far a parameter moves until the fit is bad.
+"""Profile-likelihood intervals: how far a parameter can move before the fit becomes significantly worse.
 
-One parameter is held at a value, all the others are fitted again, and the sum of squares rises by
-S. Its signed root over the residuals' standard deviation is the profile t; the interval ends where
-that is Student's quantile (Bates, Watts 1988, doi:10.1002/9780470316757, section 6.1). Where the
-law is linear in the parameter, this is the interval of the linearisation. Where it is not, or where
-parameters trade places, or one has a bound, it is not, and the profile is right.
+One parameter is held at a value, all others are refitted, and the sum of squares rises by S. The
+signed root of S over the residuals' standard deviation is the profile t; the interval ends at
+Student's quantile of t (Bates, Watts 1988, doi:10.1002/9780470316757, section 6.1). If the solution
+is linear in the parameter, this equals the interval of the linearisation. If it is not, or
+parameters are strongly correlated or bounded, the two differ, and the profile is correct.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, le
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.uncertainty import Interval, intervals_between, sandwich_covariance
 
-# An entry that may go a factor of a million either way is not bounded by the data.
-FAR = math.log(1e6)
+# An entry that may change by a factor of a million either way is not bounded by the data.
+UNBOUNDED_DISTANCE = math.log(1e6)
 _ROUNDS = 16
-_CLOSE = 0.001  # of the quantile
-_RESOLVED = 1e-3  # of the residuals' variance: changes of the sum of squares that matter
-# Factor of the next reach, and of a step along the path: from 1 to the bound `FAR` it takes three.
-_GROWTH = 2.5
+_QUANTILE_TOLERANCE = 0.001  # of the quantile
+_COST_RESOLUTION = 1e-3  # of the residuals' variance: resolution of the sum of squares
+# Maximum ratio of successive distances, and of a step along the path: from 1 to `FAR` takes three.
+_MAXIMUM_GROWTH = 2.5
 _ATTEMPTS = 2
-_LOST = 0.05  # of the rise at an end: a fit that lacks more does not say that there is one
+_UNCONVERGED_SHARE = 0.05  # of the rise at an end: a fit further from its minimum does not prove an end
 _ROUNDING = 1e-11
-_FIRST = 1.0  # longest first reach: further out, the linearisation is no guide
+_MAXIMUM_FIRST_DISTANCE = 1.0  # maximum first distance: further out, the linearisation is not a guide
 
 
 def profile_intervals(
     problem: FitProblem, theta: Float[np.ndarray, "q"], covariance: Float[np.ndarray, "q q"], quantile: float
 ) -> list[dict[str, Interval]]:
     """Profile intervals of each record's parameters."""
-    # The profile is measured by the variance with which the linearisation has its covariance, so that both
-    # agree where the law is linear (profile t: Bates and Watts 1988, ch. 6).
+    # The profile uses the variance that belongs to the covariance of the linearisation, so that both agree
+    # for a solution linear in its parameters (profile t: Bates and Watts 1988, ch. 6).
     unknowns = problem.unknowns
     count = len(unknowns.law.parameters)
     entries = sorted({int(entry) for data in problem.data for entry in data.entries[:count]})
@@ -57,22 +57,22 @@ def profile_interval_ends(
     variance: Float[np.ndarray, "p"],
     quantile: float,
 ) -> Bounds:
-    """Return ends of profile intervals: infinite where the data bound no entry, else NaN."""
-    # Both sides of each entry are looked for together: s of them.
+    """Return ends of profile intervals: infinite if the data set no bound, NaN for all other entries."""
+    # Both ends of all entries are searched together: s of them.
     entry = np.repeat(np.array(entries, dtype=int), 2)
     sign = np.tile([-1.0, 1.0], len(entries))
     slack = np.where(
         sign < 0, theta[entry] - problem.edges.low[entry], problem.edges.high[entry] - theta[entry]
     )
-    most = np.minimum(np.maximum(slack, 0.0), FAR)
+    maximum = np.minimum(np.maximum(slack, 0.0), UNBOUNDED_DISTANCE)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))[entry]
-    reach = np.minimum(np.minimum(quantile * spread, _FIRST), most)
+    distances = np.minimum(np.minimum(quantile * spread, _MAXIMUM_FIRST_DISTANCE), maximum)
     guide = theta + sign[:, None] * covariance[entry] / spread[:, None] ** 2
     distance = _distance_to_interval_end(
-        problem, theta, entry, sign, reach, most, guide, variance[entry], quantile
+        problem, theta, entry, sign, distances, maximum, guide, variance[entry], quantile
     )
-    # Where the profile does not get there, a bound is the end, or there is none.
-    distance = np.where(np.isinf(distance) & (slack < FAR), np.maximum(slack, 0.0), distance)
+    # If the profile does not reach the quantile, the bound is the end, or there is no end.
+    distance = np.where(np.isinf(distance) & (slack < UNBOUNDED_DISTANCE), np.maximum(slack, 0.0), distance)
     low, high = np.full((2, len(theta)), np.nan)
     low[entry[::2]] = theta[entry[::2]] - distance[::2]
     high[entry[::2]] = theta[entry[::2]] + distance[1::2]
@@ -84,40 +84,42 @@ def _distance_to_interval_end(
     theta: np.ndarray,
     entry: np.ndarray,
     sign: np.ndarray,
-    reach: np.ndarray,
-    most: np.ndarray,
+    distances: np.ndarray,
+    maximum: np.ndarray,
     guide: np.ndarray,
     variance: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """Distances (s,) at which the profile t is the quantile; infinite where it never is."""
+    """Distances (s,) at which the profile t reaches the quantile; infinite if it never does."""
     normal = problem.normal_equations()
-    least = float(np.asarray(normal(theta[None])[0])[0])
-    near, near_t = np.zeros_like(reach), np.zeros_like(reach)
-    far, far_t = np.full_like(reach, np.inf), np.full_like(reach, np.inf)
-    done = np.full_like(reach, np.nan)
-    done[most <= 0.0] = np.inf
+    lowest_cost = float(np.asarray(normal(theta[None])[0])[0])
+    near, near_t = np.zeros_like(distances), np.zeros_like(distances)
+    far, far_t = np.full_like(distances, np.inf), np.full_like(distances, np.inf)
+    found = np.full_like(distances, np.nan)
+    found[maximum <= 0.0] = np.inf
     for _ in range(_ROUNDS):
-        start = _vectors_along_path(theta, guide, entry, sign, reach)
-        fits, costs, lacking = _refit_with_entry_fixed(
-            problem, normal, start, entry, _RESOLVED * float(variance.min())
+        start = _vectors_along_path(theta, guide, entry, sign, distances)
+        fits, costs, decrease = _refit_with_entry_fixed(
+            problem, normal, start, entry, _COST_RESOLUTION * float(variance.min())
         )
-        least = min(least, float(costs.min()))
-        rise = np.sqrt(np.maximum(costs - least, 0.0) / variance)
-        done = np.where(np.isnan(done) & (np.abs(rise - quantile) <= _CLOSE * quantile), reach, done)
+        lowest_cost = min(lowest_cost, float(costs.min()))
+        rise = np.sqrt(np.maximum(costs - lowest_cost, 0.0) / variance)
+        found = np.where(
+            np.isnan(found) & (np.abs(rise - quantile) <= _QUANTILE_TOLERANCE * quantile), distances, found
+        )
         inside = rise < quantile
-        done = np.where(np.isnan(done) & inside & (reach >= most), np.inf, done)
-        lost = (lacking > _LOST * quantile**2 * variance) & (rise < 5.0 * quantile)
-        done = np.where(np.isnan(done) & lost & ~inside, np.inf, done)
-        guide = np.where(inside[:, None] & (reach > 0.0)[:, None], fits, guide)
-        near, near_t = np.where(inside, reach, near), np.where(inside, rise, near_t)
-        far, far_t = np.where(inside, far, reach), np.where(inside, far_t, rise)
-        if not np.isnan(done).any():
+        found = np.where(np.isnan(found) & inside & (distances >= maximum), np.inf, found)
+        unconverged = (decrease > _UNCONVERGED_SHARE * quantile**2 * variance) & (rise < 5.0 * quantile)
+        found = np.where(np.isnan(found) & unconverged & ~inside, np.inf, found)
+        guide = np.where(inside[:, None] & (distances > 0.0)[:, None], fits, guide)
+        near, near_t = np.where(inside, distances, near), np.where(inside, rise, near_t)
+        far, far_t = np.where(inside, far, distances), np.where(inside, far_t, rise)
+        if not np.isnan(found).any():
             break
-        reach = np.where(
-            np.isnan(done), _next_trial_distances(near, near_t, far, far_t, most, quantile), reach
+        distances = np.where(
+            np.isnan(found), _next_trial_distances(near, near_t, far, far_t, maximum, quantile), distances
         )
-    return np.where(np.isnan(done), reach, done)
+    return np.where(np.isnan(found), distances, found)
 
 
 def _next_trial_distances(
@@ -125,40 +127,40 @@ def _next_trial_distances(
     near_t: np.ndarray,
     far: np.ndarray,
     far_t: np.ndarray,
-    most: np.ndarray,
+    maximum: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """Next distances to try: between two sides of the end, or further out."""
+    """Next distances to try: between a distance inside and one outside, or further out."""
     with np.errstate(all="ignore"):
         fraction = (quantile - near_t) / (far_t - near_t)
-        # A blow-up beyond says nothing of the slope on this side: halve then.
+        # If the solution diverges beyond the end, interpolation is meaningless: bisect.
         fraction = np.where(far_t > 10.0 * quantile, 0.5, np.clip(fraction, 0.05, 0.95))
         between = near + fraction * (far - near)
-        growth = np.clip(quantile / near_t, 1.1, _GROWTH)
-    growth = np.where(np.isfinite(growth), growth, _GROWTH)
-    return np.where(np.isfinite(far), between, np.minimum(near * growth, most))
+        growth = np.clip(quantile / near_t, 1.1, _MAXIMUM_GROWTH)
+    growth = np.where(np.isfinite(growth), growth, _MAXIMUM_GROWTH)
+    return np.where(np.isfinite(far), between, np.minimum(near * growth, maximum))
 
 
 def _vectors_along_path(
-    theta: np.ndarray, guide: np.ndarray, entry: np.ndarray, sign: np.ndarray, reach: np.ndarray
+    theta: np.ndarray, guide: np.ndarray, entry: np.ndarray, sign: np.ndarray, distances: np.ndarray
 ) -> np.ndarray:
-    """Search vectors (s, p) with each side's entry moved, the others along the path to a guide."""
-    # The guide is the last good fit: the profile bends little, and a fit beyond the end may have lost the
-    # valley.
-    rows = np.arange(len(reach))
+    """Search vectors (s, p) with one entry moved in each, the others along the path to a guide."""
+    # The guide is the last good fit, since the path curves little, and a fit beyond the end may have left the
+    # minimum's valley.
+    rows = np.arange(len(distances))
     moved = sign * (guide[rows, entry] - theta[entry])
-    fraction = np.minimum(reach / np.where(moved > 0.0, moved, np.inf), _GROWTH)
+    fraction = np.minimum(distances / np.where(moved > 0.0, moved, np.inf), _MAXIMUM_GROWTH)
     start = np.asarray(theta + fraction[:, None] * (guide - theta))
-    start[rows, entry] = theta[entry] + sign * reach
+    start[rows, entry] = theta[entry] + sign * distances
     return start
 
 
 def _refit_with_entry_fixed(
     problem: FitProblem, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fits (s, p) with one entry held in each, their sums of squares (s,), and what these lack."""
-    # A Gauss-Newton step that would still go down by more than `resolved` shows a search that lost its way in
-    # a bent valley; it is begun again from there.
+    """Fits (s, p) with one entry held in each, their sums of squares (s,), and the possible decreases."""
+    # If a Gauss-Newton step would still decrease the sum by more than `resolved`, the search has stopped
+    # early in a curved valley; it is restarted from there.
     rows = np.arange(len(start))
     low = np.tile(problem.edges.low, (len(start), 1))
     high = np.tile(problem.edges.high, (len(start), 1))
@@ -169,10 +171,10 @@ def _refit_with_entry_fixed(
         tolerance = min(1e-6, resolved / float(np.asarray(normal(start)[0]).min()))
         start, costs = levenberg_marquardt(normal, start, free, tolerance, Bounds(low, high))
         _, gradient, matrix = map(np.asarray, normal(start))
-        lacking = _gauss_newton_decrease(gradient, matrix, (start > low) & (start < high))
-        if (lacking <= 10.0 * resolved).all():
+        decrease = _gauss_newton_decrease(gradient, matrix, (start > low) & (start < high))
+        if (decrease <= 10.0 * resolved).all():
             break
-    return start, costs, lacking
+    return start, costs, decrease
 
 
 def _gauss_newton_decrease(gradient: np.ndarray, matrix: np.ndarray, free: np.ndarray) -> np.ndarray:

@@ -1,8 +1,9 @@
 """The fit on fine grids: the best start refined, compared with accelerations, and judged.
 
-The best of a search is fitted to all samples, on grids that are refined until the solution agrees
-with the adaptive one. Next to it stands the fit that starts from accelerations in the record, which
-solves nothing. A driven fit is refined once more with its input shifted, to name one that comes late.
+The best start of a search is fitted to all samples, on grids that are refined until the solution
+agrees with the adaptive one. It is compared with a fit that starts from the accelerations in the
+record, an estimate that needs no solution. A driven fit is repeated with shifted inputs, to report
+an input that is late.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from granular.shared.errors import InputError, quote
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.residuals import BLOWN_UP, cost_and_weight
+from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, cost_and_weight
 from reduced_models.fitting.start_values import (
     append_initial_state,
     fit_to_accelerations,
@@ -31,34 +32,35 @@ from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.inputs import STROKE, TIME, input_column
 
 FIRST_HORIZON_CYCLES = 2.0
-"""Swings that a search sees first."""
-SOLVER_LIMIT, SOLVER_SHARE = 1e-6, 0.05
-"""Greatest error of the fitted solution, in amplitudes and in standard deviations of the residual;
+"""Number of cycles in the first horizon of a search."""
+SOLVER_LIMIT, RESIDUAL_SHARE = 1e-6, 0.05
+"""Maximum error of the fitted solution, in amplitudes and in standard deviations of the residual;
 the larger of the two counts."""
 # Steps of a grid: 8,192 periods at `FINE_STEPS`.
-FINEST = 2**19
-_SAME_VALLEY = 2.0  # times the cost of the fit
-_PARABOLA = 0.5  # relative difference of a cost from the parabola about a fit, at most
-_TELLING = 1e-4  # of a cost: tolerance of a fit that is only compared
-_JUDGED, _STEPS, _OPEN = 1e-8, 4, 1e-10
-"""Tolerance of the fit that is judged, of its cost; its steps at most, and the strength, over the
-greatest, of directions that are open to it."""
-_NEAR_ALIAS = 0.4  # of half the sampling rate, below which no start comes near its mirror image
-_SAME = 0.05  # of the entries of a search vector, up to which two are the same
-# Of a cost: a hundred times `_TELLING`, so that a fit that has only not ended is no other one.
-_BETTER = 0.99
+MAXIMUM_STEPS = 2**19
+_SAME_MINIMUM_COST_RATIO = 2.0  # times the cost of the fit
+_PARABOLA_TOLERANCE = 0.5  # maximum relative difference of a cost from the parabola about a fit
+_COMPARISON_TOLERANCE = 1e-4  # of a cost: tolerance of a fit that is only compared
+_HELD_OUT_TOLERANCE, _MAXIMUM_HELD_OUT_STEPS, _UNDETERMINED_STRENGTH = 1e-8, 4, 1e-10
+"""For the fit that is judged on held-out cycles: tolerance relative to its cost, maximum number of steps,
+and strength over the maximum below which a direction is undetermined."""
+_NEAR_ALIAS_FRACTION = 0.4  # of half the sampling rate, below which no start comes near its mirror image
+_SAME_VECTOR_TOLERANCE = 0.05  # relative difference of entries up to which two search vectors are the same
+# Of a cost: its margin is a hundred times the margin of `_COMPARISON_TOLERANCE`, so an unfinished fit does
+# not count as another one.
+_BETTER_COST_RATIO = 0.99
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SearchResult:
-    """A problem, and where its fit stands."""
+    """A problem with the present state of its fit."""
 
     problem: FitProblem
-    trained: Float[np.ndarray, "q"]  # search vector without the test swings
-    theta: Float[np.ndarray, "q"]  # that of all samples; before verification both are of the training
-    converged: int  # starts that led to this fit
+    trained: Float[np.ndarray, "q"]  # search vector fitted without the held-out cycles
+    theta: Float[np.ndarray, "q"]  # fitted to all samples; before verification to the training stretch
+    converged: int  # number of starts that led to this fit
     cost: float  # of the training residuals; infinite if the solution diverges
-    coarse_cost: float  # the same of the means on the search's coarse grid
+    coarse_cost: float  # the same for the means on the search's coarse grid
     collocation: str = "none"
     solver_errors: tuple[float, ...] = ()  # against the adaptive solution, in amplitudes
 
@@ -70,10 +72,10 @@ class SearchResult:
 def refine_best_start(
     problem: FitProblem, coarse: FitProblem, vectors: tuple[np.ndarray, np.ndarray]
 ) -> SearchResult:
-    """Fit on fine grids from the best start of a search, compared with the fit to accelerations."""
+    """Fit on fine grids from the best start of a search, and compare with the fit to accelerations."""
     _, costs = vectors
     count = sum(problem.training)
-    first = _best_of_equals(problem, vectors)
+    first = _best_on_fine_grid(problem, vectors)
     best = _refit_from_time(problem, first, [float(data.record.time[-1]) for data in coarse.data])
     cost, coarse_cost = _training_cost(problem, best), float(costs.min())
     other = _collocation_fit(problem, best, cost)
@@ -83,8 +85,8 @@ def refine_best_start(
     elif other is not None:
         tie = count * TIE**2
         other_cost = _training_cost(problem, other)
-        collocation = "same" if other_cost * _BETTER <= cost + tie else "worse"
-        if other_cost + tie < _BETTER * cost:
+        collocation = "same" if other_cost * _BETTER_COST_RATIO <= cost + tie else "worse"
+        if other_cost + tie < _BETTER_COST_RATIO * cost:
             coarse_cost *= other_cost / cost
             best = problem.refit(other, problem.training)
             cost, collocation = _training_cost(problem, best), "better"
@@ -93,17 +95,18 @@ def refine_best_start(
     return SearchResult(problem, best, best, converged, cost, coarse_cost, collocation)
 
 
-def _best_of_equals(problem: FitProblem, vectors: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Vector of the least cost on a fine grid, of those that are equal on a coarse one.
-
-    A coarse grid fits motions that decay within a step or two, which no solution has.
-    """
+def _best_on_fine_grid(problem: FitProblem, vectors: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Vector of the lowest cost on a fine grid, among vectors of equal cost on a coarse one."""
+    # On a coarse grid, motions that decay within a step or two can fit, although no solution has them.
     thetas, costs = vectors
     limit = agreeing_cost_limit(costs, sum(problem.training))
     equal = [thetas[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
     distinct = equal[:1]
     for theta in equal[1:]:
-        if not any(np.allclose(theta, other, rtol=_SAME, atol=_SAME) for other in distinct):
+        if not any(
+            np.allclose(theta, other, rtol=_SAME_VECTOR_TOLERANCE, atol=_SAME_VECTOR_TOLERANCE)
+            for other in distinct
+        ):
             distinct.append(theta)
     candidates = [_canonical_vector(problem, theta) for theta in distinct]
     slow = [theta for theta in candidates if not _is_alias(problem, theta)]
@@ -114,9 +117,9 @@ def _best_of_equals(problem: FitProblem, vectors: tuple[np.ndarray, np.ndarray])
 
 
 def _is_alias(problem: FitProblem, theta: np.ndarray) -> bool:
-    """Tell whether a vector's small oscillation is faster than half the sampling rate of a record."""
+    """Return whether a vector's small oscillation is faster than half the sampling rate of a record."""
     for data in problem.data:
-        if data.guess.frequency < _NEAR_ALIAS * data.guess.fastest:
+        if data.guess.frequency < _NEAR_ALIAS_FRACTION * data.guess.fastest:
             continue
         figures = small_motion_figures(problem.unknowns, theta[data.entries])
         if not isinstance(figures, NoOscillation) and math.tau / figures[1] > data.guess.fastest:
@@ -125,9 +128,9 @@ def _is_alias(problem: FitProblem, theta: np.ndarray) -> bool:
 
 
 def _canonical_vector(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
-    """Search vector that means the same, its angles and signs in their canonical form."""
+    """Equivalent search vector with angles and signs in their canonical form."""
     unknowns, first = problem.unknowns, problem.data[0]
-    saved = {*first.own, *problem.bounds}
+    saved = {*first.per_record, *problem.bounds}
     theta = theta.copy()
     names, here = unknowns.law.parameters, first.entries
     values = dict(zip(names, unknowns.physical_values(theta[here])[0], strict=True))
@@ -139,11 +142,11 @@ def _canonical_vector(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
 
 
 def _training_cost(problem: FitProblem, theta: np.ndarray) -> float:
-    """Cost of the training stretches; infinite where the solution diverges."""
+    """Cost of the training stretches; infinite if the solution diverges."""
     total = 0.0
     for data, residuals in zip(problem.data, problem.residuals(theta), strict=True):
         left = residuals[: data.training]
-        if (np.abs(left) >= BLOWN_UP).any():
+        if (np.abs(left) >= DIVERGED_RESIDUAL).any():
             return math.inf
         weighted = left * data.weights[: data.training]
         total += float(cost_and_weight(weighted, data.loss.compiled_arguments, np)[0].sum())
@@ -153,7 +156,7 @@ def _training_cost(problem: FitProblem, theta: np.ndarray) -> float:
 def _refit_from_time(
     problem: FitProblem, theta: np.ndarray, reached: Sequence[float], tolerance: float = 1e-11
 ) -> np.ndarray:
-    """Fit the training stretches on fine grids, from a time on that a search vector has seen."""
+    """Fit the training stretches on fine grids, over horizons that double from the time already fitted."""
     times = [data.record.time[: data.training] for data in problem.data]
     fraction = min(end / float(time[-1]) for end, time in zip(reached, times, strict=True))
     while fraction < 0.999:
@@ -164,16 +167,16 @@ def _refit_from_time(
 
 
 def _collocation_fit(problem: FitProblem, theta: np.ndarray, cost: float) -> np.ndarray | None:
-    """Fit that starts from accelerations in the leading record; None where there are none."""
+    """Fit that starts from accelerations in the record of largest amplitude; None if it cannot."""
     unknowns, largest_amplitude_data = problem.unknowns, problem.largest_amplitude_data
     law = unknowns.law
-    if law.hidden or law.prescribed or problem.data[0].own or law.parsed_equation.line is not None:
+    if law.hidden or law.prescribed or problem.data[0].per_record or law.parsed_equation.line is not None:
         return None
     values = np.array(unknowns.physical_values(theta[problem.data[0].entries])[0])
     matched = fit_to_accelerations(
         unknowns.law,
         largest_amplitude_data.guess,
-        largest_amplitude_data.look,
+        largest_amplitude_data.clipped_motion,
         values,
         largest_amplitude_data.bounds,
     )
@@ -184,39 +187,41 @@ def _collocation_fit(problem: FitProblem, theta: np.ndarray, cost: float) -> np.
     start = np.clip(problem.joint_vector(starts)[0], *problem.edges)
     if not np.isfinite(start).all():
         return None
-    # Next to the fit's own start of the motion: what lies in its valley need not go far.
+    # With the initial state of the first fit: a start in the same minimum is then close to it.
     adjacent = theta.copy()
     count = len(unknowns.law.parameters)
     for data in problem.data:
         here = data.entries[:count]
         adjacent[here] = start[here]
-    risen = _training_cost(problem, adjacent) - cost
-    if _agrees_with_parabola(problem.normal_equations(problem.training), theta, adjacent, risen):
+    cost_increase = _training_cost(problem, adjacent) - cost
+    if _agrees_with_parabola(problem.normal_equations(problem.training), theta, adjacent, cost_increase):
         return theta
-    if risen <= (_SAME_VALLEY - 1.0) * cost:
-        return problem.refit(adjacent, problem.training, tolerance=_TELLING)
+    if cost_increase <= (_SAME_MINIMUM_COST_RATIO - 1.0) * cost:
+        return problem.refit(adjacent, problem.training, tolerance=_COMPARISON_TOLERANCE)
     reached = [FIRST_HORIZON_CYCLES * data.guess.shortest_cycle_period for data in problem.data]
-    return _refit_from_time(problem, start, reached, _TELLING)
+    return _refit_from_time(problem, start, reached, _COMPARISON_TOLERANCE)
 
 
-def _agrees_with_parabola(normal: Normal, theta: np.ndarray, adjacent: np.ndarray, risen: float) -> bool:
-    """Check that cost and slope at a point are about those of the parabola about a fit."""
-    # In another valley the cost may agree by chance; the slope, which falls towards that valley, does not
-    # too.
+def _agrees_with_parabola(
+    normal: Normal, theta: np.ndarray, adjacent: np.ndarray, cost_increase: float
+) -> bool:
+    """Return whether cost and slope at a point are close to the parabola about a fit."""
+    # In another minimum's valley the cost may agree by chance, but then the slope, which points to that
+    # minimum, does not.
     away = adjacent - theta
-    foreseen = float(away @ np.asarray(normal(theta[None])[2][0]) @ away)
+    predicted = float(away @ np.asarray(normal(theta[None])[2][0]) @ away)
     slope = float(away @ np.asarray(normal(adjacent[None])[1][0]))
-    return all(abs(value - foreseen) <= _PARABOLA * foreseen for value in (risen, slope))
+    return all(abs(value - predicted) <= _PARABOLA_TOLERANCE * predicted for value in (cost_increase, slope))
 
 
 def solve_on_verified_grids(result: SearchResult) -> SearchResult:
-    """Fit all of the records, on grids whose solutions agree with the adaptive ones."""
+    """Fit the whole records, on grids whose solutions agree with the adaptive ones."""
     problem, trained = result.problem, result.trained
     lengths = [len(data.record) for data in problem.data]
     while True:
         theta = trained if lengths == list(problem.training) else problem.refit(trained, lengths)
         residuals = problem.residuals(theta)
-        if any((np.abs(left) >= BLOWN_UP).any() for left in residuals):
+        if any((np.abs(left) >= DIVERGED_RESIDUAL).any() for left in residuals):
             raise InputError(
                 f"no start led to a solution of {quote(problem.law.name)} that stays "
                 "finite over the record; try another law, more starts or a shorter record"
@@ -237,38 +242,38 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
 
 
 def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
-    """Fit without the test swings from a fit to all, by Gauss-Newton steps; by a search where they fail."""
+    """Refit without the held-out cycles by Gauss-Newton steps from a fit to all; by a search if they fail."""
     masks = [data.training_mask for data in problem.data]
     normal, free = problem.normal_equations(masks), ~problem.held_entries
     cost, gradient, matrix = (np.asarray(item)[0] for item in normal(theta[None]))
-    for _ in range(_STEPS):
+    for _ in range(_MAXIMUM_HELD_OUT_STEPS):
         scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix)[free], 1e-300))
         scaled = matrix[np.ix_(free, free)] * np.outer(scale, scale)
         step = np.zeros_like(theta)
-        # Along what the samples leave open it stays where it is.
-        step[free] = scale * np.linalg.lstsq(scaled, scale * gradient[free], rcond=_OPEN)[0]
-        if gradient @ step <= _JUDGED * cost:
+        # Along undetermined directions the vector stays unchanged.
+        step[free] = scale * np.linalg.lstsq(scaled, scale * gradient[free], rcond=_UNDETERMINED_STRENGTH)[0]
+        if gradient @ step <= _HELD_OUT_TOLERANCE * cost:
             return theta
         moved = np.clip(theta - step, *problem.edges)
         trial = tuple(np.asarray(item)[0] for item in normal(moved[None]))
         if not trial[0] < cost:
             break
         theta, (cost, gradient, matrix) = moved, trial
-    return problem.refit(theta, masks, tolerance=_JUDGED)
+    return problem.refit(theta, masks, tolerance=_HELD_OUT_TOLERANCE)
 
 
 def _refine_grid(data: FitData, error: float, *, complete: bool) -> FitData:
-    """Record on twice as many steps, because its solution is off by an error."""
+    """Refine the grid of data to twice as many steps, because of the solution's error."""
     finer = data.grid.finer
-    if finer.steps > FINEST or not complete:
-        cause = f"is off by {error:.2g} amplitudes on a grid of {data.grid.steps} steps"
+    if finer.steps > MAXIMUM_STEPS or not complete:
+        cause = f"has an error of {error:.2g} amplitudes on a grid of {data.grid.steps} steps"
         if not complete:
-            cause = "cannot be followed by the adaptive solver"
+            cause = "cannot be computed by the adaptive solver"
         law = data.unknowns.law
-        remedy = "fit a shorter record, as of chaos, or a law that is less stiff"
+        remedy = "fit a shorter record (if the motion is chaotic) or a law that is less stiff"
         if "sign(" in law.equation:
             remedy = (
-                "write tanh(z'/v) with a small speed v for sign(z'), which jumps, or take the dry friction "
+                "write tanh(z'/v) with a small speed v for sign(z'), which jumps, or use the dry friction "
                 "of the laws coulomb and viscous-coulomb (--law viscous-coulomb)"
             )
         raise InputError(
@@ -278,7 +283,7 @@ def _refine_grid(data: FitData, error: float, *, complete: bool) -> FitData:
 
 
 def _solver_error(data: FitData, residuals: np.ndarray, theta: np.ndarray) -> tuple[float, float, bool]:
-    """Greatest difference to the adaptive solution in amplitudes, its limit, and completeness."""
+    """Maximum difference from the adaptive solution [amplitudes], its limit, and whether that is complete."""
     unknowns, record, law = data.unknowns, data.record, data.unknowns.law
     values, z0, v0, hidden = unknowns.physical_values(theta)
     inputs = [input_column(record, name) for name in law.inputs]
@@ -295,19 +300,19 @@ def _solver_error(data: FitData, residuals: np.ndarray, theta: np.ndarray) -> tu
     else:
         missed = (reference.z - data.fitted_heights(theta)) / unknowns.amplitude
     error = float(np.abs(missed).max())
-    limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
-    # NaN of a solution that blows up compares false with every limit: it counts as infinite.
+    limit = max(SOLVER_LIMIT, RESIDUAL_SHARE * float(residuals.std()))
+    # A diverging solution gives NaN, which compares false with every limit: it counts as infinite.
     return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
 
 
-_HALF = 0.5  # of the residual, that a delay must take away to be named
+_REPORTED_RESIDUAL_RATIO = 0.5  # of the residual, which a reported delay must remove
 _DELAYS = np.array([-0.2, -0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1, 0.2])
-"""Delays of an input that are tried [periods]; further away the phase of a steady drive repeats."""
-_FINE = 0.01  # period: delays tried about the best of them
+"""Delays of an input that are tried [periods]; at longer ones the phase of a steady drive repeats."""
+_FINE_DELAY = 0.01  # of a period: spacing of delays about the best one
 
 
 def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, ...]:
-    """Name inputs of a record that come early or late by a time that takes away half of its residual."""
+    """Report inputs that are early or late by a time whose correction removes half of the residual."""
     data, period = problem.data[k], math.tau / problem.data[k].guess.frequency
     before = float(np.linalg.norm(data.linearised_residuals(theta[data.entries])[0]))
     remarks = []
@@ -323,35 +328,35 @@ def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, 
 
         tried = [left(delay * period, theta) for delay in _DELAYS]
         best = int(np.argmin(tried))
-        if tried[best] > _HALF * before or best in (0, len(_DELAYS) - 1):
+        if tried[best] > _REPORTED_RESIDUAL_RATIO * before or best in (0, len(_DELAYS) - 1):
             continue
         about = slice(best - 1, best + 2)
         delay, again = _parabola_minimum(_DELAYS[about] * period, np.array(tried[about]) ** 2), theta
-        for _ in range(4):  # about the parameters that follow from the first
+        for _ in range(4):  # with the parameters refitted to each delay
             others = list(problem.data)
             others[k] = _with_shifted_input(data, name, delay)
             counts = [len(item.record) for item in others]
             again = problem.with_data(others).refit(again, counts, tolerance=1e-6)
-            near = delay + _FINE * period * np.array([-1.0, 0.0, 1.0])
+            near = delay + _FINE_DELAY * period * np.array([-1.0, 0.0, 1.0])
             delay = _parabola_minimum(near, np.array([left(value, again) for value in near]) ** 2)
         moved = _with_shifted_input(data, name, delay)
         after = float(np.linalg.norm(moved.linearised_residuals(again[data.entries])[0]))
-        if after < _HALF * before:
+        if after < _REPORTED_RESIDUAL_RATIO * before:
             remarks.append(
-                f"{name} comes {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'}: shifted by that, the "
-                f"residual would be {after / before:.2g} of what it is; align the column with the motion"
+                f"{name} is {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'}: corrected for that, the "
+                f"residual would be {after / before:.2g} of its size; align the column with the motion"
             )
     return tuple(remarks)
 
 
 def _with_shifted_input(data: FitData, name: str, delay: float) -> FitData:
-    """Return the data with an input moved back by a delay [s]."""
+    """Return the data with an input advanced by a delay [s]."""
     time, column = data.record.time, input_column(data.record, name)
     return data.with_column_deviation(name, np.interp(time + delay, time, column) - column)
 
 
 def _parabola_minimum(x: np.ndarray, y: np.ndarray) -> float:
-    """Place of the least value of a parabola through three points."""
+    """Position of the minimum of a parabola through three points."""
     middle = np.polynomial.Polynomial.fit(x, y, 2)
     slope = middle.deriv()
     bend = float(slope.deriv()(0.0))

@@ -1,10 +1,11 @@
-"""Structure of residuals: tests for noise, their correlation, signs and slowness, how they follow.
+"""Structure of residuals: tests for white noise, correlation, drift and lag, and an autoregression.
 
-Intervals need an autoregression: each residual is a sum of the ones before it, with weights, and of
-something new. The weights are Burg's (1975), and as many as pay twice what the Bayesian information
-criterion asks: white noise is to be white, for a hundred samples too. Its spectrum says how much
-noise there is at the frequencies at which the solution changes with a parameter, which is what a
-parameter's interval depends on: hum at another frequency does not widen it.
+Intervals use an autoregression: each residual is a weighted sum of the previous ones plus an
+innovation. The weights are Burg's (1975). A weight is kept if it pays twice the penalty of the
+Bayesian information criterion, so that white noise is recognised as white even for a hundred samples.
+The spectrum of the autoregression gives the noise at the frequencies at which the solution changes
+with a parameter. Only that noise enters the parameter's interval: hum at another frequency does not
+widen it.
 """
 
 from __future__ import annotations
@@ -20,27 +21,30 @@ from reduced_models.fitting.residuals import remove_random_walk, rms
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 
-_MOST_LAGS = 40
+_MAXIMUM_LAGS = 40
 # In autocorrelation times: Sokal's rule (1997, doi:10.1007/978-1-4899-0319-8_6). A shorter sum is biased, a
 # longer one adds noise.
-_WINDOW = 5.0
-_SLOW, _FAST = 0.3, 1.7  # of the swing's frequency: between them residuals swing with the motion
-MOST_WEIGHTS = 40
-# Times the penalty of the Bayesian information criterion: once, 3 % of weights of white noise pay it at a
-# hundred samples, twice, 0.2 %. By one, intervals widen for nothing.
-_PRICE = 2.0
-_VAIN = 8  # further weights that gain nothing, after which no more are tried
-_LEAST_GAIN = 1e-4  # a walk that gains as much as the noise in ten thousand samples
-# Samples for each weight, at least: more weights would follow single residuals.
-_FRACTION = 20
-_LEAST = 1e-12  # of the residuals' variance: what is new in them is no less
-SLIGHT = 1e-3
-"""Residuals after a release, over the swing, that are said and do not make a law wrong."""
-# Power of a residual after a release, over that of the two periods after the first, that makes it one of the
-# release: five standard deviations.
-_TRANSIENT = 25.0
-_MOST_OF_IT = 0.5  # of all squared residuals, that a transient holds at least
-_GAINS = 0.05  # of the squared residuals, that a parameter below zero would take away
+_WINDOW_CORRELATION_TIMES = 5.0
+_SLOW_LIMIT, _FAST_LIMIT = (
+    0.3,
+    1.7,
+)  # times the natural frequency: between them residuals oscillate with the motion
+MAXIMUM_WEIGHTS = 40
+# Multiple of the penalty of the Bayesian information criterion. At a hundred samples of white noise, 3 % of
+# weights pay it once and 0.2 % pay it twice; with once the penalty, intervals widen for no reason.
+_PENALTY_FACTOR = 2.0
+_VAIN_WEIGHTS = 8  # further weights without a gain, after which no more are tried
+_MINIMUM_GAIN = 1e-4  # a random walk that reaches the size of the noise in ten thousand samples
+# Minimum number of samples per weight: more weights would fit single residuals.
+_SAMPLES_PER_WEIGHT = 20
+_MINIMUM_VARIANCE = 1e-12  # of the residuals' variance: lower bound of the innovations' variance
+NEGLIGIBLE_RESIDUAL = 1e-3
+"""Residual after a release, over the rms displacement, up to which it is reported but the law accepted."""
+# Power of a residual after a release, over the mean power of the two periods after the first, above which it
+# belongs to the release transient: five standard deviations.
+_TRANSIENT_POWER_RATIO = 25.0
+_TRANSIENT_SHARE = 0.5  # of the sum of squared residuals: minimum share of a transient
+_REPORTED_GAIN = 0.05  # of the sum of squared residuals, which a negative value of the parameter would remove
 
 
 def diagnose_residuals(
@@ -49,7 +53,7 @@ def diagnose_residuals(
     velocity: Float[np.ndarray, "n"],
     period: float,
 ) -> dict[str, float]:
-    """Structure of residuals [m] along a velocity [m/s], as fields of `quality.Quality`; time, period [s]."""
+    """Structure of residuals [m] for a velocity [m/s], as fields of `quality.Quality`; time, period [s]."""
     from scipy.stats import norm
 
     count = len(residuals)
@@ -60,26 +64,26 @@ def diagnose_residuals(
     spectrum = np.abs(np.fft.rfft(residuals, size)) ** 2
     speed = float((velocity**2).sum())
     lines = np.fft.rfftfreq(size, float(time[-1] - time[0]) / (count - 1)) * period
-    slow = float(spectrum[lines < _SLOW].sum() / spectrum.sum())
-    swinging = float(spectrum[(lines >= _SLOW) & (lines <= _FAST)].sum() / spectrum.sum())
+    slow = float(spectrum[lines < _SLOW_LIMIT].sum() / spectrum.sum())
+    swinging = float(spectrum[(lines >= _SLOW_LIMIT) & (lines <= _FAST_LIMIT)].sum() / spectrum.sum())
     return {
         "whiteness": whiteness_p_value(residuals),
         "signs": float(2.0 * norm.sf(abs(_runs_test_score(residuals)))),
         "lag": float(residuals @ velocity) / speed if speed > 0.0 else 0.0,
         "slow": slow,
         "swinging": swinging,
-        "drift": slow / float((lines < _SLOW).mean()),
+        "drift": slow / float((lines < _SLOW_LIMIT).mean()),
     }
 
 
 def whiteness_p_value(residuals: Float[np.ndarray, "n"]) -> float:
-    """Probability that white noise is correlated at least as much as residuals that are not all zero."""
-    # Ljung & Box divide by the variance of all; noise that grows with the speed needs that of each product
-    # (Dalla, Giraitis & Phillips 2022, doi:10.1017/S0266466620000341).
+    """Probability that white noise is as correlated as the residuals, or more; they must not all be zero."""
+    # Ljung & Box divide by the common variance. Noise that grows with the speed needs the variance of each
+    # product (Dalla, Giraitis & Phillips 2022, doi:10.1017/S0266466620000341).
     from scipy.stats import chi2
 
     count = len(residuals)
-    size, lags = 1 << (2 * count - 1).bit_length(), min(_MOST_LAGS, count // 10)
+    size, lags = 1 << (2 * count - 1).bit_length(), min(_MAXIMUM_LAGS, count // 10)
     scaled = residuals / np.abs(residuals).max()
     sums, squares = (
         np.fft.irfft(np.abs(np.fft.rfft(values, size)) ** 2, size)[1 : lags + 1]
@@ -89,7 +93,7 @@ def whiteness_p_value(residuals: Float[np.ndarray, "n"]) -> float:
 
 
 def autocorrelation_time(values: Float[np.ndarray, "n"]) -> float:
-    """Integrated autocorrelation time, in samples; at least 1."""
+    """Integrated autocorrelation time in samples, 1 or more."""
     count = len(values)
     centred = values - values.mean()
     size = 1 << (2 * count - 1).bit_length()
@@ -98,13 +102,13 @@ def autocorrelation_time(values: Float[np.ndarray, "n"]) -> float:
     if correlation[0] <= 0.0:
         return 1.0
     sums = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
-    inside = np.arange(count) >= _WINDOW * np.maximum(sums, 1.0)
+    inside = np.arange(count) >= _WINDOW_CORRELATION_TIMES * np.maximum(sums, 1.0)
     window = int(np.argmax(inside)) if inside.any() else count - 1
     return max(1.0, float(sums[window]))
 
 
 def _runs_test_score(residuals: np.ndarray) -> float:
-    """Return standard score of the number of runs of equal sign, against that of white noise."""
+    """Return the standard score of the number of runs of equal sign, relative to white noise."""
     # Wald and Wolfowitz (1940, doi:10.1214/aoms/1177731909).
     above = residuals > 0.0
     up, down = int(above.sum()), int((~above).sum())
@@ -118,35 +122,35 @@ def _runs_test_score(residuals: np.ndarray) -> float:
 
 
 def random_walk_gain(residuals: np.ndarray) -> float:
-    """Gain with the least squares of what is left."""
+    """Gain of the drift filter that minimises the sum of squared innovations."""
     from scipy.optimize import minimize_scalar
 
     def left(log_gain: float) -> float:
         return float((remove_random_walk(residuals, float(np.exp(log_gain))) ** 2).sum())
 
-    solution = minimize_scalar(left, bounds=(np.log(_LEAST_GAIN), 0.0), method="bounded")
+    solution = minimize_scalar(left, bounds=(np.log(_MINIMUM_GAIN), 0.0), method="bounded")
     return float(np.exp(solution.x))
 
 
 class Autoregression(NamedTuple):
-    """Residuals as a sum of former ones and of something new."""
+    """Residuals as a weighted sum of previous ones plus an innovation."""
 
-    weights: Float[np.ndarray, "k"]  # of the residuals before, the last one first
-    variance: float  # of what is new in each
+    weights: Float[np.ndarray, "k"]  # of the previous residuals, the last one first
+    variance: float  # of the innovations
 
     @property
     def whitening_filter(self) -> np.ndarray:
-        """Weights (k + 1,) that leave what is new of a residual and the ones before it."""
+        """Weights (k + 1,) that turn a residual and the previous ones into its innovation."""
         return np.concatenate([[1.0], -self.weights])
 
     def power_spectrum(self, size: int) -> Float[np.ndarray, "size//2+1"]:
-        """Power (size//2 + 1,) at the frequencies of a real transform of that size."""
+        """Power (size//2 + 1,) at the frequencies of a real Fourier transform of that size."""
         return np.asarray(self.variance / np.abs(np.fft.rfft(self.whitening_filter, size)) ** 2)
 
 
 def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
     """Autoregression of residuals (n,) about zero."""
-    # Burg's reflection coefficients, below 1 in size: the process is stable (Kay 1988, Modern Spectral
+    # Burg's reflection coefficients have moduli below 1, so the process is stable (Kay 1988, Modern Spectral
     # Estimation).
     count = len(residuals)
     power = float((residuals**2).mean())
@@ -155,33 +159,33 @@ def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
     forward, backward = residuals[1:].copy(), residuals[:-1].copy()
     weights, variance = np.empty(0), power
     best, least = Autoregression(weights, variance), count * math.log(power)
-    for order in range(1, min(MOST_WEIGHTS, count // _FRACTION) + 1):
+    for order in range(1, min(MAXIMUM_WEIGHTS, count // _SAMPLES_PER_WEIGHT) + 1):
         size = float((forward**2).sum() + (backward**2).sum())
         if size <= 0.0:
             break
         reflection = 2.0 * float(forward @ backward) / size
         weights = np.append(weights - reflection * weights[::-1], reflection)
-        variance = max(variance * (1.0 - reflection**2), _LEAST * power)
+        variance = max(variance * (1.0 - reflection**2), _MINIMUM_VARIANCE * power)
         forward, backward = ((forward - reflection * backward)[1:], (backward - reflection * forward)[:-1])
-        criterion = count * math.log(variance) + _PRICE * order * math.log(count)
+        criterion = count * math.log(variance) + _PENALTY_FACTOR * order * math.log(count)
         if criterion < least:
             best, least = Autoregression(weights, variance), criterion
-        if order > len(best.weights) + _VAIN:
+        if order > len(best.weights) + _VAIN_WEIGHTS:
             break
-        if len(forward) < 2 or variance <= _LEAST * power:
+        if len(forward) < 2 or variance <= _MINIMUM_VARIANCE * power:
             break
     return _correct_autoregression_bias(best, count)
 
 
 def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> Autoregression:
-    """Single weight without its bias: residuals of a fit seem to forget sooner than the noise."""
-    # By (1 + 3 w)/n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390). A long memory needs it: the
-    # variance of a mean goes with 1/(1 - w)^2.
+    """Correct the bias of a single weight: residuals of a fit decorrelate sooner than the noise."""
+    # The bias is (1 + 3 w)/n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390). It matters for long
+    # correlation, since the variance of a mean scales as 1/(1 - w)^2.
     if len(autoregression.weights) != 1 or autoregression.weights[0] <= 0.0:
         return autoregression
     weight = autoregression.weights[0]
-    least = 0.5 * (1.0 - weight)  # no closer to a walk than half of what was found
-    return autoregression._replace(weights=np.array([weight + min((1.0 + 3.0 * weight) / count, least)]))
+    half = 0.5 * (1.0 - weight)  # at most half the distance to a random walk, w = 1
+    return autoregression._replace(weights=np.array([weight + min((1.0 + 3.0 * weight) / count, half)]))
 
 
 def gradient_covariance(
@@ -191,8 +195,9 @@ def gradient_covariance(
     speed: Float[np.ndarray, "n"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
     """Covariance of a gradient J'r for slopes J and residuals r, whose noise may grow with a speed."""
-    # Each residual is a sum of innovations, whose sizes may differ: White (1980, doi:10.2307/1912934) behind
-    # the autoregression of Andrews & Monahan (1992, doi:10.2307/2951574).
+    # Each residual is a sum of innovations of different variance: White's estimate (1980,
+    # doi:10.2307/1912934) after prewhitening by an autoregression (Andrews & Monahan 1992,
+    # doi:10.2307/2951574).
     from scipy.signal import lfilter
 
     new = lfilter(noise.whitening_filter, [1.0], residuals)
@@ -207,9 +212,9 @@ def gradient_covariance(
 def _covariance_by_start(
     pulled: Float[np.ndarray, "n p"], residuals: Float[np.ndarray, "n"], noise: Autoregression
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance of a gradient by the residuals before the first, as by the phase of hum."""
-    # The first innovations hold the state that the residuals start from. Their autocovariance by the record
-    # itself, not by the weights, is finite also for a sharp line, whose poles are on the unit circle.
+    """Covariance of a gradient from the unknown residuals before the first, such as the phase of hum."""
+    # The first innovations contain the initial state of the residuals. Their autocovariance is taken from the
+    # record, not from the weights, so it is finite even for a sharp line, whose poles are on the unit circle.
     from scipy.linalg import toeplitz
 
     order = len(noise.weights)
@@ -223,9 +228,9 @@ def _covariance_by_start(
 
 
 def _growth_with_speed(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
-    """Variance of each innovation over the mean: a constant, and a part with the speed squared."""
-    # So does a clock that jitters. The squares of the innovations would do too, but rest on a few samples
-    # where only these tell a parameter.
+    """Variance of each innovation over the mean: a constant plus a part proportional to speed squared."""
+    # Clock jitter gives this form. The squared innovations themselves would rest on few samples if only these
+    # determine a parameter.
     result = np.ones(len(new))
     if speed is None:
         return result
@@ -241,50 +246,50 @@ def _growth_with_speed(new: np.ndarray, order: int, speed: np.ndarray | None) ->
 def count_release_transient_samples(
     time: Float[np.ndarray, "n"], left: Float[np.ndarray, "n"], period: float
 ) -> int:
-    """Return how many samples after a release hold what it stirred up besides the swing; time, period [s]."""
-    # A release rings out within the first period; a wrong law's residuals fade with the motion instead.
+    """Count the samples of the transient that a release excites besides the oscillation; time, period [s]."""
+    # A release transient decays within the first period; residuals of a wrong law decay with the motion.
     first, third = np.searchsorted(time, time[0] + period * np.array([1.0, 3.0]))
     if third >= len(time) or first < 2:
         return 0
     power = left**2
-    loud = np.flatnonzero(power[:first] > _TRANSIENT * float(power[first:third].mean()))
+    loud = np.flatnonzero(power[:first] > _TRANSIENT_POWER_RATIO * float(power[first:third].mean()))
     end = int(loud[-1]) + 1 if len(loud) else 0
-    fades = end < first - 1 and power[:end].sum() > _MOST_OF_IT * power.sum()
+    fades = end < first - 1 and power[:end].sum() > _TRANSIENT_SHARE * power.sum()
     return end if fades else 0
 
 
 def held_at_zero_remarks(
     law: Law, entries: np.ndarray, residuals: np.ndarray, slopes: np.ndarray
 ) -> tuple[str, ...]:
-    """Name parameters that are positive by their law and that the record asks to be negative.
+    """Report parameters that are positive by their law and that the record drives negative.
 
-    ``slopes`` (n, p) are those of residuals (n,) by the logarithms of these; ``entries`` are free.
+    ``slopes`` (n, p) are the derivatives of residuals (n,) by their logarithms; ``entries`` are free.
     """
     remarks = []
     power = float(residuals @ residuals)
     for k, name in enumerate(law.parameters):
-        # near zero a parameter changes less than what the fit leaves
+        # a parameter near zero changes the solution by less than the residual
         if name not in law.positive or k not in entries or slopes[:, k] @ slopes[:, k] >= power:
             continue
         others = slopes[:, [j for j in entries if j != k]]
         own = slopes[:, k] / (np.linalg.norm(slopes[:, k]) or 1.0)
         own = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
         gain = float(own @ residuals)
-        if gain > 0.0 and gain**2 > _GAINS * power * float(own @ own):
+        if gain > 0.0 and gain**2 > _REPORTED_GAIN * power * float(own @ own):
             remarks.append(
-                f"{name} is held at 0, the least it may be, and the record asks for less; to let it be "
-                f'negative: --law "{law.equation}"'
+                f"{name} is held at its lower bound 0, and the record favours a negative value; to allow it: "
+                f'--law "{law.equation}"'
             )
     return tuple(remarks)
 
 
-SURE = 1e-3
-"""Probability below which residuals are no white noise."""
-LOUD = 3.0
-"""Power about a frequency, over that of the frequencies about it, which is a line."""
-_BAND = 0.15  # half-width of a line, of the swing's frequency
-_NEAR = 0.45  # half-width of what it is compared with
-_ROUNDING = 1e-5  # of the swing: less is the solver's and the file's rounding
+SIGNIFICANCE = 1e-3
+"""Probability below which residuals are not white noise."""
+LINE_POWER_RATIO = 3.0
+"""Power near a frequency, over the power next to it, above which it is a spectral line."""
+_LINE_HALF_WIDTH = 0.15  # half-width of a line, relative to the natural frequency
+_REFERENCE_HALF_WIDTH = 0.45  # half-width of the band it is compared with
+_ROUNDING_RESIDUAL = 1e-5  # of the rms displacement: smaller residuals are rounding of solver and file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -292,41 +297,41 @@ class ResidualTests:
     """Residuals of a model, and tests of them."""
 
     rms: float  # in the record's unit
-    relative: float  # over the rms swing
-    whiteness: float  # probability that white noise is correlated as much
-    signs: float  # and that it changes its sign as seldom, or as often
-    swing: float  # power at the frequency over that about it: about 1 of noise
+    relative: float  # over the rms displacement
+    whiteness: float  # probability that white noise is as correlated
+    signs: float  # probability that white noise changes sign as rarely, or as often
+    swing: float  # power at the natural frequency over the power next to it: about 1 for noise
     double: float  # the same at twice the frequency
     transient: float  # [s]
-    after: float  # rms after the transient, over the rms swing
-    rounded: bool = False  # no residual exceeds the steps of a sensor that rounds
+    after: float  # rms after the transient, over the rms displacement
+    rounded: bool = False  # no residual exceeds the rounding step of the sensor
 
     @property
     def has_structure(self) -> bool:
-        """True where residuals are surely no white noise, and no rounding."""
-        rounding = self.rounded or self.after <= _ROUNDING
-        return not rounding and min(self.whiteness, self.signs) < SURE
+        """True if residuals are clearly neither white noise nor rounding."""
+        rounding = self.rounded or self.after <= _ROUNDING_RESIDUAL
+        return not rounding and min(self.whiteness, self.signs) < SIGNIFICANCE
 
     @property
     def verdict(self) -> str:
-        """Words on the residuals: rounding, noise, or a wrong law, and what of the release was left out."""
+        """Text on the residuals: rounding, noise or a wrong law, and the omitted release transient."""
         if not self.transient:
             return self._verdict_without_transient
-        slight = self.has_structure and self.after < SLIGHT
+        slight = self.has_structure and self.after < NEGLIGIBLE_RESIDUAL
         verdict = "so the law holds there" if slight else self._verdict_without_transient
-        left = f"{100.0 * self.after:.2g} % of the swing"
-        return f"after the release's first {1e3 * self.transient:.3g} ms {left}, {verdict}"
+        size = f"{100.0 * self.after:.2g} % of the rms displacement"
+        return f"after the first {1e3 * self.transient:.3g} ms from release {size}, {verdict}"
 
     @property
     def _verdict_without_transient(self) -> str:
-        if self.rounded or self.after <= _ROUNDING:
+        if self.rounded or self.after <= _ROUNDING_RESIDUAL:
             return "rounding"
         if not self.has_structure:
             return "noise"
-        if self.swing > LOUD and self.swing >= self.double:
-            return "wrong: it swings with the motion"
-        if self.double > LOUD:
-            return "wrong: it swings at twice the frequency"
+        if self.swing > LINE_POWER_RATIO and self.swing >= self.double:
+            return "wrong: the residual oscillates with the motion"
+        if self.double > LINE_POWER_RATIO:
+            return "wrong: the residual oscillates at twice the frequency"
         return "not white: the law is wrong, or the noise is coloured"
 
     def to_plain(self) -> dict[str, Any]:
@@ -372,13 +377,13 @@ def residual_tests(
 
 
 def _spectral_line_strength(time: np.ndarray, residuals: np.ndarray, frequency: float) -> float:
-    """Mean power in a band about a frequency, over that next to the band."""
+    """Mean power in a band about a frequency, over the mean power next to the band."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, residuals)
     power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count)) ** 2
     lines = np.fft.rfftfreq(4 * count, float(time[-1] - time[0]) / (count - 1)) / frequency
-    inside = np.abs(lines - 1.0) <= _BAND
-    adjacent = (np.abs(lines - 1.0) <= _NEAR) & ~inside
-    if not inside.any() or not adjacent.any() or lines[-1] < 1.0 + _NEAR:
+    inside = np.abs(lines - 1.0) <= _LINE_HALF_WIDTH
+    adjacent = (np.abs(lines - 1.0) <= _REFERENCE_HALF_WIDTH) & ~inside
+    if not inside.any() or not adjacent.any() or lines[-1] < 1.0 + _REFERENCE_HALF_WIDTH:
         return 1.0
     return float(power[inside].mean() / max(float(power[adjacent].mean()), 1e-300))

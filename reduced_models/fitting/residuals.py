@@ -1,12 +1,12 @@
 """Residuals of a law's solution on a record, and their normal equations, compiled.
 
-All starts, with their sensitivities, go through the same compiled loop side by side. A solution
-that diverges costs no more than one that does not.
+One compiled loop solves for all starts together, with their sensitivities. A diverging solution
+takes no longer than any other.
 
 The signal of a sensor follows from the solution: between grid points the coordinate is the quintic that
-fits height, velocity and acceleration at both, and the quantity a derivative of it. A filter is linear:
-its state after a step is the state before it, moved by a matrix exponential, plus the response to the
-step's polynomial (exact, however stiff the filter is).
+matches height, velocity and acceleration at both, and the measured quantity is a derivative of it. A
+filter is linear: its state after a step is the propagated previous state (a matrix exponential) plus the
+response to the step's polynomial, which is exact however stiff the filter is.
 """
 
 from __future__ import annotations
@@ -47,32 +47,32 @@ from reduced_models.records.sensor import Sensor, filter_by_sensor, filter_matri
 
 jnp = jax.numpy
 
-# Of the polynomial between grid points: six values, three at each end, fix a quintic.
-_QUINTIC = 5
+# Degree of the polynomial between grid points: three values at each end determine a quintic.
+_DEGREE = 5
 
 
 class SensorSignalTables(NamedTuple):
-    """Numbers that turn a solution on a grid into a sensor's signal."""
+    """Coefficients that turn a solution on a grid into a sensor's signal."""
 
     weights: Float[np.ndarray, "n c"]  # of the coefficients of each sample's step
-    base: Float[np.ndarray, "n"]  # signal by the motion of the base
+    base: Float[np.ndarray, "n"]  # signal due to the motion of the base
     state_weights: Float[np.ndarray, "n m"]  # of the filter's state before the step
-    advance: Float[np.ndarray, "m m"]  # of that state over a step
-    advance_input: Float[np.ndarray, "m c"]  # what a step's coefficients add to it
+    advance: Float[np.ndarray, "m m"]  # propagator of the state over a step
+    advance_input: Float[np.ndarray, "m c"]  # contribution of a step's coefficients to the state
 
 
 def sensor_signal_tables(
     sensor: Sensor, grid: StepGrid, fraction: Float[np.ndarray, "n"], base: Float[np.ndarray, "n"]
 ) -> SensorSignalTables:
     """Tables that turn a solution on a grid into a sensor's signal at the samples."""
-    # Matrix exponentials solve the filter without error of time steps (Van Loan 1978,
+    # Matrix exponentials solve the filter without a time-step error (Van Loan 1978,
     # doi:10.1109/TAC.1978.1101743).
     from scipy.linalg import expm
 
-    size = _QUINTIC + 1 - sensor.derivative_order
+    size = _DEGREE + 1 - sensor.derivative_order
     states, inputs, output, through = filter_matrices(sensor, grid.step)
     count = len(states)
-    # The derivatives of the step's polynomial follow each other in a chain, which drives the state.
+    # The derivatives of the step's polynomial form a chain of integrators that drives the state.
     chain = np.zeros((count + size, count + size))
     chain[:count, :count], chain[:count, count : count + 1] = states, inputs
     chain[count:, count:] = np.eye(size, k=1)
@@ -99,9 +99,9 @@ def solution_signal(
     tables: SensorSignalTables,
     states: Any,
 ) -> Any:
-    """Signal (n, s) per gain of solutions on a grid, (points, s) each; step [s] (for JAX)."""
+    """Signal (n, s), divided by the gain, of solutions on a grid, (points, s) each; step [s] (for JAX)."""
     z, v, a = grid[0], step * grid[1], step**2 * grid[2]
-    # Quintic, in steps, through height, velocity and acceleration at both ends of each step.
+    # Quintic in units of the step, from height, velocity and acceleration at both ends of each step.
     z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))
     ahead, turn, bend = z1 - z0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     coefficients = [
@@ -127,31 +127,31 @@ def solution_signal(
     return result + jnp.einsum("nm,nms->ns", tables.state_weights, every[point])
 
 
-LEAST_SAMPLES = 1024
-"""Least length of arrays of samples; see `reduced_models.laws.solution.padded_length`."""
+MINIMUM_SAMPLE_LENGTH = 1024
+"""Minimum length of arrays of samples; see `reduced_models.laws.solution.padded_length`."""
 
 
 class Samples(NamedTuple):
-    """Data on a grid, as the compiled code takes them."""
+    """Data on a grid, in the form of the compiled code."""
 
     step: float  # [s]
     point: np.ndarray  # of the grid before each sample, int (n,)
-    fraction: np.ndarray  # of a step by which the sample is behind it, float (n,)
+    fraction: np.ndarray  # of a step from that point to the sample, float (n,)
     height: Float[np.ndarray, "n"]  # [m]
     weight: Float[np.ndarray, "n"]  # multiplies the residuals
     drive: Float[np.ndarray, "points stages inputs"]
     inputs: Float[np.ndarray, "n inputs"]  # at the samples
-    chunks: int  # of the grid that are solved
+    chunks: int  # number of chunks of the grid that are solved
     sensor: SensorSignalTables | None = None
 
     def with_weights(self, weight: Float[np.ndarray, "n"]) -> Samples:
-        """Return the same with other weights; the solution ends behind the last that is not zero."""
+        """Return the same samples with other weights; the solution ends after the last nonzero weight."""
         used = self.point[weight > 0.0]
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
     def through_sensor(self, sensor: Sensor, record: PistonRecord, grid: StepGrid) -> Samples:
-        """Return the same for a sensor whose signal the record has for its height."""
+        """Return the same samples for a sensor whose signal is the record's height column."""
         behind = filter_by_sensor(sensor, record.time, sensor.base_motion(record.columns))
         base = np.interp(self.step * (self.point + self.fraction), record.time, behind)
         return self._replace(sensor=sensor_signal_tables(sensor, grid, self.fraction, base))
@@ -164,8 +164,8 @@ def grid_over_record(
     per_period: int,
     how: Interpolation = "spline",
 ) -> StepGrid:
-    """Grid over a record that starts at time 0, with at least so many steps a period [s]."""
-    # Even samples of a driven law end steps: between them its inputs are smooth, at them they are not.
+    """Grid over a record that starts at time 0, with a minimum number of steps per period [s]."""
+    # Steps of a driven law end at evenly spaced samples, since its inputs are smooth only between them.
     duration = float(record.time[-1])
     wanted = count_grid_steps(duration, period, per_period)
     if not (has_inputs_besides_time(names) and is_evenly_sampled(record.time)):
@@ -185,12 +185,12 @@ def samples_on_grid(
     how: Interpolation,
     weights: Float[np.ndarray, "n"],
 ) -> Samples:
-    """Every sample of a record that starts at time 0, on a grid over all of it."""
+    """All samples of a record that starts at time 0, on a grid over its duration."""
     count = len(record)
     steps = record.time / grid.step
-    # Rounding is not to put a sample that lies on a grid point behind the one before.
+    # The tolerance keeps rounding from assigning a sample on a grid point to the point before.
     point = np.minimum((steps + 1e-9).astype(np.int64), grid.steps - 1)
-    size = padded_length(count, LEAST_SAMPLES)
+    size = padded_length(count, MINIMUM_SAMPLE_LENGTH)
     grid_points, fractions, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
     grid_points[:count], fractions[:count] = point, steps - point
     heights[:count], weight[:count] = record.height, weights
@@ -209,13 +209,13 @@ def means_on_grid(
     how: Interpolation,
     weights: Float[np.ndarray, "n"],
 ) -> Samples:
-    """Weighted means of the samples around each grid point, weighted by how many there are."""
+    """Weighted means of the samples around each grid point, with their total weight."""
     time, height = record.time, record.height
     points = padded_step_count(grid.steps) + 1
     near = np.rint(time / grid.step).astype(np.int64)
     squares = weights**2
     total = np.bincount(near, weights=squares, minlength=points)
-    # The mean time of the samples is not the grid point: the slope takes that out.
+    # The mean time of the samples differs from the grid point; the local slope corrects for it.
     level = height - np.gradient(height, time) * (time - near * grid.step)
     sums = np.bincount(near, weights=level * squares, minlength=points)
     means = np.divide(sums, total, out=np.zeros(points), where=total > 0)
@@ -238,8 +238,8 @@ def _padded_drive(
 LossName = Literal["linear", "soft_l1", "huber"]
 LOSSES: tuple[LossName, ...] = ("linear", "soft_l1", "huber")
 
-BLOWN_UP = 1e3
-"""Residual of a sample that a solution does not reach, in amplitudes."""
+DIVERGED_RESIDUAL = 1e3
+"""Residual of a sample at which the solution has diverged, in amplitudes."""
 
 
 class Loss(NamedTuple):
@@ -250,18 +250,18 @@ class Loss(NamedTuple):
 
     @property
     def compiled_arguments(self) -> np.ndarray:
-        """Data as compiled code takes them."""
+        """Scale and kind of the loss, as arguments of the compiled code."""
         huber = self.name == "huber"
         return np.array([self.scale if self.name != "linear" else np.inf, float(huber)])
 
 
 def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
-    """Costs of residuals, and the weights with which their squares have the same slope."""
+    """Costs of residuals, and the weights that give their squares the same derivative."""
     # Huber (1964, doi:10.1214/aoms/1177703732), and SciPy's `soft_l1`, 2 (sqrt(1 + r^2) - 1).
     size = np_.abs(residuals)
     root = np_.sqrt(1.0 + (residuals / loss[0]) ** 2)
     soft = 2.0 * residuals**2 / (1.0 + root)
-    # Where the scale is infinite, both are the plain square.
+    # With an infinite scale both are the square.
     far = size > loss[0]
     reach = np_.where(far, loss[0], size)
     huber = reach * (2.0 * size - reach)
@@ -270,7 +270,7 @@ def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
 
 
 def half_cost_curvature(residuals: Float[np.ndarray, "n"], loss: Loss) -> Float[np.ndarray, "n"]:
-    """Half the second derivative (n,) of what residuals cost."""
+    """Half the second derivative (n,) of the cost of residuals."""
     if loss.name == "linear":
         return np.ones_like(residuals)
     if loss.name == "huber":
@@ -284,8 +284,8 @@ def rms(values: Float[np.ndarray, "n"]) -> float:
 
 
 def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Float[np.ndarray, "n ..."]:
-    """Residuals (n, ...) less what exponential smoothing of the ones before them foresees."""
-    # The steady Kalman filter of a random walk in white noise (Muth 1960,
+    """Residuals (n, ...) minus their prediction by exponential smoothing of the previous ones."""
+    # The steady-state Kalman filter of a random walk in white noise (Muth 1960,
     # doi:10.1080/01621459.1960.10482064).
     if gain == 0.0:
         return residuals
@@ -298,12 +298,12 @@ Kind = Literal["normal", "linear", "residual", "several"]
 
 
 class SignalForm(NamedTuple):
-    """Form of a signal that is compared, for which code is compiled."""
+    """Form of a compared signal, for which code is compiled."""
 
-    observation: str  # of the law; empty where a sensor sees a derivative of the height
+    observation: str  # of the law; empty if a sensor measures a derivative of the height
     derivative: int
     is_open: tuple[bool, bool]
-    entries: int  # of the sensor, at the end of the search vector
+    entry_count: int  # of the sensor's entries, at the end of the search vector
 
 
 def residual_function(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
@@ -321,7 +321,7 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
 
 
 def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
-    """Return the normal equations of samples, for many search vectors side by side."""
+    """Return the normal equations of samples, for many search vectors at once."""
     function, scales = residual_function(unknowns, "normal"), unknowns.scales
     return lambda theta: function(theta, samples, scales, loss.compiled_arguments)
 
@@ -358,7 +358,7 @@ def _compile_residuals(
     def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         """Residuals (n, s) of search vectors that are columns (p, s)."""
         step, point, fraction, height, weight, drive, _, chunks, tables = samples
-        split = len(vectors) - (0 if sensor is None else sensor.entries)
+        split = len(vectors) - (0 if sensor is None else sensor.entry_count)
         values, z0, v0, hidden = physical_values(vectors[:split], scales, logarithmic, jnp)
         if sensor is None:
             grid = solve_on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
@@ -374,11 +374,11 @@ def _compile_residuals(
                 motion = (grid[:, 0], grid[:, 1], grid[:, 2])
                 signal = solution_signal(motion, step, point, sensor.derivative, tables, states)
             result = (gain * signal + offset - height[:, None]) / scales[-3]
-        return jnp.where(jnp.abs(result) < BLOWN_UP, result, BLOWN_UP) * weight[:, None]
+        return jnp.where(jnp.abs(result) < DIVERGED_RESIDUAL, result, DIVERGED_RESIDUAL) * weight[:, None]
 
     def both(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Residuals (n, s) of search vectors (s, p), and their derivatives (p, n, s)."""
-        # Starts side by side in the last axis, directions before them: that vectorises best.
+        # Starts in the last axis and directions before them vectorise best.
         vectors = theta.T
         directions = jnp.eye(len(vectors))[:, :, None] * jnp.ones_like(vectors)
 

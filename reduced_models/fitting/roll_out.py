@@ -1,4 +1,4 @@
-"""A model on a record that it has not seen."""
+"""Free run of a model along a record that it was not fitted to."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from granular.shared.array_types import Float
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
 from reduced_models.fitting.parameter import Unknowns
-from reduced_models.fitting.residuals import BLOWN_UP, grid_over_record, rms
+from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, grid_over_record, rms
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.free_motion import find_whole_cycles, prediction_error_on_cycles
 from reduced_models.records.sensor import column_sensor
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
-_STEPS = 128  # of a period
+_STEPS_PER_PERIOD = 128  # per period
 START_PERIODS = 1.0
-"""Periods at a record's start that tell its initial state."""
+"""Periods at a record's start to which its initial state is fitted."""
 
 
 class RollOut(NamedTuple):
@@ -31,16 +31,16 @@ class RollOut(NamedTuple):
     Attributes
     ----------
     motion : PistonRecord
-        At the record's times, up to where it diverges.
+        At the record's times, up to the point where it diverges.
     error : float
-        Rms difference of the heights over the whole record [m]; infinite where it diverges.
+        Rms difference of the heights over the whole record [m]; infinite if it diverges.
     relative : float
-        The same over the rms swing of the record.
+        The same over the rms displacement of the record.
     at_rest : float
-        The same for a piston that stays at the model's level of rest (the record's, where it has
-        none).
+        The same for a piston that stays at the model's equilibrium (at the record's, if the model
+        has none).
     standard_error : float or None
-        Standard error of ``relative``, from how it differs between the swings.
+        Standard error of ``relative``, from its scatter between cycles.
     """
 
     motion: PistonRecord
@@ -53,31 +53,32 @@ class RollOut(NamedTuple):
 def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     """Predict a record from its initial state alone.
 
-    Height and velocity at the start are fitted to the heights of the record's first period by least squares
-    (see `levenberg_marquardt`), with the parameters of the model as they are and its hidden states at
-    zero; all the rest is prediction. Along a prescribed stroke nothing is fitted: the signal that the
-    law observes takes the place of the heights.
+    Initial height and velocity are fitted to the heights of the record's first period by least squares
+    (see `levenberg_marquardt`), with the model's parameters unchanged and its hidden states at zero;
+    the rest is a prediction. Along a prescribed stroke nothing is fitted: the signal that the law
+    observes replaces the heights.
 
     Parameters
     ----------
     model : FittedLaw
-        Law with numbers.
+        Law with values of its parameters.
     record : PistonRecord
-        Record to predict, n times [s] and heights [m], 20 or more, with the columns that are
-        inputs of the law.
+        Record to predict, with n >= 20 times [s] and heights [m] and the columns of the law's
+        inputs.
 
     Returns
     -------
     RollOut
-        Motion (n,) [m] (of a sensor its signal, in its unit), its rms error, that over the rms swing with
-        its standard error, and that of a piston at rest, without unit. Where the law diverges, the motion
-        ends there (with two samples at least), both errors are infinite and ``standard_error`` is None.
+        Motion (n,) [m] (for a sensor its signal, in its unit) and its rms error; the error over the rms
+        displacement with its standard error, and the same for a piston at rest, without unit. If the law
+        diverges, the motion ends there (with 2 or more samples), both errors are infinite and
+        ``standard_error`` is None.
 
     Raises
     ------
     RecordError
-        If the record has fewer than 20 samples, does not move, lasts more periods than can be followed,
-        has heights or times beyond what can be computed with, or lacks an input of the law or the column
+        If the record has fewer than 20 samples, does not move, lasts more periods than can be computed,
+        has heights or times beyond the computable range, or lacks an input of the law or the column
         that it observes.
 
     Examples
@@ -110,41 +111,43 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         )
         theta = np.append(theta, np.zeros(unknowns.sensor_entry_count))
         total = dataclasses.replace(total, height=signal)
-    seen = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))
-    grid = grid_over_record(total, law.inputs, guess.period, _STEPS * law.step_ratio)
+    start_samples = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))
+    grid = grid_over_record(total, law.inputs, guess.period, _STEPS_PER_PERIOD * law.step_ratio)
     weights, how = np.ones(len(total)), model.input_interpolation
-    data = FitData(unknowns, total, grid, weights, total, guess, seen, how)
+    data = FitData(unknowns, total, grid, weights, total, guess, start_samples, how)
     held = np.ones(len(theta), dtype=bool)
     held[first : first + 2] = False
     for name in law.other_coordinates:
         held[first + 2 + law.hidden.index(name)] = False
     held[len(held) - unknowns.sensor_entry_count :] = False
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
-    prior = Prior(unknowns.prior, float(seen))
-    theta = levenberg_marquardt(data.normal_equations(seen), theta[None], prior, 1e-9, bounds)[0][0]
+    prior = Prior(unknowns.prior, float(start_samples))
+    theta = levenberg_marquardt(data.normal_equations(start_samples), theta[None], prior, 1e-9, bounds)[0][0]
     residuals = data.residuals(theta)
-    lost = ~(np.abs(residuals) < BLOWN_UP)
+    diverged = ~(np.abs(residuals) < DIVERGED_RESIDUAL)
     unit = unknowns.residual_unit
     height = total.height + unit * residuals
-    height = np.where(np.maximum.accumulate(lost), np.nan, height)
-    error = math.inf if lost.any() else unit * rms(residuals)
+    height = np.where(np.maximum.accumulate(diverged), np.nan, height)
+    error = math.inf if diverged.any() else unit * rms(residuals)
     rest = guess.rest if model.at_rest is None else model.at_rest.height
     if reading is not None:
         rest = float(total.height.mean())
-    swing = float(total.height.std())
+    rms_displacement = float(total.height.std())
     count = max(int(np.isfinite(height).cumprod().sum()), 2)
     motion = PistonRecord(record.time[:count], np.nan_to_num(height[:count]))
-    at_rest = rms(total.height - rest) / swing
+    at_rest = rms(total.height - rest) / rms_displacement
     spread = None
-    if not lost.any():
-        missed = unit * residuals
-        swings = find_whole_cycles(total.time, total.height, count_samples_in_motion(total))
-        spread = prediction_error_on_cycles(missed, total.height - rest, swings, swing).standard_error
-    return RollOut(motion, error, error / swing, at_rest, spread)
+    if not diverged.any():
+        misfit = unit * residuals
+        cycles = find_whole_cycles(total.time, total.height, count_samples_in_motion(total))
+        spread = prediction_error_on_cycles(
+            misfit, total.height - rest, cycles, rms_displacement
+        ).standard_error
+    return RollOut(motion, error, error / rms_displacement, at_rest, spread)
 
 
 def _along_stroke(model: Any, record: PistonRecord) -> RollOut:
-    """Signal of a law along a record's stroke; nothing is fitted."""
+    """Predict the signal of a law along a record's stroke; nothing is fitted."""
     residuals = model.residuals(record)
     signal = model.simulate_signal(record)
     size = float((signal + residuals).std())
@@ -155,7 +158,7 @@ def _along_stroke(model: Any, record: PistonRecord) -> RollOut:
 def search_vector_of_model(
     model: FittedLaw, guess: FirstGuesses | None, unknowns: Unknowns | None = None
 ) -> tuple[Unknowns, Float[np.ndarray, "p"]]:
-    """Search vector of a model, with the unknowns that scale it."""
+    """Search vector of a model, with the unknowns that define its scales."""
     law, values = model.law, list(model.all_parameters.values())
     logs = [name in law.positive for name in law.parameters]
     if unknowns is None:

@@ -1,12 +1,12 @@
-"""Start values of a law, from its own function or accelerations in the record, and start vectors.
+"""Start values of a law's parameters, from its start function or the accelerations in a record.
 
-For a law that is known by its equation alone the record is smoothed by local cubics, which give
-height, velocity and acceleration at some times; parameters are then fitted to the accelerations,
-from random draws in units that the record's own time and lengths make (gradient matching; Ramsay et
-al. 2007, doi:10.1111/j.1467-9868.2007.00610.x). Hidden states are not in a record, but what drives
-them is: for trial parameters they are carried along the smoothed motion of the first swings, and
-the accelerations that follow are compared. The result only starts the fit through the equation of
-motion.
+A law that is given by its equation alone has no start function. The record is then smoothed by local
+cubics, which give height, velocity and acceleration at some times. Parameters are fitted to the
+accelerations, from random draws in units made of the record's time and length scales (gradient
+matching; Ramsay et al. 2007, doi:10.1111/j.1467-9868.2007.00610.x). A record does not contain hidden
+states, but it contains the motion that drives them: for trial parameters they are integrated along
+the smoothed motion of the first cycles, and the resulting accelerations are compared. The result
+only starts the fit through the equation of motion.
 """
 
 from __future__ import annotations
@@ -27,26 +27,27 @@ from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.law import Law, Starts
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.derivatives import fit_local_cubics
-from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses, spectral_peaks
+from reduced_models.records.first_guesses import MINIMUM_CROSSINGS, FirstGuesses, spectral_peaks
 from reduced_models.records.inputs import TIME, input_column, interpolate_inputs
 
-_NODES, _MOST_NODES = 160, 320
-_DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall into
-_OTHER_DRAWS = 1
-_STEPS = 20  # of a draw, at most
-_SPREAD = 0.05  # of the logarithm of repeated start values
-_TYPICAL = 16  # draws whose mean is a parameter's unit: one may be near zero, and the prior then narrow
-_GOOD = 4.0  # times the least mean square: a start that is kept
-_NEAR = 0.1  # spread of the logarithm of start values that are given
+_NODE_COUNT, _MAXIMUM_NODES = 160, 320
+_DRAW_COUNT = 96  # a frequency in the law has a narrow minimum, which few of the draws reach
+_COLLOCATION_DRAW_COUNT = 1
+_MAXIMUM_STEPS = 20  # maximum of a draw
+_REPEATED_START_SPREAD = 0.05  # of the logarithm of repeated start values
+# Draws whose mean is a parameter's unit: a single one may be near zero, which makes the prior too narrow.
+_UNIT_DRAW_COUNT = 16
+_ACCEPTED_COST_RATIO = 4.0  # times the smallest mean square: a start that is kept
+_GIVEN_VALUE_SPREAD = 0.1  # spread of the logarithm of given start values
 
 # Of a law with hidden states:
-_SWINGS, _NODES_PER_CYCLE = 6.0, 32
-_FASTER = 2.0  # motions of further coordinates than the slowest
-_ROUNDS, _HIDDEN_DRAWS, _RETAINED = 8, 4096, 48
-_TRIALS = 40
-_STEP = 1e-6  # of the logarithms, for slopes
-_TINY = 1e-9  # of normal equations, which keeps them regular
-_FAR = 1e6
+_HIDDEN_CYCLES, _NODES_PER_CYCLE = 6.0, 32
+_FREQUENCY_RATIO = 2.0  # frequency of a further coordinate's motion over the slowest
+_HIDDEN_ROUNDS, _HIDDEN_DRAW_COUNT, _RETAINED_DRAWS = 8, 4096, 48
+_HIDDEN_TRIALS = 40
+_DIFFERENCE_STEP = 1e-6  # of the logarithms, for derivatives
+_RIDGE = 1e-9  # added to the diagonal of normal equations to keep them regular
+_LARGEST_STATE = 1e6
 
 
 def start_values(
@@ -57,7 +58,7 @@ def start_values(
     count: int,
     bounds: Pairs | None = None,
 ) -> dict[str, np.ndarray]:
-    """Random start values (count,) of a law's parameters, and of further coordinates by their names."""
+    """Random start values (count,) of a law's parameters and further coordinates, by name."""
     if law.start is not None:
         return law.start(dataclasses.replace(guess, given=_fixed_by_bounds(bounds)), random, count)
     if law.hidden:
@@ -69,7 +70,7 @@ def start_values(
             _fixed_by_bounds(bounds),
         )
     else:
-        drawn = _random_draws(law, guess, random, _DRAWS, bounds)
+        drawn = _random_draws(law, guess, random, _DRAW_COUNT, bounds)
         for name in drive_frequencies(law):
             if name not in _fixed_by_bounds(bounds):
                 _draw_wave_frequencies(law, drawn[:, law.parameters.index(name)], record, random)
@@ -77,8 +78,8 @@ def start_values(
     if law.observations:
         _fit_parameters_of_observations(law, guess, record, draws, _fixed_by_bounds(bounds))
     chosen = draws[np.arange(count) % len(draws)]
-    # The best as it is: a frequency in the law may be known to far less than the spread.
-    spread = _SPREAD * (np.arange(count) > 0)
+    # The best one stays unchanged: it may give a frequency in the law far more precisely than the spread.
+    spread = _REPEATED_START_SPREAD * (np.arange(count) > 0)
     chosen = chosen * np.exp(spread[:, None] * random.normal(size=chosen.shape))
     return {name: chosen[:, k].copy() for k, name in enumerate((*law.parameters, *law.other_coordinates))}
 
@@ -86,37 +87,37 @@ def start_values(
 def _fit_parameters_of_observations(
     law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray, fixed: Collection[str]
 ) -> None:
-    """Set parameters that stand in observations alone by linear least squares along the smoothed record."""
+    """Set parameters of the observations alone by linear least squares along the smoothed record."""
     import sympy
 
     parsed = law.parsed_equation
-    z, v, _, nodes = fit_local_cubics(record.time, record.height, guess.period, _NODES)
+    z, v, _, nodes = fit_local_cubics(record.time, record.height, guess.period, _NODE_COUNT)
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], nodes)
     states = (z, v, *np.zeros((len(law.hidden), len(z))), *drive.T)
     known = set().union(*(rate.free_symbols for rate in parsed.rates))
     for name, expression in parsed.observations.items():
         linear = parameters_linear_in(expression, law, (*fixed, *map(str, known)))
-        mine = [law.parameters.index(item) for item in linear if expression.has(sympy.Symbol(item))]
-        if not mine:
+        own_indices = [law.parameters.index(item) for item in linear if expression.has(sympy.Symbol(item))]
+        if not own_indices:
             continue
         observe = compile_observation(law.equation, law.inputs, name, "numpy")
         seen = np.interp(nodes, record.time, record.columns.get(name, record.height))
         for draw in draws:
-            draw[mine] = 0.0
-            units = np.eye(len(draw))[mine]
+            draw[own_indices] = 0.0
+            units = np.eye(len(draw))[own_indices]
             with np.errstate(all="ignore"):
                 still = np.broadcast_to(observe(*states, *draw[: len(law.parameters)]), seen.shape)
                 slopes = [observe(*states, *(draw + unit)[: len(law.parameters)]) - still for unit in units]
             matrix = np.reshape(
                 np.nan_to_num([np.broadcast_to(item, seen.shape) for item in slopes]), (-1, len(seen))
             )
-            values = np.linalg.lstsq(matrix.T, np.nan_to_num(seen - still), rcond=_TINY)[0]
-            positive = [law.parameters[k] in law.positive for k in mine]
-            draw[mine] = np.where(positive, np.maximum(np.abs(values), _TINY), values)
+            values = np.linalg.lstsq(matrix.T, np.nan_to_num(seen - still), rcond=_RIDGE)[0]
+            positive = [law.parameters[k] in law.positive for k in own_indices]
+            draw[own_indices] = np.where(positive, np.maximum(np.abs(values), _RIDGE), values)
 
 
 def parameters_linear_in(expression: Any, law: Law, others: Collection[str]) -> list[str]:
-    """Parameters in which an expression is linear together, without some others."""
+    """Parameters in which an expression is jointly linear, except some others."""
     import sympy
 
     chosen: list[sympy.Symbol] = []
@@ -140,8 +141,9 @@ def drive_frequencies(law: Law) -> tuple[str, ...]:
 def _draw_wave_frequencies(
     law: Law, values: Float[np.ndarray, "d"], record: PistonRecord, random: np.random.Generator
 ) -> None:
-    """Set frequencies to lines of the record's spectrum; where waves multiply states, also to distances."""
-    # A drive is a line of its own; a wave that multiplies the coordinate parts its lines by its frequency.
+    """Set frequencies to lines of the record's spectrum; if waves multiply states, also to their spacings."""
+    # An additive drive shows as a separate line; a wave that multiplies the coordinate shows as sidebands
+    # spaced by its frequency.
     peaks = spectral_peaks(record.time, record.height)
     lines = random.choice(peaks, len(values))
     if not _waves_multiply_states(law):
@@ -173,17 +175,20 @@ def fit_to_accelerations(
     values: Float[np.ndarray, "p"],
     bounds: Pairs | None = None,
 ) -> Float[np.ndarray, "p"]:
-    """Parameters (p,) of a law without hidden states from accelerations in a record alone."""
+    """Parameters (p,) of a law without hidden states, from the accelerations in a record alone."""
     units = np.where(np.abs(values) > 0.0, values, 1.0)
-    draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS, bounds)
+    draws = _random_draws(law, guess, np.random.default_rng(0), _COLLOCATION_DRAW_COUNT, bounds)
     return np.asarray(_fit_draws_to_accelerations(law, guess, record, np.vstack([units, draws]), bounds)[0])
 
 
 def start_values_near(values: dict[str, float]) -> Starts:
-    """Start values of a law about parameters that are known roughly."""
+    """Start values about roughly known parameters."""
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-        return {name: value * np.exp(_NEAR * random.normal(size=count)) for name, value in values.items()}
+        return {
+            name: value * np.exp(_GIVEN_VALUE_SPREAD * random.normal(size=count))
+            for name, value in values.items()
+        }
 
     return start
 
@@ -191,7 +196,7 @@ def start_values_near(values: dict[str, float]) -> Starts:
 def _random_draws(
     law: Law, guess: FirstGuesses, random: np.random.Generator, count: int, bounds: Pairs | None = None
 ) -> np.ndarray:
-    """Values (count, p) in powers of the record's own time and lengths."""
+    """Random values (count, p), as powers of the record's time and length scales."""
     shape = (count, len(law.parameters))
     guess = _guess_in_coordinate(law, guess)
     level = max(abs(guess.rest), 1e-3 * guess.amplitude)
@@ -206,7 +211,7 @@ def _random_draws(
 
 
 def _guess_in_coordinate(law: Law, guess: FirstGuesses) -> FirstGuesses:
-    """Level and size of the motion in the coordinate of the law's text, where that gives them as numbers."""
+    """Guess in the coordinate of the law's text, if the text gives its shift and scale as numbers."""
     line = law.parsed_equation.line
     if line is None or any(item.free_symbols for item in line):
         return guess
@@ -219,12 +224,12 @@ def _guess_in_coordinate(law: Law, guess: FirstGuesses) -> FirstGuesses:
 def _fit_draws_to_accelerations(
     law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray, bounds: Pairs | None = None
 ) -> np.ndarray:
-    """Draws after a fit of the accelerations, the best one first, the poor ones left out."""
+    """Draws after a fit to the accelerations, best first, without the poor ones."""
     from scipy.optimize import least_squares
 
-    motion = fit_local_cubics(record.time, record.height, guess.period, _NODES)
-    # Of a long record with few samples a swing it is all of them.
-    z, v, a, nodes = motion[:, :: math.ceil(motion.shape[1] / _MOST_NODES)]
+    motion = fit_local_cubics(record.time, record.height, guess.period, _NODE_COUNT)
+    # A long record with few samples per cycle would keep all of them.
+    z, v, a, nodes = motion[:, :: math.ceil(motion.shape[1] / _MAXIMUM_NODES)]
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], nodes)
     field = compile_rates(law.equation, law.inputs, "numpy")
     scale = max(float(np.abs(a).max()), 1e-300)
@@ -251,20 +256,22 @@ def _fit_draws_to_accelerations(
             np.zeros(free.sum()),
             args=(unit,),
             x_scale="jac",
-            max_nfev=_STEPS * (1 + int(free.sum())),
+            max_nfev=_MAXIMUM_STEPS * (1 + int(free.sum())),
             method="lm",
         )
         results.append((float(solution.cost), moved(solution.x, unit)))
     results.sort(key=lambda pair: pair[0])
-    good = np.array([values for cost, values in results if cost <= _GOOD * results[0][0] + 1e-12])
-    # Draws that mean the same end at either sign and turns apart: which of them rounding puts first
-    # must not tell where a search starts, nor bounds cut off the sign that it starts from.
-    home = canonical_parameters(law, dict(zip(law.parameters, good.T, strict=True)), bounds=bounds)
-    return np.stack([home[name] for name in law.parameters], axis=1)
+    good = np.array(
+        [values for cost, values in results if cost <= _ACCEPTED_COST_RATIO * results[0][0] + 1e-12]
+    )
+    # Equivalent draws end with either sign or whole turns apart. Rounding decides which comes first; that
+    # must not decide where the search starts, and bounds must not cut off the sign it starts from.
+    canonical = canonical_parameters(law, dict(zip(law.parameters, good.T, strict=True)), bounds=bounds)
+    return np.stack([canonical[name] for name in law.parameters], axis=1)
 
 
 def _fixed_by_bounds(bounds: Pairs | None) -> dict[str, float]:
-    """Parameters that bounds leave one value."""
+    """Parameters that bounds fix to one value."""
     return {name: low for name, (low, high) in (bounds or {}).items() if low == high}
 
 
@@ -275,11 +282,11 @@ def _hidden_starts(
     draw: Callable[[int], np.ndarray],
     fixed: Collection[str],
 ) -> np.ndarray:
-    """Parameters and starts of further coordinates (k, p), the best first, from draws of parameters."""
-    end = min(float(record.time[-1]), _SWINGS * guess.period)
-    # A further coordinate has a faster motion: wide windows would smooth it, and long steps of Heun's method
-    # add energy to it.
-    period = guess.period / (_FASTER if law.other_coordinates else 1.0)
+    """Parameters and initial states of further coordinates (k, p), best first, from random draws."""
+    end = min(float(record.time[-1]), _HIDDEN_CYCLES * guess.period)
+    # A further coordinate moves faster: wide windows would smooth it out, and long steps of Heun's method
+    # would add energy to it.
+    period = guess.period / (_FREQUENCY_RATIO if law.other_coordinates else 1.0)
     nodes = np.linspace(0.0, end, max(48, round(_NODES_PER_CYCLE * end / period)))
     motion = fit_local_cubics(record.time, record.height, period, nodes)
     acceleration, times = motion[2:]
@@ -295,7 +302,7 @@ def _hidden_starts(
     target = acceleration[:, None]
 
     def misfits(values: np.ndarray) -> np.ndarray:
-        """Differences (n, m) for parameters (m, p), in units of the greatest acceleration."""
+        """Differences (n, m) for parameters (m, p), in units of the maximum acceleration."""
         start = np.zeros((len(law.hidden), len(values)))
         start[others] = values[:, count:].T
         accelerations, path = carried(values[:, :count].T, start)
@@ -306,12 +313,12 @@ def _hidden_starts(
             with np.errstate(all="ignore"):
                 left = (observe(*states, *values[:, :count].T) - seen[:, None]) / size
             result = np.vstack([result, np.broadcast_to(left, accelerations.shape)])
-        return np.nan_to_num(np.clip(result, -_FAR, _FAR), nan=_FAR)
+        return np.nan_to_num(np.clip(result, -_LARGEST_STATE, _LARGEST_STATE), nan=_LARGEST_STATE)
 
     scales = np.array([guess.amplitude, guess.amplitude * guess.frequency] * (len(others) // 2))
 
     def with_fitted_states(parameters: np.ndarray) -> np.ndarray:
-        """Draws with the starts of further coordinates by least squares, which a linear law is linear in."""
+        """Draws with initial states of further coordinates by least squares, exact for a linear law."""
         values = np.hstack([parameters, np.zeros((len(parameters), len(others)))])
         if not others:
             return values
@@ -323,16 +330,16 @@ def _hidden_starts(
             values[:, count + k] = 0.0
         normal = np.einsum("anm,bnm->mab", slopes, slopes)
         size = 1.0 + np.trace(normal, axis1=1, axis2=2)
-        normal += _TINY * np.eye(len(scales)) * size[:, None, None]
+        normal += _RIDGE * np.eye(len(scales)) * size[:, None, None]
         steps = np.linalg.solve(normal, -np.einsum("anm,nm->ma", slopes, left)[..., None])[..., 0]
-        values[:, count:] = np.where(np.abs(steps) < _FAR, steps, 1.0) * scales
+        values[:, count:] = np.where(np.abs(steps) < _LARGEST_STATE, steps, 1.0) * scales
         return values
 
     best = np.empty((0, count + len(others)))
-    for _ in range(_ROUNDS):
-        drawn = np.vstack([best, with_fitted_states(draw(_HIDDEN_DRAWS))])
+    for _ in range(_HIDDEN_ROUNDS):
+        drawn = np.vstack([best, with_fitted_states(draw(_HIDDEN_DRAW_COUNT))])
         order = np.argsort((misfits(drawn) ** 2).sum(axis=0))
-        best = drawn[order[:_RETAINED]]
+        best = drawn[order[:_RETAINED_DRAWS]]
     held = np.isin((*law.parameters, *law.other_coordinates), list(fixed))
     output, cost = levenberg_marquardt(
         _acceleration_normal_equations(best, misfits),
@@ -340,20 +347,20 @@ def _hidden_starts(
         Prior(np.full(best.shape[1], 0.01), float(len(nodes) * (1 + len(columns)))),
         1e-4,
         Bounds(np.where(held, 0.0, -np.inf), np.where(held, 0.0, np.inf)),
-        trials=_TRIALS,
+        trials=_HIDDEN_TRIALS,
     )
     values = best * np.exp(np.clip(output, -50.0, 50.0))
     order = np.argsort(cost)
-    good = order[cost[order] <= _GOOD * cost[order[0]] + 1e-12]
+    good = order[cost[order] <= _ACCEPTED_COST_RATIO * cost[order[0]] + 1e-12]
     return np.asarray(values[good])
 
 
 def acceleration_function(
     law: Law, motion: Float[np.ndarray, "4 n"], drive: Float[np.ndarray, "n inputs"]
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
-    """Return a function of parameters: accelerations along rows z, z', z'', time [s], and hidden states."""
-    # Of parameters (p, m) and hidden states (h, m), at zero if not given, to accelerations (n, m) and hidden
-    # states (n, h, m). Heun's method along a motion that is known, at its nodes alone.
+    """Return a function of parameters: accelerations and hidden states along rows z, z', z'', time [s]."""
+    # It maps parameters (p, m) and initial hidden states (h, m), zero if not given, to accelerations (n, m)
+    # and hidden states (n, h, m), by Heun's method with one step from node to node of the known motion.
     field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion
 
@@ -373,25 +380,25 @@ def acceleration_function(
                 if k + 1 < len(time):
                     step = time[k + 1] - time[k]
                     slope = np.array(here)
-                    ahead = np.clip(hidden + step * slope, -_FAR, _FAR)
+                    ahead = np.clip(hidden + step * slope, -_LARGEST_STATE, _LARGEST_STATE)
                     late = np.array(rates(k + 1, ahead)[1:])
                     moved = hidden + 0.5 * step * (slope + late)
-                    hidden = np.nan_to_num(np.clip(moved, -_FAR, _FAR))
+                    hidden = np.nan_to_num(np.clip(moved, -_LARGEST_STATE, _LARGEST_STATE))
         return result, path
 
     return carried
 
 
 def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]) -> Normal:
-    """Return the normal equations of logarithms (m, p) of factors of the units, by differences."""
+    """Return the normal equations for logarithms (m, p) of factors of the units, by finite differences."""
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count, size = theta.shape
         moved = np.repeat(theta[None], size + 1, axis=0)
-        moved[np.arange(1, size + 1), :, np.arange(size)] += _STEP
+        moved[np.arange(1, size + 1), :, np.arange(size)] += _DIFFERENCE_STEP
         values = units * np.exp(np.clip(moved, -50.0, 50.0))
         left = misfits(values.reshape(-1, size)).reshape(-1, size + 1, count)
-        slopes = (left[:, 1:] - left[:, :1]) / _STEP
+        slopes = (left[:, 1:] - left[:, :1]) / _DIFFERENCE_STEP
         here = left[:, 0]
         return (
             (here**2).sum(axis=0),
@@ -403,15 +410,15 @@ def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndar
 
 
 def scale_unknowns(data: FitData) -> Unknowns:
-    """Unknowns of a law, whose parameters are scaled by what a glance at a record tells."""
+    """Unknowns of a law, with parameters scaled by typical start values for a record."""
     law, guess = data.unknowns.law, data.guess
-    if law.prescribed:  # whose draws tell the units
+    if law.prescribed:  # its draws give the units
         return data.unknowns
-    # A rest level near zero says nothing of a parameter's size: the amplitude counts too.
-    away = dataclasses.replace(
-        guess, rest=abs(guess.rest) + guess.amplitude, crossings=max(guess.crossings, LEAST_CROSSINGS)
+    # An equilibrium height near zero does not scale a parameter, so the amplitude is added.
+    scaled_guess = dataclasses.replace(
+        guess, rest=abs(guess.rest) + guess.amplitude, crossings=max(guess.crossings, MINIMUM_CROSSINGS)
     )
-    typical = start_values(law, away, data.look, np.random.default_rng(0), _TYPICAL)
+    typical = start_values(law, scaled_guess, data.clipped_motion, np.random.default_rng(0), _UNIT_DRAW_COUNT)
     units = tuple(
         1.0 if name in law.positive else float(np.abs(typical[name]).mean()) or 1.0 for name in law.parameters
     )
@@ -423,9 +430,9 @@ def start_vectors(
 ) -> Float[np.ndarray, "count p"]:
     """Start vectors (count, p) of a search, from a record and its first guesses."""
     unknowns = data.unknowns
-    draws = start_values(unknowns.law, data.guess, data.look, random, count, data.bounds)
+    draws = start_values(unknowns.law, data.guess, data.clipped_motion, random, count, data.bounds)
     for name, value in near.items():
-        spread = _NEAR * random.normal(size=count) * (np.arange(count) > 0)
+        spread = _GIVEN_VALUE_SPREAD * random.normal(size=count) * (np.arange(count) > 0)
         positive = name in unknowns.law.positive or value != 0.0
         unit = unknowns.units[unknowns.law.parameters.index(name)]
         draws[name] = value * np.exp(spread) if positive else spread * unit
@@ -435,7 +442,7 @@ def start_vectors(
 def append_initial_state(
     data: FitData, free: Float[np.ndarray, "count k"], states: Mapping[str, np.ndarray] | None = None
 ) -> Float[np.ndarray, "count p"]:
-    """Parameters (count, k) with the initial state of record and sensor behind them."""
+    """Parameters (count, k) followed by the initial state of record and sensor."""
     count, guess, unknowns = len(free), data.guess, data.unknowns
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
@@ -446,7 +453,7 @@ def append_initial_state(
 
 
 def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
-    """Entries of a sensor: the nominal gain, the signal's mean, and a filter that has settled."""
+    """Entries of a sensor: nominal gain, offset at the signal's mean, and a settled filter."""
     sensor = unknowns.sensor
     if sensor is None:
         return []
@@ -462,7 +469,7 @@ def search_entries_from_draws(
     unknowns: Unknowns, draws: Mapping[str, np.ndarray]
 ) -> Float[np.ndarray, "count k"]:
     """Entries (count, k) of search vectors, without initial states, of parameters."""
-    # A law that may be below zero draws either sign, also where limits keep it above.
+    # A parameter that the law lets be negative is drawn with either sign, even if limits keep it positive.
     result = [
         np.log(np.abs(draws[name])) if name in unknowns.law.positive else draws[name] / unit
         for name, unit in zip(unknowns.law.parameters, unknowns.units, strict=True)

@@ -1,15 +1,13 @@
-"""Intervals of fitted parameters, and what the data leave open.
+"""Intervals of fitted parameters, and the directions that the data leave undetermined.
 
-Intervals come from the covariance at the minimum. Where a direction is called open, the variance of
-a residual is enlarged by the integrated autocorrelation time instead.
+Intervals come from the covariance at the minimum. To decide whether a direction is undetermined,
+the variance of a residual is instead enlarged by the integrated autocorrelation time.
 
-Covariance of a joint search vector: what the data say of fitted parameters.
-
-Residuals that follow each other, because the noise does or because the law is not quite right, say
-less of some parameters and more of others than white ones. The covariance is the sandwich estimate
-with the autoregression of the residuals between two linearisations (Huber 1967; White 1980,
-doi:10.2307/1912934), which holds for the losses that spare outliers too, and for noise that grows with
-the speed. A sensor that rounds errs alike while its reading stands: such readings count as one.
+Correlated residuals, from correlated noise or an inexact law, determine some parameters less and
+others more precisely than white residuals. The covariance is the sandwich estimate with the
+autoregression of the residuals between two linearisations (Huber 1967; White 1980,
+doi:10.2307/1912934), which also holds for robust losses and for noise that grows with the speed. A
+sensor that rounds has the same error as long as its reading is constant: such readings count as one.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ from reduced_models.fitting.residual_diagnostics import (
 )
 from reduced_models.fitting.residuals import cost_and_weight, half_cost_curvature
 from reduced_models.laws.linearization import (
-    JUMPS,
+    FORCE_JUMPS,
     NoOscillation,
     dry_friction_coefficient,
     harmonic_cycles,
@@ -41,41 +39,41 @@ from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.quantities import ParameterDirection
 from reduced_models.records.derivatives import rounding_step
 
-# Student's quantile of 95 % is 4.3 for two degrees of freedom; one, of residuals that all follow each other,
-# would make it 12.7.
-LEAST_DOF = 2.0
-_AS_NOISY = 1.5  # times the variance of another record
-_RESOLVED = 1e-12  # of the greatest strength, a thousand times the rounding of an eigenvalue
+# Student's quantile at 95 % is 4.3 for two degrees of freedom; fully correlated residuals would give one
+# degree and 12.7.
+MINIMUM_DEGREES_OF_FREEDOM = 2.0
+_EQUAL_NOISE_RATIO = 1.5  # maximum ratio of the variances of records that count as equally noisy
+_RESOLVED_STRENGTH = 1e-12  # of the largest eigenvalue: a thousand times its rounding error
 
 
 class FitStatistics(NamedTuple):
     """Information of the data on a record's search vector, at the minimum of a fit."""
 
-    normal: Float[np.ndarray, "p p"]  # J'J, other records' vectors taken out
+    normal: Float[np.ndarray, "p p"]  # J'J, marginalised over the other records' entries
     covariance: Float[np.ndarray, "p p"]  # zero for entries that are held
     residuals: tuple[np.ndarray, ...]  # of all records, in amplitudes
-    fitted: int  # free entries of the joint search vector
+    fitted: int  # number of free entries of the joint search vector
     free: Bool[np.ndarray, "p"]  # entries of the record's vector that are not held
-    independent: float  # samples that would say as much of a level if they were white
+    independent: float  # number of white samples that would determine a mean equally well
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Degrees of freedom that the residuals have left."""
+        """Degrees of freedom of the residuals."""
         return max(1.0, sum(map(len, self.residuals)) - self.fitted)
 
     @property
     def residual_variance(self) -> float:
-        """Variance of a residual, enlarged by how the residuals follow each other."""
+        """Variance of a residual, multiplied by the residuals' autocorrelation time."""
         total = sum(
             float((residual**2).sum()) * autocorrelation_time(residual) for residual in self.residuals
         )
         return total / self.degrees_of_freedom
 
     def student_quantile(self, confidence: float) -> float:
-        """Student's quantile, for an interval of that confidence."""
+        """Student's quantile for a two-sided interval of a confidence level."""
         from scipy.stats import t as student
 
-        dof = min(self.degrees_of_freedom, max(LEAST_DOF, self.independent - 1.0))
+        dof = min(self.degrees_of_freedom, max(MINIMUM_DEGREES_OF_FREEDOM, self.independent - 1.0))
         return float(student.ppf(0.5 + 0.5 * confidence, dof))
 
 
@@ -89,8 +87,8 @@ def joint_covariance(
     linear = [data.linearised_residuals(theta[data.entries]) for data in problem.data]
     count = sum(len(left) for left, _ in linear)
     inflation = count / max(1, count - len(free))
-    alike = _record_variance_weights([left for left, _ in linear])
-    for data, (left, slopes), ratio in zip(problem.data, linear, alike, strict=True):
+    variance_weights = _record_variance_weights([left for left, _ in linear])
+    for data, (left, slopes), ratio in zip(problem.data, linear, variance_weights, strict=True):
         loss, unit, here = data.loss, data.unknowns.residual_unit, np.ix_(data.entries, data.entries)
         _, weight = cost_and_weight(left, loss.compiled_arguments, np)
         bread[here] += slopes.T @ (half_cost_curvature(left, loss)[:, None] * slopes)
@@ -106,10 +104,10 @@ def joint_covariance(
             spread[here] += inflation * ratio * gradient_covariance(slopes, pull, series, speed)
             if data.gain == 0.0:
                 spread[here] += standing_reading_covariance(slopes, signal)
-            still = float(series.power_spectrum(2)[0]) if level > 0.0 else 0.0
-            memory = max(1.0, still / max(level, 1e-300))
-            independent += len(left) / memory
-            level *= memory
+            zero_frequency_power = float(series.power_spectrum(2)[0]) if level > 0.0 else 0.0
+            correlation_factor = max(1.0, zero_frequency_power / max(level, 1e-300))
+            independent += len(left) / correlation_factor
+            level *= correlation_factor
         variance = max(variance, level)
     result = np.zeros((size, size))
     result[np.ix_(free, free)] = sandwich_covariance(
@@ -121,11 +119,12 @@ def joint_covariance(
 def standing_reading_covariance(
     slopes: Float[np.ndarray, "n p"], reading: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance of a gradient by the common error of equal readings in a row, beyond that of each alone."""
+    """Extra covariance of a gradient due to the common rounding error of equal successive readings."""
     step = rounding_step(reading)
     starts = np.flatnonzero(np.diff(reading, prepend=np.nan) != 0.0)
     moves = np.sign(np.diff(reading[starts]))
-    # A level that is passed from one side to the other has all errors of a step, which cancel.
+    # While a reading passes through a step from one side to the other, it takes all rounding errors, which
+    # cancel.
     stands = np.ones(len(starts), dtype=bool)
     stands[1:-1] = moves[1:] != moves[:-1]
     variance = np.where(stands, step**2 / 12.0, 0.0)
@@ -138,10 +137,10 @@ def standing_reading_covariance(
 def shifts_by_calibration_errors(
     problem: FitProblem, theta: Float[np.ndarray, "q"]
 ) -> Float[np.ndarray, "m q"]:
-    """Shifts (m, q) of a joint search vector by what sensors' calibrations leave open."""
-    # Each independent deviation of one standard uncertainty is laid on the records and moves the linearised
-    # fit, so that S'S is their covariance. Those of records that have equally many are of one sensor, and
-    # move together.
+    """Shifts S (m, q) of a joint search vector due to the calibration uncertainty of the sensors."""
+    # Each independent deviation of one standard uncertainty is added to the records and shifts the linearised
+    # fit, so that S'S is their covariance. Records with the same number of deviations share a sensor, and
+    # their deviations move together.
     size, free = len(theta), np.flatnonzero(~problem.held_entries)
     if not any(data.record.deviations for data in problem.data):
         return np.zeros((0, size))
@@ -165,9 +164,9 @@ def shifts_by_calibration_errors(
 
 
 def _record_variance_weights(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Return common variance over that of each record, where all are as noisy; otherwise ones."""
+    """Return the common variance over each record's variance if all are equally noisy; otherwise ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
-    if levels.min() <= 0.0 or levels.max() > _AS_NOISY * levels.min():
+    if levels.min() <= 0.0 or levels.max() > _EQUAL_NOISE_RATIO * levels.min():
         return np.ones(len(levels))
     counts = np.array([len(left) for left in residuals])
     return np.asarray((levels * counts).sum() / counts.sum() / levels)
@@ -176,13 +175,13 @@ def _record_variance_weights(residuals: Sequence[np.ndarray]) -> np.ndarray:
 def sandwich_covariance(
     bread: Float[np.ndarray, "p p"], spread: Float[np.ndarray, "p p"], variance: float
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance (p, p) from the curvature of the loss and the spread of its gradient, both (p, p)."""
-    # Scaled to a unit diagonal first. In directions that the bread hardly holds, the spread is lost
-    # in its own rounding, with either sign: they keep the variance of a mean of the residuals, and
-    # what is below rounding altogether keeps a huge, finite one.
+    """Covariance (p, p) from the curvature of the loss and the covariance of its gradient, both (p, p)."""
+    # Both are first scaled to a unit diagonal. In directions of very small curvature the gradient's
+    # covariance is rounding error, of either sign: there the variance of the residuals' mean is used.
+    # Directions below rounding altogether get a huge but finite variance.
     scale = 1.0 / np.sqrt(np.maximum(np.diag(bread), 1e-300))
     strengths, directions = np.linalg.eigh(bread * np.outer(scale, scale))
-    known = strengths > strengths[-1] * _RESOLVED
+    known = strengths > strengths[-1] * _RESOLVED_STRENGTH
     inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
     inner = directions.T @ (spread * np.outer(scale, scale)) @ directions
     resolved = np.where(known, inverse, 0.0)
@@ -193,7 +192,7 @@ def sandwich_covariance(
 def marginal_information(
     normal: Float[np.ndarray, "q q"], entries: Int[np.ndarray, "p"], free: Bool[np.ndarray, "q"]
 ) -> Float[np.ndarray, "p p"]:
-    """Information (p, p) on some entries of a search vector, the others that are free left open."""
+    """Information (p, p) on some entries of a search vector, marginalised over the other free ones."""
     others = np.setdiff1d(np.flatnonzero(free), entries)
     if not len(others):
         return normal[np.ix_(entries, entries)]
@@ -204,20 +203,21 @@ def marginal_information(
 
 Interval = tuple[float, float]  # low, high, in the SI unit of the quantity
 
-# A direction is undetermined if the data leave the logarithm along it this uncertain: 28 % either way.
+# Standard error of the logarithm above which a direction is undetermined: 28 % either way.
 OPEN = 0.25
-FRACTIONS = (0.5, 0.1)
-"""Amplitudes, over the greatest swing of the record, that equivalent damping is of."""
-FAR = 0.5
-"""Fraction of a damping ratio by which that of small swings may miss the one at a tenth."""
+AMPLITUDE_FRACTIONS = (0.5, 0.1)
+"""Amplitudes of the equivalent damping, over the maximum displacement of the record."""
+DAMPING_DIFFERENCE = 0.5
+"""Maximum relative difference between the damping ratio of small oscillations and that at a tenth of
+the maximum displacement."""
 _NO_DAMPING = 1e-6
 _SMALL_POWER = 0.05
-# In units of the entry: a smaller value is no scale for its own error.
+# In units of the entry: a smaller value cannot serve as the scale of its error.
 _NEAR_ZERO = 0.25
-_UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
+_UNBOUNDED = math.log(1e6)  # half-width of a logarithmic interval above which it is unbounded
 _ROUNDING = 1e-9  # of the amplitude: an equilibrium nearer to 0 is 0
-# What the data leave open is finite, so that a covariance times slopes holds no NaN.
-_MOST_VARIANCE = 1e99
+# Undetermined variances stay finite, so that a covariance times derivatives has no NaN.
+_MAXIMUM_VARIANCE = 1e99
 
 
 def interval_analysis(
@@ -228,7 +228,7 @@ def interval_analysis(
     seen: tuple[float, float],
     shifts: Float[np.ndarray, "m p"],
 ) -> tuple[dict[str, Interval], AtRest | NoOscillation, tuple[ParameterDirection, ...]]:
-    """Intervals of a fit, its small swing at rest, and the directions that the data leave open; seen [m]."""
+    """Intervals of a fit, its small oscillation, and undetermined directions; range of the motion [m]."""
     names, intervals = unknowns.law.parameters, {}
     for k, name in enumerate(names):
         spread = quantile * math.sqrt(max(known.covariance[k, k], 0.0))
@@ -244,8 +244,8 @@ def widen_to_linear_intervals(
     undetermined: Sequence[ParameterDirection],
     intervals: Mapping[str, Interval],
 ) -> dict[str, Interval]:
-    """Intervals of profiles, no narrower than linear ones in directions left open."""
-    # Along open directions a profile ends where the prior does.
+    """Profile intervals, no narrower than the linear ones in undetermined directions."""
+    # Along undetermined directions the prior limits a profile.
     left_open = {name for direction in undetermined if direction.is_undetermined for name in direction.powers}
     return {
         name: ((min(low, linear[name][0]), max(high, linear[name][1])) if name in left_open else (low, high))
@@ -268,7 +268,7 @@ def intervals_between(
 
 def _confidence_interval(value: float, spread: float, unknowns: Unknowns, k: int) -> tuple[float, float]:
     if unknowns.logarithmic_parameters[k]:
-        if spread > _UNKNOWN:
+        if spread > _UNBOUNDED:
             return 0.0, math.inf
         return math.exp(value - spread), math.exp(value + spread)
     unit = unknowns.units[k]
@@ -276,20 +276,23 @@ def _confidence_interval(value: float, spread: float, unknowns: Unknowns, k: int
 
 
 def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatistics) -> np.ndarray:
-    """Fisher information on the logarithms of free parameters, the start left open."""
+    """Fisher information on the logarithms of free parameters, marginalised over the initial state."""
     logs = np.array(unknowns.logarithmic_parameters)
     values = theta[: len(logs)]
-    # A value near zero is no measure of how well it is known; its unit is.
+    # Relative to a value near zero an error has no meaning, so it is taken relative to the unit.
     relative = np.where(logs | (np.abs(values) <= _NEAR_ZERO), 1.0, values)
-    asked = np.flatnonzero(known.free[: len(logs)])
-    left, relative = marginal_information(known.normal, asked, known.free), relative[asked]
+    free_parameters = np.flatnonzero(known.free[: len(logs)])
+    left, relative = (
+        marginal_information(known.normal, free_parameters, known.free),
+        relative[free_parameters],
+    )
     return np.asarray(left * np.outer(relative, relative)) / max(known.residual_variance, 1e-300)
 
 
 def physical_covariance(
     unknowns: Unknowns, theta: Float[np.ndarray, "p"], covariance: Float[np.ndarray, "p p"]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
-    """Names and covariance (p, p), in their units, of law and start of a record's motion."""
+    """Names and covariance (p, p), in their units, of a record's parameters and initial state."""
     names, logs = unknowns.law.parameters, unknowns.logarithmic_parameters
     units = [
         unit * (math.exp(min(value, 700.0)) if log else 1.0)
@@ -298,14 +301,14 @@ def physical_covariance(
     hidden = unknowns.law.hidden
     units += [unknowns.amplitude, unknowns.speed, *(1.0 for _ in hidden)]
     covariance = covariance[: len(units), : len(units)]
-    result = np.clip(covariance * np.outer(units, units), -_MOST_VARIANCE, _MOST_VARIANCE)
+    result = np.clip(covariance * np.outer(units, units), -_MAXIMUM_VARIANCE, _MAXIMUM_VARIANCE)
     return (*names, "height", "velocity", *hidden), result
 
 
 def undetermined_directions(
     names: Sequence[str], information: Float[np.ndarray, "p p"]
 ) -> tuple[ParameterDirection, ...]:
-    """Directions that an information matrix (p, p) on logarithms leaves open."""
+    """Directions that an information matrix (p, p) on logarithms leaves undetermined."""
     if not len(information):
         return ()
     strengths, directions = np.linalg.eigh(information)
@@ -331,22 +334,24 @@ def _small_motion_with_intervals(
     edges: tuple[float, float],
     shifts: np.ndarray,
 ) -> AtRest | NoOscillation:
-    """Level of rest, period and damping ratio of small motions, by the chain rule."""
+    """Equilibrium, period and damping ratio of small oscillations, with intervals by the chain rule."""
     figures = small_motion_figures(unknowns, theta)
     if isinstance(figures, NoOscillation):
         return figures
     if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
-        return NoOscillation(f"the level of rest, {figures[0]:.4g} m, lies far outside the record")
-    sizes = np.array(FRACTIONS) * max(abs(edge - figures[0]) for edge in edges)
+        return NoOscillation(f"the equilibrium, {figures[0]:.4g} m, lies far outside the record")
+    sizes = np.array(AMPLITUDE_FRACTIONS) * max(abs(edge - figures[0]) for edge in edges)
     equivalent = False
-    if not unknowns.law.other_coordinates:  # whose motion is no harmonic cycle of one of them
+    if (
+        not unknowns.law.other_coordinates
+    ):  # with several coordinates, the motion is not a harmonic cycle of one
         seen = _damping_at_two_amplitudes(unknowns, theta[:, None], figures[:, None], sizes)
         small, tenth = figures[2], seen[1, 0]
-        far = max(FAR * max(abs(small), abs(tenth)), _NO_DAMPING)
-        # The damping ratio of small swings is far from that of swings that are seen.
+        far = max(DAMPING_DIFFERENCE * max(abs(small), abs(tenth)), _NO_DAMPING)
+        # The damping ratio of small oscillations is far from the ratio at observed amplitudes.
         equivalent = np.isfinite(seen).all() and (not math.isfinite(small) or abs(tenth - small) > far)
     if not (equivalent or math.isfinite(figures[2])):
-        return JUMPS
+        return FORCE_JUMPS
     step = 1e-6 * np.maximum(1.0, np.abs(theta))
     thetas = theta[:, None] + np.hstack([np.diag(step), -np.diag(step)])
     moved = []
@@ -389,9 +394,9 @@ def _small_motion_with_intervals(
 def _damping_at_two_amplitudes(
     unknowns: Unknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
 ) -> np.ndarray:
-    """Damping ratios at two amplitudes, and the law's own or an equivalent friction [m/s^2], (3, m)."""
-    # Of dry friction the equivalent damping times the amplitude is constant, of drag the damping: two
-    # amplitudes tell both apart.
+    """Damping ratios at two amplitudes, and the law's friction or an equivalent one [m/s^2], (3, m)."""
+    # For dry friction the product of equivalent damping and amplitude is constant, for viscous drag the
+    # damping itself, so two amplitudes separate both.
     law = unknowns.law
     values = unknowns.physical_values(thetas)[0]
     amplitude = sizes[:, None]
@@ -403,12 +408,14 @@ def _damping_at_two_amplitudes(
         friction = np.broadcast_to(own(*values), thetas.shape[1:])
     else:
         wide, narrow = result.equivalent_friction(amplitude)
-        friction = (FRACTIONS[0] * narrow - FRACTIONS[1] * wide) / (FRACTIONS[0] - FRACTIONS[1])
+        friction = (AMPLITUDE_FRACTIONS[0] * narrow - AMPLITUDE_FRACTIONS[1] * wide) / (
+            AMPLITUDE_FRACTIONS[0] - AMPLITUDE_FRACTIONS[1]
+        )
     return np.vstack([result.damping_ratio, friction])
 
 
 def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> np.ndarray | NoOscillation:
-    """Height at rest [m], period [s] and damping ratio, or why there are none; hidden states are at zero."""
+    """Equilibrium height [m], period [s] and damping ratio, or the reason for none; hidden states at zero."""
     if unknowns.law.prescribed:
         return NoOscillation("the record prescribes the motion")
     result = small_oscillation(unknowns.law, unknowns.physical_values(theta)[0], unknowns.rest)

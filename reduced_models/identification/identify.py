@@ -34,7 +34,7 @@ from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.printed_model import swing_quantities
 from reduced_models.records.sensor_artefacts import without_clipped_samples
-from reduced_models.records.sources import METHOD, make_directory, open_and_check_source, run_plan
+from reduced_models.records.sources import DEFAULT_METHOD, make_directory, open_and_check_source, run_plan
 
 BUDGET = 300.0
 """Processor time for discovery and fits [s], ten times what a damper's motion takes."""
@@ -228,7 +228,7 @@ def identify(
 def plan_run(
     scene: Scene,
     dt: float | str | None = None,
-    method: str = METHOD,
+    method: str = DEFAULT_METHOD,
     threads: int | None = None,
     *,
     checks: bool = True,

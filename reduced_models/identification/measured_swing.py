@@ -18,7 +18,7 @@ from reduced_models.models.at_rest import EngineeringUnits, signal_units
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quantities import QuantityWithError
 from reduced_models.records.backbone import Backbone, backbone_of_extremes, driven_backbone, free_backbone
-from reduced_models.records.envelope import extremes_apart, find_extremes
+from reduced_models.records.envelope import describe_extreme_mismatch, find_extremes
 from reduced_models.records.inputs import input_column
 
 if TYPE_CHECKING:
@@ -217,7 +217,7 @@ def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing:
             )
         except GranularError as error:
             raise RecordError(f"the fitted law has no motion to compare them with: {error}") from None
-        if words := extremes_apart(seen, motion):
+        if words := describe_extreme_mismatch(seen, motion):
             raise RecordError(words)
         law = backbone_of_extremes(motion)
     amplitudes = own.amplitudes_to_show(units.scale)

@@ -18,7 +18,7 @@ from reduced_models.identification.comparison_table import Comparison
 from reduced_models.models.at_rest import signal_units
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quantities import QuantityWithError
-from reduced_models.records.record_overview import GAP
+from reduced_models.records.record_overview import GAP_RATIO
 from reduced_models.records.sources import time_step_text
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def residual_axis(measured: str, coordinate_unit: str) -> _DrawnCoordinate:
 def _break_at_gaps(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Put a NaN where samples are left out, as at a clipped crest: no line is drawn across."""
     steps = np.diff(time)
-    behind = np.flatnonzero(steps > GAP * np.median(steps)) + 1
+    behind = np.flatnonzero(steps > GAP_RATIO * np.median(steps)) + 1
     return np.insert(time, behind, np.nan), np.insert(values, behind, np.nan)
 
 

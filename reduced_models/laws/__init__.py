@@ -1,4 +1,4 @@
-"""Laws of a piston's motion, one a file, and what can be done with any law."""
+"""Laws of a piston's motion, one per file, and the functions that apply to any law."""
 
 import lazy_loader
 

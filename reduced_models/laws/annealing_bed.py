@@ -1,24 +1,25 @@
 """A bed that yields as it falls, and hardens as it orders.
 
 The elastoplastic bed has one modulus and one strength. A bed of magnets that has come to rest is
-stiffer than the one that fell, and yields later: its grains have settled into a lattice,
-and large strains take them out of it again. A second hidden state, the order q of the bed, says
-how far that has gone. It is 0 in the bed that is released, grows towards 1 in time, and falls with
-plastic strain, which is the fraction w^4/y^4 of the strain where the bed yields at y:
+stiffer than the falling bed and yields later: its grains have settled into a lattice, and large
+strains disorder it again. A second hidden state, the order q of the bed, measures this. It is 0 at
+release, grows towards 1 in time, and decreases with plastic strain, which is the fraction w^4/y^4
+of the strain if the bed yields at y:
 
     w' = -(modulus (1 + STIFFENING q)/z) (z' + |z'| |w|^3 w/y^4),    y = strength (1 + HARDENING q),
     q' = (1 - q)/TIME - q |z'| w^4/(PLASTIC z y^4).
 
-It yields more sharply than the elastoplastic bed, w^4 in place of w^2: a fall does not tell one
-from the other, but a bed at rest that swings by 0.5 to 1.5 D loses less than w^2 says.
+It yields more sharply than the elastoplastic bed, with w^4 in place of w^2. A fall does not
+distinguish the two, but a bed at rest that oscillates by 0.5 to 1.5 D loses less energy than w^2
+gives.
 
-The numbers of the order were fitted once, with modulus and strength, to what one bed of 368 grains
-does, the packaged damper: falls from 14 to 28 D, lifts by 0.2 to 4 D after it has come to rest, the
-work of prescribed sines of 0.5 to 3 D at 1 to 8 Hz, and the motion of pistons that are pushed at 1
-to 8 Hz (least squares of all errors; exponents 2, 3, 4, 6 and 8 leave 30.1, 26.9, 26.1, 25.7 and
-29.7). With weight = g, power = 5/2 and the affine drag, these numbers tell all that of a bed of 736
-grains as well. What is left to fit are the numbers of the elastoplastic bed, whose derivation is
-given with it.
+The constants of the order were fitted once, with modulus and strength, to simulations of one bed of
+368 grains, the packaged damper: falls from 14 to 28 D, lifts by 0.2 to 4 D after it has come to
+rest, the work of prescribed sines of 0.5 to 3 D at 1 to 8 Hz, and the motion of pistons driven at 1
+to 8 Hz (least squares of all errors; exponents 2, 3, 4, 6 and 8 give sums of 30.1, 26.9, 26.1, 25.7
+and 29.7). With weight = g, power = 5/2 and the affine drag, these constants predict the same
+motions of a bed of 736 grains equally well. A fit has the parameters of the elastoplastic bed, whose
+derivation is given with it.
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ from reduced_models.laws.elastoplastic_bed import ELASTOPLASTIC_BED
 from reduced_models.laws.law import Law
 
 MODULUS, STRENGTH = 0.309, 0.0388
-"""Value of beds without order, at all sizes from 368 grains on."""
+"""Modulus and strength of beds without order, for all sizes from 368 grains on."""
 STIFFENING, HARDENING = 0.225, 0.744
-"""Increase of modulus and strength by order, over their values without order."""
+"""Relative increase of modulus and strength due to order."""
 TIME = 3.1
-"""Time in which the bed orders [s]; anything from 1 to 30 tells the beds nearly as well."""
+"""Time constant of ordering [s]; values from 1 to 30 describe the beds nearly as well."""
 PLASTIC = 0.317
-"""Plastic strain by which order falls to 1/e."""
+"""Plastic strain after which order has decreased to 1/e."""
 
 _STRENGTH = f"(strength*(1 + {HARDENING!r}*q))"
 

@@ -1,4 +1,4 @@
-"""The laws that come with the package, by their names."""
+"""The packaged laws of motion, by name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from reduced_models.laws.law import Law
 
 
 def is_law_of_name(name: str, law: Any) -> bool:
-    """Return whether an object is a law of that name."""
+    """Return whether an object is a law with a given name."""
     return isinstance(law, Law) and law.name == name
 
 
@@ -18,7 +18,7 @@ WANTED = "a reduced_models.Law of that name"
 LAWS = Registry[Law](
     "law",
     "reduced_models.laws",
-    # The simplest and best known first: of laws that a record cannot tell apart the first one counts.
+    # The simplest and best known first: among laws that a record cannot distinguish, the first one is chosen.
     {
         "linear": "reduced_models.laws.linear:LINEAR",
         "quadratic-drag": "reduced_models.laws.quadratic_drag:QUADRATIC_DRAG",
@@ -42,11 +42,11 @@ LAWS = Registry[Law](
     WANTED,
     lambda law: law.equation,
 )
-"""Laws of a free or driven motion, by their names."""
+"""Laws of a free or driven motion, by name."""
 
 
 def law_named(name: str) -> Law:
-    """Return the law of a name.
+    """Return the law with a name.
 
     Parameters
     ----------
@@ -56,12 +56,12 @@ def law_named(name: str) -> Law:
     Returns
     -------
     Law
-        Law of that name.
+        Law with that name.
 
     Raises
     ------
     InputError
-        If it is the name of none; the message gives the nearest name, or all.
+        If no law has that name; the message gives the nearest name, or all names.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""A linear spring with dry friction (Coulomb 1785), in a smooth form without events; with drag too.
+"""A linear spring with dry friction (Coulomb 1785) in a smooth form without events; also with drag.
 
-The friction is full beyond some hundredths of the speed friction/omega, below which it falls
+The friction is complete above a few hundredths of the speed friction/omega; below, it decreases
 smoothly to zero: z'' + friction tanh(S omega z'/friction) + omega^2 z = g0, S = 20. The amplitude
-falls by 4 friction/omega^2 a period, in a straight line. Where a piston would stick, this one
-creeps back to the level of rest, at the rate omega/S at most.
+decays linearly in time, by 4 friction/omega^2 per period. A real piston would stick; this one creeps
+back to equilibrium, at a rate of omega/S or less.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
     omega = guesses.draw_frequencies(random, count)
-    # A swing of amplitude A loses as much in a period as by 2 lam v where
+    # At amplitude A the energy loss per period equals that of viscous drag 2 lam v with
     # lam = 2 friction/(pi omega A).
     size = 0.5 * np.pi * guesses.frequency * guesses.amplitude
     return {

@@ -1,7 +1,7 @@
 """The Duffing oscillator: a linear spring with a cubic term (Duffing 1918).
 
-The linear stiffness may be negative: then the level of rest is the hump between two wells, and the
-motion goes through both, or stays in one.
+The linear stiffness may be negative: then ``rest`` is the barrier between two potential wells, and the
+motion crosses both wells or stays in one.
 """
 
 from __future__ import annotations
@@ -11,8 +11,11 @@ import numpy as np
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
-_ACROSS, _WITHIN = 0.2, 0.1  # fractions of the starts with two wells
-_FEW = 4  # starts, from which each kind has one
+_ACROSS_FRACTION, _WITHIN_FRACTION = (
+    0.2,
+    0.1,
+)  # fractions of the starts with motion across both wells and within one
+_MINIMUM_STARTS = 4  # minimum number of starts for one of each kind
 
 
 def _draw_start_values(
@@ -31,20 +34,22 @@ def _draw_start_values(
 def _move_last_start_to_two_wells(
     result: dict[str, np.ndarray], guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Move the last of the starts to a spring that pushes away from its rest."""
+    """Replace the last starts by springs with negative linear stiffness."""
     count = len(result["k"])
-    least = int(count >= _FEW)
-    across, within = (max(least, round(fraction * count)) for fraction in (_ACROSS, _WITHIN))
+    minimum = int(count >= _MINIMUM_STARTS)
+    across, within = (
+        max(minimum, round(fraction * count)) for fraction in (_ACROSS_FRACTION, _WITHIN_FRACTION)
+    )
     wide, narrow = slice(count - across, None), slice(count - across - within, count - across)
-    square = result["k"].copy()  # of the frequency that is seen
-    # Through both wells: k + 3/4 beta a^2 is that square, by harmonic balance.
+    square = result["k"].copy()  # of the observed angular frequency
+    # Across both wells k + 3/4 beta a^2 equals that square, by harmonic balance.
     result["k"][wide] = -square[wide] * random.uniform(0.0, 0.5, across)
     result["beta"][wide] = (square - result["k"])[wide] / (0.75 * guesses.amplitude**2)
-    # Within one: the well is at sqrt(-k/beta) from the hump, and its own stiffness is -2 k.
-    apart = guesses.amplitude * random.uniform(1.0, 2.0, within)
+    # A well is at sqrt(-k/beta) from the barrier, and its stiffness is -2 k.
+    well_distance = guesses.amplitude * random.uniform(1.0, 2.0, within)
     result["k"][narrow] = -0.5 * square[narrow]
-    result["beta"][narrow] = 0.5 * square[narrow] / apart**2
-    result["rest"][narrow] += np.where(random.uniform(size=within) < 0.5, -1.0, 1.0) * apart
+    result["beta"][narrow] = 0.5 * square[narrow] / well_distance**2
+    result["rest"][narrow] += np.where(random.uniform(size=within) < 0.5, -1.0, 1.0) * well_distance
     return result
 
 

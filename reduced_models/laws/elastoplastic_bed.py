@@ -1,17 +1,17 @@
-"""A bed that carries a weight like a crystal of dipoles, and yields in shear when it is squeezed.
+"""A bed that carries a weight like a crystal of dipoles, and yields in shear when it is compressed.
 
-Magnets pressed into a height z by a piston exert two forces. Their mean pressure grows as a
-power of the packing: force = weight (rest/z)^power, where power = 5/2 for dipoles, whose pressure
-is that of their hexagonal lattice. A bed that is squeezed from above alone is also sheared, and a
-lattice resists that with a stress of its own, w times the pressure: it builds up with the strain
-dz/z by the shear modulus, and stops growing where the lattice yields,
+Magnets compressed to a height z by a piston exert two forces. Their mean pressure grows as a power
+of the density: force = weight (rest/z)^power, with power = 5/2 for dipoles, the pressure of their
+hexagonal lattice. A bed compressed from above only is also sheared, and a lattice resists with a shear
+stress, w times the pressure. It builds up with the strain dz/z by the shear modulus, and saturates
+when the lattice yields,
 
     w' = -(modulus/z) (z' + |z'| |w| w/strength^2).
 
-So the bed is stiffer for small motions than for large ones, and takes energy whenever it yields.
-With w = 0 for ever it is the power-law spring.
+So the bed is stiffer for small motions than for large ones, and dissipates energy whenever it yields.
+With w = 0 at all times it is the power-law spring.
 
-Where a scene is known, three numbers are: weight = g, power = 5/2, and lam = N gamma/(6 M), the
+For a known scene three parameters are known: weight = g, power = 5/2, and lam = N gamma/(6 M), the
 drag of N grains that follow the piston affinely.
 """
 
@@ -27,7 +27,7 @@ def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
     omega = guesses.draw_frequencies(random, count)
-    # The law is for heights above the floor; a record about zero has another law.
+    # The law holds for heights above the floor; a record about zero needs another law.
     rest = np.maximum(np.abs(guesses.draw_rest_levels(random, count)), guesses.amplitude)
     power = np.exp(random.uniform(0.4, 1.6, count))
     modulus = np.exp(random.uniform(-2.5, 0.5, count))

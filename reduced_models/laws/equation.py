@@ -1,11 +1,12 @@
-"""Laws taken apart: from text to trees, to expressions, to functions.
+"""Parsing of laws: from text to syntax trees, to expressions, to compiled functions.
 
-A law is equations with semicolons between them. A name alone on the left is observed, and is a column
-of the record; one with a prime is a hidden state with its rate; every other equation is one of motion,
-of a coordinate with two primes. Without any, the coordinate is a stroke that the record prescribes.
+A law is a list of equations separated by semicolons. A name alone on the left is observed, a column of
+the record; a name with a prime is a hidden state, and the equation gives its rate; every other equation
+is an equation of motion, for a coordinate with two primes. Without an equation of motion the coordinate
+is a stroke that the record prescribes.
 
-Where the height is a straight line in the coordinate, ``height = shift + scale*z``, the law is turned
-into one of the height as it is read: all that computes with a law has heights for its z.
+If the height is a linear function of the coordinate, ``height = shift + scale*z``, the law is converted
+to a law of the height when it is read: in all later computations z is the height.
 """
 
 from __future__ import annotations
@@ -28,22 +29,22 @@ if TYPE_CHECKING:
     import sympy
 
 COMPILED = 64
-"""Functions of laws that are kept in memory; each discovery makes up laws that never come back."""
+"""Number of compiled functions of laws kept in memory; each discovery creates many laws used only once."""
 
 PROGRAMS = 16
-"""Programs of JAX that are kept in memory, of each kind; one takes some 20 MB."""
+"""Number of JAX programs of each kind kept in memory; one takes some 20 MB."""
 
 _RATES = {"z'": "z_first", "z''": "z_second"}
 TIME_OR_OBSERVATION = re.compile(rf"(?<![\w']){TIME}(?![\w'])|(?:^|;)\s*[^\W\d]\w*\s*=")
-"""Sign of a law that has inputs beside those that are columns of the record."""
-_MOST_EQUATIONS = 12  # more are beyond what any record can tell apart
+"""Pattern of a law with inputs that are not columns of the record."""
+_MAXIMUM_EQUATIONS = 12  # more could not be identified from any record
 
 
 @dataclasses.dataclass(frozen=True)
 class ParsedEquation:
-    """A law taken apart into expressions, and the names in it.
+    """A law as expressions, with the names in it.
 
-    Of a prescribed stroke there is no acceleration: z, z' and z'' are inputs then.
+    Along a prescribed stroke there is no acceleration, and z, z' and z'' are inputs.
     """
 
     left: Any
@@ -66,7 +67,7 @@ class ParsedEquation:
 
     @property
     def argument_symbols(self) -> list[Any]:
-        """Symbols of z, z' (where they are states), hidden states, inputs and parameters."""
+        """Symbols of z and z' (if they are states), hidden states, inputs and parameters."""
         import sympy
 
         motion = [] if self.acceleration is None else [self.symbol_z, self.symbol_v]
@@ -75,7 +76,7 @@ class ParsedEquation:
 
 
 class EquationTrees(NamedTuple):
-    """The formulas of a law by what stands on their left; the first coordinate is z in them."""
+    """The formulas of a law, by the kind of their left side; the first coordinate is named z in them."""
 
     motion: tuple[tuple[formulas.Node, formulas.Node], ...]  # sides of the equations of motion
     hidden: dict[str, formulas.Node]  # rates
@@ -85,12 +86,12 @@ class EquationTrees(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names as they are written, without primes, each once."""
+        """Names as written, without primes, each once."""
         return tuple(dict.fromkeys(symbol.name for symbol in formulas.variable_names(*self.all_trees)))
 
     @property
     def stroke(self) -> tuple[str, ...]:
-        """Columns of a prescribed stroke that the law names: z, z', z''; empty where z is a state."""
+        """Columns of a prescribed stroke in the law: z, z', z''; empty if z is a state."""
         if self.coordinates:
             return ()
         names = {item.text for item in formulas.variable_names(*self.all_trees)}
@@ -99,7 +100,7 @@ class EquationTrees(NamedTuple):
 
 @functools.lru_cache(maxsize=COMPILED)
 def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquation:
-    """Take a law apart."""
+    """Parse a law into expressions."""
     import sympy
 
     law = f"the law {quote(equation)}"
@@ -109,9 +110,9 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
     inputs = tuple(dict.fromkeys((*inputs, *given)))
     for name in inputs:
         if name not in (*trees.names, *trees.stroke):
-            raise InputError(f"{law} does not name its input {quote(name)}")
+            raise InputError(f"{law} does not contain its input {quote(name)}")
         if name in states:
-            raise InputError(f"{law} has the input {name!r}, which it reckons itself; rename it")
+            raise InputError(f"{law} has the input {name!r}, which is one of its states; rename it")
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     symbols = {"z": z, "z'": v, "z''": a}
     for name in trees.coordinates[1:]:
@@ -134,7 +135,7 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
         for value in (*accelerations, *hidden.values(), *observations.values()):
             algebra.check_finite_numbers(value)
     except formulas.FormulaError as error:
-        raise InputError(f"{law} cannot be computed with: {error}") from None
+        raise InputError(f"{law} cannot be evaluated: {error}") from None
     first = accelerations[0] if accelerations else None
     left, right = motion[0] if motion else (None, None)
     names = {"z", *hidden, *inputs, TIME}
@@ -155,7 +156,7 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
 
 
 def _height_line(height: Any, parameters: Collection[str]) -> tuple[Any, Any] | None:
-    """Height at z = 0, and per unit of z, of an observed height; None if it is z, or no straight line."""
+    """Observed height at z = 0, and per unit of z; None if it is z itself or not linear in z."""
     import sympy
 
     z = sympy.Symbol("z")
@@ -170,10 +171,11 @@ def _height_line(height: Any, parameters: Collection[str]) -> tuple[Any, Any] | 
 def _solve_for_accelerations(
     law: str, differences: Sequence[sympy.Expr], seconds: Sequence[sympy.Symbol]
 ) -> list[sympy.Expr]:
-    """Solve equations of motion, left side less right side, for their accelerations."""
+    """Solve equations of motion, left minus right side, for their accelerations."""
     import sympy
 
-    # Powers of z - rest are not expanded: their terms cancel, by 1e8 times the rounding in fifth order.
+    # Powers of z - rest are not expanded: their terms would cancel, with 1e8 times the rounding at fifth
+    # order.
     factors = [[difference.diff(second) for second in seconds] for difference in differences]
     factors = [[sympy.expand(item) if item.has(*seconds) else item for item in row] for row in factors]
     matrix = sympy.Matrix(factors)
@@ -193,10 +195,10 @@ def parse_law_formulas(equation: str) -> EquationTrees:
     """Read the formulas of a law, and check the names and primes in each of them."""
     law = f"the law {quote(equation)}"
     if len(equation) > formulas.MAX_CHARACTERS:
-        raise InputError(f"{law} has {len(equation)} characters; at most {formulas.MAX_CHARACTERS} are read")
+        raise InputError(f"{law} has {len(equation)} characters; the maximum is {formulas.MAX_CHARACTERS}")
     parts = equation.split(";")
-    if len(parts) > _MOST_EQUATIONS:
-        raise InputError(f"{law} has {len(parts)} equations; at most {_MOST_EQUATIONS} are read")
+    if len(parts) > _MAXIMUM_EQUATIONS:
+        raise InputError(f"{law} has {len(parts)} equations; the maximum is {_MAXIMUM_EQUATIONS}")
     sides = [_parse_sides(law, part) for part in parts]
     coordinates = _coordinate_names(law, sides)
     if coordinates[0] != "z":
@@ -211,7 +213,7 @@ def parse_law_formulas(equation: str) -> EquationTrees:
         every.append(right)
         kind = hidden if left.primes else observations
         if left.primes and left.name in ("z", *coordinates):
-            raise InputError(f"{law} has an equation for the rate of its coordinate; drop it")
+            raise InputError(f"{law} has an equation for the rate of its coordinate; remove it")
         if left.name in (*hidden, *observations):
             raise InputError(f"{law} has two equations for {left.name}; write one")
         kind[left.name] = right
@@ -222,7 +224,7 @@ def parse_law_formulas(equation: str) -> EquationTrees:
 
 
 def _parse_sides(law: str, text: str) -> tuple[formulas.Node, formulas.Node]:
-    """Both sides of one of the equations of a law."""
+    """Parse both sides of one equation of a law."""
     sides = text.split("=")
     if len(sides) != 2 or not all(side.strip() for side in sides):
         raise InputError(f"{law}: {quote(text.strip())} must have one equals sign, as in w' = z' - w")
@@ -234,7 +236,7 @@ def _parse_sides(law: str, text: str) -> tuple[formulas.Node, formulas.Node]:
 
 
 def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.Node]]) -> tuple[str, ...]:
-    """Names of the coordinates, that which is observed as the height first; z where none has primes."""
+    """Names of the coordinates, the one observed as the height first; z if there are no primes."""
     motion = [pair for pair in sides if not isinstance(pair[0], formulas.Name) or pair[0].primes > 1]
     rates = {left.name for left, _ in sides if isinstance(left, formulas.Name) and left.primes == 1}
     trees = [side for pair in motion or sides for side in pair]
@@ -247,7 +249,7 @@ def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.No
             "write one with two primes, as in z'', for each coordinate"
         )
     if not motion and len(names) > 1:
-        raise InputError(f"{law} has two prescribed strokes, {names[0]} and {names[1]}; a law has one")
+        raise InputError(f"{law} has two prescribed strokes, {names[0]} and {names[1]}; a law can have one")
     for left, right in sides:
         if isinstance(left, formulas.Name) and left.text == "height":
             observed = {item.name for item in formulas.variable_names(right)}
@@ -256,44 +258,44 @@ def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.No
                 *(name for name in names if name not in observed),
             ]
     if TIME in names:
-        raise InputError(f"{law} has t as its coordinate, which is the time; take another name")
+        raise InputError(f"{law} has t as its coordinate, which is the time; use another name")
     every = (item.name for item in formulas.variable_names(*(side for pair in sides for side in pair)))
     if names and names[0] != "z" and "z" in every:
         if "z" not in names:
-            raise InputError(f"{law} names z next to its coordinate {names[0]}; take another name for z")
+            raise InputError(f"{law} contains z besides its coordinate {names[0]}; use another name for z")
         names.sort(key=lambda name: name != "z")
     return tuple(names) or ("z",)
 
 
 def _check_equation_names(law: str, trees: EquationTrees, coordinates: tuple[str, ...]) -> None:
-    """Refuse names that stand for two things, and primes that do not follow a coordinate."""
+    """Refuse names with two meanings, and primes that do not follow a coordinate."""
     motion = dict.fromkeys(trees.coordinates or ("z",), 2)
     for name in trees.observations:
         if name in (*trees.names, *trees.hidden, *coordinates, TIME):
             raise InputError(
-                f"{law} has {name} on both sides; on the left alone it is observed, on the right it is a "
+                f"{law} has {name} on both sides; alone on the left it would be observed, on the right a "
                 "column of the record or a parameter"
             )
     if not trees.motion and not trees.observations:
-        raise InputError(f"{law} has no coordinate: no name in it has two primes; write z'' = ...")
+        raise InputError(f"{law} has no coordinate, a name with two primes; write z'' = ...")
     for item in formulas.variable_names(*trees.all_trees):
         if item.primes > motion.get(item.name, 0):
             first = coordinates[0]
             raise InputError(
                 f"{law} has a prime that does not follow {first}, {item.text}; write {first}, {first}' and "
-                f"{first}'', and a hidden state's rate in an equation of its own"
+                f"{first}'', and the rate of a hidden state in a separate equation"
             )
         if item.name in _RATES.values():
-            raise InputError(f"{law} names {item.name}; write z' or z'', or take another name")
+            raise InputError(f"{law} contains {item.name}; write z' or z'', or use another name")
     for rate in trees.hidden.values():
         if any(item.primes > 1 for item in formulas.variable_names(rate)):
             raise InputError(
-                f"{law} has an acceleration in the rate of a hidden state; put its equation there"
+                f"{law} has an acceleration in the rate of a hidden state; replace it by its equation"
             )
 
 
 def _rename_coordinate(tree: formulas.Node, coordinate: str) -> formulas.Node:
-    """Return the formula with z for its coordinate."""
+    """Return the formula with its coordinate renamed to z."""
     if isinstance(tree, formulas.Name) and tree.name == coordinate:
         return formulas.Name("z", tree.primes)
     if isinstance(tree, formulas.Operation):
@@ -320,12 +322,12 @@ def compile_observation(
 
 @functools.lru_cache(maxsize=COMPILED)
 def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
-    """Compile the derivatives (rates, states) of z'' and of the hidden states' rates by the state."""
-    # All of it is NaN at a jump, as of dry friction at z' = 0.
+    """Compile the derivatives (rates, states) of z'' and the hidden states' rates by the state."""
+    # All entries are NaN at a jump, as of dry friction at z' = 0.
     import sympy
 
     parsed = parse_equation(equation, inputs)
-    # Of real numbers, or the derivative of a modulus would be one of complex numbers.
+    # With real symbols, since the derivative of a modulus is different for complex ones.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.argument_symbols}
     rates = [rate.xreplace(real) for rate in parsed.rates]
     count = len(parsed.rates) + (parsed.acceleration is not None)
@@ -337,15 +339,15 @@ def jacobian_function(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
     """Compile the derivatives (rates, by) of rates as a function of real symbols; NaN at a jump."""
-    # The derivative of a sign is an impulse.
+    # The derivative of a sign is a delta function.
     names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
     function = algebra.compile_function(arguments, rate_derivatives(rates, by), names)
 
     def matrix(*values: float) -> np.ndarray:
-        # NumPy's numbers overflow to infinity and have no roots below zero; Python's have.
+        # NumPy floats overflow to infinity and have NaN for roots of negative numbers; Python floats do not.
         with np.errstate(all="ignore"):
             slopes = np.array(function(*map(np.float64, values))).reshape(len(rates), len(by))
-        # The derivative of a power of a negative number holds its logarithm.
+        # The derivative of a power of a negative number contains its logarithm, which is complex.
         if np.iscomplexobj(slopes) or np.isnan(slopes).any():
             return np.full(slopes.shape, math.nan)
         return slopes.astype(np.float64)
@@ -354,13 +356,14 @@ def jacobian_function(
 
 
 def rate_derivatives(rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:
-    """Return the derivatives of each rate by each real symbol, one rate after the other."""
+    """Return the derivatives of each rate by each real symbol, one rate after another."""
     import sympy
 
     def step(inner: sympy.Expr) -> sympy.Expr:
         return 2 * sympy.Heaviside(inner) - 1
 
-    # Of what SymPy cannot know to be real, as asin(z), these have derivatives of complex numbers.
+    # For arguments that SymPy cannot recognise as real, such as asin(z), it gives the complex derivatives of
+    # these functions.
     for kind, instead in ((sympy.sign, step), (sympy.Abs, lambda inner: inner * step(inner))):
         rates = [
             rate.replace(

@@ -1,7 +1,8 @@
 """Laws of the force on a prescribed stroke, ``force = F(z, z', hidden states)``.
 
-A dynamometer moves the rod of a damper, or a plate of a bed, and measures the force that this takes:
-that which moves the coordinate upwards, so that friction and drag have the sign of the velocity.
+A dynamometer moves the rod of a damper, or a plate of a bed, and measures the force that it exerts on
+it. It counts positive in the direction of the coordinate, so that friction and drag have the sign of
+the velocity.
 """
 
 from __future__ import annotations
@@ -85,4 +86,4 @@ FORCE_LAWS = Registry[Law](
     WANTED,
     lambda law: law.equation,
 )
-"""Laws of a force on a prescribed stroke, by their names."""
+"""Laws of a force on a prescribed stroke, by name."""

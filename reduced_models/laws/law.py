@@ -1,4 +1,4 @@
-"""Laws of motion, declared as an equation that a person can write, or read from its text alone."""
+"""Laws of motion, declared with an equation as text, or read from that text alone."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ class HeightLine(NamedTuple):
 Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
 
 _STEPS_OF_STROKE = 16
-"""Steps are a fortieth of half a stroke then: hysteresis within a twentieth of it is stable."""
+"""Steps along a stroke are then 1/40 of half of it, which is stable for hysteresis within 1/20."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Law:
-    """A law with parameters: equations of its states, and of what is observed of them.
+    """A law with parameters: equations of its states and of the observed signals.
 
-    The equation is read where the law is first used, and refused there if it cannot be.
+    The equation is parsed, and refused if invalid, when the law is first used.
 
     Attributes
     ----------
@@ -61,36 +61,36 @@ class Law:
         Name under which the law is listed.
     equation : str
         Such as ``"z'' + 2*lam*z' + omega**2*z = g0"``: linear in ``z''``. A law with memory has
-        hidden states, which start at zero, each with an equation of its own behind a semicolon:
-        ``"z'' + k*z + f*w = 0; w' = r*z' - r*Abs(z')*w"``. A name alone on the left is a column of the
-        record that is observed: ``"z'' + k*z = 0; acceleration = gain*z'' + offset"``; without one the
+        hidden states, which start at zero, each with a separate equation after a semicolon:
+        ``"z'' + k*z + f*w = 0; w' = r*z' - r*Abs(z')*w"``. A name alone on the left is an observed
+        column of the record: ``"z'' + k*z = 0; acceleration = gain*z'' + offset"``; without one the
         height is the coordinate. Without an equation of motion the record prescribes the stroke, z, as
         on a dynamometer: ``"force = c*z' + k*z + zero"``. Two coordinates have two equations of motion,
-        and the height is the one that is observed: ``"m*x'' = k*(y - x); y'' = k*(x - y); height = x"``.
-        A coordinate without unit has a height of its own: ``"...; height = shift + scale*z"``.
+        and the observed one is the height: ``"m*x'' = k*(y - x); y'' = k*(x - y); height = x"``.
+        The height of a dimensionless coordinate is given by ``"...; height = shift + scale*z"``.
     start : callable or None
-        ``start(guesses, random, count)`` gives random start values, an array of ``count`` for
-        each parameter. None where the accelerations in the record are to tell them.
+        ``start(guesses, random, count)`` returns random start values, an array of ``count`` for
+        each parameter. None to estimate them from the accelerations in the record.
     positive : tuple of str
-        Parameters that are above zero; they are searched for on a logarithmic scale.
+        Positive parameters, which are searched on a logarithmic scale.
     units : mapping of str to str
-        SI units of the parameters, for printed results; those that are left out have none there.
+        SI units of the parameters, for printed results; omitted parameters are printed without unit.
     source : str
-        Papers behind the law, in words; empty if none is named.
+        Papers behind the law, as text; may be empty.
     inputs : tuple of str
-        Names in the equation that stand for columns of the record, such as the motion of a base or
-        a force: known functions of time, in the units that the columns have. ``t``, the time since
-        the start, and ``z``, ``z'``, ``z''`` of a prescribed stroke are such wherever they are named.
+        Names in the equation that are columns of the record, such as the motion of a base or a
+        force: known functions of time, in the units of the columns. ``t``, the time since the start,
+        and ``z``, ``z'``, ``z''`` of a prescribed stroke are always inputs if they occur.
     given : str
         Parameter that is held at the mean height of a prescribed stroke [m], unless it is fixed
-        otherwise; empty if none is.
+        otherwise; may be empty.
     resolution : int
-        Ratio of the steps a period that a solution needs to those of a smooth law.
+        Number of steps per period that a solution needs, relative to a smooth law.
 
     Raises
     ------
     InputError
-        If the equation has the word ``t`` or an observation, and cannot be read.
+        If the equation contains ``t`` or an observation, and cannot be read.
 
     Examples
     --------
@@ -111,41 +111,42 @@ class Law:
     given: str = ""
 
     def __post_init__(self) -> None:
-        # The time and a prescribed stroke are inputs that every record knows.
+        # The time and a prescribed stroke are inputs that every record has.
         if TIME_OR_OBSERVATION.search(self.equation):
             object.__setattr__(self, "inputs", self.parsed_equation.inputs)
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Texts that name the papers behind the law, for `granular.cite`: its ``source`` alone."""
+        """Papers behind the law as texts, for `granular.cite`: its ``source`` alone."""
         return (self.source,)
 
     @property
     def parsed_equation(self) -> ParsedEquation:
-        """The equation taken apart into SymPy expressions and names.
+        """The equation as SymPy expressions and names.
 
-        `InputError` where it cannot be read, is not linear in z'', or lacks one of the inputs.
+        `InputError` if it cannot be read, is not linear in z'', or lacks one of the inputs.
         """
         return parse_equation(self.equation, self.inputs)
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters, in the order in which the equation names them.
+        """Names of the parameters, in the order of the equation.
 
-        Inputs, hidden states and the time ``t`` are none. `InputError` as of `parsed_equation`.
+        Inputs, hidden states and the time ``t`` are not parameters. `InputError` as of
+        `parsed_equation`.
         """
         return self.parsed_equation.parameters
 
     @property
     def prescribed(self) -> bool:
-        """True where the record prescribes the motion; `InputError` as of `parsed_equation`."""
+        """True if the record prescribes the motion; `InputError` as of `parsed_equation`."""
         return self.parsed_equation.acceleration is None
 
     @property
     def observations(self) -> tuple[str, ...]:
-        """Names of the columns that the law says are observed; `InputError` as of `parsed_equation`.
+        """Names of the columns that the law observes; `InputError` as of `parsed_equation`.
 
-        None where that is only a height that is the coordinate, or a straight line in it.
+        Empty if only the height is observed and is the coordinate or a linear function of it.
         """
         result = tuple(self.parsed_equation.observations)
         return () if result == ("height",) and self.observes_height else result
@@ -157,19 +158,19 @@ class Law:
         Raises
         ------
         InputError
-            If the equation cannot be read, is not linear in z'', or does not name one of the
+            If the equation cannot be read, is not linear in z'', or does not contain one of the
             ``inputs``.
         """
         return tuple(self.parsed_equation.hidden)
 
     @property
     def observes_height(self) -> bool:
-        """True where the height tells the coordinate, which otherwise counts from anywhere."""
+        """True if the height determines the coordinate, whose origin is otherwise arbitrary."""
         parsed = self.parsed_equation
         return not parsed.observations or parsed.observations.get("height") == parsed.symbol_z
 
     def height_line(self, values: Mapping[str, float]) -> HeightLine:
-        """Straight line from the coordinate of the text to the height.
+        """Linear function from the coordinate of the text to the height.
 
         Parameters
         ----------
@@ -179,14 +180,14 @@ class Law:
         Returns
         -------
         HeightLine
-            Height [m] at z = 0, and per unit of z: 0 and 1 where the text has no such line.
+            Height [m] at z = 0, and per unit of z: 0 and 1 if the text does not give them.
 
         Raises
         ------
         InputError
             If the equation cannot be read, is not linear in z'', or lacks one of the inputs.
         KeyError
-            If a parameter in the line has no value.
+            If a parameter of the linear function has no value.
         """
         line = self.parsed_equation.line
         if line is None:
@@ -198,7 +199,7 @@ class Law:
 
     @property
     def other_coordinates(self) -> tuple[str, ...]:
-        """Hidden states that are further coordinates and their velocities, which start anywhere."""
+        """Hidden states that are further coordinates and their velocities, with free initial values."""
         hidden = self.hidden
         return tuple(
             state for name in hidden if f"{name}_first" in hidden for state in (name, f"{name}_first")
@@ -206,23 +207,24 @@ class Law:
 
     @property
     def step_ratio(self) -> int:
-        """Ratio of the steps a period that a solution needs: further coordinates have faster motions.
+        """Number of steps per period that a solution needs, relative to a smooth law.
 
-        Hidden states along a stroke answer to a fraction of it, such as the travel of a slip.
+        Further coordinates have faster motions. Hidden states along a stroke respond to a fraction
+        of it, such as the travel of a slip.
         """
-        own = _STEPS_OF_STROKE if self.prescribed else 1 + len(self.other_coordinates) // 2
-        return self.resolution * own
+        steps_by_states = _STEPS_OF_STROKE if self.prescribed else 1 + len(self.other_coordinates) // 2
+        return self.resolution * steps_by_states
 
     @property
     def acceleration(self) -> sympy.Expr:
         """Acceleration z'' in the symbols z, z_first (for z'), hidden states, inputs and parameters.
 
-        In m/s^2, z the height [m], also where the text has another coordinate (see `height_line`).
+        In m/s^2, with z the height [m] even if the text has another coordinate (see `height_line`).
 
         Raises
         ------
         InputError
-            If the equation cannot be read, is not linear in z'', or does not name one of the
+            If the equation cannot be read, is not linear in z'', or does not contain one of the
             ``inputs``, or if the record prescribes the motion.
         """
         if self.prescribed:
@@ -230,7 +232,7 @@ class Law:
         return self.parsed_equation.acceleration
 
     def sympy_equation(self, values: Mapping[str, float] | None = None) -> sympy.Eq:
-        """Equation in z(t), with numbers where ``values`` gives them.
+        """Equation in z(t), with the numbers in ``values``.
 
         Hidden states stay symbols; `sympy_hidden` has their equations.
 
@@ -243,8 +245,8 @@ class Law:
         Returns
         -------
         sympy.Eq
-            Both sides as the equation has them, not solved for z''; of a prescribed stroke those of what is
-            observed first.
+            Both sides as in the equation, not solved for z''; along a prescribed stroke the equation of
+            the first observation.
 
         Raises
         ------
@@ -299,14 +301,15 @@ class Law:
 
 def law_from_text(equation: str, columns: Collection[str] = (), declared: Collection[str] = ()) -> Law:
     """Law from its equation alone; names that are columns of the record are its inputs."""
-    # A name that looks like a column or a constant, and is none, is refused unless declared: a typing error
-    # would become a parameter.
+    # An undeclared name that looks like a column or a constant is refused, since a typing error would become
+    # a parameter.
     trees = parse_law_formulas(equation)
     law = f"the law {quote(equation)}"
     for name in formulas.constant_names(*trees.all_trees):
         if name in columns:
             raise InputError(
-                f"{law} names {name}, a number, and the record has a column of that name; rename the column"
+                f"{law} contains the number {name}, but the record has a column of that name; rename the "
+                "column"
             )
     inputs = tuple(name for name in trees.names if name in columns and name != "z")
     result = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
@@ -342,20 +345,20 @@ _NUMBERS = ("pi", "e", "inf", "nan", "infinity")
 
 
 def refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> None:
-    """Refuse a parameter whose name says that it is something else."""
+    """Refuse a parameter whose name suggests a column, a derivative or a constant."""
     lower, near = name.lower(), {column.lower(): column for column in columns}
     declare = f"or declare the parameter, parameters={{{name!r}: ...}}"
     if lower in near:
         raise InputError(
-            f"{law} names {name}, and the record has a column {near[lower]!r}; write that, {declare}"
+            f"{law} contains {name}, but the record has a column {near[lower]!r}; write that, {declare}"
         )
     if name in _MOTION:
-        raise InputError(f"{law} names {name}; write {_MOTION[name]} for it, {declare}")
+        raise InputError(f"{law} contains {name}; write {_MOTION[name]} for it, {declare}")
     if lower in _COLUMNS:
-        there = ", ".join(map(repr, columns)) or "none"
+        found = ", ".join(map(repr, columns)) or "none"
         raise InputError(
-            f"{law} names {name}, which looks like a column, and the record has: {there}; add the "
+            f"{law} contains {name}, which looks like a column, but the record has: {found}; add the "
             f"column, {declare}"
         )
     if lower in _NUMBERS and len(name) > 1:
-        raise InputError(f"{law} names {name}, which looks like a number; write pi or e for those, {declare}")
+        raise InputError(f"{law} contains {name}, which looks like a number; write pi or e for it, {declare}")

@@ -22,11 +22,11 @@ def _draw_start_values(
 def split_damping(
     values: dict[str, np.ndarray], name: str, guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Start values whose damping [1/s] is split at random between ``name`` and a viscous drag."""
+    """Start values with the damping [1/s] split at random between ``name`` and a viscous drag."""
     count = len(values[name])
     fraction = random.uniform(size=count)
-    own, viscous = values[name] * fraction, guesses.draw_decay_rates(random, count) * (1.0 - fraction)
-    return {**values, name: own, "lam": viscous}
+    remaining, viscous = values[name] * fraction, guesses.draw_decay_rates(random, count) * (1.0 - fraction)
+    return {**values, name: remaining, "lam": viscous}
 
 
 LINEAR = Law(

@@ -1,8 +1,9 @@
-"""Linearisation of a law: its small swing about the level of rest, and harmonic cycles of any size.
+"""Linearisation of a law: its small oscillation about equilibrium, and harmonic cycles of any amplitude.
 
 Stiffness and damping of a harmonic cycle, z = centre + A cos(omega t), are the first harmonics of
-the law's force (describing functions; Krylov & Bogoliubov 1943, Gelb & Vander Velde 1968): damping
-over twice the root of stiffness is the energy that a cycle dissipates, over 4 pi that of its swing.
+the law's force (describing functions; Krylov & Bogoliubov 1943, Gelb & Vander Velde 1968). The
+damping ratio, damping over twice the root of stiffness, is the energy dissipated per cycle over 4 pi
+times the energy of the oscillation.
 """
 
 from __future__ import annotations
@@ -28,50 +29,54 @@ if TYPE_CHECKING:
     import sympy
 
 _MOST_NEWTON_STEPS = 50
-_CREEP = 1e-9  # a speed on either side of a jump: more than rounding, less than any swing
-_FLAT = 1e-9  # of a matrix's greatest entry: less is none
+_JUMP_SPEED = 1e-9  # speed on either side of a jump: above rounding, below any oscillation
+_NEGLIGIBLE = 1e-9  # of a matrix's largest entry: smaller values count as zero
 Field = Callable[[np.ndarray], np.ndarray]
 """Map from a state, z, its velocity and hidden states, to the rates of all but the first."""
 Rates = Callable[..., Sequence[Any]]
 """Map from z, its velocity and hidden states to z'' and the rates of the hidden states."""
 
-# Of a cycle. The damping of dry friction, which jumps at zero speed, is then right to (pi/256)^2/6 = 2.5e-5.
+# Per cycle. The damping of dry friction, which jumps at zero speed, is then accurate to (pi/256)^2/6 =
+# 2.5e-5.
 _NODES = 256
-# Of a cycle, after which a hidden state is taken to repeat itself: relaxation over a period leaves e^-2 of
-# its start before the last one.
-_TURNS = 3
+# Cycles after which a hidden state is assumed periodic: with a relaxation time of one period, e^-2 of its
+# initial value remains before the last cycle.
+_CYCLE_COUNT = 3
 _MOST_ROUNDS = 60
 _SETTLED = 1e-11
-_STEP, _FARTHEST = 1e-4, 0.3  # of Newton's method for a centre, in amplitudes
+_DIFFERENCE_STEP, _MAXIMUM_STEP = (
+    1e-4,
+    0.3,
+)  # difference and maximum step of Newton's method for a centre, in amplitudes
 
 
 class SmallOscillation(NamedTuple):
-    """A motion so small that the law is linear; inputs are at zero."""
+    """A motion so small that the law is linear, with inputs at zero."""
 
     z: float
     period: float  # [s]
-    damping_ratio: float  # infinite if the law jumps with the sign of the velocity
-    faster: tuple[tuple[float, float], ...] = ()  # periods [s] and damping ratios of further modes
+    damping_ratio: float  # infinite if the force jumps with the sign of the velocity
+    faster: tuple[tuple[float, float], ...] = ()  # periods [s] and damping ratios of faster modes
     hidden: tuple[float, ...] = ()  # hidden states at rest
 
 
 class NoOscillation(NamedTuple):
-    """Why a law has no small swing, in words that follow "none, "."""
+    """Reason why a law has no small oscillation."""
 
     reason: str
 
 
-_NO_LEVEL = NoOscillation("no one level of rest is found near the record")
-JUMPS = NoOscillation("the law jumps at rest, as dry friction does")
-_PUSHES = NoOscillation("what pushes it away from there does not pull it back")
-_UNSTABLE = NoOscillation("the level of rest is not stable")
-_CREEPS = NoOscillation("it creeps back there without a swing")
+_NO_EQUILIBRIUM = NoOscillation("no isolated equilibrium is found near the record")
+FORCE_JUMPS = NoOscillation("the force jumps at rest, as dry friction does")
+_NO_RESTORING_FORCE = NoOscillation("there is no restoring force at the equilibrium")
+_UNSTABLE = NoOscillation("the equilibrium is not stable")
+_OVERDAMPED = NoOscillation("the motion is overdamped and returns to equilibrium without oscillation")
 
 
 def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscillation | NoOscillation:
-    """Small swing of a law with values of its parameters, about the level of rest near z."""
-    # Hidden states move as their equations say, and are at zero if the law leaves them open at rest, as
-    # hysteresis does.
+    """Small oscillation of a law with values of its parameters, about the equilibrium near z."""
+    # Hidden states follow their equations. They are at zero if any value is possible at rest, as with
+    # hysteresis.
     inputs = (0.0,) * len(law.inputs)
     rates = compile_rates(law.equation, law.inputs, "numpy")
     slopes = compile_jacobian(law.equation, law.inputs)
@@ -83,7 +88,7 @@ def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscil
 
 
 def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillation | NoOscillation:
-    """Small swing of an equation in z(t) with numbers for all parameters; see `small_oscillation`."""
+    """Small oscillation of an equation in z(t) with numbers for all parameters; see `small_oscillation`."""
     from granular.formulas.algebra import compile_function
 
     rate, state = acceleration_expression(equation)
@@ -94,7 +99,7 @@ def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillat
 
 
 def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]:
-    """Acceleration by an equation in z(t), all symbols but those of z and z' set to zero."""
+    """Acceleration from an equation in z(t), with all symbols except z and z' at zero."""
     import sympy
 
     t = sympy.Symbol("t")
@@ -110,7 +115,7 @@ def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.
 
 @functools.lru_cache(maxsize=COMPILED)
 def dry_friction_coefficient(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., Any] | None:
-    """Compile what stands before sign(z'), or a tanh that rounds it, by a law's parameters; None if none."""
+    """Compile the coefficient of sign(z'), or of its smooth tanh, in a law's parameters; None without one."""
     import sympy
 
     from granular.formulas.algebra import compile_function
@@ -131,53 +136,54 @@ def dry_friction_coefficient(equation: str, inputs: tuple[str, ...] = ()) -> Cal
 def _oscillation_with_velocity_jump(
     rates: Field, slopes: Field, state: np.ndarray
 ) -> SmallOscillation | NoOscillation:
-    """Swing; where the law jumps with the sign of the velocity, that of the mean of both."""
-    # Dry friction jumps at rest: its damping of a small motion is infinite, its stiffness that of the mean.
+    """Small oscillation; if the force jumps with the sign of the velocity, for the mean of both sides."""
+    # Dry friction jumps at rest: its damping ratio for small motions is infinite, and the mean gives the
+    # stiffness.
     result = _find_rest_state(rates, slopes, state)
-    if result is not JUMPS or len(state) > 2:
+    if result is not FORCE_JUMPS or len(state) > 2:
         return result
-    creep = np.array([0.0, _CREEP])
+    jump_offset = np.array([0.0, _JUMP_SPEED])
 
     def mean(function: Field) -> Field:
-        return lambda at: 0.5 * (function(at + creep) + function(at - creep))
+        return lambda at: 0.5 * (function(at + jump_offset) + function(at - jump_offset))
 
     result = _find_rest_state(mean(rates), mean(slopes), state)
     return result._replace(damping_ratio=math.inf) if isinstance(result, SmallOscillation) else result
 
 
 def _find_rest_state(rates: Field, slopes: Field, state: np.ndarray) -> SmallOscillation | NoOscillation:
-    """Return the rest state by Newton's method, and the eigenvalues of the linear motion there."""
+    """Return the small oscillation about the equilibrium that Newton's method finds."""
     state = state.copy()
     with np.errstate(all="ignore"):
         for _ in range(_MOST_NEWTON_STEPS):
-            left, matrix = rates(state), slopes(state)
+            rates_at_state, matrix = rates(state), slopes(state)
             free = np.delete(matrix, 1, axis=1)
-            if not np.isfinite(left).all():
-                return _NO_LEVEL
+            if not np.isfinite(rates_at_state).all():
+                return _NO_EQUILIBRIUM
             if not np.isfinite(free).all():
-                return JUMPS
-            least = _FLAT * np.abs(matrix).max()
-            moving = list(range(len(left)))
-            if np.linalg.matrix_rank(free, tol=least) < len(left):
-                # Hidden states that may be anything at rest stay where they are.
+                return FORCE_JUMPS
+            least = _NEGLIGIBLE * np.abs(matrix).max()
+            moving = list(range(len(rates_at_state)))
+            if np.linalg.matrix_rank(free, tol=least) < len(rates_at_state):
+                # Hidden states that are arbitrary at rest stay unchanged.
                 moving = [0] + [k for k in moving[1:] if abs(free[k, k]) > least]
             try:
-                change = np.linalg.solve(free[np.ix_(moving, moving)], left[moving])
+                change = np.linalg.solve(free[np.ix_(moving, moving)], rates_at_state[moving])
             except np.linalg.LinAlgError:
-                return _NO_LEVEL
+                return _NO_EQUILIBRIUM
             for k, step in zip(moving, change, strict=True):
                 state[k + (k > 0)] -= step
             if not np.isfinite(state).all() or np.abs(change).max() <= 1e-15 * max(1.0, np.abs(state).max()):
                 break
         if not np.isfinite(state).all():
-            return _NO_LEVEL
+            return _NO_EQUILIBRIUM
         matrix = slopes(state)
     if not np.isfinite(matrix).all():
-        return JUMPS
+        return FORCE_JUMPS
     if len(matrix) == 1:
         stiffness, damping = -matrix[0]
         if not stiffness > 0.0:
-            return _PUSHES
+            return _NO_RESTORING_FORCE
         omega = math.sqrt(stiffness)
         return SmallOscillation(float(state[0]), 2.0 * math.pi / omega, damping / (2.0 * omega))
     return _oscillation_with_hidden_states(state, matrix)
@@ -186,23 +192,25 @@ def _find_rest_state(rates: Field, slopes: Field, state: np.ndarray) -> SmallOsc
 def _oscillation_with_hidden_states(
     state: np.ndarray, matrix: np.ndarray
 ) -> SmallOscillation | NoOscillation:
-    """Small swing of a law with hidden states, by its slowest complex eigenvalues that move z."""
+    """Small oscillation with hidden states, from the slowest complex eigenvalues that move z."""
     size = len(state)
     full = np.zeros((size, size))
     full[0, 1] = 1.0
     full[1:] = matrix
     values, vectors = np.linalg.eig(full)
-    if values.real.max() > _FLAT * np.abs(values).max() and not (values.imag > 0.0).any():
+    if values.real.max() > _NEGLIGIBLE * np.abs(values).max() and not (values.imag > 0.0).any():
         return _UNSTABLE
     scale = np.abs(vectors).max(axis=0)
-    swinging = (values.imag > _FLAT * np.abs(values).max()) & (np.abs(vectors[0]) > _FLAT * scale)
-    if not swinging.any():
-        return _CREEPS
+    oscillating = (values.imag > _NEGLIGIBLE * np.abs(values).max()) & (
+        np.abs(vectors[0]) > _NEGLIGIBLE * scale
+    )
+    if not oscillating.any():
+        return _OVERDAMPED
     modes = []
-    for value in sorted(values[swinging], key=abs):
+    for value in sorted(values[oscillating], key=abs):
         omega = abs(value)
         ratio = float(-value.real / omega)
-        modes.append((2.0 * math.pi / omega, ratio if abs(ratio) > _FLAT else 0.0))
+        modes.append((2.0 * math.pi / omega, ratio if abs(ratio) > _NEGLIGIBLE else 0.0))
     return SmallOscillation(float(state[0]), *modes[0], tuple(modes[1:]), tuple(map(float, state[2:])))
 
 
@@ -216,18 +224,18 @@ class HarmonicCycles(NamedTuple):
 
     @property
     def damping_ratio(self) -> np.ndarray:
-        """Fraction of critical damping; NaN where nothing pulls back."""
+        """Fraction of critical damping; NaN without a restoring force."""
         with np.errstate(all="ignore"):
             return np.asarray(self.damping / (2.0 * np.sqrt(self.stiffness)))
 
     def equivalent_friction(self, amplitude: Any) -> Float[np.ndarray, "n"]:
-        """Constant friction, per unit of mass, that takes as much energy from such a cycle."""
-        # Friction F takes 4 F A a cycle, damping pi c omega A^2.
+        """Constant friction, per unit mass, that dissipates the same energy in such a cycle."""
+        # Friction F dissipates 4 F A per cycle, damping c dissipates pi c omega A^2.
         return np.asarray(0.25 * math.pi * amplitude * self.frequency * self.damping)
 
 
 def law_rates(law: Law, values: Sequence[Any]) -> Rates:
-    """Rates of a law with values of its parameters, numbers or arrays; inputs are at zero."""
+    """Rates of a law with values of its parameters, numbers or arrays, and inputs at zero."""
     field, still = compile_rates(law.equation, law.inputs, "numpy"), (0.0,) * len(law.inputs)
     return lambda *state: field(*state, *still, *values)
 
@@ -244,18 +252,18 @@ def harmonic_cycles(
     rates: Rates, hidden: int, amplitude: Any, centre: Any, omega: Any, *, free: bool = True
 ) -> HarmonicCycles:
     """Cycles of amplitudes (n,), from guesses of their centres and angular frequencies [rad/s]."""
-    # Harmonic balance with one harmonic, or the describing function (Krylov and Bogoliubov 1947, Introduction
-    # to Non-Linear Mechanics). A free cycle has the frequency at which the stiffness carries the inertia.
+    # Harmonic balance with one harmonic, or describing function (Krylov and Bogoliubov 1947, Introduction
+    # to Non-Linear Mechanics). A free cycle has the frequency at which the stiffness balances the inertia.
     amplitude, centre, omega = np.broadcast_arrays(
         *(np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in (amplitude, centre, omega))
     )
     for _ in range(_MOST_ROUNDS):
         moved, stiffness, damping = centre_cycles(rates, hidden, amplitude, centre, omega)
-        swings = stiffness > 0.0
-        faster = np.sqrt(np.where(swings, stiffness, omega**2)) if free else omega
+        has_restoring_force = stiffness > 0.0
+        faster = np.sqrt(np.where(has_restoring_force, stiffness, omega**2)) if free else omega
         changed = np.maximum(abs(moved - centre) / amplitude, abs(faster / omega - 1.0))
         centre, omega = moved, faster
-        if not (swings & (changed > _SETTLED)).any():
+        if not (has_restoring_force & (changed > _SETTLED)).any():
             break
     return HarmonicCycles(centre, omega, stiffness, damping)
 
@@ -267,13 +275,13 @@ def centre_cycles(
     centre: Float[np.ndarray, "n"],
     omega: Float[np.ndarray, "n"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres moved to no mean force; stiffness [1/s^2], damping [1/s] before that; omega [rad/s]."""
-    step = _STEP * amplitude
+    """Centres moved towards zero mean force; stiffness [1/s^2], damping [1/s] before that; omega [rad/s]."""
+    step = _DIFFERENCE_STEP * amplitude
     positions = np.stack([centre, centre + step])
     mean, stiffness, damping = harmonic_coefficients(rates, hidden, amplitude, positions, omega)
     with np.errstate(all="ignore"):
         change = mean[0] * step / (mean[1] - mean[0])
-    change = np.clip(np.nan_to_num(change), -_FARTHEST * amplitude, _FARTHEST * amplitude)
+    change = np.clip(np.nan_to_num(change), -_MAXIMUM_STEP * amplitude, _MAXIMUM_STEP * amplitude)
     return centre - change, stiffness[0], damping[0]
 
 
@@ -284,9 +292,9 @@ def harmonic_coefficients(
     centre: Float[np.ndarray, "..."],
     omega: Float[np.ndarray, "..."],
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Mean force, stiffness [1/s^2] and damping [1/s] of cycles, per unit of mass; omega [rad/s]."""
-    # First Fourier coefficients of the force along z = centre + amplitude cos(omega t).
-    # None of them where the velocity is zero, and its sign rounding.
+    """Mean force, stiffness [1/s^2] and damping [1/s] of cycles, per unit mass; omega [rad/s]."""
+    # First Fourier coefficients of the force along z = centre + amplitude cos(omega t). No node is at zero
+    # velocity, whose sign would be rounding.
     angles = 2.0 * math.pi * (np.arange(_NODES) + 0.5) / _NODES
 
     def motion(angle: float) -> tuple[np.ndarray, np.ndarray]:
@@ -296,15 +304,15 @@ def harmonic_coefficients(
     states, half = [still] * hidden, math.pi / _NODES
     sums = [still] * 3
     with np.errstate(all="ignore"):
-        for turn in range(_TURNS if states else 1):
-            last = turn == (_TURNS if states else 1) - 1
+        for cycle in range(_CYCLE_COUNT if states else 1):
+            last = cycle == (_CYCLE_COUNT if states else 1) - 1
             for angle in angles:
                 force, *slopes = rates(*motion(angle), *states)
                 if last:
                     parts = (-0.5, -math.cos(angle), math.sin(angle))
                     sums = [value + part * force for value, part in zip(sums, parts, strict=True)]
                 if states:
-                    # The explicit midpoint rule: the cycle of z is given.
+                    # Explicit midpoint rule for hidden states along the given cycle of z.
                     middle = [w + half * slope / omega for w, slope in zip(states, slopes, strict=True)]
                     _, *slopes = rates(*motion(angle + half), *middle)
                     states = [w + 2.0 * half * slope / omega for w, slope in zip(states, slopes, strict=True)]

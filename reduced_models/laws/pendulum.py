@@ -1,6 +1,6 @@
 """A pendulum, with viscous drag and dry friction, or with viscous and quadratic drag.
 
-z is its angle [rad]; the level of rest is where it hangs straight down.
+z is its angle [rad]; in equilibrium it hangs straight down.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from reduced_models.records.first_guesses import FirstGuesses
 
 
 def _with_pendulum_torque(law: Law) -> Law:
-    """Law with the restoring torque of a pendulum in place of its linear spring."""
+    """Replace the linear spring of a law by the restoring torque of a pendulum."""
     assert law.start is not None
     linear: Starts = law.start
 

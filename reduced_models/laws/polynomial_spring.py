@@ -1,4 +1,4 @@
-"""A spring of third degree about a level of rest, with viscous drag."""
+"""A cubic polynomial spring about equilibrium, with viscous drag."""
 
 from __future__ import annotations
 

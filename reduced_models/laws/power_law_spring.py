@@ -1,13 +1,13 @@
 """A spring whose force is a power of the height, under a weight, with viscous drag.
 
-A bed that re-packs as it is squeezed between walls carries a piston with a force close to
-height^-2.5; the exponent is free here. The force is written relative to the weight, which it
-balances at the height of rest.
+A bed that rearranges while it is compressed between walls carries a piston with a force close to
+height^-2.5; here the exponent is free. The force is written relative to the weight, which it
+balances at the equilibrium height.
 
-It is the law of an affine column: N grains, each with the drag gamma, that follow a piston of the
-mass M. At the fraction s of the height z they have the velocity s z'; their drag takes the power
-N gamma z'^2 times the mean of s^2, a third, so 2 lam = N gamma/(3 M). Where grains repel like
-dipoles, power = 5/2; weight is g.
+It is the law of an affine column: N grains, each with drag gamma, that follow a piston of mass M. At
+the fraction s of the height z they have velocity s z'; their drag dissipates the power N gamma z'^2
+times the mean of s^2, a third, so 2 lam = N gamma/(3 M). For grains that repel like dipoles
+power = 5/2; weight is g.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
     omega = guesses.draw_frequencies(random, count)
-    # The law is for heights above the floor; a record about zero has another law.
+    # The law holds for heights above the floor; a record about zero needs another law.
     rest = np.maximum(np.abs(guesses.draw_rest_levels(random, count)), guesses.amplitude)
     power = np.exp(random.uniform(0.0, 2.0, count))
     return {

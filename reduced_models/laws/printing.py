@@ -1,4 +1,4 @@
-"""Equations of motion as LaTeX and as MathML, with dots, and with z'' in front."""
+"""Equations of motion as LaTeX and MathML, with dots for time derivatives and z'' first."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _NAME = re.compile(r"([A-Za-z]+?)_?(\d*)")
 
 
 def parameter_symbol(name: str) -> str:
-    """Parameter's name as formulas have it: Greek letters, and a number behind it as an index."""
+    """Symbol of a parameter in formulas: Greek letters, and a trailing number as a subscript."""
     match = _NAME.fullmatch(name)
     if match is None:
         return name
@@ -56,12 +56,12 @@ def parameter_symbol(name: str) -> str:
 
 
 def round_significant(value: float, digits: int) -> float:
-    """Round a number to so many significant digits."""
+    """Round a number to a number of significant digits."""
     return float(f"{value:.{digits}g}")
 
 
 def round_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
-    """Equation with all its numbers rounded to so many significant digits; not simplified."""
+    """Round all numbers of an equation to a number of significant digits, without simplification."""
     import sympy
 
     sides = (round_expression(side, digits) for side in (equation.lhs, equation.rhs))
@@ -69,7 +69,7 @@ def round_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
 
 
 def round_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
-    """Expression with all its numbers rounded to so many significant digits."""
+    """Round all numbers of an expression to a number of significant digits."""
     import sympy
 
     result = expression.atoms(sympy.Float)
@@ -77,7 +77,7 @@ def round_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
 
 
 def _terms_by_derivative(side: Any) -> list[Any]:
-    """Terms of a side, the highest derivative first."""
+    """Terms of one side of an equation, the highest derivative first."""
     import sympy
 
     t = sympy.Symbol("t")
@@ -121,12 +121,12 @@ _THIN_SPACE = '<mspace width="0.17em"/>'
 
 
 def mathml(equation: sympy.Eq) -> str:
-    """Equation in z(t) as presentation MathML, a formula a term: lines break between them."""
+    """Equation in z(t) as presentation MathML, one formula per term, so that lines break between terms."""
     return _mathml_equation(_signed_terms(equation.lhs), _signed_terms(equation.rhs))
 
 
 def mathml_of_rate(name: str, rate: sympy.Expr) -> str:
-    """Equation of a hidden state, whose rate is an expression in z(t), as `mathml`."""
+    """Equation of a hidden state as MathML; its rate is an expression in z(t)."""
     return _mathml_equation([f"<mover><mi>{name}</mi><mo>{_DOT}</mo></mover>"], _signed_terms(rate))
 
 
@@ -137,7 +137,7 @@ def _mathml_equation(left: list[str], right: list[str]) -> str:
 
 
 def _signed_terms(expression: Any) -> list[str]:
-    """Terms of a side, with their signs."""
+    """Terms of one side of an equation, with their signs."""
     from sympy.printing.mathml import MathMLPresentationPrinter
 
     printer = MathMLPresentationPrinter()
@@ -146,7 +146,7 @@ def _signed_terms(expression: Any) -> list[str]:
         negative = term.could_extract_minus_sign()
         text = ""
         if result or negative:
-            form = "infix" if result else "prefix"  # a term is a formula of its own, which a sign opens
+            form = "infix" if result else "prefix"  # each term is a separate formula, beginning with its sign
             text += f'<mo form="{form}">{"&#x2212;" if negative else "+"}</mo>'
         text += printer.doprint(-term if negative else term)
         for name, (_, mark) in _MARKS.items():

@@ -1,4 +1,4 @@
-"""A linear spring with a drag that grows with the square of the speed; with a viscous one too."""
+"""A linear spring with drag proportional to the square of the speed; also with viscous drag."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
     omega = guesses.draw_frequencies(random, count)
-    # The drag c |v| v takes as much energy from a swing of amplitude A as 2 lam v does where
+    # At amplitude A the drag c |v| v dissipates as much energy as 2 lam v with
     # lam = 4/(3 pi) c omega A.
     size = 3.0 * np.pi / (4.0 * guesses.frequency * guesses.amplitude)
     return {

@@ -1,21 +1,21 @@
-"""A column of grains that follows its piston late: drag that relaxes, in one mode.
+"""A column of grains that lags behind its piston: drag that relaxes, in one mode.
 
-The power-law spring is a column whose grains follow the piston affinely. Against drag they cannot:
-a column of N grains with the drag gamma, stiffness k at the piston, is a line along which the
-displacement diffuses. Held at its floor and moved by s = i omega N gamma/k at its top, its
-stiffness over that at rest is f(s) = sqrt(s) coth sqrt(s) = 1 + s/3 - s^2/45 + ... One mode, with
-the first two of these terms right, is
+In the power-law spring the grains of a column follow the piston affinely. With drag they do not: in
+a column of N grains with drag gamma and stiffness k at the piston, the displacement diffuses. For a
+fixed bottom and a motion of the top at s = i omega N gamma/k, the stiffness over its static value is
+f(s) = sqrt(s) coth sqrt(s) = 1 + s/3 - s^2/45 + ... A single mode that matches the first two terms is
 
     f(s) = 1 + (s/3)/(1 + s/15):
 
-affine drag, a third of that of all grains, which follows the speed with the time N gamma/(15 k). As
-a law of motion the drag is 2 lam w, where the speed w of the grains comes after that of the piston,
+affine drag, a third of the drag of all grains, which follows the speed with the time constant
+N gamma/(15 k). As a law of motion the drag is 2 lam w, where the speed w of the grains lags behind the
+speed of the piston,
 
     w' = (z' - w)/relaxation.
 
-Where a scene is known, lam = N gamma/(6 M), power = 5/2, weight = g and, as k is power M g/rest,
-relaxation = 2 lam rest/(5 power g). In the packaged damper that is a millisecond; it is taken as
-the same at all heights. Without it (relaxation to zero) the law is the power-law spring.
+For a known scene lam = N gamma/(6 M), power = 5/2, weight = g and, since k is power M g/rest,
+relaxation = 2 lam rest/(5 power g). In the packaged damper this is one millisecond; it is assumed the
+same at all heights. Without it (relaxation to zero) the law is the power-law spring.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def _draw_start_values(
 ) -> dict[str, np.ndarray]:
     assert POWER_LAW_SPRING.start is not None
     known = POWER_LAW_SPRING.start(guesses, random, count)
-    # From a hundredth of the swing's radian on: below that the drag is as if it did not relax.
+    # From a hundredth of 1/omega on: with a shorter relaxation the drag is indistinguishable from viscous.
     omega = np.sqrt(known["power"] * known["weight"] / known["rest"])
     return {**known, "relaxation": np.exp(random.uniform(-4.0, 0.5, count)) / omega}
 

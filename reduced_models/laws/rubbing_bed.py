@@ -1,23 +1,23 @@
-"""A spring with slip elements of spread yield travels beside it: a bed that rubs on its plates.
+"""A spring in parallel with slip elements of different yield travels: a bed that rubs on its plates.
 
 W. D. Iwan's model (1966): a spring omega^2, and N elements, each a spring in series with a dry slider
-(G. R. Jenkin 1922). Each of them carries friction/N at most, from a travel x_i on,
+(G. R. Jenkin 1922). Each carries a maximum force of friction/N, from a travel x_i on,
 
     x_i = travel ((i - 1/2)/N)^spread.
 
-A column that friction holds evenly has spread = 2 and travel = friction/omega^2: sliding spreads from the
-piston as the square root of its displacement after a turning point (`granular.linear.friction`). Six elements
-are nearest to that, infinitely many, with spread = 1.55. The law of motion is a column's: of a bed that
-sticks within an oscillation, one release does not tell friction, travel and spread from rest and bend, and
-with all of them free a fit to it errs by 6 to 12 % on a release from half the lift. The law of force has them
-as parameters; with spread = 0 all elements slip together. At rest the springs of the elements add their
-stiffness: the frequency rises as the amplitude falls, and the piston stops away from the equilibrium,
-``rest``.
+A column with uniform friction along its sides has spread = 2 and travel = friction/omega^2: after a turning
+point, sliding spreads from the piston as the square root of its displacement (`granular.linear.friction`).
+That is the limit of infinitely many elements; six elements approximate it best with spread = 1.55. The law of
+motion has the constants of a column. If a bed sticks within an oscillation, one release does not separate
+friction, travel and spread from rest and bend; with all of them free, a fit errs by 6 to 12 % on a release
+from half the lift. The law of force has them as parameters; with spread = 0 all elements slip together. At
+rest the springs of the elements add their stiffness: the frequency rises as the amplitude decreases, and the
+piston stops away from the equilibrium, ``rest``.
 
-The hidden state w_i is the force of an element over its largest one, at zero if the motion begins in a
-bed without stress. Beyond 1 it falls back at the rate CREEP omega, so that the force is constant and no
-step has to meet the moment of slip: a twentieth of 1/omega rounds turning points as little as a fiftieth
-does (residuals of records of simulated beds, within 2 %).
+The hidden state w_i is the force of an element over its maximum, zero if the motion begins in a bed without
+stress. Beyond 1 it relaxes at the rate CREEP omega, so that the force is constant and no time step has to
+resolve the onset of slip: a time of 1/(20 omega) rounds turning points as little as 1/(50 omega) (residuals
+of simulated beds, within 2 %).
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from granular.linear import MotionFriction
 
 ELEMENTS = 6
-"""Four leave 1.3 times as much of simulated records, eight as much as six."""
+"""Number of slip elements: four give 1.3 times the residual on simulated records, eight the same as six."""
 CREEP = 20
-"""Rate at which an element that has slipped loses what exceeds its force, over omega."""
+"""Relaxation rate of the excess force of an element that has slipped, over omega."""
 COLUMN_SPREAD = 1.55
 """Spread of the six elements of a column."""
 
@@ -45,7 +45,7 @@ COLUMN_SPREAD = 1.55
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    # The frequency of a bed that sticks may be twice omega.
+    # The frequency of a sticking bed may be twice omega.
     omega = guesses.draw_frequencies(random, count) * np.exp(random.uniform(-0.9, 0.0, count))
     travel = 0.5 * np.pi * guesses.draw_decay_rates(random, count) * guesses.amplitude / omega
     values = {
@@ -62,7 +62,7 @@ def _clipped(k: int) -> str:
 
 
 def slip_states(rate: str, spread: float | str = COLUMN_SPREAD) -> str:
-    """Rates of the hidden states, with the rate at which an element that has slipped falls back."""
+    """Equations of the hidden states, for the relaxation rate of an element that has slipped."""
     return "; ".join(
         f"w{k}' = z'/(travel*{(k - 0.5) / ELEMENTS:.6g}**{spread}) - {rate}*(w{k} - {_clipped(k)})"
         for k in range(1, ELEMENTS + 1)
@@ -86,7 +86,7 @@ RUBBING_BED = Law(
 
 
 def rubbing_bed_near(known: MotionFriction) -> Law:
-    """Law whose fits start at the friction of a known bed."""
+    """Law whose fits start from the friction of a known bed."""
     omega = 2.0 * np.pi * known.frequency
     values = {
         "lam": known.damping_ratio * omega,

@@ -1,9 +1,9 @@
-"""Solutions of a law: a fixed grid for the search, and diffrax as the judge.
+"""Solutions of a law: a fixed grid for the search, and diffrax for verification and prediction.
 
-A fit solves the law thousands of times, for many starts side by side. There a Runge-Kutta method
-of sixth order on a uniform grid is best: it vectorises, its cost does not depend on what the trial
-parameters do, and its compiled code is small. The result is then judged, and every later
-prediction made, by diffrax with an adaptive step, piece after piece of the time, however many there are.
+A fit solves the law thousands of times, for many starts at once. For this a sixth-order Runge-Kutta
+method on a uniform grid is best: it vectorises, its cost does not depend on the trial parameters, and
+its compiled code is small. The result is then verified, and every later prediction computed, by diffrax
+with an adaptive time step, one interval between samples after the other, for any number of them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from reduced_models.records.inputs import Interpolation, piecewise_cubics
 jnp = jax.numpy
 
 Value = jax.Array | float
-"""A number, or one that JAX traces."""
+"""A number, or a traced one of JAX."""
 
 Data = jax.Array | NDArray[Any]
 A = TypeVar("A", jax.Array, NDArray[Any])
@@ -45,9 +45,9 @@ States = tuple[Value, ...]
 Ending = Literal["complete", "blow-up", "steps"]
 
 TOLERANCE = 1e-12
-"""Relative tolerance of an adaptive solution; times the motion's amplitude, the absolute one."""
-FAR = 1e9
-"""A solution that goes this many amplitudes away diverges."""
+"""Relative tolerance of an adaptive solution; the absolute one is this times the amplitude."""
+DIVERGENCE = 1e9
+"""Displacement, in amplitudes, above which a solution counts as diverging."""
 
 # J. C. Butcher, "On Runge-Kutta processes of high order", J. Austral. Math. Soc. 4 (1964) 179:
 # seven stages, sixth order.
@@ -62,43 +62,43 @@ _STAGES = (
 )
 _WEIGHTS = (13 / 200, 0.0, 11 / 40, 11 / 40, 4 / 25, 4 / 25, 13 / 200)
 
-# Most steps of a grid that is counted by a law's period: 4,096 periods of 64 steps.
-_MOST_GRID_STEPS = 2**18
+# Maximum number of steps of a grid: 4096 periods of 64 steps.
+_MAXIMUM_GRID_STEPS = 2**18
 
 
 def count_grid_steps(duration: float, period: float, per_period: int) -> int:
-    """Return the steps of a grid over a duration [s], with at least so many a period [s]."""
+    """Return the steps of a grid over a duration [s], with a minimum number per period [s]."""
     wanted = per_period * duration / period
-    if wanted > _MOST_GRID_STEPS:
+    if wanted > _MAXIMUM_GRID_STEPS:
         raise RecordError(
-            f"the record holds about {duration / period:.3g} periods, and a fit can follow at most "
-            f"{_MOST_GRID_STEPS // per_period}; fit a part of it, record.between(start, stop)"
+            f"the record holds about {duration / period:.3g} periods, and the maximum for a fit is "
+            f"{_MAXIMUM_GRID_STEPS // per_period}; fit a part of it, record.between(start, stop)"
         )
     return round_up_to_chunks(wanted)
 
 
 def round_up_to_chunks(steps: float) -> int:
-    """Round a number of steps up to whole chunks, two at least."""
+    """Round a number of steps up to whole chunks, two or more."""
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 
-def padded_length(count: int, least: int) -> int:
-    """Return the length that code is compiled for, which records of similar lengths share."""
-    size = least
+def padded_length(count: int, minimum: int) -> int:
+    """Return the array length for which code is compiled, shared by records of similar length."""
+    size = minimum
     while size < count:
         size *= 2
     return size
 
 
 def padded_step_count(steps: int) -> int:
-    """Return the number of grid steps that code is compiled for; see `padded_length`."""
-    return padded_length(steps, _LEAST_STEPS)
+    """Return the number of grid steps for which code is compiled; see `padded_length`."""
+    return padded_length(steps, _MINIMUM_STEPS)
 
 
 CHUNK = 64
-"""Grid steps that are solved together; every grid has an integer of such chunks."""
-_LEAST_STEPS = 512
-"""Least length that code is compiled for: what is left empty costs less than another compilation."""
+"""Grid steps that are solved together; every grid has an integer number of such chunks."""
+_MINIMUM_STEPS = 512
+"""Minimum length for which code is compiled: empty steps cost less than another compilation."""
 
 
 def solve_on_grid(
@@ -113,8 +113,8 @@ def solve_on_grid(
     every_state: bool = False,
 ) -> jax.Array:
     """Return z, z' and z'', or all states and their rates, on a uniform grid; step [s] (for JAX)."""
-    # Start (...) of z, velocity and hidden states, of which the first two are no states of a prescribed
-    # motion; drive (points, stages, inputs). Beyond the first chunks all are zero. Butcher's method
+    # Initial values (...) of z, velocity and hidden states (for a prescribed motion of hidden states alone);
+    # drive (points, stages, inputs). Beyond the solved chunks the result is zero. Butcher's method
     # (`_STAGES`).
 
     def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
@@ -139,7 +139,7 @@ def solve_on_grid(
         state, points = jax.lax.scan(advance, state, here)
         return state, jax.lax.dynamic_update_slice_in_dim(result, points, index * CHUNK, 0)
 
-    # One array for all of the state: each of the compiled operations costs more than its numbers.
+    # One array for the whole state: the overhead of a compiled operation exceeds its arithmetic.
     given = jnp.asarray(drive)
     first = _stack_rows(start, start[0])
     empty = jnp.zeros((len(given), 2 * len(first) if every_state else 3, *first.shape[1:]))
@@ -168,7 +168,7 @@ def states_at_samples(
 
 
 def _hermite_cubic(value: A, rate: A, step: Value, point: Data, fraction: Data) -> A:
-    """Cubic values (n, ...) of a state and its rate (points, ...) behind grid points."""
+    """Cubic values (n, ...) of a state, from it and its rate (points, ...) at grid points."""
     s = fraction
     late = s * s * (3.0 - 2.0 * s)
     inside = s * (1.0 - s) * ((1.0 - s) * rate[point] - s * rate[point + 1])
@@ -176,14 +176,14 @@ def _hermite_cubic(value: A, rate: A, step: Value, point: Data, fraction: Data) 
 
 
 def _stack_rows(parts: Sequence[Value], like: jax.Array) -> jax.Array:
-    """Numbers or arrays as the rows of one array."""
+    """Stack numbers or arrays as the rows of one array."""
     return jnp.stack([jnp.broadcast_to(part, jnp.shape(like)) for part in parts])
 
 
 def _advance_state(
     state: jax.Array, weights: Sequence[float], slopes: Sequence[jax.Array], step: Value
 ) -> jax.Array:
-    """State moved along some slopes."""
+    """State after a step along weighted slopes."""
     for weight, slope in zip(weights, slopes, strict=True):
         if weight:
             state = state + weight * step * slope
@@ -191,9 +191,9 @@ def _advance_state(
 
 
 def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
-    """Quintic values (n, ...) of z (points, ...), a fraction of a step behind grid points; step [s]."""
+    """Quintic values (n, ...) of z (points, ...), a fraction of a step after grid points; step [s]."""
     s = fraction
-    # Quintic Hermite polynomials, nested.
+    # Quintic Hermite polynomials in nested form.
     s3 = s * s * s
     late = s3 * (10.0 - s * (15.0 - 6.0 * s))
     z1 = z[point] * (1.0 - late) + z[point + 1] * late
@@ -208,8 +208,8 @@ def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Da
 class Solution:
     """A solution at given times."""
 
-    states: Float[np.ndarray, "n s"]  # z and z', if they are states, hidden ones; NaN if not reached
-    ending: Ending  # steps: it takes more than `MOST_STEPS`
+    states: Float[np.ndarray, "n s"]  # z and z' (if they are states) and hidden states; NaN if not reached
+    ending: Ending  # "steps": more than `MAXIMUM_STEPS` are needed
 
     @property
     def z(self) -> Float[np.ndarray, "n"]:
@@ -222,18 +222,18 @@ class Solution:
         return self.states[:, 1]
 
 
-_PIECES = 2**11
-"""Pieces of the time that one call of a program solves."""
-_CALL = 2**14
-"""Steps of one call, behind which the solution is looked at, and may be broken off."""
-MOST_STEPS = 64
-"""Steps of a solution for each piece of its time and for each of its shortest time constants."""
-_STIFF = 2.0
-"""Steps in time constants from which stability sets them: accuracy asks for less than a half."""
-_DEARER = 10.0
-"""Cost of an implicit step over that of an explicit one; corners between stiff stretches ask for both."""
-_STANDSTILL = 1e-12  # of the time: what a call at a singularity advances
-_SEEN = 64  # states of a call whose time constants are looked at
+_INTERVALS_PER_CALL = 2**11
+"""Number of time intervals that one call of a program solves."""
+_STEPS_PER_CALL = 2**14
+"""Number of steps of one call, after which the solution is checked and may be aborted."""
+MAXIMUM_STEPS = 64
+"""Maximum number of steps per time interval and per shortest time constant."""
+_STIFF_STEP = 2.0
+"""Step in time constants above which stability limits it: accuracy needs less than a half."""
+_IMPLICIT_COST = 10.0
+"""Cost of an implicit step over an explicit one; with corners between stiff stretches both are needed."""
+_NO_PROGRESS = 1e-12  # of the duration: progress of a call at a singularity
+_SAMPLED_STATES = 64  # number of states per call whose time constants are computed
 
 
 @functools.lru_cache(maxsize=PROGRAMS)
@@ -258,15 +258,15 @@ def _adaptive_solver(
         values: States,
         size: Value,
     ) -> tuple[Any, ...]:
-        """Go on from a time [s] in the first piece, with a step [s] and a state, to a piece of no length."""
-        # Hidden states have a size of 1 or so.
+        """Continue from a time [s] in the first piece, a step [s] and a state to a piece of zero length."""
+        # Hidden states are of order 1.
         tolerance = TOLERANCE * jnp.where(jnp.arange(len(start[2])) < 2, size, 1.0)
         control = diffrax.PIDController(rtol=TOLERANCE, atol=tolerance)
 
         def make_solver(step: Value, state: jax.Array) -> Any:
             if not implicit:
                 return diffrax.Dopri8()
-            # Newton's method looks for rates: their error is to be that of the state within a step.
+            # Newton's method solves for rates: their tolerance is the tolerance of the state over the step.
             error: Any = (tolerance + TOLERANCE * jnp.abs(state)) / step
             return diffrax.Kvaerno5(root_finder=diffrax.VeryChord(rtol=TOLERANCE, atol=error))
 
@@ -276,7 +276,7 @@ def _adaptive_solver(
         memory = control.init(term, *start, start[1], piece, solver.func, order)[1]
 
         def advance(carried: tuple[Any, ...]) -> tuple[Any, ...]:
-            k, (time, step, state), memory, spent, output = carried
+            k, (time, step, state), memory, steps_taken, output = carried
             piece, end = (cubics[k], values), jnp.minimum(time + step, length[k])
             solver = make_solver(end - time, state)
             moved, error, _, _, outcome = solver.step(term, time, end, state, piece, first, made_jump=True)
@@ -286,19 +286,21 @@ def _adaptive_solver(
                 time, end, state, moved, piece, error, order, memory
             )
             ended, state = keep & (end == length[k]), jnp.where(keep, moved, state)
-            # The end of a piece shortens a step, and not the steps behind it.
+            # The end of a piece shortens this step, but not the following ones.
             longer = ended & (then - now >= end - time)
             step = jnp.where(longer, jnp.maximum(step, then - now), then - now)
             position = jnp.where(ended, 0.0, now), step, state
-            return k + ended, position, memory, spent + 1, output.at[k].set(state)
+            return k + ended, position, memory, steps_taken + 1, output.at[k].set(state)
 
-        def goes_on(carried: tuple[Any, ...]) -> jax.Array:
-            k, (_, _, state), _, spent, _ = carried
-            return (length[k] > 0.0) & (spent < _CALL) & (jnp.abs(state[0]) < FAR * size)
+        def continues(carried: tuple[Any, ...]) -> jax.Array:
+            k, (_, _, state), _, steps_taken, _ = carried
+            return (
+                (length[k] > 0.0) & (steps_taken < _STEPS_PER_CALL) & (jnp.abs(state[0]) < DIVERGENCE * size)
+            )
 
         output = jnp.zeros((len(length), len(start[2])))
         position = jax.tree.map(jnp.asarray, start)
-        return jax.lax.while_loop(goes_on, advance, (0, position, memory, 0, output))
+        return jax.lax.while_loop(continues, advance, (0, position, memory, 0, output))
 
     return Compiled(solve, (equation, inputs, implicit))
 
@@ -312,48 +314,53 @@ def solve_law(
     size: float,
     inputs: Sequence[np.ndarray] = (),
     hidden: Sequence[float] = (),
-    how: Interpolation = "spline",
+    interpolation: Interpolation = "spline",
 ) -> Solution:
-    """Return the motion of a law at times [s]; size is the amplitude that the tolerance refers to.
+    """Return the motion of a law at times [s]; size is the amplitude to which the tolerance refers.
 
-    Along a prescribed stroke only hidden states are solved for; z0, v0 and size say nothing then.
+    Along a prescribed stroke only hidden states are solved for; z0, v0 and size are not used.
     """
-    # Dopri8 (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3), and where that is stiff Kvaerno5
-    # (Kvaerno 2004, doi:10.1023/B:BITN.0000046811.70614.38), with steps that adapt and that end at the times.
+    # Dopri8 (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3), and on stiff stretches Kvaerno5
+    # (Kvaerno 2004, doi:10.1023/B:BITN.0000046811.70614.38), with adaptive steps that end at the times.
     values, size = tuple(map(float, parameters)), 1.0 if law.prescribed else float(size)
     if law.prescribed and not law.hidden:
         return Solution(np.zeros((len(times), 0)), "complete")
-    length, cubics = piecewise_cubics(times, list(inputs), how)
+    length, cubics = piecewise_cubics(times, list(inputs), interpolation)
     motion = () if law.prescribed else (z0, v0)
     state = np.array([*motion, *(hidden or (0.0,) * len(law.hidden))], dtype=np.float64)
     states = np.full((len(length) + 1, len(state)), np.nan)
     states[0] = state
-    done, time, step, spent = 0, 0.0, float(length[0]), 0
+    done, time, step, steps_taken = 0, 0.0, float(length[0]), 0
     rate, implicit, explicit_advance = 0.0, False, 0.0
     ending: Ending = "complete"
     while done < len(length):
-        here = slice(done, done + _PIECES)
-        empty = (0, 1 + _PIECES - len(length[here]))
+        here = slice(done, done + _INTERVALS_PER_CALL)
+        empty = (0, 1 + _INTERVALS_PER_CALL - len(length[here]))
         pieces = np.pad(length[here], empty), np.pad(cubics[here], (empty, (0, 0), (0, 0)))
         solve = _adaptive_solver(law.equation, law.inputs, implicit=implicit)
         count, position, _, steps, output = solve((time, step, state), *pieces, values, size)
         before = length[:done].sum() + time
         k, state = int(count), np.asarray(position[2])
         states[done + 1 : done + 1 + k] = output[:k]
-        done, time, step, spent = done + k, float(position[0]), float(position[1]), spent + int(steps)
-        if not abs(state[0]) < FAR * size:
+        done, time, step, steps_taken = (
+            done + k,
+            float(position[0]),
+            float(position[1]),
+            steps_taken + int(steps),
+        )
+        if not abs(state[0]) < DIVERGENCE * size:
             ending = "blow-up"
             break
-        if steps < _CALL:
+        if steps < _STEPS_PER_CALL:
             continue
         total = length[:done].sum() + time
         fastest = _fastest_rates(law, values, np.asarray(output)[: k + 1], cubics[here])
         rate, advance = max(rate, float(fastest.max())), total - before
         if implicit:
-            implicit = advance > _DEARER * explicit_advance
-        elif not explicit_advance and np.median(fastest) * advance > _STIFF * _CALL:
+            implicit = advance > _IMPLICIT_COST * explicit_advance
+        elif not explicit_advance and np.median(fastest) * advance > _STIFF_STEP * _STEPS_PER_CALL:
             implicit, explicit_advance = True, advance
-        if advance <= _STANDSTILL * length.sum() or spent > MOST_STEPS * (done + 1 + rate * total):
+        if advance <= _NO_PROGRESS * length.sum() or steps_taken > MAXIMUM_STEPS * (done + 1 + rate * total):
             ending = "steps"
             break
     every = len(length) // (len(times) - 1)
@@ -365,7 +372,7 @@ def solve_law(
 def observed_signal(
     law: Law, observation: str, solution: Solution, parameters: Sequence[float], inputs: Sequence[np.ndarray]
 ) -> Float[np.ndarray, "n"]:
-    """Return what a law observes of a solution, with its inputs at the same times."""
+    """Return the observed signal of a law for a solution, with its inputs at the same times."""
     observe = compile_observation(law.equation, law.inputs, observation, "numpy")
     with np.errstate(all="ignore"):
         result = observe(*solution.states.T, *inputs, *parameters)
@@ -375,16 +382,16 @@ def observed_signal(
 def _fastest_rates(
     law: Law, values: States, states: Float[np.ndarray, "k n"], cubics: np.ndarray
 ) -> Float[np.ndarray, "m"]:
-    """Greatest rates [1/s] at which a law answers to a change of some of its states; zero at a jump."""
+    """Maximum eigenvalues [1/s] of a law's Jacobian at some of its states, in modulus; zero at a jump."""
     slopes = compile_jacobian(law.equation, law.inputs)
-    seen = np.unique(np.linspace(0, len(states) - 1, _SEEN).astype(int))
+    seen = np.unique(np.linspace(0, len(states) - 1, _SAMPLED_STATES).astype(int))
     velocity = [] if law.prescribed else [np.eye(states.shape[1])[1]]
     matrices = [np.vstack([*velocity, slopes(*states[k], *cubics[k, 0], *values)]) for k in seen]
     return np.abs(np.linalg.eigvals(np.nan_to_num(matrices, posinf=0.0, neginf=0.0))).max(axis=1)
 
 
 def compile_solution_ahead(law: Law) -> None:
-    """Compile what `solve_law` calls for a law without inputs."""
-    length, cubics = np.zeros(1 + _PIECES), np.zeros((1 + _PIECES, 4, 0))
+    """Compile the programs of `solve_law` for a law without inputs."""
+    length, cubics = np.zeros(1 + _INTERVALS_PER_CALL), np.zeros((1 + _INTERVALS_PER_CALL, 4, 0))
     start, values = (0.0, 0.0, np.zeros(2 + len(law.hidden))), (0.0,) * len(law.parameters)
     _adaptive_solver(law.equation, ()).compile_ahead(start, length, cubics, values, 0.0)

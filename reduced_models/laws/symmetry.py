@@ -1,7 +1,7 @@
-"""Parameters that mean the same at other values, and their canonical form.
+"""Parameter values that give the same law, and their canonical form.
 
-An angle means the same a whole turn further on, and k*sin(z - r) the same with -k half a turn on.
-In the canonical form an angle lies in (-pi, pi], and what may change its sign is positive.
+An angle is equivalent after a whole turn, and k*sin(z - r) is the same with -k and r half a turn on.
+In the canonical form an angle lies in (-pi, pi], and a parameter of arbitrary sign is positive.
 """
 
 from __future__ import annotations
@@ -17,23 +17,25 @@ from granular.formulas import algebra
 from reduced_models.laws.equation import COMPILED, compile_rates, parse_equation
 from reduced_models.laws.law import Law
 
-_POINTS = 12
-_CLOSE = 1e-9
-_TRIALS = 60  # states at which derivatives are compared
-_SIMILAR = 1e-6
+_POINT_COUNT = 12
+_EQUALITY_TOLERANCE = 1e-9
+_STATE_COUNT = 60  # states at which derivatives are compared
+_SIMILARITY_TOLERANCE = 1e-6
 _TURN = 2.0 * math.pi
-_OPEN = (-math.inf, math.inf)
+_UNBOUNDED = (-math.inf, math.inf)
 
 
 class Symmetries(NamedTuple):
-    """Changes of parameters that a law does not notice."""
+    """Changes of parameters that leave a law invariant."""
 
-    turning: tuple[str, ...]  # mean the same a whole turn on
-    flipping: tuple[tuple[str, str | None], ...]
+    turning: tuple[str, ...]  # equivalent after a whole turn
+    flipping: tuple[
+        tuple[str, str | None], ...
+    ]  # of arbitrary sign; the angle that moves half a turn with it
 
 
 def find_symmetries(law: Law) -> Symmetries:
-    """Symmetries of a law, by trial."""
+    """Find the symmetries of a law numerically, at random states and parameters."""
     return _symmetries(law.equation, law.inputs)
 
 
@@ -43,20 +45,21 @@ def _symmetries(equation: str, inputs: tuple[str, ...]) -> Symmetries:
     arguments, parameters = parsed.argument_symbols, parsed.parameters
     field = algebra.compile_function(arguments, [*parsed.rates, *parsed.observations.values()])
     random = np.random.default_rng(0)
-    state = random.uniform(0.3, 1.2, (len(arguments) - len(parameters), _POINTS))
-    values = random.uniform(0.3, 1.2, (len(parameters), _POINTS))
+    state = random.uniform(0.3, 1.2, (len(arguments) - len(parameters), _POINT_COUNT))
+    values = random.uniform(0.3, 1.2, (len(parameters), _POINT_COUNT))
 
     def same(factors: np.ndarray, shifts: np.ndarray) -> bool:
         changed = factors[:, None] * values + shifts[:, None]
         with np.errstate(all="ignore"):
             pairs = zip(field(*state, *values), field(*state, *changed), strict=True)
             return all(
-                np.isfinite(item).all() and np.allclose(item, other, rtol=_CLOSE, atol=_CLOSE)
+                np.isfinite(item).all()
+                and np.allclose(item, other, rtol=_EQUALITY_TOLERANCE, atol=_EQUALITY_TOLERANCE)
                 for item, other in pairs
             )
 
     units, still = np.eye(len(parameters)), np.zeros(len(parameters))
-    # What means the same anywhere is no angle.
+    # A parameter without any effect is not an angle.
     turning = [
         k
         for k, moved in enumerate(units)
@@ -75,14 +78,14 @@ def _symmetries(equation: str, inputs: tuple[str, ...]) -> Symmetries:
 
 
 class Similarity(NamedTuple):
-    """A change of the coordinate under which a law keeps its form."""
+    """A shift or scaling of the coordinate under which a law keeps its form."""
 
-    moving: tuple[str, ...]  # change with the coordinate: what does not tell it does not tell them
-    level: str = ""  # of these, the one that only says where a shifted coordinate counts from
+    moving: tuple[str, ...]  # change with the coordinate: a signal that does not fix it does not fix them
+    level: str = ""  # the one of them that only gives the origin of a shifted coordinate
 
 
 def find_similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:
-    """Parameters that take up a shift or another unit of the coordinate; None where none can."""
+    """Parameters that compensate a shift or another unit of the coordinate; None if they cannot."""
     return _similarity(law.equation, law.inputs, law.parameters, law.positive, change)
 
 
@@ -98,24 +101,24 @@ def _similarity(
     states, now, by_state, by_value = _rates_and_slopes(equation, inputs, parsed_hidden, len(parameters))
     columns = list(np.moveaxis(by_value, 2, 0))  # (p, n, rates)
     if change == "shift":
-        wanted = by_state[:, :, 0]
+        required = by_state[:, :, 0]
     else:
-        wanted = (by_state[:, :, :2] * states[:, None, :2]).sum(axis=2)
-        wanted[:, 0] -= now[:, 0]
-        for k in range(parsed_hidden):  # hidden states have units of their own
+        required = (by_state[:, :, :2] * states[:, None, :2]).sum(axis=2)
+        required[:, 0] -= now[:, 0]
+        for k in range(parsed_hidden):  # each hidden state has a separate unit
             column = by_state[:, :, 2 + k] * states[:, None, 2 + k]
             column[:, 1 + k] -= now[:, 1 + k]
             columns.append(column)
     matrix = np.stack([column.ravel() for column in columns], axis=1)
-    if not (np.isfinite(matrix).all() and np.isfinite(wanted).all()):
+    if not (np.isfinite(matrix).all() and np.isfinite(required).all()):
         return None
-    solution = np.linalg.lstsq(matrix, wanted.ravel(), rcond=1e-10)[0]
-    left = np.abs(matrix @ solution - wanted.ravel()).max()
-    if left > _SIMILAR * max(float(np.abs(wanted).max()), 1e-300):
+    solution = np.linalg.lstsq(matrix, required.ravel(), rcond=1e-10)[0]
+    misfit = np.abs(matrix @ solution - required.ravel()).max()
+    if misfit > _SIMILARITY_TOLERANCE * max(float(np.abs(required).max()), 1e-300):
         return None
-    moving = [k for k in range(len(parameters)) if abs(solution[k]) > _SIMILAR]
-    constant = [k for k in moving if np.ptp(by_value[:, 0, k]) <= _SIMILAR]
-    levels = [*constant, *(k for k in moving if abs(solution[k] + 1.0) <= _SIMILAR)]
+    moving = [k for k in range(len(parameters)) if abs(solution[k]) > _SIMILARITY_TOLERANCE]
+    constant = [k for k in moving if np.ptp(by_value[:, 0, k]) <= _SIMILARITY_TOLERANCE]
+    levels = [*constant, *(k for k in moving if abs(solution[k] + 1.0) <= _SIMILARITY_TOLERANCE)]
     names = [parameters[k] for k in levels if parameters[k] not in positive]
     return Similarity(tuple(parameters[k] for k in moving), names[0] if names else "")
 
@@ -124,15 +127,15 @@ def _similarity(
 def _rates_and_slopes(
     equation: str, inputs: tuple[str, ...], hidden: int, parameters: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Random states (n, 2 + hidden), rates (n, 1 + hidden), their slopes by state and by parameter."""
+    """Random states (n, 2 + hidden), rates (n, 1 + hidden), their derivatives by state and by parameter."""
     from reduced_models.jax_setup import Compiled, jax
 
     field = compile_rates(equation, inputs)
     random = np.random.default_rng(1)
     values = random.uniform(0.3, 1.2, parameters)
-    drive = random.uniform(0.3, 1.2, (_TRIALS, len(inputs)))
-    states = random.uniform(-1.2, 1.2, (_TRIALS, 2 + hidden))
-    states[:, 0] = np.abs(states[:, 0])  # many laws are of heights above zero
+    drive = random.uniform(0.3, 1.2, (_STATE_COUNT, len(inputs)))
+    states = random.uniform(-1.2, 1.2, (_STATE_COUNT, 2 + hidden))
+    states[:, 0] = np.abs(states[:, 0])  # many laws need heights above zero
 
     def rates(state: Any, given: Any, numbers: Any) -> Any:
         return jax.numpy.stack([jax.numpy.asarray(rate, float) for rate in field(*state, *given, *numbers)])
@@ -150,25 +153,25 @@ def canonical_parameters(
     unchanged: Collection[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Values (...) of parameters in their canonical form, or as near to it as bounds let them."""
+    """Values (...) of parameters in their canonical form, or as near to it as bounds allow."""
     result = {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
     known, edges = find_symmetries(law), bounds or {}
     unchanged = {*unchanged, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}
     for name, other in known.flipping:
         if name in unchanged or other in unchanged:
             continue
-        low, high = edges.get(name, _OPEN)
+        low, high = edges.get(name, _UNBOUNDED)
         outside = (result[name] < low) | (result[name] > high)
-        turned = -result[name]
-        flipped = ((turned > 0.0) | outside) & (turned >= low) & (turned <= high)
-        result[name] = np.where(flipped, turned, result[name])
+        reversed_value = -result[name]
+        flipped = ((reversed_value > 0.0) | outside) & (reversed_value >= low) & (reversed_value <= high)
+        result[name] = np.where(flipped, reversed_value, result[name])
         if other is not None:
             result[other] = result[other] + math.pi * flipped
     for name in known.turning:
         if name in unchanged:
             continue
-        low, high = edges.get(name, _OPEN)
-        home = result[name] - _TURN * np.ceil((result[name] - math.pi) / _TURN)
-        home = home + _TURN * np.ceil(np.maximum(low - home, 0.0) / _TURN)
-        result[name] = home - _TURN * np.ceil(np.maximum(home - high, 0.0) / _TURN)
+        low, high = edges.get(name, _UNBOUNDED)
+        reduced = result[name] - _TURN * np.ceil((result[name] - math.pi) / _TURN)
+        reduced = reduced + _TURN * np.ceil(np.maximum(low - reduced, 0.0) / _TURN)
+        result[name] = reduced - _TURN * np.ceil(np.maximum(reduced - high, 0.0) / _TURN)
     return result

@@ -1,7 +1,7 @@
-"""The Van der Pol oscillator about a level of rest (van der Pol 1926).
+"""The Van der Pol oscillator about an equilibrium (van der Pol 1926).
 
-The damping is negative within a half-width of the level of rest and positive outside, so the motion
-tends to a limit cycle of about twice that half-width.
+The damping is negative within a half-width about equilibrium and positive outside, so the motion
+tends to a limit cycle with an amplitude of about twice that half-width.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """De Paula's Van der Pol-like law [D, eq. 5.12].
 
 z'' + 2 alpha (z^2 - 2 z) z' + omega^2 z = g0. The damping 2 alpha ((z - 1)^2 - 1) is a parabola
-about z = 1, so the law takes another form when the height is shifted or scaled: it holds for
-z = (height - shift)/scale. Two things are fixed by convention, since no record can tell them: the
-time unit is 1 s, and the scale is positive (the law turns into itself under z -> 2 - z).
+about z = 1, so the law changes its form when the height is shifted or scaled: it holds for
+z = (height - shift)/scale. Two conventions are needed, since no record can determine them: the
+time unit is 1 s, and the scale is positive (the law is invariant under z -> 2 - z).
 
-Where a motion is so small that the damping hardly changes in its course, only the damping at rest
-can be known, and alpha, shift and scale are tied to each other: the fit names that direction.
+For a motion so small that the damping hardly varies, only the damping at rest is determined, and
+alpha, shift and scale are fully correlated: the fit reports that undetermined direction.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from granular.shared.array_types import Float
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
-_UNEXPLAINED = 0.3
-"""Fraction of the record that its quadratic damping may leave over before it says nothing."""
+_MAXIMUM_UNEXPLAINED = 0.3
+"""Maximum unexplained fraction of the accelerations for the quadratic damping to be used."""
 _SPREADS = 0.003, 0.1
-"""Spreads of the start values, in the size of the damping: of the first start and of the last."""
-_LEAST = 1e-3  # of curvature and depth of a damping, in its size
-_WIDTH = 0.6  # half-width of a bump, in periods
-_POWER = 4  # of the bump (1 - s^2)^4
-_MOST_BUMPS = 512
+"""Spreads of the first and the last start value, relative to the damping."""
+_MINIMUM_CURVATURE = 1e-3  # minimum curvature and depth of a damping, relative to its size
+_TEST_FUNCTION_WIDTH = 0.6  # half-width of a test function, in periods
+_TEST_FUNCTION_POWER = 4  # of the test function (1 - s^2)^4
+_MAXIMUM_TEST_FUNCTIONS = 512
 
 
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    """Start values from the quadratic damping of the motion, by its weak form; else about first guesses."""
-    swing = (guesses.heights - guesses.rest) / guesses.amplitude
-    result = fit_quadratic_damping(guesses.time, swing, guesses.period)
-    if not result.unexplained < _UNEXPLAINED or not result.stiffness > 0.0:
+    """Start values from the quadratic damping of the motion (weak form), or about first guesses."""
+    displacement = (guesses.heights - guesses.rest) / guesses.amplitude
+    result = fit_quadratic_damping(guesses.time, displacement, guesses.period)
+    if not result.unexplained < _MAXIMUM_UNEXPLAINED or not result.stiffness > 0.0:
         return _draw_about_guesses(guesses, random, count)
     spread = np.geomspace(*_SPREADS, count)
     size = float(np.abs(result.damping).sum())
@@ -48,10 +48,10 @@ def _draw_about_guesses(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
     scale = np.exp(random.uniform(-1.5, 1.5, count))  # in amplitudes
-    origin = random.uniform(-2.0, 4.0, count)  # level of rest, in scales
+    origin = random.uniform(-2.0, 4.0, count)  # equilibrium, in scales
     level = origin + (guesses.draw_rest_levels(random, count) - guesses.rest) / (guesses.amplitude * scale)
     omega = guesses.draw_frequencies(random, count)
-    # Twice the decay is the damping 2 alpha ((level - 1)^2 - 1), where that is positive.
+    # If it is positive, the damping 2 alpha ((level - 1)^2 - 1) is twice the decay rate.
     shape = np.maximum(np.abs((level - 1.0) ** 2 - 1.0), 0.1)
     return {
         "alpha": guesses.draw_decay_rates(random, count) / shape,
@@ -67,15 +67,17 @@ def law_with_quadratic_damping(
 ) -> dict[str, np.ndarray]:
     """Law with the damping c0 + c1 u + c2 u^2 of the height u about rest, in amplitudes."""
     # z = p + q u turns the damping 2 alpha (z^2 - 2 z) into c0 + c1 u + c2 u^2 with c2 = 2 alpha q^2, c1 = 4
-    # alpha q (p - 1), so 2 alpha = c1^2/(4 c2) - c0: a parabola that opens upwards, negative at its vertex.
-    # Others are moved to one with the same damping at rest.
+    # alpha q (p - 1), so 2 alpha = c1^2/(4 c2) - c0: a parabola that opens upwards and is negative at its
+    # vertex. Other parabolas are replaced by such a one with the same damping at rest.
     c0, c1, c2 = damping
     size = np.abs(damping).sum(axis=0)
-    least = _LEAST * size
-    depth = c0 + least
-    steepest = np.where(depth > 0.0, c1**2 / (4.0 * np.maximum(np.abs(depth), _LEAST * least)), np.inf)
-    c2 = np.maximum(np.minimum(np.maximum(c2, least), steepest), _LEAST * least)
-    double_alpha = np.maximum(c1**2 / (4.0 * c2) - c0, np.maximum(-c0, least))
+    minimum = _MINIMUM_CURVATURE * size
+    depth = c0 + minimum
+    steepest = np.where(
+        depth > 0.0, c1**2 / (4.0 * np.maximum(np.abs(depth), _MINIMUM_CURVATURE * minimum)), np.inf
+    )
+    c2 = np.maximum(np.minimum(np.maximum(c2, minimum), steepest), _MINIMUM_CURVATURE * minimum)
+    double_alpha = np.maximum(c1**2 / (4.0 * c2) - c0, np.maximum(-c0, minimum))
     q = np.sqrt(c2 / double_alpha)
     p = 1.0 + np.where(c1 < 0.0, -1.0, 1.0) * np.sqrt(np.maximum(1.0 + c0 / double_alpha, 0.0))
     line = {"shift": guesses.rest - guesses.amplitude * p / q, "scale": guesses.amplitude / q}
@@ -84,7 +86,7 @@ def law_with_quadratic_damping(
         line |= given
         p, q = (guesses.rest - line["shift"]) / line["scale"], guesses.amplitude / line["scale"]
         shape = np.stack([(p - 1.0) ** 2 - 1.0, 2.0 * q * (p - 1.0), q**2])
-        double_alpha = np.maximum((shape * damping).sum(axis=0) / (shape**2).sum(axis=0), least)
+        double_alpha = np.maximum((shape * damping).sum(axis=0) / (shape**2).sum(axis=0), minimum)
     return {"alpha": 0.5 * double_alpha, "omega": np.sqrt(k), "g0": k * p + f * q, **line}
 
 
@@ -104,36 +106,37 @@ class QuadraticDamping(NamedTuple):
     damping: Float[np.ndarray, "3"]  # c0, c1, c2
     stiffness: float
     force: float
-    unexplained: float  # fraction of the bumps' accelerations that it leaves over
+    unexplained: float  # residual fraction of the squared weak-form accelerations
 
 
 def fit_quadratic_damping(
     time: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"], period: float
 ) -> QuadraticDamping:
     """Fit quadratic damping [1/s] and a linear spring [1/s^2] to a normalised motion; time, period [s]."""
-    # Weak form (Messenger & Bortz 2021, doi:10.1137/20M1343166): damping by height is a total derivative, so
-    # that bumps take all derivatives and the coefficients follow by linear least squares.
-    half = min(_WIDTH * period, 0.3 * float(time[-1] - time[0]))
-    count = int(np.clip(8 * (time[-1] - time[0]) / half, 16, _MOST_BUMPS))
+    # Weak form (Messenger & Bortz 2021, doi:10.1137/20M1343166): height-dependent damping is a total
+    # derivative, so that test functions take all derivatives and the coefficients follow from linear least
+    # squares.
+    half = min(_TEST_FUNCTION_WIDTH * period, 0.3 * float(time[-1] - time[0]))
+    count = int(np.clip(8 * (time[-1] - time[0]) / half, 16, _MAXIMUM_TEST_FUNCTIONS))
     centres = np.linspace(time[0] + half, time[-1] - half, count)
     powers = np.stack([u, u**2 / 2.0, u**3 / 3.0, -u, np.ones_like(u)])
     rows, targets = np.empty((count, 5)), np.empty(count)
     for k, centre in enumerate(centres):
         inside = slice(*np.searchsorted(time, (centre - half, centre + half)))
-        bump, slope, curvature = _test_function_derivatives((time[inside] - centre) / half)
-        weights = np.stack([slope / half, slope / half, slope / half, bump, bump])
+        test_function, slope, curvature = _test_function_derivatives((time[inside] - centre) / half)
+        weights = np.stack([slope / half, slope / half, slope / half, test_function, test_function])
         rows[k] = np.trapezoid(weights * powers[:, inside], time[inside], axis=1)
         targets[k] = np.trapezoid(curvature / half**2 * u[inside], time[inside])
     size = np.maximum(np.abs(rows).max(axis=0), 1e-300)
     result = np.linalg.lstsq(rows / size, targets, rcond=1e-12)[0] / size
-    left = targets - rows @ result
-    unexplained = float(left @ left / max(float(targets @ targets), 1e-300))
+    residual = targets - rows @ result
+    unexplained = float(residual @ residual / max(float(targets @ targets), 1e-300))
     return QuadraticDamping(result[:3], float(result[3]), float(result[4]), unexplained)
 
 
 def _test_function_derivatives(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(1 - s^2)^p and its first two derivatives."""
-    p, rest = _POWER, np.maximum(1.0 - s * s, 0.0)
+    p, rest = _TEST_FUNCTION_POWER, np.maximum(1.0 - s * s, 0.0)
     slope = -2.0 * p * s * rest ** (p - 1)
     curvature = 2.0 * p * rest ** (p - 2) * (2.0 * (p - 1) * s * s - rest)
     return rest**p, slope, curvature

@@ -253,7 +253,7 @@ class FittedLaw:
 
 def _incomplete_solution_text(name: str, times: np.ndarray, result: Solution) -> str:
     """Why a solution does not reach the last of the times."""
-    from reduced_models.laws.solution import MOST_STEPS
+    from reduced_models.laws.solution import MAXIMUM_STEPS
 
     reached = np.flatnonzero(np.isfinite(result.z))
     last = times[reached[-1]] if len(reached) else times[0]
@@ -261,7 +261,7 @@ def _incomplete_solution_text(name: str, times: np.ndarray, result: Solution) ->
         cause = f"diverges behind t = {last:g} s"
     else:
         cause = (
-            f"needs more than {MOST_STEPS} steps for each time asked for and each of the law's time "
+            f"needs more than {MAXIMUM_STEPS} steps for each time asked for and each of the law's time "
             f"constants behind t = {last:g} s (the law jumps there, or is not defined)"
         )
     return f"the solution of the law {quote(name)} {cause}; start nearer to rest or ask for a shorter time"

@@ -1,4 +1,4 @@
-"""Records of a piston, and what can be read off them without a law."""
+"""Records of a piston, and their analysis without a law."""
 
 from granular.records.record import PistonRecord
 

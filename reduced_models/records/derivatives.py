@@ -1,8 +1,8 @@
-"""Smoothing and derivatives of a record, its noise, and what that leaves in them.
+"""Smoothing and derivatives of a record, its noise, and the noise of the derivatives.
 
-The estimator is linear in the heights once its width is chosen. The width is the greatest at
-which what is smoothed away still has the size of the record's noise (discrepancy principle,
-Morozov 1966), so that a clean record is hardly smoothed at all.
+For a given window the estimator is linear in the heights. The window is the widest for which the
+smoothing residual is not larger than the record's noise (discrepancy principle, Morozov 1966), so
+a record without noise is hardly smoothed at all.
 """
 
 from __future__ import annotations
@@ -20,33 +20,36 @@ from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
 
 NORMAL_MEDIAN = 0.6745
-"""Median of the modulus of a standard normal number."""
-_LEAST_STEP = 1e-9  # of the range: finer steps are those of the floats
-_FEWEST_STEPS = 5  # levels of a sensor that rounds, but one; a signal of two or three is switched
-_INTEGER = 0.01  # of a step, by which a height of a sensor that rounds may miss a whole one
-_FAST = 1.7  # times the motion's frequency: what is faster is no part of it
-_FEWEST_CYCLES = 6.0  # in a Hann window, which leaves the motion's own line below that
-_EVEN = 0.01  # of a step of time, up to which a spectrum is that of even samples
+"""Median of the modulus of a standard normal variable."""
+_MINIMUM_STEP = 1e-9  # of the range: finer steps are floating-point rounding
+_MINIMUM_STEPS = (
+    5  # minimum number of steps of a rounding sensor; a signal of two or three levels is switched
+)
+_STEP_TOLERANCE = 0.01  # of a step: tolerance for heights of a rounding sensor to be multiples of the step
+_FAST_RATIO = 1.7  # times the motion's frequency, above which a component is not part of the motion
+_MINIMUM_CYCLES = 6.0  # in a Hann window, so that it separates the motion's own line
+_EVEN_TOLERANCE = 0.01  # of the time step: tolerance for samples to count as evenly spaced in a spectrum
 LEAST_SAMPLES = 20
 _DEGREE = 5  # of the local polynomials
-# One degree of freedom beyond the six coefficients of a quintic.
-_LEAST_WINDOW = 7
-_FRACTION = 0.8  # of the widest window that the discrepancy allows
-_SIGMAS = 4.0  # standard errors by which the mean square that is smoothed away may exceed the noise
+# One degree of freedom more than the six coefficients of a quintic.
+_MINIMUM_WINDOW = 7
+_WINDOW_FRACTION = 0.8  # of the widest window that the discrepancy principle allows
+_RESIDUAL_SIGMAS = 4.0  # standard errors by which the mean square smoothing residual may exceed the noise
 _PROBE_SAMPLES = 20_000
 _BATCH = 4096
 
 # Of local cubics:
-# In periods. A cubic over it gives the acceleration of a cosine 4 % too small and its height 0.1 %; 0.2 gives
-# 11 % and 0.9 %, 0.06 1 % but sqrt(2^5) times the noise.
+# In periods. A cubic over this half-window underestimates the acceleration of a cosine by 4 % and its height
+# by 0.1 %. With 0.2 the errors are 11 % and 0.9 %; with 0.06 only 1 %, but the noise is sqrt(2^5) times
+# larger.
 _HALF_WINDOW = 0.12
-_WINDOW_SAMPLES = 6  # samples within a window
-_LEAST_TIMES = 8  # times that make a motion
-_WINDOWS_IN_MEMORY = 2**16  # samples of windows, in memory
-_CROWDED = 1e-13  # fraction of the greatest eigenvalue, below which there is nothing but rounding
+_MINIMUM_WINDOW_SAMPLES = 6  # minimum number of samples in a window
+_MINIMUM_TIMES = 8  # minimum number of times of a motion
+_WINDOWS_IN_MEMORY = 2**16  # maximum number of window samples in memory
+_EIGENVALUE_CUT_OFF = 1e-13  # fraction of the largest eigenvalue below which there is only rounding error
 
 Smoother = Callable[[np.ndarray], np.ndarray]
-"""Map from heights (m, n) of m records of the same times to height, velocity and acceleration (m, 3, n)."""
+"""Map from heights (m, n) of m records at the same times to height, velocity and acceleration (m, 3, n)."""
 
 
 class Derivatives(NamedTuple):
@@ -58,14 +61,14 @@ class Derivatives(NamedTuple):
     acceleration: Float[np.ndarray, "n"]  # [m/s^2]
     width: float  # [s]
     record_noise: float  # [m]
-    acceleration_noise: float  # [m/s^2], by the record's noise, not by what smoothing takes away
+    acceleration_noise: float  # [m/s^2], due to the record's noise, without the bias of smoothing
 
 
 def derivatives(record: PistonRecord) -> Derivatives:
-    """Smooth a record and differentiate it twice, by local polynomials (Savitzky & Golay 1964)."""
+    """Smooth a record and differentiate it twice by local polynomials (Savitzky & Golay 1964)."""
     if len(record) < LEAST_SAMPLES:
         raise RecordError(
-            f"the record has {len(record)} samples; at least {LEAST_SAMPLES} are needed to "
+            f"the record has {len(record)} samples; {LEAST_SAMPLES} or more are needed to "
             "differentiate it: sample faster"
         )
     time, height = record.time, record.height
@@ -87,7 +90,7 @@ def _noise_gain(smoother: Smoother, count: int) -> float:
 
 
 _known_noise_gain = functools.lru_cache(maxsize=64)(_noise_gain)
-"""Noise gain of local polynomials on even times, kept since every fit of a record asks for it."""
+"""Noise gain of local polynomials on evenly spaced times, cached because every fit of a record needs it."""
 
 
 # Local polynomials -----------------------------------------------------------------------------
@@ -101,21 +104,21 @@ def _choose_local_polynomials(time: np.ndarray, height: np.ndarray, sigma: float
             return _SavitzkyGolayFilter(step, window).filter_heights(height, 0)
         return np.asarray(_polynomials_at_uneven_times(height[None], time, window)[0, 0])
 
-    longest = max(_LEAST_WINDOW, (len(time) // 3) | 1)
-    chosen = _LEAST_WINDOW
-    limit = 1.0 + _SIGMAS * np.sqrt(2.0 / len(time))
-    window = _LEAST_WINDOW
+    longest = max(_MINIMUM_WINDOW, (len(time) // 3) | 1)
+    chosen = _MINIMUM_WINDOW
+    limit = 1.0 + _RESIDUAL_SIGMAS * np.sqrt(2.0 / len(time))
+    window = _MINIMUM_WINDOW
     while window <= longest:
-        left = height - smooth(window)
-        # A local fit with window w keeps this fraction of the noise, that of its central weight.
-        saved = _central_smoother_weight(window)
-        # Discrepancy principle (Morozov 1966): stop when more than noise is smoothed away.
-        if (left**2).mean() > limit * sigma**2 * (1.0 - saved):
+        smoothing_residual = height - smooth(window)
+        # A local fit retains this fraction of the noise, its central weight.
+        retained = _central_smoother_weight(window)
+        # Discrepancy principle (Morozov 1966): stop when the smoothing residual exceeds the noise.
+        if (smoothing_residual**2).mean() > limit * sigma**2 * (1.0 - retained):
             break
         chosen = window
         window = max(window + 2, int(window * 1.25) | 1)
-    # The widest window hides as much of the motion as of the noise; a shorter one keeps the motion.
-    chosen = max(_LEAST_WINDOW, int(_FRACTION * chosen) | 1)
+    # The widest window removes as much of the motion as of the noise; a narrower one preserves the motion.
+    chosen = max(_MINIMUM_WINDOW, int(_WINDOW_FRACTION * chosen) | 1)
     if even:
         return _SavitzkyGolayFilter(step, chosen), chosen * step
     smoother = functools.partial(_polynomials_at_uneven_times, time=time, window=chosen)
@@ -137,7 +140,7 @@ def _central_smoother_weight(window: int) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class _SavitzkyGolayFilter:
-    """Local polynomials on times that are a step apart."""
+    """Local polynomials on evenly spaced times."""
 
     step: float
     window: int
@@ -146,7 +149,7 @@ class _SavitzkyGolayFilter:
         return np.stack([self.filter_heights(heights, order) for order in range(3)], axis=1)
 
     def filter_heights(self, height: np.ndarray, order: int) -> np.ndarray:
-        """Heights, or a derivative of theirs."""
+        """Smoothed heights, or a derivative of them."""
         from scipy.signal import savgol_filter
 
         result = savgol_filter(height, self.window, _DEGREE, deriv=order, delta=self.step)
@@ -183,31 +186,31 @@ def fit_local_cubics(
         nodes = np.linspace(time[0] + half, time[-1] - half, nodes)
     positions = np.clip(nodes, time[0] + half, time[-1] - half)
     first, last = (np.searchsorted(time, positions + side * half) for side in (-1.0, 1.0))
-    saved = (last - first >= _WINDOW_SAMPLES) & np.concatenate([[True], np.diff(positions) > 0.0])
-    if saved.sum() < _LEAST_TIMES:  # too few samples a period: straight from the samples
+    usable = (last - first >= _MINIMUM_WINDOW_SAMPLES) & np.concatenate([[True], np.diff(positions) > 0.0])
+    if usable.sum() < _MINIMUM_TIMES:  # too few samples per period: differences of the samples
         speed = np.gradient(height, time)
         return np.stack([height, speed, np.gradient(speed, time), time])
-    level, slope, bend = np.empty((3, int(saved.sum())))
-    sizes = (last - first)[saved]
+    level, slope, bend = np.empty((3, int(usable.sum())))
+    sizes = (last - first)[usable]
     for size in np.unique(sizes):
-        alike = np.flatnonzero(sizes == size)
-        for here in np.array_split(alike, 1 + size * len(alike) // _WINDOWS_IN_MEMORY):
-            inside = first[saved][here, None] + np.arange(size)
-            shifted = (time[inside] - positions[saved][here, None]) / half
+        equal_windows = np.flatnonzero(sizes == size)
+        for here in np.array_split(equal_windows, 1 + size * len(equal_windows) // _WINDOWS_IN_MEMORY):
+            inside = first[usable][here, None] + np.arange(size)
+            shifted = (time[inside] - positions[usable][here, None]) / half
             level[here], slope[here], bend[here] = _cubic_coefficients(shifted, height[inside])
-    return np.stack([level, slope / half, 2.0 * bend / half**2, positions[saved]])
+    return np.stack([level, slope / half, 2.0 * bend / half**2, positions[usable]])
 
 
 def _cubic_coefficients(position: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """First three coefficients (3, m) of cubics in points (m, n) from -1 to 1, by least squares."""
+    """First three coefficients (3, m) of cubics through points (m, n) from -1 to 1, by least squares."""
     from numpy.polynomial.legendre import legvander
 
-    # In Legendre's polynomials, which are nearly orthogonal there; a pseudo-inverse, since samples
-    # may crowd in a part of the window.
+    # Legendre polynomials are nearly orthogonal there; the pseudo-inverse is for samples that
+    # are crowded in a part of the window.
     basis = legvander(position, 3)
-    turned = basis.transpose(0, 2, 1)
-    inverse = np.linalg.pinv(turned @ basis, _CROWDED, hermitian=True)
-    a, b, c, d = (inverse @ (turned @ height[:, :, None]))[:, :, 0].T
+    transposed = basis.transpose(0, 2, 1)
+    inverse = np.linalg.pinv(transposed @ basis, _EIGENVALUE_CUT_OFF, hermitian=True)
+    a, b, c, d = (inverse @ (transposed @ height[:, :, None]))[:, :, 0].T
     return np.stack([a - 0.5 * c, b - 1.5 * d, 1.5 * c])
 
 
@@ -215,19 +218,19 @@ def _cubic_coefficients(position: np.ndarray, height: np.ndarray) -> np.ndarray:
 
 
 def rounding_step(height: Float[np.ndarray, "n"]) -> float:
-    """Step of a sensor that rounds, in the unit of its heights; 0 for one that does not."""
+    """Step of a sensor that rounds, in the unit of its heights; 0 if it does not round."""
     levels = np.unique(height)
     gaps = np.diff(levels)
-    gaps = gaps[gaps > _LEAST_STEP * float(np.ptp(height))]
-    if len(gaps) < _FEWEST_STEPS:
+    gaps = gaps[gaps > _MINIMUM_STEP * float(np.ptp(height))]
+    if len(gaps) < _MINIMUM_STEPS:
         return 0.0
     step = float(gaps.min())
     steps = gaps / step
-    return step if np.abs(steps - np.round(steps)).max() < _INTEGER else 0.0
+    return step if np.abs(steps - np.round(steps)).max() < _STEP_TOLERANCE else 0.0
 
 
 def noise_level(height: Float[np.ndarray, "n"], time: Float[np.ndarray, "n"]) -> float:
-    """Return the standard deviation of a record's noise, white or of rounding [its unit]; time [s]."""
+    """Return the standard deviation of a record's noise, white or from rounding, in its unit; time [s]."""
     if len(height) < 4:
         return 0.0
     white = min(_noise_by_differences(height, time), _noise_by_spectrum(height, time))
@@ -237,8 +240,8 @@ def noise_level(height: Float[np.ndarray, "n"], time: Float[np.ndarray, "n"]) ->
 
 def _noise_by_differences(height: np.ndarray, time: np.ndarray) -> float:
     """Estimate white noise on a smooth record from its third differences."""
-    # Divided differences, which a smooth motion leaves small at uneven times too, each scaled to the noise.
-    # The median is not led by outliers.
+    # Divided differences of a smooth motion are small at uneven times too; each is scaled to unit noise. The
+    # median is insensitive to outliers.
     quadruples = np.lib.stride_tricks.sliding_window_view(height, 4)
     times = np.lib.stride_tricks.sliding_window_view(time, 4)
     times = (times - times[:, :1]) / (times[:, 3:] - times[:, :1])
@@ -250,42 +253,42 @@ def _noise_by_differences(height: np.ndarray, time: np.ndarray) -> float:
 def _noise_by_spectrum(height: np.ndarray, time: np.ndarray) -> float:
     """Estimate white noise by the median of a spectrum; infinite for uneven samples.
 
-    Of a motion with few samples a cycle the differences tell the motion itself, the spectrum a line.
+    With few samples per cycle the motion dominates the differences, but is only a line in the spectrum.
     """
     steps = np.diff(time)
-    if np.ptp(steps) > _EVEN * float(steps.mean()):
+    if np.ptp(steps) > _EVEN_TOLERANCE * float(steps.mean()):
         return math.inf
     window = np.hanning(len(height) + 2)[1:-1]
     away = height - height.mean()
-    largest = float(np.abs(away).max()) or 1.0  # squares of heights may leave the floats
+    largest = float(np.abs(away).max()) or 1.0  # squares of heights may overflow or underflow
     power = np.abs(np.fft.rfft(away / largest * window)) ** 2 / (window**2).sum()
     return largest * math.sqrt(float(np.median(power)) / math.log(2.0))
 
 
 def noise_faster_than_motion(time: np.ndarray, height: np.ndarray) -> float:
-    """Return the root mean square of what is faster than 1.7 times the motion; 0 for few cycles.
+    """Return the rms of components faster than 1.7 times the motion's frequency; 0 for few cycles.
 
-    Under a Hann window, and late in the record if cycles suffice: harmonics of a large motion are no noise.
+    With a Hann window, late in the record if cycles suffice: harmonics of a large motion are not noise.
     """
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, height)
     frequency = spectral_peak_frequency(time, height - height.mean())
     cycles = frequency * float(time[-1] - time[0]) / math.tau
-    if cycles < _FEWEST_CYCLES:
+    if cycles < _MINIMUM_CYCLES:
         return 0.0
-    late = even[count // 2 :] if cycles >= 2.0 * _FEWEST_CYCLES else even
+    late = even[count // 2 :] if cycles >= 2.0 * _MINIMUM_CYCLES else even
     window = np.hanning(len(late))
     spectrum = np.fft.rfft((late - np.average(late, weights=window)) * window)
     lines = np.arange(len(spectrum)) / len(late) * count / cycles  # over the motion's frequency
-    spectrum[lines < _FAST] = 0.0
+    spectrum[lines < _FAST_RATIO] = 0.0
     return float(np.sqrt((np.fft.irfft(spectrum, len(late)) ** 2).sum() / (window**2).sum()))
 
 
-def spectral_peak_frequency(time: Float[np.ndarray, "n"], swing: Float[np.ndarray, "n"]) -> float:
-    """Angular frequency [rad/s] of the strongest line of a swing; time [s]."""
-    # Hann's window against leakage, fourfold zeros against the coarse grid of a short record.
+def spectral_peak_frequency(time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"]) -> float:
+    """Angular frequency [rad/s] of the strongest spectral line of a displacement; time [s]."""
+    # A Hann window against leakage, fourfold zero padding against the coarse grid of a short record.
     count = len(time)
-    even = np.interp(np.linspace(time[0], time[-1], count), time, swing)
+    even = np.interp(np.linspace(time[0], time[-1], count), time, displacement)
     spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count))
-    peak = max(4, int(spectrum.argmax()))  # one whole swing at least
+    peak = max(4, int(spectrum.argmax()))  # one whole cycle or more
     return 2.0 * math.pi * peak * (count - 1) / (4 * count * float(time[-1] - time[0]))

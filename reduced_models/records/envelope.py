@@ -1,11 +1,10 @@
 """The envelope of a free oscillation: amplitude, frequency and damping, half cycle by half cycle.
 
-An extreme lies between two passages through equilibrium. A passage counts once the motion is beyond
-that by more than the noise, the sensor's rounding and a fifth of its amplitude, so that neither noise nor
-a second mode makes an extreme of its own. Every three extremes in a row make one cycle; its amplitude,
-its frequency and the rate at which the amplitude falls, plotted over the amplitude, are the backbone and
-damping curves of the oscillator (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003). They need
-no law.
+An extreme lies between two passages through equilibrium. A passage counts once the displacement exceeds
+the noise, the sensor's rounding and a fifth of the amplitude, so that neither noise nor a second mode
+produces a separate extreme. Three successive extremes form one cycle. Its amplitude, frequency and
+decay rate, plotted against amplitude, are the backbone and damping curves of the oscillator (Londono,
+Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003). They need no law.
 """
 
 from __future__ import annotations
@@ -25,37 +24,45 @@ from reduced_models.records.derivatives import noise_faster_than_motion, noise_l
 
 __all__ = ["Envelope", "envelope"]
 
-_CONFIDENCE = 0.975  # quantile of a half-width of 95 %
-LEAST_EXTREMES = 5
-_FEWEST_ROWS = 10  # cycles, half a period apart, from which on an amplitude is said not to fall
-_RISES, _FALLS = 1.3, 0.8
-"""Amplitude over the smallest one before it that is a rise, and over the largest one that is a fall."""
-_NOISES, _FRACTION = 5.0, 0.2
+_CONFIDENCE = 0.975  # quantile of a two-sided 95 % interval
+MINIMUM_EXTREMES = 5
+_MINIMUM_ROWS = 10  # minimum number of cycles, half a period apart, for a remark on the amplitude
+_RISE_RATIO, _DECAY_RATIO = 1.3, 0.8
+"""Ratio of an amplitude to the minimum before it that is a rise, and to the maximum that is a decay."""
+_HYSTERESIS_NOISES, _HYSTERESIS_FRACTION = 5.0, 0.2
 """Hysteresis of a passage, in standard deviations of the noise (of a rise too), and over the amplitude."""
-_REACH = 0.3  # of the time between passages, to either side of an extreme, that its polynomial sees
+_POLYNOMIAL_HALF_WIDTH = 0.3  # of the time between passages: half-width of the polynomial about an extreme
 _DEGREE = 4
-_FEWEST = 10  # samples of a polynomial; with fewer it sees a spline between them
-_FEWEST_A_HALF = 2.2  # samples between two passages, without which no spline tells the extreme
-_HOLE = 2.5, 0.25  # usual steps, and part of the time between passages: a hole that hides an extreme
-_LEVEL_PART = 3  # of the record, at its end, whose mean is the first equilibrium
-_APART = 0.2  # half cycles by which an extreme may miss that of a fitted motion
-_NEIGHBOURS, _POOL, _TERMS = 3, 6, 4
-"""Extremes to either side in a parabola, of those whose squares are averaged, and its coefficients."""
-_ROUNDED = 0.15  # of the sensor's step, that an extreme scatters at least: half of 1/sqrt(12)
-_WINDOW, _FAR = 5, 5.0  # samples about each one, and noise levels, from which on it is an outlier
+_MINIMUM_SAMPLES = 10  # minimum number of samples for a polynomial; with fewer it is fitted to a spline
+_MINIMUM_HALF_CYCLE_SAMPLES = (
+    2.2  # minimum number of samples between passages for a spline to give the extreme
+)
+_GAP_LIMITS = (
+    2.5,
+    0.25,
+)  # usual time steps, and fraction of the time between passages: a gap that hides an extreme
+_LEVEL_PART = 3  # the mean of the last third of the record is the first estimate of equilibrium
+_MAXIMUM_SHIFT = 0.2  # half cycles by which an extreme may differ from the fitted motion's
+_NEIGHBOURS, _POOLED_NEIGHBOURS, _COEFFICIENTS = 3, 6, 4
+"""Extremes on either side in a parabola and in the average of squared residuals, and its coefficients."""
+_MINIMUM_SCATTER = 0.15  # of the sensor's step: minimum scatter of an extreme, half of 1/sqrt(12)
+_MEDIAN_WINDOW, _OUTLIER_LIMIT = (
+    5,
+    5.0,
+)  # samples of a running median, and noise levels beyond which one is an outlier
 
 
 @dataclasses.dataclass(frozen=True)
 class PeakDamping:
-    """Damping ratios that a record's own peaks show."""
+    """Damping ratios from successive peaks of a record, without a law."""
 
     mean: float
-    low: float  # of the whole record and of its halves
+    low: float  # minimum of the whole record and its halves
     high: float
-    noise: float  # largest error of the mean by the record's noise
+    noise: float  # maximum error of the mean due to the record's noise
 
     def contradicts(self, ratio: float) -> bool:
-        """Return whether a damping ratio is far from those of the peaks."""
+        """Return whether a damping ratio is far from the ratios of the peaks."""
         low = min(0.5 * self.low, 2.0 * self.low) - self.noise
         high = max(0.5 * self.high, 2.0 * self.high) + self.noise
         return not low <= ratio <= high
@@ -63,19 +70,19 @@ class PeakDamping:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Envelope:
-    """The envelope of a record, one row a cycle.
+    """The envelope of a record, one row per cycle.
 
     Attributes
     ----------
     time : float64 (n,)
         Time of each cycle's middle extreme [s].
     level : float64 (n,)
-        Level about which the height swings [m].
+        Mean level of the oscillation [m].
     amplitude, frequency, damping : float64 (n,)
-        Half the swing [m]; angular frequency [rad/s]; rate at which the logarithm of the amplitude
-        falls [1/s] (negative where the swing grows).
+        Amplitude [m]; angular frequency [rad/s]; decay rate of the logarithm of the amplitude [1/s]
+        (negative if the amplitude grows).
     amplitude_noise, frequency_noise : float64 (n,)
-        Standard deviations [m] and [rad/s], by the scatter of the extremes.
+        Standard deviations [m] and [rad/s], from the scatter of the extremes.
     phase : float64 (n,)
         Phase of each cycle's middle extreme [rad]; half a period is pi.
     """
@@ -91,7 +98,7 @@ class Envelope:
 
     @property
     def peak_damping(self) -> PeakDamping:
-        """Damping ratios, without unit, by how the peaks fall, of the whole record and of its two halves."""
+        """Damping ratios, without unit, from the decay of the peaks of the whole record and its halves."""
         half = len(self.amplitude) // 2
         parts = (slice(None), slice(half + 1), slice(half, None))
         (total, error), *halves = (self._logarithmic_slope(part) for part in parts)
@@ -100,17 +107,17 @@ class Envelope:
         return PeakDamping(total, min(total, *ratios), max(total, *ratios), largest)
 
     def _logarithmic_slope(self, part: slice) -> tuple[float, float]:
-        """Fall of the logarithm of the amplitude [1/rad], and half of its 95 % interval by the scatter."""
+        """Decay of the logarithm of the amplitude [1/rad], and half its 95 % interval from the scatter."""
         from scipy.stats import t
 
         phase, size = self.phase[part], self.amplitude[part]
-        basis = np.stack([size, size * phase], axis=1)  # logarithms scatter by one over the amplitude
+        basis = np.stack([size, size * phase], axis=1)  # logarithms scatter inversely to the amplitude
         slope = float(np.linalg.lstsq(basis, size * np.log(size), rcond=None)[0][1])
         # successive cycles share two of three extremes
         freedom = max(1.0, 0.5 * len(size) - 2.0)
         variance = residual_square(basis, size * np.log(size)) / freedom
-        sure = float(t.ppf(_CONFIDENCE, freedom))
-        return -slope, sure * math.sqrt(variance * float(np.linalg.pinv(basis.T @ basis)[1, 1]))
+        quantile = float(t.ppf(_CONFIDENCE, freedom))
+        return -slope, quantile * math.sqrt(variance * float(np.linalg.pinv(basis.T @ basis)[1, 1]))
 
     @property
     def damping_ratio(self) -> np.ndarray:
@@ -119,15 +126,15 @@ class Envelope:
 
 
 def envelope(record: PistonRecord) -> Envelope:
-    """Find amplitude, frequency and damping of a record's swing in the course of time.
+    """Find amplitude, frequency and damping of an oscillation as functions of time.
 
-    From every three successive extremes, as by the logarithmic decrement (Londono, Neild & Cooper 2015,
+    From every three successive extremes, as for the logarithmic decrement (Londono, Neild & Cooper 2015,
     doi:10.1016/j.jsv.2015.02.003).
 
     Parameters
     ----------
     record : PistonRecord
-        Swinging motion.
+        Oscillating motion.
 
     Returns
     -------
@@ -137,7 +144,7 @@ def envelope(record: PistonRecord) -> Envelope:
     Raises
     ------
     RecordError
-        If fewer than five extremes stand out of the noise.
+        If fewer than five extremes exceed the noise.
 
     Examples
     --------
@@ -176,19 +183,19 @@ def envelope_of_extremes(extremes: Extremes) -> Envelope:
 
 
 def check_extremes(extremes: Extremes) -> None:
-    """Refuse a record of which too few cycles are seen."""
+    """Refuse a record with too few measurable cycles."""
     cycles = np.isfinite(extremes.height[:-2] + extremes.height[1:-1] + extremes.height[2:]).sum()
-    if cycles < LEAST_EXTREMES - 2:
+    if cycles < MINIMUM_EXTREMES - 2:
         seen = int(np.isfinite(extremes.height).sum())
         raise RecordError(
-            f"{seen} extremes of the height stand out of the noise; at least "
-            f"{LEAST_EXTREMES} in turn are needed for an envelope: record longer, or with less noise"
+            f"{seen} extremes of the height exceed the noise; {MINIMUM_EXTREMES} or more in a row are needed "
+            "for an envelope: record longer, or with less noise"
         )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Extremes:
-    """Crests and troughs of an oscillation in turn, half a cycle apart; NaN if a hole hides one."""
+    """Alternating crests and troughs of an oscillation, half a cycle apart; NaN if a gap hides one."""
 
     time: Float[np.ndarray, "k"]  # [s]
     height: Float[np.ndarray, "k"]  # [m]
@@ -199,7 +206,7 @@ class Extremes:
         return len(self.time)
 
     def scatter(self) -> Scatter:
-        """Scatter about local parabolas of amplitude and time: all noise counts, of whatever kind."""
+        """Scatter of amplitudes and times about local parabolas, which includes all kinds of noise."""
         number = np.arange(len(self))
         known = np.isfinite(self.height)
         size = np.abs(self.height - np.nanmean(self.height))
@@ -209,23 +216,29 @@ class Extremes:
             near = number[first : first + 2 * _NEIGHBOURS + 1]
             near = near[known[near]]
             away, sign = near - k, self.sign[near]
-            if len(near) <= _TERMS:
+            if len(near) <= _COEFFICIENTS:
                 continue
             turned = np.stack([np.ones_like(sign), sign, sign * away, sign * away**2], axis=1)
             passing = np.stack([sign, np.ones_like(sign), away, away**2], axis=1)
             squares[:, k] = [
-                residual_square(turned, self.height[near]) / (len(near) - _TERMS),
-                # noise moves an extreme in time by one over the amplitude
-                residual_square(passing, self.time[near]) / (len(near) - _TERMS) * size[k] ** 2,
+                residual_square(turned, self.height[near]) / (len(near) - _COEFFICIENTS),
+                # noise shifts an extreme in time inversely to the amplitude
+                residual_square(passing, self.time[near]) / (len(near) - _COEFFICIENTS) * size[k] ** 2,
             ]
         height, clock = (
-            np.sqrt([_mean_if_any(row[max(0, k - _POOL) : k + _POOL + 1]) for k in number]) for row in squares
+            np.sqrt(
+                [
+                    _mean_if_any(row[max(0, k - _POOLED_NEIGHBOURS) : k + _POOLED_NEIGHBOURS + 1])
+                    for k in number
+                ]
+            )
+            for row in squares
         )
-        reach = _POOL + _NEIGHBOURS
+        reach = _POOLED_NEIGHBOURS + _NEIGHBOURS
         count = np.array([known[max(0, k - reach) : k + reach + 1].sum() for k in number])
-        # a top that a sensor rounds to one number scatters by nothing
-        height = np.maximum(height, _ROUNDED * self.rounding)
-        return Scatter(height, clock / size, np.maximum(1, count - _TERMS))
+        # a crest that a sensor rounds to one value would have no scatter
+        height = np.maximum(height, _MINIMUM_SCATTER * self.rounding)
+        return Scatter(height, clock / size, np.maximum(1, count - _COEFFICIENTS))
 
 
 class Scatter(NamedTuple):
@@ -237,7 +250,7 @@ class Scatter(NamedTuple):
 
 
 def residual_square(basis: np.ndarray, values: np.ndarray) -> float:
-    """Sum of the squared residuals of the columns of a basis fitted to values."""
+    """Sum of squared residuals of the columns of a basis fitted to values."""
     solution, *_ = np.linalg.lstsq(basis, values, rcond=None)
     return float(((basis @ solution - values) ** 2).sum())
 
@@ -248,16 +261,16 @@ def _mean_if_any(values: np.ndarray) -> float:
 
 
 def find_extremes(record: PistonRecord, *, exact: bool = False) -> Extremes:
-    """Find the extremes of a record, or of an exact solution, which has no noise."""
+    """Find the extremes of a record, or of an exact solution without noise."""
     time, height = record.time, record.height
     rounding = floor = 0.0
     if not exact:
         rounding = rounding_step(height)
         noise = noise_level(height, time)
         height = _without_outliers(height, noise)
-        floor = max(_NOISES * max(noise, noise_faster_than_motion(time, height)), rounding)
+        floor = max(_HYSTERESIS_NOISES * max(noise, noise_faster_than_motion(time, height)), rounding)
     level = np.full(len(time), height[-len(height) // _LEVEL_PART :].mean())
-    for _ in range(2):  # the second time about the equilibrium that the first extremes show
+    for _ in range(2):  # the second time about the equilibrium given by the first extremes
         passages = _passages(time, height - level, floor)
         extremes = _extremes_between(time, height, passages)
         middle = (extremes.height[:-2] + 2.0 * extremes.height[1:-1] + extremes.height[2:]) / 4.0
@@ -268,12 +281,12 @@ def find_extremes(record: PistonRecord, *, exact: bool = False) -> Extremes:
     return dataclasses.replace(extremes, rounding=rounding)
 
 
-def extremes_apart(seen: Extremes, fitted: Extremes) -> str:
-    """Return words on how extremes of a record differ from those of a fitted motion; empty if they agree."""
+def describe_extreme_mismatch(seen: Extremes, fitted: Extremes) -> str:
+    """Return a text on how the extremes of a record differ from a fitted motion's; empty if they agree."""
     known = np.isfinite(seen.time)
     times = seen.time[known]
     if not len(times):
-        return "the record shows no extremes"
+        return "the record has no extremes"
     half = float(np.median(np.diff(times))) if len(times) > 1 else math.inf
     others = fitted.time[np.isfinite(fitted.time)]
     within = others[(others > times[0] - 0.5 * half) & (others < times[-1] + 0.5 * half)]
@@ -284,17 +297,19 @@ def extremes_apart(seen: Extremes, fitted: Extremes) -> str:
         )
     apart = np.abs(within - times) / np.gradient(within) if len(within) > 1 else np.zeros(1)
     k = int(apart.argmax())
-    if apart[k] > _APART:
-        return f"the extreme at {times[k]:.4g} s is {apart[k]:.2g} half cycles off the fitted motion's"
+    if apart[k] > _MAXIMUM_SHIFT:
+        return (
+            f"the extreme at {times[k]:.4g} s differs by {apart[k]:.2g} half cycles from the fitted motion's"
+        )
     return ""
 
 
 def _without_outliers(height: np.ndarray, noise: float) -> np.ndarray:
-    """Heights with the median of five in place of single samples far off it."""
-    around = np.pad(height, _WINDOW // 2, mode="reflect")
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _WINDOW), axis=1)
+    """Replace single samples far from the running median of five by that median."""
+    around = np.pad(height, _MEDIAN_WINDOW // 2, mode="reflect")
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _MEDIAN_WINDOW), axis=1)
     usual = float(np.quantile(np.abs(np.diff(medians)), 0.9))
-    return np.where(np.abs(height - medians) > _FAR * max(noise, usual), medians, height)
+    return np.where(np.abs(height - medians) > _OUTLIER_LIMIT * max(noise, usual), medians, height)
 
 
 def _passages(time: np.ndarray, away: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
@@ -309,16 +324,16 @@ def _passages(time: np.ndarray, away: np.ndarray, floor: float) -> tuple[np.ndar
     while start < count:
         here = sign * away[start : start + chunk]
         tops = np.maximum(np.maximum.accumulate(here), largest)
-        turned = np.flatnonzero(-here > np.maximum(floor, _FRACTION * tops))
+        turned = np.flatnonzero(-here > np.maximum(floor, _HYSTERESIS_FRACTION * tops))
         if not len(turned):
             largest, start, chunk = float(tops[-1]), start + chunk, 2 * chunk
             continue
         turn = start + int(turned[0])
-        width = max(floor, _FRACTION * float(tops[turned[0]]))
+        width = max(floor, _HYSTERESIS_FRACTION * float(tops[turned[0]]))
         outside = np.flatnonzero(sign * away[since:turn] > width)
         before = since + (int(outside[-1]) if len(outside) else 0)
         inside = slice(before, turn + 1)
-        # the line through all samples between, of which noise may make several zeros
+        # a line through both ends, since noise may add zeros between them
         part, values = time[inside], away[inside]
         fraction = values[0] / (values[0] - values[-1]) if values[0] != values[-1] else 0.5
         passages.append(float(part[0] + fraction * (part[-1] - part[0])))
@@ -328,21 +343,21 @@ def _passages(time: np.ndarray, away: np.ndarray, floor: float) -> tuple[np.ndar
 
 
 def _extremes_between(time: np.ndarray, height: np.ndarray, passages: tuple[np.ndarray, float]) -> Extremes:
-    """Extremes between two passages each, and the one before the first if it is seen from both sides."""
+    """Extremes between successive passages, and the one before the first if both its sides are recorded."""
     from scipy.interpolate import make_interp_spline
 
     times, first = passages
     if len(times) < 2:
         return Extremes(np.empty(0), np.empty(0), np.empty(0))
     halves = np.diff(times)
-    if float(np.median(halves)) < _FEWEST_A_HALF * float(np.median(np.diff(time))):
+    if float(np.median(halves)) < _MINIMUM_HALF_CYCLE_SAMPLES * float(np.median(np.diff(time))):
         cycle = 2.0 * np.median(halves) / np.median(np.diff(time))
         raise RecordError(
-            f"the record has {cycle:.2g} samples a cycle, and {2.0 * _FEWEST_A_HALF:.2g} are needed to see "
-            "its extremes: sample faster"
+            f"the record has {cycle:.2g} samples per cycle, and {2.0 * _MINIMUM_HALF_CYCLE_SAMPLES:.2g} are "
+            "needed to find its extremes: sample faster"
         )
     sign = -first * (-1.0) ** np.arange(len(halves))
-    # Of few samples a half cycle alone.
+    # Used only with few samples per half cycle.
     spline = functools.cache(lambda: make_interp_spline(time, height, k=5))
     extremes = [
         _extreme_about(time, height, spline, 0.5 * (begin + end), end - begin, side)
@@ -363,25 +378,25 @@ def _extreme_about(
     half: float,
     sign: float,
 ) -> tuple[float, float]:
-    """Time and height of the extreme about a time, half a cycle wide; not a number if a hole hides it."""
+    """Time and height of the extreme near a time, given the half period; NaN if a gap hides it."""
     begin, end = np.searchsorted(time, [middle - half, middle + half])
     usual = 2.0 * half / max(4, end - begin)
     for _ in range(2):  # the second time about the extreme
-        low, high = middle - _REACH * half, middle + _REACH * half
+        low, high = middle - _POLYNOMIAL_HALF_WIDTH * half, middle + _POLYNOMIAL_HALF_WIDTH * half
         first, last = np.searchsorted(time, [low, high])
         slack = 1e-9 * half + usual
         if low < time[0] - slack or high > time[-1] + slack:
             return math.nan, math.nan
         edges = time[max(0, first - 1) : last + 1]
-        if len(edges) < 2 or np.diff(edges).max() > max(_HOLE[0] * usual, _HOLE[1] * half):
+        if len(edges) < 2 or np.diff(edges).max() > max(_GAP_LIMITS[0] * usual, _GAP_LIMITS[1] * half):
             return math.nan, math.nan
-        if last - first < _FEWEST:
+        if last - first < _MINIMUM_SAMPLES:
             x = np.linspace(-1.0, 1.0, 2 * _DEGREE + 1)
-            values = spline()(middle + _REACH * half * x)
+            values = spline()(middle + _POLYNOMIAL_HALF_WIDTH * half * x)
         else:
-            x, values = (time[first:last] - middle) / (_REACH * half), height[first:last]
+            x, values = (time[first:last] - middle) / (_POLYNOMIAL_HALF_WIDTH * half), height[first:last]
         top, value = _polynomial_top(x, sign * values)
-        middle += _REACH * half * top
+        middle += _POLYNOMIAL_HALF_WIDTH * half * top
     return middle, sign * value
 
 
@@ -390,12 +405,12 @@ _POWERS_OF_FINE = np.vander(_FINE, _DEGREE + 1, increasing=True)
 
 
 def _polynomial_top(x: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Place, from -1 to 1, and value of the maximum of a polynomial through points."""
+    """Position, from -1 to 1, and value of the maximum of a polynomial fitted to points."""
     basis = np.vander(x, _DEGREE + 1, increasing=True)
     coefficients, *_ = np.linalg.lstsq(basis, values, rcond=None)
     top = float(_FINE[int((_POWERS_OF_FINE @ coefficients).argmax())])
     power = np.arange(_DEGREE + 1)
-    for _ in range(3):  # Newton's steps to where the slope is zero
+    for _ in range(3):  # Newton steps to zero slope
         terms = coefficients[1:] * power[1:] * top ** power[:-1]
         bend = float((coefficients[2:] * power[2:] * power[1:-1]) @ top ** power[:-2])
         if bend < 0.0:
@@ -404,9 +419,9 @@ def _polynomial_top(x: np.ndarray, values: np.ndarray) -> tuple[float, float]:
 
 
 def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ...]:
-    """Say if an amplitude falls and rises, or does not fall and no damping by a law explains it."""
+    """Remarks on an amplitude that falls and rises again, or does not fall although no law explains it."""
     size = cycles.amplitude
-    if len(size) < _FEWEST_ROWS:
+    if len(size) < _MINIMUM_ROWS:
         return ()
     mean = np.convolve(size, np.ones(3) / 3.0, mode="valid")
     least = np.minimum.accumulate(mean)
@@ -415,13 +430,13 @@ def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ..
     rise = mean[top] - mean[bottom]
     fallen, risen = mean[bottom] / mean[: bottom + 1].max(), mean[top] / mean[: bottom + 1].max()
     if (
-        mean[top] > _RISES * mean[bottom]
-        and rise > _NOISES * cycles.amplitude_noise.max()
-        and fallen < _FALLS
+        mean[top] > _RISE_RATIO * mean[bottom]
+        and rise > _HYSTERESIS_NOISES * cycles.amplitude_noise.max()
+        and fallen < _DECAY_RATIO
     ):
         return (
             f"the amplitude falls to {fallen:.2g} of its first value and rises again to {risen:.2g}: "
-            "two modes? Filter one of them out, or fit what follows once one has died away (--between T:T)",
+            "two modes? Filter one of them out, or fit the part after one has decayed (--between T:T)",
         )
     damping, error = cycles._logarithmic_slope(slice(None))
     if damping > error or damping_is_known:
@@ -429,6 +444,6 @@ def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ..
     grows = damping < -error
     return (
         f"the amplitude {'grows' if grows else 'does not fall'} from {cycles.time[0]:.4g} to "
-        f"{cycles.time[-1]:.4g} s: driven? Then frequency and damping ratio are not the oscillator's own; "
+        f"{cycles.time[-1]:.4g} s: driven? Then these are not the natural frequency and damping ratio; "
         "record the force in a column and give it (identify --input NAME)",
     )

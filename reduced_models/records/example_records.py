@@ -1,7 +1,7 @@
-"""Records as instruments write them, each with the ``record.toml`` that says how it is read.
+"""Example records in the format of instruments, each with the ``record.toml`` that describes it.
 
-All but the pendulum's are made: every motion follows from a law with known numbers, which `EXAMPLES`
-states, and from seeded noise.
+All except the pendulum's are simulated: each motion follows from a law with known parameters, given in
+`EXAMPLES`, plus seeded noise.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from reduced_models.records.sources import make_directory, shortened_path_text
 
 
 class ExampleRecord(NamedTuple):
-    """A record to try the commands on."""
+    """A record for trying out the commands."""
 
     columns: Callable[[np.random.Generator], dict[str, np.ndarray]] | Path
     options: Mapping[str, Any]
-    truth: str  # law and numbers that the motion was made with
+    truth: str  # law and parameters of the motion
 
 
 def write_example_records(out: str | Path) -> dict[str, str]:
-    """Write the records of `EXAMPLES`, a CSV file and a description (TOML) each."""
+    """Write the records of `EXAMPLES`, each as a CSV file and a description (TOML)."""
     directory = make_directory(out)
     files = {name: directory / f"{name}.csv" for name in EXAMPLES}
     for path in (*files.values(), *(path.with_suffix(".toml") for path in files.values())):
         if path.exists():
             raise InputError(
-                f"{path.name} is in {shortened_path_text(directory)} already, and nothing is overwritten; "
-                "give another directory (-o)"
+                f"{path.name} exists already in {shortened_path_text(directory)}, and files are not "
+                "overwritten; give another directory (-o)"
             )
     for seed, (name, example) in enumerate(EXAMPLES.items()):
         if isinstance(example.columns, Path):
@@ -50,8 +50,8 @@ def write_example_records(out: str | Path) -> dict[str, str]:
     return {files[name].name: example.truth for name, example in EXAMPLES.items()}
 
 
-def _released_swing(time: np.ndarray, frequency: float, ratio: float) -> np.ndarray:
-    """Free swing of a linear oscillator that is held at 1 until it is released at time 0."""
+def _oscillation_after_release(time: np.ndarray, frequency: float, ratio: float) -> np.ndarray:
+    """Free oscillation of a linear oscillator that is held at 1 and released at time 0."""
     since = np.maximum(time, 0.0)
     omega = 2.0 * math.pi * frequency
     damped = omega * math.sqrt(1.0 - ratio**2)
@@ -62,7 +62,7 @@ def _released_swing(time: np.ndarray, frequency: float, ratio: float) -> np.ndar
 
 def _lvdt_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     time = np.arange(0.0, 3.4, 0.002)
-    height = 4.0 * _released_swing(time - 0.4, 4.1, 0.05) + random.normal(0.0, 0.02, len(time))
+    height = 4.0 * _oscillation_after_release(time - 0.4, 4.1, 0.05) + random.normal(0.0, 0.02, len(time))
     return {"time [s]": time, "lvdt [V]": 2.513 + height / 2.4894}
 
 
@@ -82,23 +82,23 @@ def _encoder_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
 
 def _accelerometer_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     time = np.arange(0.0, 4.0, 0.001)
-    omega, swing = 2.0 * math.pi * 6.0, 3e-3 * _released_swing(time, 6.0, 0.03)
-    acceleration = -(omega**2 * swing + 0.06 * omega * np.gradient(swing, time)) / 9.80665
+    omega, displacement = 2.0 * math.pi * 6.0, 3e-3 * _oscillation_after_release(time, 6.0, 0.03)
+    acceleration = -(omega**2 * displacement + 0.06 * omega * np.gradient(displacement, time)) / 9.80665
     return {
         "time [s]": time,
-        "laser [mil]": (60e-3 + swing + random.normal(0.0, 5e-6, len(time))) / 2.54e-5,
+        "laser [mil]": (60e-3 + displacement + random.normal(0.0, 5e-6, len(time))) / 2.54e-5,
         "accelerometer [g]": acceleration + random.normal(0.0, 0.002, len(time)),
     }
 
 
-def _driven_swing_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _driven_oscillation_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     from scipy.signal import lsim
 
     time = np.arange(0.0, 12.0, 0.004)
     force = 6.0 * np.sin(2.0 * math.pi * (1.5 + 0.25 * time) * time)
     omega = 2.0 * math.pi * 4.1
-    _, swing, _ = lsim(([1.0 / 7.5], [1.0, 0.1 * omega, omega**2]), force, time)
-    height = 60e-3 + swing + random.normal(0.0, 1e-5, len(time))
+    _, displacement, _ = lsim(([1.0 / 7.5], [1.0, 0.1 * omega, omega**2]), force, time)
+    height = 60e-3 + displacement + random.normal(0.0, 1e-5, len(time))
     return {"time [s]": time, "height [mm]": 1e3 * height, "force [N]": force}
 
 
@@ -150,7 +150,7 @@ EXAMPLES = {
     "lvdt": ExampleRecord(
         _lvdt_columns,
         {"scale": "2.4894 mm/V", "zero": "2.513 V"},
-        "a linear swing of 4.1 Hz and 5 % damping, held for 0.4 s",
+        "a linear oscillation of 4.1 Hz and 5 % damping, held for 0.4 s",
     ),
     "encoder": ExampleRecord(
         _encoder_columns,
@@ -160,17 +160,17 @@ EXAMPLES = {
     "accelerometer": ExampleRecord(
         _accelerometer_columns,
         {"columns": {"height": "laser"}},
-        "a linear swing of 6 Hz and 3 % damping about 60 mm, with its acceleration",
+        "a linear oscillation of 6 Hz and 3 % damping about 60 mm, with its acceleration",
     ),
     "driven": ExampleRecord(
-        _driven_swing_columns, {}, "7.5 kg under a force, with 4.1 Hz and 5 % damping about 60 mm"
+        _driven_oscillation_columns, {}, "7.5 kg under a force, with 4.1 Hz and 5 % damping about 60 mm"
     ),
     "force-stroke": ExampleRecord(
         _force_stroke_columns,
         {"columns": {"stroke": "stroke", "force": "load cell"}},
         "a damper moved at 1.5 Hz: 120 N s/m times the velocity and 900 N/m times the stroke",
     ),
-    # The board divided the 4000 counts of a turn by 360 in whole numbers: its degrees are eleven counts.
+    # The board divided the 4000 counts of a turn by 360 as integers: its degrees are 11 counts.
     "pendulum": ExampleRecord(
         Path(__file__).with_name("pendulum.csv"),
         {
@@ -180,8 +180,8 @@ EXAMPLES = {
             "scale": "3960 deg/4000 deg",
             "between": (0.15, 5.0),
         },
-        "a real pendulum with dry friction, as it was published; the file names source and licence",
+        "a real pendulum with dry friction, as published; the file gives source and licence",
     ),
     **{f"platform-{amplitude}m": _platform_record(amplitude) for amplitude in (1, 2, 4)},
 }
-"""Examples by the names of their files."""
+"""Examples by file name."""

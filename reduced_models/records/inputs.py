@@ -1,4 +1,4 @@
-"""Known functions of time that drive a law: columns of a record, read between its samples."""
+"""Known functions of time that drive a law: columns of a record, interpolated between its samples."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from granular.shared.errors import RecordError, quote
 from reduced_models.records.derivatives import derivatives, is_evenly_sampled
 
 STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)
-"""Nodes of the stages of a step of the grid's Runge-Kutta method, in steps."""
+"""Nodes of the stages of the Runge-Kutta method, in steps of the grid."""
 
 TIME = "t"
-"""Name of the time since a record's start, which every law may have as an input."""
+"""Name of the time since a record's start, which any law may have as an input."""
 
 STROKE = ("z", "z'", "z''")
 """Names of a prescribed stroke, its velocity and its acceleration as inputs of a law."""
@@ -25,38 +25,39 @@ STROKE = ("z", "z'", "z''")
 Interpolation = Literal["spline", "linear", "previous", "band-limited"]
 INTERPOLATIONS: tuple[Interpolation, ...] = ("spline", "linear", "previous", "band-limited")
 """Interpolation of an input between its samples: a cubic spline with two continuous derivatives;
-straight lines; its last value (a zero-order hold); or no part above half the sampling rate.
+straight lines; the last value (a zero-order hold); or without components above half the sampling rate.
 """
 _TAPS = 24  # samples on each side of a band-limited value
-# A spline of so many samples for one is off by 1e-4 of a tone at six tenths of half the sampling rate, by
-# 5e-4 at eight.
-_FINER = 4
-# Shape of their window: 1e-4 of a tone up to eight tenths of half the sampling rate, 1.4e-3 at nine.
-_KAISER = 8.0
+# Upsampling of a band-limited input before its spline: the error is 1e-4 of a tone at 0.6 of half the
+# sampling rate, 5e-4 at 0.8.
+_UPSAMPLING = 4
+# Shape parameter of the window: the error is 1e-4 of a tone up to 0.8 of half the sampling rate, 1.4e-3 at
+# 0.9.
+_KAISER_SHAPE = 8.0
 
 
 class StepGrid(NamedTuple):
-    """Uniform steps of a solution."""
+    """Uniform time steps of a solution."""
 
     step: float  # [s]
     steps: int
 
     @property
     def finer(self) -> StepGrid:
-        """Grid of twice as many steps of half the length, over the same time."""
+        """Grid of twice as many steps over the same time."""
         return StepGrid(0.5 * self.step, 2 * self.steps)
 
 
 def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
-    """Column of a record that an input of a law names; the time is counted from the first sample [s]."""
+    """Column of a record with the name of a law's input; the time is from the first sample [s]."""
     result = record.extra.get(name, record.force if name == "force" else None)
     if result is None and name == TIME:
         return record.time - record.time[0]
     if result is None:
-        there = ", ".join(map(repr, column_names(record))) or "none"
+        found = ", ".join(map(repr, column_names(record))) or "none"
         raise RecordError(
-            f"the law has the input {quote(name)}, and the record no column of that name; found: "
-            f"{there}; add the column or name another one"
+            f"the law has the input {quote(name)}, but the record has no column of that name; found: "
+            f"{found}; add the column or use another name"
         )
     return result
 
@@ -75,7 +76,7 @@ def with_stroke_columns(record: PistonRecord) -> PistonRecord:
 
 
 def has_inputs_besides_time(names: Sequence[str]) -> bool:
-    """Return whether there are inputs other than the time, which is known between samples too."""
+    """Return whether there are inputs other than the time, which needs no interpolation."""
     return any(name != TIME for name in names)
 
 
@@ -86,7 +87,7 @@ def inputs_on_grid(
     nodes = grid.step * (np.arange(grid.steps + 1)[:, None] + np.array(STAGE_TIMES))
     columns = [input_column(record, name) for name in names]
     if interpolation == "previous" and columns:
-        # All of a step lies in the interval of its middle.
+        # A whole step lies in the sampling interval of its midpoint.
         middle = grid.step * (np.arange(grid.steps + 1) + 0.5)
         held = interpolate_inputs(record.time, columns, middle, interpolation)
         result = np.repeat(held[:, None], len(STAGE_TIMES), axis=1)
@@ -102,7 +103,7 @@ def interpolate_inputs(
     times: np.ndarray,
     interpolation: Interpolation = "spline",
 ) -> np.ndarray:
-    """Values of columns at other times than those of their samples; time, times [s]."""
+    """Values of columns at times between their samples; time, times [s]."""
     if not columns:
         return np.zeros((*times.shape, 0))
     inside = np.clip(times, time[0], time[-1])
@@ -110,7 +111,7 @@ def interpolate_inputs(
 
 
 class PiecewiseCubics(NamedTuple):
-    """Columns as cubics between the samples: a + b s + c s^2 + d s^3 behind each of them."""
+    """Columns as cubics a + b s + c s^2 + d s^3 in the time s after each sample."""
 
     length: Float[np.ndarray, "n-1"]  # lengths of the intervals [s]
     cubics: Float[np.ndarray, "n-1 4 columns"]
@@ -119,10 +120,10 @@ class PiecewiseCubics(NamedTuple):
 def piecewise_cubics(
     time: Float[np.ndarray, "n"], columns: list[np.ndarray], interpolation: Interpolation = "spline"
 ) -> PiecewiseCubics:
-    """Columns as cubics between samples; a band-limited one by a spline of finer samples; time [s]."""
+    """Columns as cubics between samples; band-limited ones by a spline of finer samples; time [s]."""
     length = np.diff(time)
     if interpolation == "band-limited" and columns:
-        fraction = np.arange(_FINER) / _FINER
+        fraction = np.arange(_UPSAMPLING) / _UPSAMPLING
         fine = np.append((time[:-1, None] + length[:, None] * fraction).ravel(), time[-1])
         columns = [_interpolate_column(time, column, fine, interpolation) for column in columns]
         time, length = fine, np.diff(fine)
@@ -150,13 +151,14 @@ def _interpolate_column(
         return _interpolate_band_limited(time, values, times)
     from scipy.interpolate import CubicSpline
 
-    # Over two or three samples there is no cubic.
+    # With two or three samples the spline is of lower degree.
     return np.asarray(CubicSpline(time, values)(times))
 
 
 def _interpolate_band_limited(time: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Interpolate by sinc functions under a Kaiser window (Kaiser 1974); mirrored at the ends."""
-    # Mirrored through the end points, so that value and slope go on; cut off, a sinc rings over `_TAPS`.
+    # Mirrored through the end points, so that value and slope are continuous; a truncated series would ring
+    # over `_TAPS` samples.
     step = float(time[-1] - time[0]) / (len(time) - 1)
     before = 2.0 * values[0] - values[_TAPS:0:-1]
     after = 2.0 * values[-1] - values[-2 : -_TAPS - 2 : -1]
@@ -166,7 +168,9 @@ def _interpolate_band_limited(time: np.ndarray, values: np.ndarray, times: np.nd
     index = np.floor(flat).astype(np.int64)
     for tap in range(1 - _TAPS, _TAPS + 1):
         here = np.clip(index + tap, 0, len(padded) - 1)
-        away = flat - (index + tap)
-        inside = np.maximum(1.0 - (away / _TAPS) ** 2, 0.0)
-        result += padded[here] * np.sinc(away) * np.i0(_KAISER * np.sqrt(inside)) / np.i0(_KAISER)
+        distance = flat - (index + tap)
+        inside = np.maximum(1.0 - (distance / _TAPS) ** 2, 0.0)
+        result += (
+            padded[here] * np.sinc(distance) * np.i0(_KAISER_SHAPE * np.sqrt(inside)) / np.i0(_KAISER_SHAPE)
+        )
     return result.reshape(times.shape)

@@ -1,4 +1,4 @@
-"""Overview of a record's file, in figures and words."""
+"""Overview of a record's file: columns, sampling, noise and a picture in characters."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from reduced_models.records.sources import options_with_description
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-GAP = 2.5
-"""Times the usual step from which on a step is a gap."""
+GAP_RATIO = 2.5
+"""Ratio to the usual time step above which a step is a gap."""
 _WIDTH, _ROWS = 68, 12
 
 
 @dataclasses.dataclass(frozen=True)
 class RecordOverview:
-    """A record, and what is to be known of it before a law is fitted.
+    """A record, and its properties that matter before a law is fitted.
 
     Attributes
     ----------
@@ -37,15 +37,15 @@ class RecordOverview:
     meaning : SheetInterpretation
         Role of each column.
     rate : float
-        Samples a second [1/s].
+        Sampling rate [1/s].
     gaps : int
-        Steps in time of more than 2.5 times the usual one.
+        Number of time steps longer than 2.5 times the usual one.
     noise : float
         Standard deviation of the coordinate's white noise, in its unit.
     level : float or None
-        The least step of a sensor that rounds, in the coordinate's unit.
+        Step of a sensor that rounds, in the coordinate's unit.
     useful : float
-        Time after which the motion is hardly more than noise about its rest [s].
+        Time after which the motion is hardly larger than the noise about its equilibrium [s].
     """
 
     record: PistonRecord
@@ -57,7 +57,7 @@ class RecordOverview:
     useful: float
 
     def to_plain(self) -> dict[str, Any]:
-        """Return what was understood of the file, and the figures, as plain data."""
+        """Return the interpretation of the file and its properties as plain data."""
         record = self.record
         return {
             "form": self.meaning.form,
@@ -105,7 +105,7 @@ class RecordOverview:
 
 
 def overview_of_record_file(path: str | Path, options: ReadOptions | None = None) -> RecordOverview:
-    """Read a file and say what was understood of it."""
+    """Read a file, and return the record with its interpretation and properties."""
     path, options = Path(path), options or ReadOptions()
     meaning = interpret_record_file(path, options)
     try:
@@ -125,7 +125,7 @@ def overview_of_record_file(path: str | Path, options: ReadOptions | None = None
         record,
         meaning,
         1.0 / usual,
-        int((steps > GAP * usual).sum()),
+        int((steps > GAP_RATIO * usual).sum()),
         float(noise),
         rounding_step(record.signal) or None,
         end_time_of_motion(record),
@@ -133,7 +133,7 @@ def overview_of_record_file(path: str | Path, options: ReadOptions | None = None
 
 
 def _motion_in_characters(record: PistonRecord) -> list[str]:
-    """Motion in characters, for a terminal."""
+    """Motion as a picture in characters, for a terminal."""
     signal = record.signal
     extent = float(np.ptp(signal)) or 1.0
     position = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
@@ -145,7 +145,7 @@ def _motion_in_characters(record: PistonRecord) -> list[str]:
 
 
 def plot_overview(overview: RecordOverview) -> Figure:
-    """Draw the motion [m, rad] over time [s], and from where on it is within its noise."""
+    """Draw the motion [m, rad] over time [s], and mark when it is lost in its noise."""
     from granular.shared.plotting import COLOURS, GREY, figure
 
     with figure(width=7.0, height=3.0) as (drawing, axes):

@@ -1,4 +1,4 @@
-"""Sensors: the quantity of a motion that was measured, and the signal that became of it."""
+"""Sensors: the measured quantity of a motion, and the resulting signal."""
 
 from __future__ import annotations
 
@@ -19,45 +19,46 @@ from reduced_models.records.derivatives import derivatives
 SensorQuantity = Literal["height", "velocity", "acceleration", "force", "base_force"]
 Columns = Mapping[str, np.ndarray]
 Setting = float | tuple[float, float] | Literal["free"]
-"""A number that is known, that lies between two, or that is to be fitted."""
+"""A known number, lower and upper bounds, or a number to be fitted."""
 
 _DERIVATIVES: dict[str, int] = {"height": 0, "velocity": 1, "acceleration": 2, "force": 2, "base_force": 2}
 _SETTINGS = ("gain", "offset", "low_pass", "high_pass", "damping_ratio", "absolute", "column")
-_MOST_ITEMS = 20  # of a line
+_MAXIMUM_ITEMS = 20  # in a line of text
 
 
 @dataclasses.dataclass(frozen=True)
 class Sensor:
-    """A sensor, whose signal is gain * quantity + offset, behind a filter where it has one.
+    """A sensor, whose signal is gain * quantity + offset, passed through a filter if it has one.
 
     Attributes
     ----------
     quantity : str
         ``"height"`` [m], ``"velocity"`` [m/s] or ``"acceleration"`` [m/s^2] of the coordinate;
-        ``"base_force"``, the reaction of the mass on the base: the gain is the mass [kg] then; or
-        ``"force"`` along a prescribed stroke (of a record without heights: that which accelerates
-        the mass).
+        ``"base_force"``, the reaction of the mass on the base, for which the gain is the mass [kg];
+        or ``"force"`` along a prescribed stroke (of a record without heights: the force that
+        accelerates the mass).
     gain, offset : float, (float, float) or "free", optional
-        Known, between two increasing numbers, or fitted; the gain, in the signal's unit over the
-        quantity's, is not 0 and its bounds have one sign; the offset is in the signal's unit. If not
-        given, the gain is 1, or free for a force, and the offset is free, or 0 for a height.
+        A known number, lower and upper bounds, or fitted. The gain, in the signal's unit over the
+        quantity's, is not 0 and its bounds have one sign; the offset is in the signal's unit. By
+        default the gain is 1, or free for a force, and the offset is free, or 0 for a height.
     low_pass, high_pass : float, optional
-        Corner frequency of the filter, above 0 [Hz]; one of the two. A geophone is a velocity behind
-        a high pass.
+        Corner frequency of the filter, above 0 [Hz]; one of the two. A geophone is a velocity sensor
+        with a high pass.
     damping_ratio : float, optional
-        Damping ratio of a filter of second order, above 0, without unit; the filter is of first
-        order where it is not given.
+        Damping ratio of a second-order filter, above 0, without unit; without it the filter is of
+        first order.
     absolute : bool
-        Measures in the frame at rest: the motion of the base (column ``base_height`` or
-        ``base_acceleration``) counts too.
+        Whether the sensor measures in the frame at rest, including the motion of the base (column
+        ``base_height`` or ``base_acceleration``).
     column : str, optional
-        Column of the signal; that of the quantity's name if not given.
+        Column of the signal; by default the one with the quantity's name.
 
     Raises
     ------
     InputError
-        If the quantity is none of these, gain or offset is no finite number, increasing pair or
-        ``"free"``, a number is out of its range, two filters are given, or a damping ratio without one.
+        If the quantity is unknown, gain or offset is not a finite number, an increasing pair or
+        ``"free"``, a number is out of its range, two filters are given, or a damping ratio is given
+        without a filter.
 
     Examples
     --------
@@ -86,7 +87,7 @@ class Sensor:
         _check_setting("gain", self.gain)
         _check_setting("offset", self.offset)
         if not self.nominal_gain:
-            raise InputError("the gain of a sensor is 0, so that it gives no signal; give another")
+            raise InputError("the gain of a sensor is 0, so it gives no signal; give another")
         if self.low_pass is not None and self.high_pass is not None:
             raise InputError("a sensor has one filter: give low_pass or high_pass")
         for name in ("low_pass", "high_pass", "damping_ratio"):
@@ -94,26 +95,26 @@ class Sensor:
             if value is not None and not (isinstance(value, int | float) and 0.0 < value < math.inf):
                 raise InputError(f"{name} = {quote(value)}; give a number above 0")
         if self.damping_ratio is not None and self.corner_frequency is None:
-            raise InputError("damping_ratio is of a filter: give its low_pass or high_pass too")
+            raise InputError("damping_ratio belongs to a filter: give its low_pass or high_pass too")
 
     def __str__(self) -> str:
-        words = [f"{'absolute ' * self.absolute}{self.quantity.replace('_', ' ')}"]
+        texts = [f"{'absolute ' * self.absolute}{self.quantity.replace('_', ' ')}"]
         for name, value, plain in (("gain", self.gain, 1.0), ("offset", self.offset, 0.0)):
             if value != plain:
-                words.append(f"{name} {value:.5g}" if isinstance(value, float) else name)
+                texts.append(f"{name} {value:.5g}" if isinstance(value, float) else name)
         if self.corner_frequency is not None:
             kind = "low" if self.low_pass is not None else "high"
-            words.append(f"{kind} pass of {self.corner_frequency:g} Hz")
-        return ", ".join(words)
+            texts.append(f"{kind} pass of {self.corner_frequency:g} Hz")
+        return ", ".join(texts)
 
     @property
     def derivative_order(self) -> int:
-        """Order of the measured time derivative of the coordinate: 0, 1, or 2 also for forces."""
+        """Order of the measured time derivative of the coordinate: 0, 1 or 2; 2 for forces."""
         return _DERIVATIVES[self.quantity]
 
     @property
     def derivative_sign(self) -> float:
-        """Sign, 1 or -1, with which that derivative enters the quantity; -1 for a force on the base."""
+        """Sign, 1 or -1, of that derivative in the quantity; -1 for a force on the base."""
         return -1.0 if self.quantity == "base_force" else 1.0
 
     @property
@@ -128,29 +129,29 @@ class Sensor:
 
     @property
     def nominal_gain(self) -> float:
-        """Gain to start from, in the signal's unit over the quantity's.
+        """Start value of the gain, in the signal's unit over the quantity's.
 
-        It is as given, the middle of its bounds, or 1 where it is free.
+        The given number, the middle of its bounds, or 1 if it is free.
         """
         return _nominal_value(self.gain, 1.0)
 
     @property
     def nominal_offset(self) -> float:
-        """Offset to start from, in the signal's unit: as given, the middle of its bounds, or 0 if free."""
+        """Start value of the offset in the signal's unit: as given, middle of the bounds, or 0 if free."""
         return _nominal_value(self.offset, 0.0)
 
     def signal(self, columns: Columns) -> np.ndarray:
-        """Signal of this sensor among the columns of a record, as it was measured.
+        """Measured signal of this sensor, among the columns of a record.
 
         Parameters
         ----------
         columns : mapping of str to float64 (n,)
-            Columns of the record, in SI units or the sensor's own.
+            Columns of the record, in SI units or the unit of the sensor.
 
         Returns
         -------
         float64 (n,)
-            The column ``column``, or that of the quantity's name, in its unit.
+            The column ``column``, or the column with the quantity's name, in its unit.
 
         Raises
         ------
@@ -159,36 +160,36 @@ class Sensor:
         """
         name = self.column or self.quantity
         if name not in columns:
-            there = ", ".join(map(repr, columns))
+            found = ", ".join(map(repr, columns))
             raise RecordError(
-                f"measured = {self.quantity!r} needs the column {quote(name)}, and the record has "
-                f"{there}; add it, or say which it is: Sensor(..., column=...)"
+                f"measured = {self.quantity!r} needs the column {quote(name)}, but the record has "
+                f"{found}; add it, or give its name: Sensor(..., column=...)"
             )
         return columns[name]
 
     def approximate_heights(self, columns: Columns, *, about_rest: bool) -> np.ndarray:
-        """Heights behind the signal, roughly: the record's, or else the integrated signal.
+        """Approximate heights: the record's, or else the integrated signal.
 
-        The signal is taken with the nominal gain and offset and without its filter, and integrated by
-        `granular.records.integration.integrate_without_drift`.
+        The signal is converted with the nominal gain and offset, its filter is ignored, and it is
+        integrated by `granular.records.integration.integrate_without_drift`.
 
         Parameters
         ----------
         columns : mapping of str to float64 (n,)
-            Columns of a `PistonRecord` of two samples or more, in SI units; ``time`` is needed.
+            Columns of a `PistonRecord` of two samples or more, in SI units, with ``time``.
         about_rest : bool
-            Count the record's heights from the mean of their last third.
+            Measure the record's heights from the mean of their last third.
 
         Returns
         -------
         float64 (n,)
-            Heights [m]; those of a signal are about zero in any case.
+            Heights [m]; heights from a signal are always about zero.
 
         Raises
         ------
         RecordError
             If the record has neither heights nor the sensor's signal, or lacks the motion of the base that an
-            absolute sensor needs, or that base has a height of fewer than 20 samples.
+            absolute sensor needs, or has a base height of fewer than 20 samples.
         """
         if "height" in columns:
             height = columns["height"]
@@ -198,75 +199,75 @@ class Sensor:
         return integrate_without_drift(columns["time"], values, self.derivative_order)
 
     def signal_deviations(self, deviations: Columns) -> dict[str, np.ndarray]:
-        """Deviations of a record that has the signal for its height.
+        """Deviations of a record whose height column is the signal.
 
         Parameters
         ----------
         deviations : mapping of str to float64 (k, n)
-            Changes of each column by a standard deviation of each number of its calibration, in the
-            column's unit.
+            Changes of each column for one standard deviation of each number of its calibration, in
+            the column's unit.
 
         Returns
         -------
         dict of str to float64 (k, n)
-            The same, those of the signal's column as those of ``height``, whose own are left out.
+            The same, with the signal's deviations in place of the deviations of ``height``.
         """
         result = {name: values for name, values in deviations.items() if name != "height"}
-        mine = deviations.get(self.column or self.quantity)
+        own_deviations = deviations.get(self.column or self.quantity)
         result.pop(self.column or self.quantity, None)
-        return result if mine is None else result | {"height": mine}
+        return result if own_deviations is None else result | {"height": own_deviations}
 
     def deviations_with_open_gain(self, columns: Columns, deviations: Columns) -> dict[str, np.ndarray]:
-        """Deviations of a calibration, with that of a gain known between two bounds.
+        """Deviations of a calibration, including the uncertainty of a gain between two bounds.
 
-        The gain is taken as spread evenly between its bounds, which has the standard deviation of their
-        distance over the square root of 12 (JCGM 100:2008, 4.3.7). The signal's mean is left out.
+        The gain is assumed uniform between its bounds; its standard deviation is their distance over the
+        square root of 12 (JCGM 100:2008, 4.3.7). The signal's mean is subtracted.
 
         Parameters
         ----------
         columns : mapping of str to float64 (n,)
             Columns of the record, in SI units.
         deviations : mapping of str to float64 (k, n)
-            Changes of each column by a standard deviation of each number of the calibration, in its unit.
+            Changes of each column for one standard deviation of each number of the calibration, in its unit.
 
         Returns
         -------
         dict of str to float64 (k or k + 1, n)
-            The same, with one more row for the signal's column, in its unit, where the gain has bounds.
+            The same, with one more row for the signal's column, in its unit, if the gain has bounds.
 
         Raises
         ------
         RecordError
-            If the gain has bounds, and the record no column of the signal.
+            If the gain has bounds, and the record lacks the signal's column.
         """
         result = dict(deviations)
         if isinstance(self.gain, tuple):
             name, signal = self.column or self.quantity, self.signal(columns)
             spread = (self.gain[1] - self.gain[0]) / math.sqrt(12.0) / self.nominal_gain
-            mine = [*deviations.get(name, ()), spread * (signal - signal.mean())]
-            result[name] = np.array(mine)
+            own_deviations = [*deviations.get(name, ()), spread * (signal - signal.mean())]
+            result[name] = np.array(own_deviations)
         return result
 
     def base_motion(self, columns: Columns) -> np.ndarray:
-        """Motion of the base, where an absolute sensor measures it too; zero otherwise.
+        """Motion of the base, if an absolute sensor includes it; zero otherwise.
 
         Parameters
         ----------
         columns : mapping of str to float64 (n,)
             Columns of a `PistonRecord`, in SI units: ``time``, and ``base_height`` or, for an
-            acceleration or a force, ``base_acceleration``, which goes first.
+            acceleration or a force, ``base_acceleration``, which takes precedence.
 
         Returns
         -------
         float64 (n,)
-            Height [m], velocity [m/s] or acceleration [m/s^2] of the base, by `derivative_order`; a
-            base height is smoothed for it (`reduced_models.records.derivatives.derivatives`).
+            Height [m], velocity [m/s] or acceleration [m/s^2] of the base, by `derivative_order`; from a
+            smoothed base height if needed (`reduced_models.records.derivatives.derivatives`).
 
         Raises
         ------
         RecordError
-            If the sensor is absolute, and the record has no such column of the base, or its height is not
-            finite, of another shape than the times, or of fewer than 20 samples.
+            If the sensor is absolute and the record has no such column of the base, or the base height is not
+            finite, differs in shape from the times, or has fewer than 20 samples.
         """
         if not self.absolute:
             return np.zeros(len(columns["time"]))
@@ -277,29 +278,29 @@ class Sensor:
             return (base.height, base.velocity, base.acceleration)[self.derivative_order]
         wanted = f"{BASE_ACCELERATION} or {BASE_HEIGHT}" if self.derivative_order == 2 else BASE_HEIGHT
         raise RecordError(
-            f"an absolute {self.quantity} needs the motion of the base, and the record has no "
+            f"an absolute {self.quantity} needs the motion of the base, but the record has no "
             f"column {wanted}; add it, or measure relative to the base (absolute=False)"
         )
 
 
 def sensor_report_lines(sensor: Sensor | None, undetermined: Iterable[str]) -> list[str]:
-    """Lines of a model's text that say what was measured, and what that does not tell of a law."""
+    """Lines of a model's text on the measured signal and the quantities that it does not determine."""
     if sensor is None:
         return []
-    words = {"level": "the level of rest", "size": "the size of the motion"}
-    names = ", ".join(words.get(name, name) for name in undetermined)
-    return [f"  measured: {sensor}"] + [f"  not told by that: {names}"] * bool(names)
+    texts = {"level": "the equilibrium height", "size": "the amplitude of the motion"}
+    names = ", ".join(texts.get(name, name) for name in undetermined)
+    return [f"  measured: {sensor}"] + [f"  not determined by it: {names}"] * bool(names)
 
 
 def parse_sensor(text: str) -> Sensor:
-    """Sensor that a line of text describes: a quantity, and settings behind it."""
-    quantity, *items = text.split()[:_MOST_ITEMS] or [""]
+    """Sensor from a line of text: a quantity followed by settings."""
+    quantity, *items = text.split()[:_MAXIMUM_ITEMS] or [""]
     given: dict[str, Any] = {}
     for item in items:
         name, equals, value = item.partition("=")
         if name not in _SETTINGS or bool(equals) == (name == "absolute"):
             raise InputError(
-                f"{quote(item)} is no setting of a sensor; write a quantity and any of "
+                f"{quote(item)} is not a setting of a sensor; write a quantity and any of "
                 f"{', '.join(_SETTINGS)}, as in 'velocity gain=free high_pass=4.5'"
             )
         given[name] = value if name == "column" else not equals or _parse_setting(name, value)
@@ -307,7 +308,7 @@ def parse_sensor(text: str) -> Sensor:
 
 
 def resolve_sensor(measured: str | Sensor) -> Sensor | None:
-    """Sensor by its quantity; None where the height is compared as it is."""
+    """Sensor from a quantity or a Sensor; None if the height itself is compared."""
     sensor = measured if isinstance(measured, Sensor) else Sensor(measured)  # type: ignore[arg-type]  # checked there
     return None if sensor == Sensor("height") else sensor
 
@@ -318,11 +319,9 @@ def _check_setting(name: str, value: object) -> None:
     if value == "free" or (sound and len(numbers) == 1):
         return
     if not sound or len(numbers) != 2 or not numbers[0] < numbers[1]:
-        raise InputError(
-            f"{name} = {quote(value)}; give a number, two in order between which it lies, or 'free'"
-        )
+        raise InputError(f"{name} = {quote(value)}; give a number, a lower and an upper bound, or 'free'")
     if name == "gain" and numbers[0] * numbers[1] <= 0.0:
-        raise InputError(f"gain = {quote(value)}: a sensor's sign is known; give one side of 0")
+        raise InputError(f"gain = {quote(value)}: the sign must be known; give bounds on one side of 0")
 
 
 def _parse_setting(name: str, text: str) -> Setting:
@@ -344,7 +343,7 @@ def _nominal_value(setting: Setting | None, free: float) -> float:
 
 
 def column_sensor(name: str) -> Sensor:
-    """Sensor that reads a column as it is."""
+    """Sensor that reads a column unchanged."""
     quantity: Any = name if name in get_args(SensorQuantity) else "height"
     return Sensor(quantity, gain=1.0, offset=0.0, column=name)
 
@@ -356,20 +355,20 @@ def motion_signal(
     velocity: Float[np.ndarray, "n"],
     base: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Signal of a motion (time [s], height [m], velocity [m/s]) and its base, behind a settled filter."""
+    """Signal of a motion (time [s], height [m], velocity [m/s]) and its base, after a settled filter."""
     from scipy.interpolate import CubicSpline
 
     quantity = (height, velocity)[min(sensor.derivative_order, 1)]
     if sensor.derivative_order == 2:
         quantity = CubicSpline(time, quantity).derivative()(time)
-    seen = filter_by_sensor(sensor, time, sensor.derivative_sign * quantity + base)
-    return sensor.nominal_gain * seen + sensor.nominal_offset
+    filtered = filter_by_sensor(sensor, time, sensor.derivative_sign * quantity + base)
+    return sensor.nominal_gain * filtered + sensor.nominal_offset
 
 
 def filter_by_sensor(
     sensor: Sensor, time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
-    """Pass values through a sensor's filter that has settled at the first of them; time [s]."""
+    """Pass values through a sensor's filter, in steady state at the first value; time [s]."""
     from scipy.signal import StateSpace, lsim
 
     if not sensor.filter_order or not values.any():
@@ -383,7 +382,7 @@ def filter_by_sensor(
 
 
 def filter_matrices(sensor: Sensor, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Matrices of x' = A x + b u, y = c x + d u, with time in steps."""
+    """State-space matrices of the filter, x' = A x + b u, y = c x + d u, with time in steps."""
     if not sensor.filter_order:
         return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros(0), 1.0
     assert sensor.corner_frequency is not None

@@ -1,4 +1,4 @@
-"""Samples that tell of the sensor and not of the motion: lost, clipped, or within its noise."""
+"""Samples that show the sensor instead of the motion: lost, clipped, spikes, or within its noise."""
 
 from __future__ import annotations
 
@@ -16,58 +16,58 @@ from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, round
 from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, zero_crossing_times
 from reduced_models.records.release import active_inputs
 
-KEEP = "to keep them: --between :"
-# Samples at a sensor's limit from which on a record is clipped: half a crest, cut off by 5 % as a release
-# begins, at 120 samples a period. 12 would miss it.
-_LEAST_CLIPPED = 6
-_RUN = 3
-"""Least number of equal samples in a row: two may be the same by chance of rounding."""
-_COARSE = 1e-3  # step of a sensor over the range, from which on two samples are equal by chance
-# Samples at a limit over those of the next number inside, from which on a peak is cut off there. A crest that
-# is rounded has at most 1/(sqrt(2) - 1) = 2.4 times as many on its last step as on the one before; 8 misses
-# peaks cut off by 5 %.
-_RARE = 4.0
-_BEYOND, _REPEATED = 0.3, 2
-"""Displacement over the largest from which on passages through rest are counted; and plateaus at one level
-that are no hold."""
-_DEPTH, _DEEPEST, _LONGER = 7.0, 0.35, 1.1
-"""Standard deviations of the noise between the highest and the lowest sample of a plateau; most of that over
-the displacement; and its duration over that of a crest."""
-_CYCLE = 0.3  # of a period by which the time from plateau to plateau may differ from it
-_ROUND = 0.3  # standard deviations by which the middle of a plateau may be higher
-_LEAST_NOISE, _SAME = 1e-4, 0.3
-"""Noise over the range of a record that hides no hold, and fraction of equal neighbours in a sensor that
-rounds: from there on a single run of equal samples may be a hold."""
-# Times the usual step, of all and of those about them, by which lost samples are away. 4 to 32 do the same on
-# zeros and -999 in made records; by 2 the first sample of a shock is lost.
-_JUMP = 8.0
-# Fraction of samples from which on one number is a level of the record; 0.05 keeps a tenth of zeros.
-_MOST_LOST = 0.2
-# Samples about each one; its distance from their median over their own (7.4 is five standard deviations),
-# over the noise and over the range of the record, from which on it is a spike. By 15, or 20 noise levels,
-# spikes of 0.3 under noise of 1 % are missed, by 0.1 of the range small ones; smaller values find more.
-_WINDOW, _SPIKE, _NOISES, _LEAST_SPIKE = 7, 7.4, 10.0, 0.03
-_SUDDEN = 3.0
-"""Steps to a spike and back over those about them."""
-# Fraction of samples from which on spikes are part of the record: of a tenth of them 15 to 30 % would still
-# be missed. 0.01 leaves all in if they are 2 %.
-_OFF = 8.0  # standard deviations of the usual residual, beyond which a single one is a spike
-_MOST_SPIKES = 0.05
-_DEAD, _FEWEST = 1.5, 5
-"""Noise levels of a swing, as root mean square of at least so many samples, that count no more."""
-_ENDS = 0.7
-"""Part of a record in which its motion must have ended for the rest to be left out: a fit holds as
-much back to be tested with, which then would hold noise alone."""
-_LEAST_END = 0.05
-"""Part of a record that its level of rest is taken from at least."""
-_MOST_OF_RECORD = 0.85
-"""Part of a record up to which its motion must have ended for the rest not to count."""
-_FEWEST_CROSSINGS = 8
-"""Passages through rest of a motion that is long enough to be split on its own."""
+KEEP_REMEDY = "to keep them: --between :"
+# Minimum number of samples at a sensor's limit in a clipped record: half a crest, cut off by 5 % as a release
+# begins, at 120 samples per period. 12 would miss it.
+_MINIMUM_CLIPPED = 6
+_MINIMUM_RUN = 3
+"""Minimum number of equal samples in a row: two may be equal by rounding."""
+_COARSE_STEP = 1e-3  # rounding step over the range above which two samples are equal by chance
+# Ratio of the numbers of samples at a limit and at the next value inside, above which a peak is clipped. A
+# rounded crest has at most 1/(sqrt(2) - 1) = 2.4 times as many on its last step as on the one before; 8
+# misses peaks clipped by 5 %.
+_CLIPPED_RATIO = 4.0
+_PASSAGE_DISPLACEMENT, _MINIMUM_PLATEAUS = 0.3, 2
+"""Displacement over the maximum above which passages through equilibrium count; and minimum number of
+plateaus at one level, since a hold is a single one."""
+_PLATEAU_NOISES, _MAXIMUM_DEPTH, _MINIMUM_DURATION_RATIO = 7.0, 0.35, 1.1
+"""Range of a plateau in standard deviations of the noise, maximum of that range over the displacement, and
+minimum duration over the duration of a crest."""
+_PERIOD_TOLERANCE = 0.3  # of a period: maximum deviation of the time between plateaus from it
+_FLATNESS = 0.3  # standard deviations by which the middle of a plateau may be higher
+_MINIMUM_NOISE, _ROUNDING_SHARE = 1e-4, 0.3
+"""Noise over the range of a record above which a hold is not a run of equal samples, and fraction of equal
+neighbours above which a sensor rounds. Without noise, or if it rounds, a single run may be a hold."""
+# Step to a lost sample over the usual step, of the whole record and near it. 4 to 32 give the same for zeros
+# and -999 in simulated records; with 2 the first sample of a shock is dropped.
+_JUMP_RATIO = 8.0
+# Fraction of samples above which one number is a level of the record; 0.05 keeps a tenth of zeros.
+_MAXIMUM_LOST = 0.2
+# Window of a running median; and the distance of a spike from it, over the median deviation (7.4 is five
+# standard deviations), over the noise and over the range of the record. With 15, or 20 noise levels, spikes
+# of 0.3 in noise of 1 % are missed, with 0.1 of the range small ones; smaller values find more.
+_MEDIAN_WINDOW, _SPIKE_DEVIATIONS, _SPIKE_NOISES, _MINIMUM_SPIKE = 7, 7.4, 10.0, 0.03
+_SPIKE_STEP_RATIO = 3.0
+"""Steps to a spike and back over the steps near them."""
+_RESIDUAL_SPIKE = 8.0  # standard deviations of the usual residual beyond which a single one is a spike
+# Fraction of samples above which spikes are kept as part of the record: if they are a tenth, 15 to 30 % of
+# them would still be missed. 0.01 keeps all if they are 2 %.
+_MAXIMUM_SPIKES = 0.05
+_ENDED_RATIO, _MINIMUM_RMS_SAMPLES = 1.5, 5
+"""Rms displacement over the noise below which a motion has ended; minimum number of samples of the rms."""
+_NOISE_TAIL_START = 0.7
+"""Fraction of a record in which its motion must have ended for the rest to be omitted: a fit holds out
+as large a part, which would then be noise alone."""
+_EQUILIBRIUM_PART = 0.05
+"""Minimum fraction of a record, at its end, that gives the equilibrium."""
+_MOTION_END = 0.85
+"""Fraction of a record in which its motion must have ended for the rest not to count."""
+_MINIMUM_CROSSINGS = 8
+"""Minimum number of passages through equilibrium of a motion that is split without its noise tail."""
 
 
 def drop_lost_samples(record: PistonRecord) -> PistonRecord:
-    """Record without samples that a sensor or a logger lost and wrote a number for."""
+    """Record without lost samples, for which a sensor or logger wrote some number, and without spikes."""
     lost = _placeholder_mask(record.height)
     spikes = np.zeros_like(lost)
     spikes[~lost] = _spike_mask(record.time[~lost], record.height[~lost])
@@ -75,8 +75,8 @@ def drop_lost_samples(record: PistonRecord) -> PistonRecord:
     if not lost.any() or (~lost).sum() < LEAST_SAMPLES:
         return record
     warnings.warn(
-        f"samples that stand far off those about them (lost, or spikes) are left out: "
-        f"{int(lost.sum())}, the first at {record.time[np.argmax(lost)]:.4g} s; {KEEP}",
+        f"samples far from their neighbours (lost, or spikes) are omitted: "
+        f"{int(lost.sum())}, the first at {record.time[np.argmax(lost)]:.4g} s; {KEEP_REMEDY}",
         RecordWarning,
         stacklevel=3,
     )
@@ -84,49 +84,51 @@ def drop_lost_samples(record: PistonRecord) -> PistonRecord:
 
 
 def _placeholder_mask(height: np.ndarray) -> np.ndarray:
-    """Return the samples of one extreme number that the record jumps to and back from."""
+    """Return the samples of an extreme value that the record jumps to and back from."""
     lost = np.zeros(len(height), dtype=bool)
     for extreme in (np.min, np.max):
         here = height == extreme(height)
         inner = ~here[1:] & ~here[:-1]
         edges = np.flatnonzero(here[1:] != here[:-1])
-        within = len(edges) - int(here[0]) - int(here[-1])  # of runs with samples on both sides
-        if inner.sum() < LEAST_SAMPLES or here.mean() > _MOST_LOST or within < 2:
+        within = len(edges) - int(here[0]) - int(here[-1])  # edges of runs with samples on both sides
+        if inner.sum() < LEAST_SAMPLES or here.mean() > _MAXIMUM_LOST or within < 2:
             continue
         steps = np.abs(np.diff(height))
-        quiet = steps[inner]  # lost samples may lie close together
+        quiet = steps[inner]  # steps between other samples: lost ones may be close together
         nearest = np.searchsorted(np.flatnonzero(inner), edges)[:, None] + np.arange(-4, 5)
         about = np.sort(quiet[np.clip(nearest, 0, len(quiet) - 1)], axis=1)
         usual = np.maximum(about[:, 2], np.quantile(quiet, 0.95))
-        if (steps[edges] > _JUMP * usual).all():
+        if (steps[edges] > _JUMP_RATIO * usual).all():
             lost |= here
     return lost
 
 
 def _spike_mask(time: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Return single samples that stand off the median of their neighbours (Hampel's identifier)."""
+    """Return single samples far from the median of their neighbours (Hampel identifier)."""
     none = np.zeros(len(height), dtype=bool)
     if len(height) < LEAST_SAMPLES:
         return none
-    about = np.lib.stride_tricks.sliding_window_view(np.pad(height, _WINDOW // 2, mode="reflect"), _WINDOW)
+    about = np.lib.stride_tricks.sliding_window_view(
+        np.pad(height, _MEDIAN_WINDOW // 2, mode="reflect"), _MEDIAN_WINDOW
+    )
     middle = np.median(about, axis=1)
     away = np.abs(height - middle)
     spread = np.median(np.abs(about - middle[:, None]), axis=1)
     low, high = np.quantile(height, [0.02, 0.98])
-    floor = max(_NOISES * noise_level(height, time), _LEAST_SPIKE * float(high - low))
-    steps = np.abs(np.diff(np.pad(height, _WINDOW // 2, mode="reflect")))
-    steps = np.lib.stride_tricks.sliding_window_view(steps, _WINDOW - 1)
-    middle_two = slice(_WINDOW // 2 - 1, _WINDOW // 2 + 1)
+    floor = max(_SPIKE_NOISES * noise_level(height, time), _MINIMUM_SPIKE * float(high - low))
+    steps = np.abs(np.diff(np.pad(height, _MEDIAN_WINDOW // 2, mode="reflect")))
+    steps = np.lib.stride_tricks.sliding_window_view(steps, _MEDIAN_WINDOW - 1)
+    middle_two = slice(_MEDIAN_WINDOW // 2 - 1, _MEDIAN_WINDOW // 2 + 1)
     others = np.sort(np.delete(steps, middle_two, axis=1), axis=1)[:, 1]
-    # a bounce is as sharp, but the motion comes and goes as quickly next to it
-    alone = steps[:, middle_two].min(axis=1) > _SUDDEN * others
-    spikes = alone & (away > _SPIKE * spread) & (away > floor)
-    spikes[: _WINDOW // 2] = spikes[len(spikes) - _WINDOW // 2 :] = False
-    return spikes if spikes.mean() < _MOST_SPIKES else none
+    # a bounce is as sharp, but the steps of the motion next to it are as large
+    alone = steps[:, middle_two].min(axis=1) > _SPIKE_STEP_RATIO * others
+    spikes = alone & (away > _SPIKE_DEVIATIONS * spread) & (away > floor)
+    spikes[: _MEDIAN_WINDOW // 2] = spikes[len(spikes) - _MEDIAN_WINDOW // 2 :] = False
+    return spikes if spikes.mean() < _MAXIMUM_SPIKES else none
 
 
 def clipped_sample_mask(record: PistonRecord) -> Bool[np.ndarray, "n"]:
-    """Mask of the samples at the limits of a sensor, if runs of them stand at several crests."""
+    """Mask of the samples at the limits of a sensor, if there are runs of them at several crests."""
     clipped = _clipped_sample_mask(record)
     if clipped.any():
         warnings.warn(_clipped_text(record, clipped), RecordWarning, stacklevel=3)
@@ -140,158 +142,159 @@ def _clipped_sample_mask(record: PistonRecord) -> np.ndarray:
 
 def _clipped_text(record: PistonRecord, clipped: np.ndarray) -> str:
     return (
-        f"{int(clipped.sum())} samples stand at the limit of the sensor (clipped) and are left out; "
-        f"{keep_text(record)}"
+        f"{int(clipped.sum())} samples at the limit of the sensor (clipped) are omitted; {keep_text(record)}"
     )
 
 
 def keep_text(record: PistonRecord) -> str:
-    """Remedy for samples that are left out of a record."""
+    """Remedy for samples that are omitted from a record."""
     known = record.source is not None and record.source.name
-    return KEEP if known else "to keep them: complete=True of the PistonRecord"
+    return KEEP_REMEDY if known else "to keep them: complete=True of the PistonRecord"
 
 
-def with_note(record: PistonRecord, words: str) -> PistonRecord:
-    """Record whose source has a further note on its samples."""
+def with_note(record: PistonRecord, text: str) -> PistonRecord:
+    """Record with a further note on its samples in its source."""
     source = record.source or RecordSource("")
-    return dataclasses.replace(record, source=dataclasses.replace(source, notes=(*source.notes, words)))
+    return dataclasses.replace(record, source=dataclasses.replace(source, notes=(*source.notes, text)))
 
 
 def without_clipped_samples(record: PistonRecord) -> PistonRecord:
     """Record without the samples at a sensor's limits, which a fit would take for the motion."""
-    # what is driven may be held at a level again and again
+    # a driven motion may repeatedly be held at a level
     if record.complete or active_inputs(record):
         return record
     clipped = _clipped_sample_mask(record)
     if not clipped.any() or (~clipped).sum() < LEAST_SAMPLES:
         return record
-    words = _clipped_text(record, clipped)
-    warnings.warn(words, RecordWarning, stacklevel=3)
-    return with_note(record.select(~clipped), words)
+    text = _clipped_text(record, clipped)
+    warnings.warn(text, RecordWarning, stacklevel=3)
+    return with_note(record.select(~clipped), text)
 
 
 def spike_mask(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
-    """Mask of single samples far off the heights of a fitted motion [m]; none of a complete record."""
-    # Among few samples a cycle the neighbours alone tell no spike from the motion.
+    """Mask of single samples far from the heights of a fitted motion [m]; none of a complete record."""
+    # With few samples per cycle the neighbours alone do not distinguish a spike from the motion.
     away = np.abs(record.height - fitted)
     about = np.pad(away, 1, mode="reflect")
-    alone = away > _SUDDEN * np.maximum(about[:-2], about[2:])
-    spikes = alone & (away > _OFF * float(np.median(away)) / NORMAL_MEDIAN)
-    few = spikes.mean() <= _MOST_SPIKES and (~spikes).sum() >= LEAST_SAMPLES
+    alone = away > _SPIKE_STEP_RATIO * np.maximum(about[:-2], about[2:])
+    spikes = alone & (away > _RESIDUAL_SPIKE * float(np.median(away)) / NORMAL_MEDIAN)
+    few = spikes.mean() <= _MAXIMUM_SPIKES and (~spikes).sum() >= LEAST_SAMPLES
     return spikes if few and not record.complete else np.zeros_like(spikes)
 
 
 def _equal_sample_mask(record: PistonRecord) -> np.ndarray:
-    """Mask of samples that are equal to the least or the largest, in runs."""
+    """Mask of samples equal to the minimum or the maximum, in runs."""
     height = record.height
     at_limit = np.zeros(len(height), dtype=bool)
     runs = samples = 0
-    # noise shows where the sensor does not stand at its limits
+    # noise is visible away from the limits of the sensor
     free = (height > height.min()) & (height < height.max())
     if free.sum() < LEAST_SAMPLES:
         return at_limit
-    noisy = noise_level(height[free], record.time[free]) > _LEAST_NOISE * float(np.ptp(height))
-    noisy &= float((np.diff(height[free]) == 0.0).mean()) < _SAME
-    run = _RUN if rounding_step(height) > _COARSE * float(np.ptp(height)) else _RUN - 1
+    noisy = noise_level(height[free], record.time[free]) > _MINIMUM_NOISE * float(np.ptp(height))
+    noisy &= float((np.diff(height[free]) == 0.0).mean()) < _ROUNDING_SHARE
+    run = _MINIMUM_RUN if rounding_step(height) > _COARSE_STEP * float(np.ptp(height)) else _MINIMUM_RUN - 1
     values = np.unique(height)
     for limit, inside in ((values[0], values[1]), (values[-1], values[-2])):
         here = height == limit
-        # a turning point of a sensor that rounds has nearly half as many samples a step further in
-        if here.sum() <= _RARE * (height == inside).sum():
+        # at a turning point, a rounding sensor has nearly half as many samples one step further in
+        if here.sum() <= _CLIPPED_RATIO * (height == inside).sum():
             continue
         lengths = np.array([stop - start for start, stop in mask_runs(here)])
         long = lengths >= run
         runs, samples = runs + int(long.sum()), samples + int(lengths[long].sum())
         if long.any():
             at_limit |= here
-    # A hold is one long run; crests that are cut off are several. In noise no hold is one number.
-    return at_limit & bool((runs >= _REPEATED or noisy) and samples >= _LEAST_CLIPPED)
+    # A hold is one long run, clipped crests are several. In noise a hold is never a single value.
+    return at_limit & bool((runs >= _MINIMUM_PLATEAUS or noisy) and samples >= _MINIMUM_CLIPPED)
 
 
 def _plateau_mask(record: PistonRecord) -> np.ndarray:
-    """Mask of samples that stay at the largest displacement, but for noise, longer than a crest does."""
+    """Mask of samples that stay at the maximum displacement, apart from noise, longer than a crest."""
     time, height = record.time, record.height
     plateau = np.zeros(len(height), dtype=bool)
     noise = noise_level(height, time)
-    swing = height - np.median(height)
-    passages = zero_crossing_times(time, swing, _BEYOND * float(np.abs(swing).max()))
-    if noise == 0.0 or len(passages) < 2 * _REPEATED:
+    displacement = height - np.median(height)
+    passages = zero_crossing_times(
+        time, displacement, _PASSAGE_DISPLACEMENT * float(np.abs(displacement).max())
+    )
+    if noise == 0.0 or len(passages) < 2 * _MINIMUM_PLATEAUS:
         return plateau
     half = float(np.median(np.diff(passages)))
-    step = float(np.median(np.diff(time)))  # a hole is no plateau
-    for away in (swing, -swing):
+    step = float(np.median(np.diff(time)))  # a gap is not a plateau
+    for away in (displacement, -displacement):
         largest = float(away.max())
-        # the largest of many is three standard deviations above the plateau, the least as far below
-        depth = _DEPTH * noise
-        if depth > _DEEPEST * largest:
+        # the maximum of many is three standard deviations above the plateau, the minimum as far below
+        depth = _PLATEAU_NOISES * noise
+        if depth > _MAXIMUM_DEPTH * largest:
             continue
-        # a harmonic crest is within the depth for this long
+        # duration of a harmonic crest within the depth
         natural = half * math.acos(1.0 - depth / largest) * 2.0 / math.pi
         near = away > largest - depth
         starts = [
             time[start]
             for start, stop in mask_runs(near)
-            if (stop - start - 1) * step > _LONGER * natural
-            and stop - start >= _RUN
+            if (stop - start - 1) * step > _MINIMUM_DURATION_RATIO * natural
+            and stop - start >= _MINIMUM_RUN
             and _is_flat(away[start:stop], noise)
         ]
-        # from cycle to cycle; holds before further releases are further apart
-        if (np.abs(np.diff(starts) / (2.0 * half) - 1.0) < _CYCLE).sum() >= _REPEATED - 1:
+        # one per cycle; holds before further releases are further apart
+        if (np.abs(np.diff(starts) / (2.0 * half) - 1.0) < _PERIOD_TOLERANCE).sum() >= _MINIMUM_PLATEAUS - 1:
             plateau |= near
     return plateau
 
 
 def _is_flat(values: np.ndarray, noise: float) -> bool:
-    """Return whether the middle of a run is no higher than what is about it."""
+    """Return whether the middle of a run is not higher than the rest of it."""
     quarter = max(1, len(values) // 5)
     middle, about = values[2 * quarter : -2 * quarter], values[quarter:-quarter]
     if not len(middle):
         return True
-    return bool(middle.mean() - about.mean() < noise * (_ROUND + 3.0 / math.sqrt(len(middle))))
+    return bool(middle.mean() - about.mean() < noise * (_FLATNESS + 3.0 / math.sqrt(len(middle))))
 
 
 def mask_runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """First and behind the last sample of each run of a mask."""
+    """Start and stop (exclusive) of each run of a mask."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def end_time_of_motion(record: PistonRecord) -> float:
-    """Time after which the motion is hardly more than noise about where it ends [s]."""
-    swing = record.height - np.median(record.height[-max(3, int(_LEAST_END * len(record))) :])
-    count = min(len(swing), max(_FEWEST, len(swing) // 50))
-    largest = float(np.abs(swing).max()) or 1.0  # squares of heights may leave the floats
-    sums = np.concatenate([[0.0], np.cumsum((swing / largest) ** 2)])
+    """Time after which the motion is hardly larger than the noise about its final level [s]."""
+    displacement = record.height - np.median(record.height[-max(3, int(_EQUILIBRIUM_PART * len(record))) :])
+    count = min(len(displacement), max(_MINIMUM_RMS_SAMPLES, len(displacement) // 50))
+    largest = float(np.abs(displacement).max()) or 1.0  # squares of heights may overflow or underflow
+    sums = np.concatenate([[0.0], np.cumsum((displacement / largest) ** 2)])
     rms = np.sqrt(np.maximum(sums[count:] - sums[:-count], 0.0) / count)
-    # the rms of so few samples of noise alone scatters by 1/sqrt(2 count)
-    limit = max(_DEAD, 1.0 + 4.0 / math.sqrt(2.0 * count))
+    # the rms of few samples of noise has a relative scatter of 1/sqrt(2 count)
+    limit = max(_ENDED_RATIO, 1.0 + 4.0 / math.sqrt(2.0 * count))
     moving = np.flatnonzero(rms > limit * noise_level(record.height, record.time) / largest)
     return float(record.time[int(moving[-1]) + count - 1 if len(moving) else 0])
 
 
 def count_samples_in_motion(record: PistonRecord) -> int:
-    """Count the samples until a free swing is lost in the noise of its record."""
+    """Count the samples until a free oscillation is lost in the noise of its record."""
     if active_inputs(record):
         return len(record)
     end, duration = end_time_of_motion(record), float(record.time[-1])
     count = int(np.searchsorted(record.time, end, side="right"))
-    if end > _MOST_OF_RECORD * duration or count < LEAST_SAMPLES:
+    if end > _MOTION_END * duration or count < LEAST_SAMPLES:
         return len(record)
-    if first_guesses(record.time[:count], record.height[:count]).crossings < _FEWEST_CROSSINGS:
+    if first_guesses(record.time[:count], record.height[:count]).crossings < _MINIMUM_CROSSINGS:
         return len(record)
     return count
 
 
 def cut_noise_tail(record: PistonRecord) -> PistonRecord:
-    """Record until its motion is lost in the sensor's noise, where that takes much of it."""
+    """Record until its motion is lost in the sensor's noise, if noise is a large part of it."""
     start, stop = float(record.time[0]), float(record.time[-1])
     end = end_time_of_motion(record)
     motion = record.time <= end
-    if end - start > _ENDS * (stop - start) or motion.sum() < LEAST_SAMPLES:
+    if end - start > _NOISE_TAIL_START * (stop - start) or motion.sum() < LEAST_SAMPLES:
         return record
     warnings.warn(
-        f"from {end:.4g} s on the motion is within the sensor's noise, and what follows is left "
-        "out; to keep it: --between :",
+        f"from {end:.4g} s on the motion is within the sensor's noise, and the rest is omitted; "
+        "to keep it: --between :",
         RecordWarning,
         stacklevel=3,
     )

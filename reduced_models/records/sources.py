@@ -1,4 +1,4 @@
-"""Sources of a record: a scene to be run, a run, a CSV or Parquet file, or an object."""
+"""Sources of a record: a scene to simulate, a run, a CSV or Parquet file, or an object."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
 
-METHOD = "stormer-verlet"
+DEFAULT_METHOD = "stormer-verlet"
 
 
 def load_record(source: Scene | Trajectory | PistonRecord, progress: bool) -> PistonRecord:
-    """Record of a source; a scene is simulated first."""
+    """Load the record of a source; a scene is simulated first."""
     opened = open_and_check_source(source)
     if isinstance(opened, PistonRecord):
         return opened
@@ -46,9 +46,9 @@ def load_record(source: Scene | Trajectory | PistonRecord, progress: bool) -> Pi
 def open_and_check_source(
     source: str | Path | Scene | Plan | Trajectory | PistonRecord,
 ) -> Scene | Plan | Trajectory | PistonRecord:
-    """Open a source, and check that it has or will have a piston's record."""
+    """Open a source, and check that it has, or will produce, a piston's record."""
     result = open_source(source) if isinstance(source, str | Path) else source
-    if isinstance(result, PistonRecord):  # needs nothing of what simulates
+    if isinstance(result, PistonRecord):  # without importing the simulation
         return result
     from granular.run.plan import Plan
     from granular.scene.scene import Scene
@@ -59,7 +59,7 @@ def open_and_check_source(
             raise InputError(f"scene {quote(scene.name)} has no piston, so there is nothing to identify")
         return result
     if not hasattr(result, "settings"):
-        raise InputError(f"a {type(result).__name__} is no source; give a scene, a plan, a run or a record")
+        raise InputError(f"a {type(result).__name__} is not a source; give a scene, plan, run or record")
     missing = {"dt", "method", "steps"} - set(result.settings())
     if missing:
         raise StoreError(
@@ -69,7 +69,7 @@ def open_and_check_source(
 
 
 def make_directory(out: str | Path) -> Path:
-    """Directory to write to, made where it is not there yet."""
+    """Return a directory to write to, created if it does not exist."""
     path = Path(out)
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -77,7 +77,7 @@ def make_directory(out: str | Path) -> Path:
         raise StoreError(f"{shortened_path_text(path)} is a file; give a directory to write to") from None
     except OSError as error:
         raise StoreError(
-            f"{shortened_path_text(path)} cannot be made: {error.strerror}; give another directory"
+            f"{shortened_path_text(path)} cannot be created: {error.strerror}; give another directory"
         ) from None
     if not os.access(path, os.W_OK):
         raise StoreError(f"{shortened_path_text(path)} cannot be written to; give another directory")
@@ -85,26 +85,26 @@ def make_directory(out: str | Path) -> Path:
 
 
 def shortened_path_text(path: Path) -> str:
-    """Path for a message, cut where it is long, and without control characters."""
+    """Path for a message, shortened and without control characters."""
     return sanitize(path, 80)
 
 
 def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
     """Read the motion in a file, as `PistonRecord.from_file` does, from its release on.
 
-    Left out are samples that the sensor lost or clipped, what stands before the release, further
-    releases, what follows a knock, and an end that is noise (`reduced_models.records.free_motion`).
-    ``release=2`` takes the second one. Nothing more is left out where times (``between``) are given, here
-    or in the ``record.toml``, and nothing of a record of the force on a prescribed stroke.
+    Omitted are lost or clipped samples, the hold before the release, further releases, the motion
+    after a knock, and an end that is noise (`reduced_models.records.free_motion`). ``release=2``
+    selects the second release. If times (``between``) are given, here or in the ``record.toml``, only
+    they cut the record. A record of the force on a prescribed stroke is not cut at all.
 
     Parameters
     ----------
     path : str or Path
         File to read, or a ``record.toml`` that describes one.
     units : mapping of str to str, optional
-        Units of the columns by their roles or names, instead of those in the file.
+        Units of the columns by their roles or names, which replace the units in the file.
     **said
-        How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``, ``between``,
+        Reading options: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``, ``between``,
         ``scale``, ``zero``, ``calibration``, ``rate``, ``sort`` and ``release``, the fields of
         `granular.records.options.ReadOptions`.
 
@@ -117,14 +117,15 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     ------
     RecordError
         If the file cannot be read as a record, an option is unknown or out of its range, a release is
-        given with times, the file holds no such release, or all (``release="all"``) are asked for.
+        given together with times, the file has no such release, or all (``release="all"``) are
+        requested.
     InputError
-        If a ``.toml`` file is no TOML.
+        If a ``.toml`` file is not valid TOML.
 
     Warns
     -----
     RecordWarning
-        Of what was guessed or done, the cut among it.
+        For each guess, repair and cut.
     """
     record = PistonRecord.from_file(path, units, **said)
     options = options_with_description(Path(path), ReadOptions(**said))
@@ -132,7 +133,7 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
         return record
     if options.between is not None:
         return dataclasses.replace(record, complete=True)
-    return _note_what_is_cut(lambda: [find_free_motion(record, options.release)])[0]
+    return _with_warnings_as_notes(lambda: [find_free_motion(record, options.release)])[0]
 
 
 def read_releases(
@@ -140,17 +141,17 @@ def read_releases(
 ) -> list[PistonRecord]:
     """Read the motions in a file of several releases, to be fitted together or one by one.
 
-    Each is cut as by `read_record`, also where times (``between``) are given; a record of a force on a
-    prescribed stroke comes whole, as the only one.
+    Each is cut as by `read_record`, also if times (``between``) are given; a record of a force on a
+    prescribed stroke is returned whole, as the only one.
 
     Parameters
     ----------
     path : str or Path
         File as for `read_record`.
     units : mapping of str to str, optional
-        Units of the columns by their roles or names, instead of those in the file.
+        Units of the columns by their roles or names, which replace the units in the file.
     **said : Any
-        Further options of `read_record`; ``release`` is checked, and then ignored.
+        Further options of `read_record`; ``release`` is checked and then ignored.
 
     Returns
     -------
@@ -162,23 +163,23 @@ def read_releases(
     ------
     RecordError
         If the file cannot be read as a record, an option is unknown or out of its range, or a release
-        is given with times.
+        is given together with times.
     InputError
-        If a ``.toml`` file is no TOML.
+        If a ``.toml`` file is not valid TOML.
 
     Warns
     -----
     RecordWarning
-        Of what was guessed or left out.
+        For each guess, repair and omission.
     """
     record = PistonRecord.from_file(path, units, **said)
     if record.measured == "force":
         return [record]
-    return _note_what_is_cut(lambda: find_free_motions(record))
+    return _with_warnings_as_notes(lambda: find_free_motions(record))
 
 
-def _note_what_is_cut(find: Callable[[], list[PistonRecord]]) -> list[PistonRecord]:
-    """Motions that a function finds, with its warnings among the notes of their source."""
+def _with_warnings_as_notes(find: Callable[[], list[PistonRecord]]) -> list[PistonRecord]:
+    """Motions that a function finds, with its warnings as notes of their source."""
     with warnings.catch_warnings(record=True, action="always", category=RecordWarning) as caught:
         motions = find()
     for warning in caught:
@@ -195,15 +196,15 @@ def _note_what_is_cut(find: Callable[[], list[PistonRecord]]) -> list[PistonReco
 
 
 def describe_record(record: PistonRecord, period: float | None = None) -> list[str]:
-    """Title with name, contents, duration and number of periods [s]; then calibration, cuts and repairs."""
+    """Lines on a record: name, contents, duration and cycles (period [s]); calibration, cuts and repairs."""
     duration = float(record.time[-1] - record.time[0])
     cycles = f" ({duration / period:.0f} cycles)" if period and duration > period else ""
     source = record.source
     if source is not None and source.scene:
         return [f"{sanitize(source.name)}: {source.scene}, {duration:.2g} s{cycles}"]
-    what = record.coordinate if record.measured == "height" else record.measured
+    quantity = record.coordinate if record.measured == "height" else record.measured
     rate = f"{(len(record) - 1) / duration:.4g}"
-    title = f"{what}, {len(record)} samples at {rate} Hz, {duration:.3g} s{cycles}"
+    title = f"{quantity}, {len(record)} samples at {rate} Hz, {duration:.3g} s{cycles}"
     if source is None:
         return [f"record: {title}"]
     notes = [f"calibration: {source.calibration}"] * bool(source.calibration) + list(source.notes)
@@ -211,20 +212,20 @@ def describe_record(record: PistonRecord, period: float | None = None) -> list[s
 
 
 def options_with_description(path: Path, options: ReadOptions) -> ReadOptions:
-    """Options of reading a file, with those of a description where the path is that of one."""
+    """Options of reading a file, merged with the options of a description if the path is one."""
     return read_record_description(path)[1].merge(options) if is_record_description(path) else options
 
 
 def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene | Trajectory | PistonRecord:
-    """Open a path or a scene's name; of a record's file return the motion in it."""
+    """Open a path or a scene by name; for a record's file return the motion in it."""
     path, plain = Path(source), {} if options is None else options.to_plain()
     try:
         if is_record_file(path) or not (path.is_dir() or path.suffix in ("", ".toml")):
             return read_record(path, **plain)
         if plain:
             raise InputError(
-                f"{', '.join(plain)}: how the file of a record is read, and {shortened_path_text(path)} is "
-                "none; leave it out"
+                f"{', '.join(plain)}: only for the file of a record, which {shortened_path_text(path)} is "
+                "not; remove it"
             )
         from granular.run.run_directory import is_run_directory
         from granular.run.trajectory import load_trajectory
@@ -240,12 +241,12 @@ def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene
 
 
 def is_record_file(path: Path) -> bool:
-    """Return whether a path is the file of a record, or describes one."""
+    """Return whether a path is the file or the description of a record."""
     return path.is_file() and (path.suffix != ".toml" or is_record_description(path))
 
 
 def run_plan(plan: Plan, out: Path | None, progress: bool) -> Trajectory:
-    """Run a scene in the folder ``run`` of a directory, or continue the run that is there already."""
+    """Run a scene in the folder ``run`` of a directory, or continue an existing run there."""
     from granular.run.simulation import simulate
 
     resume = out is not None
@@ -253,20 +254,20 @@ def run_plan(plan: Plan, out: Path | None, progress: bool) -> Trajectory:
 
 
 def incomplete_run_notes(run: Trajectory) -> tuple[str, ...]:
-    """Return notes on a run that was cut, as the source of a record."""
+    """Return notes on an incomplete run, as the source of a record."""
     if run.complete:
         return ()
     last = run.stages[-1] if run.stages else None
-    where = "before its first stage" if last is None else f"in stage {quote(last.name)}"
+    stage_text = "before its first stage" if last is None else f"in stage {quote(last.name)}"
     when = float(run.dataset["time"].values[-1])
     return (
-        f"the run was cut at t = {when:.4g} s, {where}, so the record is not whole; finish it with "
-        "run --resume, or read the figures as those of a part",
+        f"the run was stopped at t = {when:.4g} s, {stage_text}, so the record is incomplete; finish it with "
+        "run --resume, or regard the results as preliminary",
     )
 
 
 def time_step_text(run: Trajectory) -> str:
-    """Time step of a run in words, an automatic one also in seconds [s]."""
+    """Time step of a run as text, an automatic one also in seconds."""
     settings = run.settings()
     dt = settings["dt"]
     if not isinstance(dt, str):
@@ -279,11 +280,11 @@ def time_step_text(run: Trajectory) -> str:
 
 
 RECORD, FALL = "record", "fall"
-"""Names of the motions that `piston_record_columns` gives."""
+"""Names of the motions that `piston_record_columns` returns."""
 
 
 def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Piston's record of a run, and of its first stage if that is a free motion, as columns [s, m]."""
+    """Piston's record of a run, and of its first stage if it is a free motion, as columns [s, m]."""
     from granular.protocol.stages import Free
 
     motions = {RECORD: run.piston()}

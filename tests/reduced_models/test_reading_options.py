@@ -82,7 +82,7 @@ def test_all_of_them_together(name: str, file: Path, read: Callable[..., Any]) -
     found, done = read(name, str(file), *SAID, "--between", "300 ms:2")
     assert found.time == pytest.approx(TIME[150:1001], abs=1e-9)
     assert found.height == pytest.approx(HEIGHT[150:1001], abs=1e-8)
-    assert "stands still" not in done.stderr
+    assert "at rest until" not in done.stderr
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -141,12 +141,12 @@ def test_a_hold_is_left_out_unless_times_are_given(name: str, file: Path, read: 
     assert found.time[0] == pytest.approx(0.4, abs=0.005)
     printed = done.stdout + done.stderr
     if name in ("identify", "fit", "compare", "discover"):  # whose results print the notes of their record
-        assert "stands still" not in printed
+        assert "at rest until" not in printed
         printed = "\n".join(found.source.notes)
-    assert printed.count("stands still until 0.4") == 1
+    assert printed.count("is at rest until 0.4") == 1
     found, done = read(name, str(file), *SAID, "--between", ":")
     assert len(found) == len(TIME)
-    assert "stands still" not in done.stdout + done.stderr
+    assert "at rest until" not in done.stdout + done.stderr
 
 
 def test_a_held_out_record_is_read_likewise(
@@ -169,7 +169,7 @@ def test_a_held_out_record_is_read_likewise(
 def test_a_scene_is_no_file_of_a_record(name: str, read: Callable[..., Any]) -> None:
     found, done = read(name, "damper", "--units", "height=mm")
     assert (found, done.returncode) == (None, 2)
-    assert "units: how the file of a record is read, and damper is none" in done.stderr
+    assert "units: only for the file of a record, which damper is not" in done.stderr
 
 
 # What errors and pages name ------------------------------------------------------------------

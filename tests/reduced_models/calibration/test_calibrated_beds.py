@@ -1,4 +1,4 @@
-"""Numbers of a scene from records of simulated beds, and what cannot be calibrated."""
+"""Calibration of scenes to records of simulated beds, and refused arguments."""
 
 import math
 import os
@@ -27,8 +27,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
 
 
-def swing(mass: float, drag: float, seed: int, slower: float = 1.0) -> PistonRecord:
-    """A piston on springs that are a little different from bed to bed."""
+def spring_oscillation(mass: float, drag: float, seed: int, slower: float = 1.0) -> PistonRecord:
+    """Oscillation of a piston on springs that differ slightly from bed to bed."""
     time = np.linspace(0.0, 2.0, 2000)
     random = np.random.default_rng(seed)
     rest = 0.059 * (7.5 / mass) ** 0.35 * (1.0 + 1e-3 * random.normal())
@@ -39,21 +39,21 @@ def swing(mass: float, drag: float, seed: int, slower: float = 1.0) -> PistonRec
 
 
 class Springs(Executor):
-    """Answers a case with the swing of its mass and drag."""
+    """Executor that answers a case with the oscillation for its mass and drag."""
 
     def submit(self, _: Callable[..., Any], case: Case, *__: Any) -> Future[Any]:
         scene, future = case.scene, Future[Any]()
         drag = scene.effects.drag.coefficient
-        columns = swing(scene.piston.mass, drag, scene.arrangement.seed).columns
+        columns = spring_oscillation(scene.piston.mass, drag, scene.arrangement.seed).columns
         figures = {name: values.tolist() for name, values in columns.items()}
         future.set_result(CaseOutcome(figures))
         return future
 
 
-def test_simulations_run_where_they_are_told_to(tmp_path: Path) -> None:
-    """Those of an executor that is given; what does not fit is said, and all of it saved."""
-    record, options = swing(7.0, 0.11, 100, slower=1.05), {"checks": False, "progress": False}
-    with pytest.warns(UserWarning, match="no values give the record's period"):
+def test_given_executor_runs_the_simulations(tmp_path: Path) -> None:
+    """The discrepancies are noted, and everything is saved."""
+    record, options = spring_oscillation(7.0, 0.11, 100, slower=1.05), {"checks": False, "progress": False}
+    with pytest.warns(UserWarning, match="no values reproduce the record's period"):
         found = calibrate(record, load_scene("damper"), seeds=2, executor=Springs(), out=tmp_path, **options)
     assert found.notes
     assert found.values[DRAG] == pytest.approx(0.11, rel=0.1)
@@ -68,7 +68,7 @@ def small(**changes: Any) -> Scene:
 
 
 def lab_record(scene: Scene, seed: int = 1, *, force: bool = False) -> PistonRecord:
-    """A record of a run with noise of 1 % of its swing."""
+    """Record of a run with noise of 1 % of its rms displacement."""
     record = simulate(scene, progress=False).piston()
     noise = np.random.default_rng(seed).normal(0.0, 0.01 * record.height.std(), len(record))
     return PistonRecord(record.time, record.height + noise, force=record.force if force else None)
@@ -76,8 +76,8 @@ def lab_record(scene: Scene, seed: int = 1, *, force: bool = False) -> PistonRec
 
 @pytest.mark.long
 @pytest.mark.usefixtures("interruptible")
-def test_an_interrupted_calibration_goes_on(tmp_path: Path) -> None:
-    """Ctrl-C ends it in two lines; the same command makes no simulation a second time."""
+def test_interrupted_calibration_continues(tmp_path: Path) -> None:
+    """Ctrl-C ends it in two lines; the same command repeats no simulation."""
     truth = {MASS: 1.15, DRAG: 0.42, "arrangement.seed": 11}
     lab_record(small(**truth)).to_csv(tmp_path / "lab.csv")
     small().save(tmp_path / "start.toml")
@@ -104,8 +104,8 @@ def test_an_interrupted_calibration_goes_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_mass_and_drag_of_a_bed(tmp_path: Path) -> None:
-    """92 grains, three records of beds of their own: the truth lies within what is stated."""
+def test_mass_and_drag_of_a_bed_are_recovered(tmp_path: Path) -> None:
+    """92 grains, three records of beds with different packings: the truth lies within the intervals."""
     start = damper(count=92)
     truth = {MASS: 0.85 * start.piston.mass, DRAG: 0.14}
     for seed in (101, 102, 103):
@@ -120,7 +120,7 @@ def test_mass_and_drag_of_a_bed(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_remanence_needs_the_force(tmp_path: Path) -> None:
-    """Of 92 grains: with a column of force, mass, drag and remanence are told apart."""
+    """For 92 grains: a force column separates mass, drag and remanence."""
     start = damper(count=92)
     truth = {MASS: 0.9 * start.piston.mass, DRAG: 0.12, REMANENCE: 1.24}
     record = lab_record(start.replace(**truth, **{"arrangement.seed": 104}), force=True)
@@ -159,12 +159,12 @@ def accelerations() -> PistonRecord:
 BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: quiet("piston.mas"), "did you mean 'mass'"),
     (lambda: quiet("piston.drag"), "starts from a value above 0"),
-    (lambda: quiet("grains.count"), "is no quantity"),
-    (lambda: quiet("effects"), "is no quantity"),
-    (lambda: quiet("effects.friction.static"), "holds no effects.friction.static"),
+    (lambda: quiet("grains.count"), "is not a quantity"),
+    (lambda: quiet("effects"), "is not a quantity"),
+    (lambda: quiet("effects.friction.static"), "has no effects.friction.static"),
     (lambda: quiet(MASS, MASS), "each once"),
-    (lambda: quiet(seeds=1), "from 2 on"),
-    (lambda: quiet(seeds=10**60), "at most 10000"),
+    (lambda: quiet(seeds=1), "from 2"),
+    (lambda: quiet(seeds=10**60), "to 10000"),
     (lambda: quiet(confidence=1.0), "between 0 and 1"),
     (lambda: quiet(law="linaer"), "did you mean 'linear'"),
     (lambda: quiet(dt=-1.0), "above 0 s"),
@@ -176,7 +176,7 @@ BAD: list[tuple[Callable[[], Any], str]] = [
 
 
 @pytest.mark.parametrize(("act", "words"), BAD, ids=[row[1] for row in BAD])
-def test_bad_arguments(act: Callable[[], Any], words: str) -> None:
+def test_wrong_arguments_are_refused(act: Callable[[], Any], words: str) -> None:
     with pytest.raises((InputError, SceneError)) as caught:
         act()
     assert words in str(caught.value)
@@ -189,17 +189,17 @@ def test_bad_arguments(act: Callable[[], Any], words: str) -> None:
         ("nothing.csv damper", "there is no file"),
         ("damper damper", "is a scene; give a record"),
         ("still.csv damper", "a motion is needed"),
-        ("grows.csv damper", "unexplained, 50 % is the limit"),
+        ("grows.csv damper", "unexplained, the limit is 50 %"),
         ("lab.csv dampr", "did you mean 'damper'"),
         ("lab.csv damper --parameter piston.weight", "unknown key 'weight'"),
-        ("lab.csv damper --seeds 1", "from 2 on"),
+        ("lab.csv damper --seeds 1", "from 2"),
         ("lab.csv damper --seeds few", "invalid int value"),
         ("lab.csv damper -o lab.csv", "is a file; give a directory"),
         ("lab.csv damper --set piston.mass=0", "must be above 0"),
         ("lab.csv single-particle", "has no piston"),
     ],
 )
-def test_bad_words(
+def test_wrong_command_lines_are_refused(
     words: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""Numbers of a scene from a record, by made-up features, and the features of a record."""
+"""Calibration with synthetic features, and the features of a record."""
 
 import dataclasses
 import functools
@@ -14,7 +14,7 @@ import pytest
 from granular import PistonRecord, Scene, load_scene
 from granular.shared.errors import InputError, RecordError
 from reduced_models import load_model
-from reduced_models.calibration.calibrate import RADIUS, run_calibration
+from reduced_models.calibration.calibrate import MAXIMUM_STEP, run_calibration
 from reduced_models.calibration.result import Calibration
 from reduced_models.calibration.simulations import (
     RecordFeatures,
@@ -32,13 +32,13 @@ NOISE, SCATTER = np.array([1e-3, 2e-3, 5e-3, 1e-3]), np.array([2e-3, 3e-3, 1e-2,
 
 @functools.cache
 def damper_scene() -> Scene:
-    """The packaged damper, of so few grains that its many changes are soon looked over."""
+    """The packaged damper with so few grains that its many variants are checked quickly."""
     small = {"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "arrangement.height": "5.5 D"}
     return load_scene("damper").replace(**small)
 
 
-def made_features(mass: float, drag: float, remanence: float, bed: np.ndarray) -> np.ndarray:
-    """Logarithms of the features of a made-up damper, with the scatter of its bed (4,)."""
+def synthetic_features(mass: float, drag: float, remanence: float, bed: np.ndarray) -> np.ndarray:
+    """Logarithms of the features of a synthetic damper, with the scatter of its bed (4,)."""
     load = math.log((mass + 0.1) / remanence**2)
     period = -0.2 * load + 0.03 * load**2
     damping = math.log(drag / (mass + 0.1)) + 0.1 * math.sin(load)
@@ -46,8 +46,8 @@ def made_features(mass: float, drag: float, remanence: float, bed: np.ndarray) -
 
 
 @dataclasses.dataclass(frozen=True)
-class MadeUp(SceneSimulator):
-    """A formula takes the place of the simulations; its beds are those of seeds that are shifted."""
+class SyntheticSimulator(SceneSimulator):
+    """Simulator that replaces simulations by a formula; its beds have shifted seeds."""
 
     shift: int = 0
     fails: Callable[[float], bool] = lambda mass: False
@@ -63,13 +63,13 @@ class MadeUp(SceneSimulator):
         plain = self.scene.replace(**self.scene_changes(place))
         values = plain.piston.mass, plain.effects.drag.coefficient, plain.grains.remanence
         beds = (np.random.default_rng(seed + self.shift).normal(size=4) for seed in self.seeds)
-        rows = np.array([made_features(*values, bed) for bed in beds])
+        rows = np.array([synthetic_features(*values, bed) for bed in beds])
         records = (RECORD.with_time_from_zero(),) * len(rows)
         return SimulatedPoint(place, records, rows[:, : 4 if self.force else 3])
 
 
 class Lab(NamedTuple):
-    """The features of a record of a bed with a random start of its own."""
+    """Features of the record of a bed with a separate random start."""
 
     wanted: RecordFeatures
     shift: int
@@ -78,15 +78,15 @@ class Lab(NamedTuple):
     def of(cls, seed: int, *, force: bool = False, **values: float) -> "Lab":
         random = np.random.default_rng(seed)
         truth = {"mass": 7.5, "drag": 0.1, "remanence": 1.3} | values
-        logs = made_features(**truth, bed=random.normal(size=4)) + NOISE * random.normal(size=4)
+        logs = synthetic_features(**truth, bed=random.normal(size=4)) + NOISE * random.normal(size=4)
         used = slice(4 if force else 3)
         wanted = RecordFeatures(NAMES[used], np.exp(logs[used]), NOISE[used], ())
         return cls(wanted, int(random.integers(1, 10**6)))
 
-    def simulator(self, *keys: str, scene: Scene | None = None, **options: Any) -> MadeUp:
-        """Where its features are looked for."""
+    def simulator(self, *keys: str, scene: Scene | None = None, **options: Any) -> SyntheticSimulator:
+        """Simulator from which the features are searched."""
         scene = scene or damper_scene()
-        return MadeUp(
+        return SyntheticSimulator(
             scene=scene,
             parameters=tuple(scene_parameter(scene, key) for key in keys or (MASS, DRAG)),
             seeds=(1, 2, 3, 4),
@@ -103,8 +103,8 @@ class Lab(NamedTuple):
         return run_calibration(simulator, RECORD, self.wanted, 0.95, checks=False)
 
 
-def test_intervals_cover_the_truth() -> None:
-    """Cover the truth by 95 % intervals, for records of beds of their own from other starts."""
+def test_calibrated_intervals_cover_the_truth() -> None:
+    """95 % intervals, for records of beds with other random starts."""
     covered, halves, truth = [], [], {MASS: 6.0, DRAG: 0.15}
     for seed in range(100):
         found = Lab.of(seed, mass=6.0, drag=0.15).calibrated()
@@ -117,19 +117,19 @@ def test_intervals_cover_the_truth() -> None:
     assert np.median(halves) < 0.03
 
 
-def test_a_start_far_away() -> None:
-    """A third of the drag, twice the mass: in steps no longer than the radius."""
+def test_distant_start_values_converge() -> None:
+    """A third of the drag, twice the mass: in steps up to the maximum step."""
     lab = Lab.of(3, mass=3.75, drag=0.3)
     simulator = lab.simulator()
     found = run_calibration(simulator, RECORD, lab.wanted, 0.95, checks=False)
     assert found.values == pytest.approx({MASS: 3.75, DRAG: 0.3}, rel=0.05)
     assert found.notes == ()
-    assert len(simulator.asked) <= 3 + math.ceil(math.log(3.0) / RADIUS) + 3
+    assert len(simulator.asked) <= 3 + math.ceil(math.log(3.0) / MAXIMUM_STEP) + 3
     assert found.scene.piston.mass == found.values[MASS]
 
 
-def test_what_cannot_be_told_apart_is_named() -> None:
-    """A free swing tells mass over remanence squared; the force tells the mass."""
+def test_parameters_that_cannot_be_separated_are_reported() -> None:
+    """A free oscillation determines mass over remanence squared; the force determines the mass."""
     found = Lab.of(1, mass=6.0).calibrated(MASS, DRAG, REMANENCE)
     assert len(found.undetermined) == 1
     powers = found.undetermined[0].powers
@@ -156,38 +156,38 @@ def test_what_cannot_be_told_apart_is_named() -> None:
         assert high / low < 1.3
 
 
-def test_a_scene_that_lacks_something_is_noted() -> None:
+def test_scene_that_cannot_reproduce_the_record_is_noted() -> None:
     lab = Lab.of(1)
     wrong = lab.wanted._replace(values=lab.wanted.values * np.array([1.0, 1.3, 1.0]))
     notes = lab._replace(wanted=wrong).calibrated().notes
     assert notes
     for note in notes:
-        assert note.startswith("no values give the record's")
+        assert note.startswith("no values reproduce the record's")
         assert "standard deviations away" in note
 
 
-def test_a_height_off_by_more_than_its_error_is_noted() -> None:
-    """Three of its standard deviations, of noise and starts."""
+def test_height_error_above_its_uncertainty_is_noted() -> None:
+    """Three standard deviations of noise and random starts."""
     lab = Lab.of(1)
     values = lab.wanted.values * np.array([1.0 + 8e-3, 1.0, 1.0])
     assert lab.calibrated(DRAG).notes == ()
     (note,) = lab._replace(wanted=lab.wanted._replace(values=values)).calibrated(DRAG).notes
-    assert note.startswith("no values give the record's height")
+    assert note.startswith("no values reproduce the record's height")
 
 
-def test_a_height_off_by_more_than_a_percent_is_noted() -> None:
-    """Also if noise and starts may explain it: a print-out of the values alone would look sound."""
+def test_height_error_above_one_percent_is_noted() -> None:
+    """Even if noise and random starts may explain it: the printed values alone would look sound."""
     lab = Lab.of(1)
     off = np.array([1.025, 1.0, 1.0])
     wanted = lab.wanted._replace(values=lab.wanted.values * off, errors=lab.wanted.errors * [30.0, 1.0, 1.0])
     found = lab._replace(wanted=wanted).calibrated(DRAG)
     (note,) = found.notes
-    assert note.startswith("the simulations rest -2.")
+    assert note.startswith("the simulated equilibrium height differs by -2.")
     assert f"note: {note}" in str(found)
 
 
-def test_the_search_ends_where_features_are_the_record_s() -> None:
-    """Also where a mass is hardly known, so that a short step moves the height by much."""
+def test_search_ends_only_if_the_features_match_the_record() -> None:
+    """Even if a mass is poorly determined, so that a short step changes the height by much."""
     for seed in range(6):
         found = Lab.of(seed, mass=7.1).calibrated(MASS, DRAG, REMANENCE)
         for match in found.matches[:2]:
@@ -195,8 +195,8 @@ def test_the_search_ends_where_features_are_the_record_s() -> None:
             assert abs(math.log(match.simulated / match.record)) < 3.0 * error
 
 
-def test_simulations_that_fail_on_the_way_shorten_the_step() -> None:
-    """And those at the start end the calibration in one line."""
+def test_failed_simulations_shorten_the_step() -> None:
+    """A failure at the start values ends the calibration in one line."""
     lab = Lab.of(3, mass=3.75)
 
     def far(mass: float) -> bool:
@@ -211,8 +211,8 @@ def test_simulations_that_fail_on_the_way_shorten_the_step() -> None:
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
 
-def test_features_of_a_known_swing() -> None:
-    """A linear oscillator: level of rest, undamped period and damping ratio, and its force."""
+def test_features_of_a_linear_oscillator() -> None:
+    """Equilibrium height, undamped period, damping ratio and force."""
     times = np.linspace(0.0, 2.0, 2000)
     swing = 1e-3 * np.exp(-0.8 * times) * np.cos(math.sqrt(21.8**2 - 0.8**2) * times)
     force = 70.0 - 7.0 * 21.8**2 * swing
@@ -224,8 +224,8 @@ def test_features_of_a_known_swing() -> None:
     assert found.values[:3] == pytest.approx(expected[:3], rel=1e-6)
 
 
-def test_a_swing_that_grows_or_never_rests_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By what a fit says of it; the fits are made up."""
+def test_growing_motion_or_missing_equilibrium_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From synthetic fit results."""
     model = load_model(SAVED)
     assert model.at_rest is not None
     grows = dataclasses.replace(model.at_rest, damping_ratio=-0.09)
@@ -233,7 +233,7 @@ def test_a_swing_that_grows_or_never_rests_is_refused(monkeypatch: pytest.Monkey
     record = PistonRecord(times, 0.059 + 1e-3 * np.cos(21.8 * times))
     for at_rest, words in (
         (grows, r"damping ratio is -0\.09; it must be above 0: give a record that comes to rest"),
-        (None, "finds no level of rest in the record"),
+        (None, "finds no equilibrium in the record"),
     ):
         made_up = dataclasses.replace(model, at_rest=at_rest)
         monkeypatch.setattr(f"{record_features.__module__}.fit", lambda *_, found=made_up, **__: found)

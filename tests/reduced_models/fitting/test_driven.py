@@ -1,4 +1,4 @@
-"""Driven records, and hidden states at the start of a record from the motion before it."""
+"""Driven records, and initial hidden states from the motion before the record."""
 
 import dataclasses
 import functools
@@ -27,13 +27,13 @@ TIME = 0.2 * np.arange(2000)
 
 
 def force(time: np.ndarray = TIME) -> np.ndarray:
-    """Ten sines up to a fifth of the sampling rate."""
+    """Sum of ten sines of frequencies up to a fifth of the sampling rate."""
     phases = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, 10)
     return 0.2 * np.sin(np.outer(time, np.linspace(0.2, 6.0, 10)) + phases).sum(axis=1)
 
 
 @pytest.mark.parametrize("how", INTERPOLATIONS)
-def test_pieces_and_values_are_the_same_input(how: Interpolation) -> None:
+def test_interpolating_polynomials_reproduce_the_input_values(how: Interpolation) -> None:
     columns = [force()]
     found = piecewise_cubics(TIME, columns, how)
     length, cubic = found.length[0], found.cubics[:, :, 0]
@@ -45,7 +45,7 @@ def test_pieces_and_values_are_the_same_input(how: Interpolation) -> None:
     np.testing.assert_allclose(values[inner], wanted[inner], atol=2e-4)
 
 
-def test_a_band_limited_input_is_that_between_samples() -> None:
+def test_band_limited_interpolation_is_exact_between_samples() -> None:
     times = np.linspace(20.0, 300.0, 777)
     limits: dict[Interpolation, float] = {"band-limited": 1e-4, "spline": 0.02, "linear": 0.1}
     for how, limit in limits.items():
@@ -53,7 +53,7 @@ def test_a_band_limited_input_is_that_between_samples() -> None:
         assert np.abs(found - force(times)).max() < limit
 
 
-def test_steps_end_at_samples() -> None:
+def test_time_steps_of_driven_laws_end_at_samples() -> None:
     record = PistonRecord(TIME, force(), force=force())
     for period, steps_a_sample in ((40.0, 0.125), (3.3, 1.0), (0.5, 7.0)):
         grid = grid_over_record(record, ("force",), period, 16)
@@ -64,8 +64,8 @@ def test_steps_end_at_samples() -> None:
 
 
 @pytest.fixture(scope="module")
-def held() -> PistonRecord:
-    """A motion under a held input."""
+def held_input_record() -> PistonRecord:
+    """Motion under an input that is held between samples."""
     values = [TRUE[name] for name in LAW.parameters]
     found = solve_law(LAW, TIME, 0.0, 0.0, values, 1.0, [force()], (), "previous")
     assert found.ending == "complete"
@@ -73,46 +73,54 @@ def held() -> PistonRecord:
 
 
 @pytest.fixture(scope="module")
-def model(held: PistonRecord) -> ReducedModel:
-    """Its fit, with the interpolation that fits what is held out best."""
-    return fit(held, LAW.equation, starts=1)
+def model(held_input_record: PistonRecord) -> ReducedModel:
+    """Fit with the interpolation of smallest held-out error."""
+    return fit(held_input_record, LAW.equation, starts=1)
 
 
-def test_the_interpolation_is_chosen_by_what_is_held_out(
-    held: PistonRecord, model: ReducedModel, tmp_path: Path
+def test_held_input_is_recognised_by_the_held_out_error(
+    held_input_record: PistonRecord, model: ReducedModel, tmp_path: Path
 ) -> None:
-    """A motion under a held input is that of a held input; the model remembers it."""
+    """The model stores the chosen interpolation."""
     assert model.input_interpolation == "previous"
     assert model.quality.residual == pytest.approx(1e-3, rel=0.06)
     assert_found(model, TRUE, 1.0)
-    given = fit(held, LAW.equation, starts=1, options=FitOptions(input_interpolation="linear"))
+    given = fit(held_input_record, LAW.equation, starts=1, options=FitOptions(input_interpolation="linear"))
     assert given.quality.residual > 5e-3
     model.save(tmp_path / "model.json")
     back = load_model(tmp_path / "model.json")
-    simulated = model.simulate_record(held).height
-    np.testing.assert_array_equal(back.simulate_record(held).height, simulated)
-    np.testing.assert_allclose(simulated + model.residuals(held), held.height)
+    simulated = model.simulate_record(held_input_record).height
+    np.testing.assert_array_equal(back.simulate_record(held_input_record).height, simulated)
+    np.testing.assert_allclose(simulated + model.residuals(held_input_record), held_input_record.height)
     with pytest.raises(InputError, match="has the input 'force'; give inputs"):
         back.simulate(TIME)
     with pytest.raises(RecordError, match="no column of that name; found: none"):
-        fit(PistonRecord(held.time, held.height), LAW)
+        fit(PistonRecord(held_input_record.time, held_input_record.height), LAW)
 
 
-def test_an_estimator_takes_the_input_behind_the_time(held: PistonRecord, model: ReducedModel) -> None:
-    table = np.column_stack([held.time, held.columns["force"]])
-    estimator = LawEstimator(LAW.equation, starts=1, inputs=("force",)).fit(table, held.height)
+def test_estimator_reads_the_input_from_the_column_after_the_time(
+    held_input_record: PistonRecord, model: ReducedModel
+) -> None:
+    table = np.column_stack([held_input_record.time, held_input_record.columns["force"]])
+    estimator = LawEstimator(LAW.equation, starts=1, inputs=("force",)).fit(table, held_input_record.height)
     assert estimator.n_features_in_ == 2
     assert estimator.model_.parameters == model.parameters
-    np.testing.assert_allclose(estimator.predict(table), model.simulate_record(held).height, atol=1e-9)
+    np.testing.assert_allclose(
+        estimator.predict(table), model.simulate_record(held_input_record).height, atol=1e-9
+    )
     with pytest.raises(InputError, match="give 2: the time and force"):
-        estimator.fit(table[:, :1], held.height)
+        estimator.fit(table[:, :1], held_input_record.height)
 
 
-def test_the_uncertainty_of_a_force_is_that_of_what_multiplies_it(
-    held: PistonRecord, model: ReducedModel
+def test_calibration_error_of_a_force_widens_the_interval_of_its_factor(
+    held_input_record: PistonRecord, model: ReducedModel
 ) -> None:
-    """Two per cent of a load cell's scale, next to what the record leaves open."""
-    table = {"time [s]": held.time, "height [m]": held.height, "cell [V]": held.columns["force"]}
+    """A scale error of 2 % of the load cell adds to the statistical error."""
+    table = {
+        "time [s]": held_input_record.time,
+        "height [m]": held_input_record.height,
+        "cell [V]": held_input_record.columns["force"],
+    }
     record = PistonRecord.from_table(table, columns={"force": "cell"}, scale={"force": "1 +- 0.02 N/V"})
     wide = fit(record, LAW.equation, starts=1, options=FitOptions(input_interpolation="previous"))
     assert wide.parameters == pytest.approx(model.parameters, rel=1e-6)
@@ -139,15 +147,15 @@ def motion() -> np.ndarray:
     return np.asarray(solve_ivp(rates, (0.0, LONG_TIME[-1]), [3.0, 0.0, 0.0], **options).y)
 
 
-def integer() -> PistonRecord:
-    """A swing with hysteresis, that begins before the stretch that is fitted."""
+def hysteretic_motion() -> PistonRecord:
+    """Hysteretic oscillation that begins before the fitted stretch."""
     return noisy(LONG_TIME, motion()[0], NOISE)
 
 
 @pytest.fixture(scope="module")
 def hysteretic() -> ReducedModel:
-    """Fit of the late part of a swing, after the motion before it."""
-    record = integer()
+    """Fit of the late part of an oscillation, given the motion before it."""
+    record = hysteretic_motion()
     before, after = record.between(0.0, CUT), record.between(CUT, LONG_TIME[-1])
     found = fit(after, "bouc-wen", starts=4, options=FitOptions(initial=before))
     assert found.quality.residual == pytest.approx(NOISE, rel=0.05)
@@ -155,16 +163,15 @@ def hysteretic() -> ReducedModel:
     return found
 
 
-def test_hidden_states_follow_from_what_was_before(hysteretic: ReducedModel) -> None:
+def test_initial_hidden_state_follows_from_the_preceding_motion(hysteretic: ReducedModel) -> None:
     assert abs(true := motion()[2][np.searchsorted(LONG_TIME, CUT)]) > 0.2
     assert hysteretic.hidden["w"] == pytest.approx(true, abs=0.01)
-    late = integer().between(CUT, LONG_TIME[-1])
+    late = hysteretic_motion().between(CUT, LONG_TIME[-1])
     still = dataclasses.replace(hysteretic, hidden={}).simulate(late.time - late.time[0]).height
     assert np.abs(still - late.height).max() > 10.0 * NOISE
 
 
-def test_python_of_a_model_starts_with_its_hidden_state(hysteretic: ReducedModel) -> None:
-    """Start the motion that runs alone, as the model does, where its hidden state is not zero."""
+def test_exported_python_starts_from_a_nonzero_hidden_state(hysteretic: ReducedModel) -> None:
     times = np.linspace(0.0, 10.0, 300)
     assert abs(hysteretic.hidden["w"]) > 0.2
     space: dict[str, Any] = {}
@@ -172,8 +179,8 @@ def test_python_of_a_model_starts_with_its_hidden_state(hysteretic: ReducedModel
     np.testing.assert_allclose(space["simulate"](times), hysteretic.simulate(times).height, atol=1e-5)
 
 
-def test_a_hysteresis_loop_has_the_work_of_its_force(hysteretic: ReducedModel) -> None:
-    """Energy of a Bouc-Wen cycle, by another solver, and the ends of its loop."""
+def test_hysteresis_loop_area_equals_the_work_of_the_force(hysteretic: ReducedModel) -> None:
+    """Energy of a Bouc-Wen cycle by another solver, and the ends of its loop."""
     friction, rho, sigma = (hysteretic.parameters[key] for key in ("friction", "rho", "sigma"))
     size, omega = 6.0, 0.7
 
@@ -190,25 +197,24 @@ def test_a_hysteresis_loop_has_the_work_of_its_force(hysteretic: ReducedModel) -
     assert hysteretic.harmonic_cycle(size, 2.0 * omega).energy == pytest.approx(loop.energy, rel=1e-9)
 
 
-def test_printed_parameters_of_bouc_wen_are_those_of_its_swing(hysteretic: ReducedModel) -> None:
+def test_printed_bouc_wen_parameters_describe_its_oscillation(hysteretic: ReducedModel) -> None:
     assert_memory_as_printed(hysteretic)
 
 
-def test_a_free_hidden_state_is_found_from_the_motion_alone() -> None:
-    """As it was, without the motion before."""
-    late, options = integer().between(CUT, LONG_TIME[-1]), FitOptions(initial="free")
+def test_free_hidden_state_is_found_without_the_preceding_motion() -> None:
+    late, options = hysteretic_motion().between(CUT, LONG_TIME[-1]), FitOptions(initial="free")
     free = fit(late, "bouc-wen", starts=4, options=options)
     assert free.hidden["w"] == pytest.approx(motion()[2][np.searchsorted(LONG_TIME, CUT)], abs=0.01)
     assert free.quality.residual == pytest.approx(NOISE, rel=0.05)
 
 
-def test_what_is_no_history(made: Callable[..., PistonRecord]) -> None:
-    record = integer()
+def test_wrong_preceding_motions_are_refused(made: Callable[..., PistonRecord]) -> None:
+    record = hysteretic_motion()
     late = record.between(CUT, LONG_TIME[-1])
     for initial, words in (
         (record.between(0.0, 5.0), r"ends at 4\.\d+ s, and the record begins at 15\.\d+ s; cut both"),
         (record, "cut both from one record"),
-        ([record.between(0.0, CUT)] * 2, "2 motions for 1 records; give one before each"),
+        ([record.between(0.0, CUT)] * 2, "2 motions for 1 records; give one for each"),
         (PistonRecord(LONG_TIME, LONG_TIME, force=LONG_TIME).between(0.0, CUT), "columns"),
     ):
         with pytest.raises(InputError, match=words):

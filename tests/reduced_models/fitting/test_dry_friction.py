@@ -1,4 +1,4 @@
-"""Damping where friction is dry: that of swings that were seen, not of none."""
+"""Damping under dry friction: at observed amplitudes, not in the limit of zero amplitude."""
 
 import dataclasses
 import functools
@@ -23,15 +23,15 @@ OMEGA, AMPLITUDE = 1.05, 0.6
 MIXED = "z'' + 2*lam*z' + f*tanh(200*z') + k*(z - rest) = 0"
 CASES = {
     "a pure decay by friction": ("coulomb", 0.0, 0.06, 5e-4),
-    "a bicycle wheel that loses 1.5 % a swing": ("coulomb", 0.0, 0.015, 5e-4),
+    "a bicycle wheel that loses 1.5 % per cycle": ("coulomb", 0.0, 0.015, 5e-4),
     "a Pohl wheel with its brake": (MIXED, 0.06, 0.04, 1e-3),
     "a Pohl wheel without": (MIXED, 0.0015, 0.0025, 2e-5),
 }
 
 
 def released(ratio: float, loss: float, noise: float) -> PistonRecord:
-    """A free swing with a dashpot's damping ratio and dry friction, solved swing by swing."""
-    offset = 0.25 * loss * AMPLITUDE  # of the level that each half swing is about
+    """Free oscillation with viscous damping ratio and dry friction, solved half cycle by half cycle."""
+    offset = 0.25 * loss * AMPLITUDE  # of the mean position of each half cycle
     lam = ratio * OMEGA
     quick = math.sqrt(OMEGA**2 - lam**2)
     height, extreme, start = np.empty_like(TIME), AMPLITUDE, 0.0
@@ -39,8 +39,8 @@ def released(ratio: float, loss: float, noise: float) -> PistonRecord:
         level = math.copysign(offset, extreme)
         here = start <= TIME
         time = TIME[here] - start
-        swing = np.cos(quick * time) + lam / quick * np.sin(quick * time)
-        height[here] = level + (extreme - level) * np.exp(-lam * time) * swing
+        decaying_wave = np.cos(quick * time) + lam / quick * np.sin(quick * time)
+        height[here] = level + (extreme - level) * np.exp(-lam * time) * decaying_wave
         extreme = level - (extreme - level) * math.exp(-lam * math.pi / quick)
         start += math.pi / quick
     return PistonRecord(TIME, height + np.random.default_rng(1).normal(0.0, noise, len(TIME)))
@@ -48,7 +48,7 @@ def released(ratio: float, loss: float, noise: float) -> PistonRecord:
 
 @functools.cache
 def fitted(name: str) -> Any:
-    """The fit of a case."""
+    """Fit of one case."""
     law, ratio, loss, noise = CASES[name]
     return fit(released(ratio, loss, noise), law, starts=1, test_fraction=0.0)
 
@@ -56,8 +56,8 @@ def fitted(name: str) -> Any:
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.long if CASES[name][0] == MIXED else ()) for name in CASES]
 )
-def test_damping_is_that_of_swings_that_were_seen(name: str, tmp_path: Path) -> None:
-    """Energy lost in a cycle over 4 pi that of the swing, in closed form."""
+def test_damping_ratio_refers_to_observed_amplitudes(name: str, tmp_path: Path) -> None:
+    """Energy lost per cycle over 4 pi times the energy of oscillation, in closed form."""
     _, ratio, loss, _ = CASES[name]
     model = fitted(name)
     rest, friction = model.at_rest, 0.25 * loss * AMPLITUDE * OMEGA**2
@@ -73,14 +73,14 @@ def test_damping_is_that_of_swings_that_were_seen(name: str, tmp_path: Path) -> 
         wanted = ratio + 2.0 * friction / (math.pi * OMEGA**2 * size)
         assert found == pytest.approx(wanted, rel=0.05)
     assert rest.equivalent.friction == pytest.approx(friction, rel=0.1)
-    for told in (str(rest), str(model)):
-        assert "friction" in told
-        assert f"of critical at {1e3 * half:.3g} mm" in told
+    for printed in (str(rest), str(model)):
+        assert "friction" in printed
+        assert f"of critical at {1e3 * half:.3g} mm" in printed
     model.save(tmp_path / "model.json")
     assert load_model(tmp_path / "model.json").at_rest == rest
 
 
-def test_intervals_follow_from_those_of_the_parameters() -> None:
+def test_damping_interval_follows_from_the_friction_interval() -> None:
     """Friction over omega^2 alone sets the damping of a Coulomb oscillator, and omega is known far better."""
     model = fitted("a pure decay by friction")
     fraction = 2.0 * half_width(model, "friction") / model.parameters["friction"]
@@ -92,9 +92,9 @@ def test_intervals_follow_from_those_of_the_parameters() -> None:
     )
 
 
-def test_a_lag_that_cannot_matter_is_not_told(made: Any) -> None:
-    """A wrong law's residuals lag by rounding; a lag of a fraction of a sample is told."""
-    with pytest.warns(UserWarning, match="swing with the motion"):
+def test_negligible_lag_is_not_reported(made: Any) -> None:
+    """Residuals of a wrong law lag by rounding; a lag of a fraction of a sample is reported."""
+    with pytest.warns(UserWarning, match="oscillate with the motion"):
         model = fit(made("coulomb"), "linear", starts=1, test_fraction=0.0)
     assert 0.0 < abs(model.quality.lag) < 1e-3 * TIME[1]
     assert "lags" not in str(model)
@@ -102,8 +102,8 @@ def test_a_lag_that_cannot_matter_is_not_told(made: Any) -> None:
     assert "the solution lags by 0.004 s" in residual_structure_text(late, TIME[1])
 
 
-def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) -> None:
-    """The law keeps its figure; what is printed is what the peaks show."""
+def test_damping_from_peaks_is_printed_if_it_contradicts_a_fixed_damping(tmp_path: Path) -> None:
+    """The law keeps its fixed damping ratio; the print-out shows the one from successive peaks."""
     with pytest.warns(UserWarning, match="not right"):
         model = fit(
             released(0.02, 0.0, 1e-4),
@@ -116,15 +116,14 @@ def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) 
     assert rest.damping_ratio == pytest.approx(0.1, rel=0.02)
     assert rest.peaks.low <= rest.peaks.mean <= rest.peaks.high
     assert rest.peaks.mean == pytest.approx(0.02, rel=0.02)
-    for told in (str(model), str(rest)):
-        assert "the record's peaks" in told
-        assert f"{rest.damping_ratio:.4g}" not in told
+    for printed in (str(model), str(rest)):
+        assert "the record's peaks" in printed
+        assert f"{rest.damping_ratio:.4g}" not in printed
     model.save(tmp_path / "model.json")
     assert load_model(tmp_path / "model.json").at_rest == rest
 
 
-def test_what_small_swings_show_stays() -> None:
-    """Of a law whose damping at rest is that of swings, the small swing is told as it was."""
+def test_small_oscillation_damping_is_printed_if_it_holds_at_all_amplitudes() -> None:
     model = fit(released(0.06, 0.0, 1e-4), "linear", starts=1, test_fraction=0.0)
     rest = model.at_rest
     assert rest.equivalent is None
@@ -135,8 +134,8 @@ def test_what_small_swings_show_stays() -> None:
     assert rest.damping_ratio == pytest.approx(float(found.damping_ratio[0]), rel=1e-6)
 
 
-def test_friction_is_the_coefficient_of_the_law_s_own_sign() -> None:
-    """Next to a drag that grows with the speed squared, which no dashpot is equivalent to."""
+def test_friction_is_the_coefficient_of_sign_in_the_law() -> None:
+    """In addition to quadratic drag, which has no equivalent dashpot."""
     time = np.linspace(0.0, 12.0, 1200)
     motion = moved(
         lambda t, z, v: -6.0 * z - 0.06 * abs(v) * v - 0.22 * math.tanh(v / 1e-3),
@@ -162,14 +161,16 @@ def test_friction_is_the_coefficient_of_the_law_s_own_sign() -> None:
         ("z'' + (f + (s - f)*exp(-abs(z')/u))*sign(z') + k*z = 0", (), None),  # changes with the speed
     ],
 )
-def test_the_coefficient_before_the_sign(equation: str, values: Any, coefficient: float | None) -> None:
+def test_coefficient_of_sign_is_found_in_equations(
+    equation: str, values: Any, coefficient: float | None
+) -> None:
     found = dry_friction_coefficient(equation)
     assert (found is None) == (coefficient is None)
     if found is not None:
         assert float(found(*values)) == pytest.approx(coefficient, rel=1e-12)
 
 
-def test_friction_of_a_law_without_a_sign_is_an_equivalent_one() -> None:
+def test_friction_of_a_law_without_sign_is_labelled_equivalent() -> None:
     found = EquivalentDamping(0.1, 0.2, 0.3, {"tenth_ratio": (0.1, 0.3), "friction": (0.2, 0.4)})
     rest = AtRest(
         0.0, 1.0, 0.05, {"height": (0.0, 0.0), "period": (1.0, 1.0), "damping_ratio": (0.0, 0.1)}, found

@@ -1,4 +1,4 @@
-"""Fits: recovery of known parameters, honest intervals, open directions, models on disk."""
+"""Fits: recovery of known parameters, coverage of intervals, undetermined directions, models on disk."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import Parameter, ReducedModel, fit, load_model
 from reduced_models.fitting.problem import STARTS
-from reduced_models.fitting.refinement import FINEST, SOLVER_LIMIT, _refine_grid
+from reduced_models.fitting.refinement import MAXIMUM_STEPS, SOLVER_LIMIT, _refine_grid
 from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.solution import Solution, solve_law
@@ -45,26 +45,26 @@ def test_solution_agrees_with_scipy() -> None:
     np.testing.assert_allclose(CLEAN, exact, atol=1e-8)
 
 
-def test_clean_data_give_the_parameters_back() -> None:
+def test_parameters_are_recovered_from_exact_data() -> None:
     model = fit(PistonRecord(TIME, CLEAN), "van-der-pol-like")
     assert errors(model).max() < 1e-6
     assert model.quality.converged >= 0.9 * STARTS
     assert model.height_line == pytest.approx((0.0, 1.0), abs=1e-6)
     assert model.quality.test_error < 1e-6
     assert model.undetermined == ()
-    swing = model.at_rest
-    assert swing.height == pytest.approx(TRUE["g0"] / TRUE["omega"] ** 2, rel=1e-6)
-    assert swing.period == pytest.approx(2 * np.pi / TRUE["omega"], rel=1e-6)
+    at_rest = model.at_rest
+    assert at_rest.height == pytest.approx(TRUE["g0"] / TRUE["omega"] ** 2, rel=1e-6)
+    assert at_rest.period == pytest.approx(2 * np.pi / TRUE["omega"], rel=1e-6)
 
 
-def test_noisy_data_give_the_parameters_back() -> None:
+def test_parameters_are_recovered_from_noisy_data() -> None:
     models = [fit(noisy_record(seed), "van-der-pol-like", parameters=LINE) for seed in range(4)]
     assert np.median([errors(model) for model in models], axis=0).max() < 0.01
     assert all(model.quality.converged >= 0.9 * STARTS for model in models)
 
 
-def test_the_line_to_the_height_is_found() -> None:
-    """The same motion seen as a height in metres: shift and scale come out, up to what noise allows."""
+def test_shift_and_scale_of_the_height_are_recovered() -> None:
+    """The same motion as a height in metres, to the accuracy that the noise allows."""
     model = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN), "van-der-pol-like")
     assert errors(model).max() < 1e-5
     assert model.parameters["shift"] == pytest.approx(0.06, rel=1e-6)
@@ -77,8 +77,8 @@ def test_the_line_to_the_height_is_found() -> None:
     assert errors(given).max() < 1e-6
 
 
-def test_map_and_law_are_found_together_in_noise() -> None:
-    """Records in metres at 1 % noise, of a motion whose rest is unstable."""
+def test_shift_scale_and_law_are_recovered_together_from_noisy_data() -> None:
+    """Records in metres at 1 % noise, of a motion with an unstable equilibrium."""
     true = {"alpha": 0.3, "omega": 1.05, "g0": 1.1}
     shift, scale = 0.06, 0.002
     clean = solve_law(LAWS["van-der-pol-like"], TIME, 1.2, 0.0, (*true.values(), 0.0, 1.0), 1.0).z
@@ -96,20 +96,20 @@ def test_map_and_law_are_found_together_in_noise() -> None:
 
 
 def linear_record(noise: float = 0.0) -> PistonRecord:
-    """As many samples and periods as the motions in natural units have."""
+    """Linear oscillation with as many samples and periods as the motions in natural units."""
     time = np.linspace(0.0, 2.0, 2000)
     return noisy(time, 0.059 + damped_cosine(time, 0.0012, 0.8, np.sqrt(21.8**2 - 0.8**2)), noise, 1)
 
 
 @pytest.fixture(scope="module")
 def linear_model() -> ReducedModel:
-    """The fit of a linear record without noise."""
+    """Fit of a linear record without noise."""
     return fit(linear_record(), "linear")
 
 
 @pytest.fixture(scope="module")
-def open_model() -> ReducedModel:
-    """A fit of a linear record by a law that it leaves a direction of open."""
+def undetermined_model() -> ReducedModel:
+    """Fit of a linear record by a law with a direction that the record leaves undetermined."""
     return fit(linear_record(noise=1e-6), "van-der-pol-like")
 
 
@@ -121,9 +121,9 @@ def test_linear_oscillator(linear_model: ReducedModel) -> None:
     assert model.at_rest.damping_ratio == pytest.approx(0.8 / 21.8, rel=1e-6)
 
 
-def test_nearly_constant_damping_leaves_a_direction_open(open_model: ReducedModel) -> None:
-    """A linear record tells the damping at rest, not how it changes with height."""
-    model = open_model
+def test_nearly_constant_damping_leaves_a_direction_undetermined(undetermined_model: ReducedModel) -> None:
+    """A linear record determines the damping at rest, not its change with height."""
+    model = undetermined_model
     assert model.undetermined
     moving = set().union(*(direction.powers for direction in model.undetermined))
     assert {"alpha", "scale"} <= moving
@@ -132,8 +132,8 @@ def test_nearly_constant_damping_leaves_a_direction_open(open_model: ReducedMode
     assert model.at_rest.damping_ratio == pytest.approx(0.8 / 21.8, rel=0.02)
 
 
-def test_few_swings_are_judged_at_their_end() -> None:
-    """A record whose frequency changes behind the training stretch is predicted badly."""
+def test_last_part_is_held_out_if_there_are_few_cycles() -> None:
+    """A record whose frequency changes after the training stretch is predicted badly."""
     time = np.linspace(0.0, 10.0, 2000)
     phase = np.where(time < 7.0, 0.9 * time, 6.3 + 2.5 * (time - 7.0))
     quality = fit(PistonRecord(time, 0.06 + 0.001 * np.cos(phase)), "linear").quality
@@ -143,15 +143,14 @@ def test_few_swings_are_judged_at_their_end() -> None:
     assert "few swings" in quality.test_swings_text
 
 
-def test_what_judges_is_blind(made: Any) -> None:
-    """Changes in the test swings leave alone the model that is judged on them."""
+def test_held_out_cycles_do_not_influence_the_model_judged_on_them(made: Any) -> None:
     record, offset = made("duffing", 5), 0.002
     moved = np.zeros(len(record))
-    swings = choose_held_out_cycles(record.time, record.height, 0.3, len(record))
-    for swing in swings:  # their ends stay where they are
-        moved[swing.start + 10 : swing.start + 50] = offset
-        moved[swing.stop - 50 : swing.stop - 10] = -offset
-    tested = sum(swing.stop - swing.start for swing in swings)
+    cycles = choose_held_out_cycles(record.time, record.height, 0.3, len(record))
+    for cycle in cycles:  # their ends stay unchanged
+        moved[cycle.start + 10 : cycle.start + 50] = offset
+        moved[cycle.stop - 50 : cycle.stop - 10] = -offset
+    tested = sum(cycle.stop - cycle.start for cycle in cycles)
     assert 0.2 < tested / len(record) < 0.4
 
     def squared_error(sign: int) -> float:
@@ -165,7 +164,7 @@ def test_what_judges_is_blind(made: Any) -> None:
     assert above + below == pytest.approx(2.0 * same + 2.0 * (moved**2).sum() / tested, rel=1e-5)
 
 
-def test_the_test_error_stands_beside_a_piston_at_rest(linear_model: ReducedModel) -> None:
+def test_prediction_error_of_a_piston_at_rest_is_given_for_comparison(linear_model: ReducedModel) -> None:
     record, quality = linear_record(), linear_model.quality
     unseen = np.zeros(len(record), dtype=bool)
     for start, end in quality.test_swings:
@@ -176,8 +175,8 @@ def test_the_test_error_stands_beside_a_piston_at_rest(linear_model: ReducedMode
     assert quality.test_error < 1e-6 < resting
 
 
-def test_what_comes_to_rest_is_tested_while_it_moves() -> None:
-    """Test swings are spread over the motion, end where the noise rules, and have its error."""
+def test_cycles_are_held_out_only_while_the_motion_exceeds_the_noise() -> None:
+    """Held-out cycles are spread over the motion, and the prediction error there equals the noise."""
     time = np.linspace(0.0, 30.0, 1500)
     record = noisy(time, damped_cosine(time, 1.0, 0.45, 2.0 * np.pi), 0.001)
     count = count_samples_in_motion(record)
@@ -187,7 +186,7 @@ def test_what_comes_to_rest_is_tested_while_it_moves() -> None:
     quality = fit(record, "linear", starts=1).quality
     starts, ends = np.transpose(quality.test_swings)
     assert len(starts) >= 3
-    np.testing.assert_allclose(ends - starts, 0.5, atol=0.05)  # few swings: halves of them
+    np.testing.assert_allclose(ends - starts, 0.5, atol=0.05)  # few cycles: half cycles
     assert starts[0] < 2.0
     assert ends[-1] < time[count - 1]
     assert quality.test_error * record.height.std() == pytest.approx(0.001, rel=0.2)
@@ -195,8 +194,8 @@ def test_what_comes_to_rest_is_tested_while_it_moves() -> None:
     assert quality.test_error < 0.05 * quality.test_error_at_rest
 
 
-def test_short_records() -> None:
-    """Less than one and a half periods, in which the frequency cannot be read off."""
+def test_fits_of_less_than_two_periods() -> None:
+    """Less than one and a half periods, too few to read off the frequency."""
     time = np.linspace(0.0, 0.2, 400)
     model = fit(
         PistonRecord(time, 0.059 + damped_cosine(time, 0.0012, 0.8, np.sqrt(21.8**2 - 0.64))), "linear"
@@ -205,7 +204,7 @@ def test_short_records() -> None:
     assert model.parameters["lam"] == pytest.approx(0.8, rel=1e-5)
 
 
-def test_doubtful_fits_warn_and_keep_the_note(tmp_path: Path) -> None:
+def test_uncertain_fits_warn_and_keep_the_note(tmp_path: Path) -> None:
     time = np.linspace(0.0, 0.08, 400)  # a quarter of a period
     with pytest.warns(UserWarning, match="random starts led to this fit"):
         fit(PistonRecord(time, 0.059 + damped_cosine(time, 0.0012)), "linear")
@@ -223,19 +222,19 @@ def test_records_with_too_many_periods_are_refused() -> None:
         fit(PistonRecord(time, 0.06 + 0.001 * np.cos(21.8 * time)), "linear")
 
 
-def test_a_grid_that_is_too_coarse_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_coarse_a_grid_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("reduced_models.fitting.fit_data.FINE_STEPS", 4)
     model = fit(linear_record(), "linear")
     assert model.quality.solver_error <= SOLVER_LIMIT
     assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-6)
-    monkeypatch.setattr("reduced_models.fitting.refinement.FINEST", 64)
-    with pytest.raises(InputError, match=r"is off by .* amplitudes on a grid of"):
+    monkeypatch.setattr("reduced_models.fitting.refinement.MAXIMUM_STEPS", 64)
+    with pytest.raises(InputError, match=r"has an error of .* amplitudes on a grid of"):
         fit(linear_record(), "linear")
 
 
-def test_a_friction_that_jumps_names_the_laws_with_dry_friction() -> None:
+def test_error_for_discontinuous_friction_names_the_dry_friction_laws() -> None:
     law = law_from_text("z'' + w*(z - rest) + mu*sign(z') = 0")
-    grid: Any = SimpleNamespace(grid=StepGrid(1e-6, FINEST), unknowns=SimpleNamespace(law=law))
+    grid: Any = SimpleNamespace(grid=StepGrid(1e-6, MAXIMUM_STEPS), unknowns=SimpleNamespace(law=law))
     with pytest.raises(InputError, match=r"laws coulomb and viscous-coulomb \(--law viscous-coulomb\)"):
         _refine_grid(grid, 1e-3, complete=True)
     grid.unknowns.law = LAWS["linear"]
@@ -243,21 +242,23 @@ def test_a_friction_that_jumps_names_the_laws_with_dry_friction() -> None:
         _refine_grid(grid, 1e-3, complete=True)
 
 
-def test_a_solution_that_the_judge_cannot_follow_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_solution_that_the_adaptive_solver_cannot_compute_is_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     lost = Solution(np.full((2000, 2), np.nan), "steps")
     monkeypatch.setattr("reduced_models.fitting.refinement.solve_law", lambda *_: lost)
-    with pytest.raises(InputError, match="cannot be followed by the adaptive solver"):
+    with pytest.raises(InputError, match="cannot be computed by the adaptive solver"):
         fit(linear_record(), "linear")
 
 
-def test_a_rest_level_near_zero_leaves_nothing_open() -> None:
+def test_equilibrium_near_zero_leaves_no_direction_undetermined() -> None:
     record = linear_record(noise=1.2e-5)
     model = fit(PistonRecord(record.time, record.height - 0.059), "linear")
     assert abs(model.parameters["g0"]) < 0.01
     assert model.undetermined == ()
 
 
-def test_simulate_continues_and_starts_elsewhere(linear_model: ReducedModel) -> None:
+def test_simulate_continues_the_motion_or_starts_from_another_state(linear_model: ReducedModel) -> None:
     assert linear_model.simulate(np.linspace(0.0, 60.0, 500)).height[-1] == pytest.approx(0.059, abs=1e-9)
     other = linear_model.simulate(np.linspace(0.0, 1.0, 100), z0=0.0595, v0=0.0)
     assert (other.height[0], other.velocity[0]) == (0.0595, 0.0)
@@ -265,24 +266,26 @@ def test_simulate_continues_and_starts_elsewhere(linear_model: ReducedModel) -> 
         linear_model.simulate(np.array([1.0, 0.5]))
 
 
-def test_solutions_that_cannot_be_followed_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_gives_the_cause_if_a_solution_cannot_be_computed(monkeypatch: pytest.MonkeyPatch) -> None:
     softening = (0.01, 1.0, 0.0, -0.4)
-    swing = solve_law(LAWS["duffing"], TIME, 0.5, 0.0, softening, 1.0)
-    assert swing.ending == "complete"
-    model = fit(PistonRecord(TIME, swing.z), "duffing", starts=1)
+    oscillation = solve_law(LAWS["duffing"], TIME, 0.5, 0.0, softening, 1.0)
+    assert oscillation.ending == "complete"
+    model = fit(PistonRecord(TIME, oscillation.z), "duffing", starts=1)
     assert list(model.parameters.values()) == pytest.approx(softening, rel=1e-6, abs=1e-6)
     with pytest.raises(InputError, match="diverges behind t = "):
         model.simulate(np.linspace(0, 40, 200), z0=3.0, v0=0.0)
     assert solve_law(LAWS["duffing"], TIME, 3.0, 0.0, softening, 1.0).ending == "blow-up"
     model = fit(PistonRecord(TIME, CLEAN), "van-der-pol-like", starts=1)
-    monkeypatch.setattr("reduced_models.laws.solution.MOST_STEPS", 0)
+    monkeypatch.setattr("reduced_models.laws.solution.MAXIMUM_STEPS", 0)
     with pytest.raises(InputError, match=r"needs more than .* steps for each time .* behind t = .*jumps"):
         model.simulate(np.linspace(0, 40, 200), z0=1.0, v0=-1e9)
 
 
-def test_models_on_disk(tmp_path: Path, linear_model: ReducedModel, open_model: ReducedModel) -> None:
+def test_models_are_saved_and_loaded(
+    tmp_path: Path, linear_model: ReducedModel, undetermined_model: ReducedModel
+) -> None:
     path, times = tmp_path / "model.json", np.linspace(0.0, 1.0, 50)
-    for model in (linear_model, open_model):
+    for model in (linear_model, undetermined_model):
         model.save(path)
         back = load_model(path)
         assert back.to_plain() == model.to_plain()
@@ -294,7 +297,7 @@ def test_models_on_disk(tmp_path: Path, linear_model: ReducedModel, open_model: 
             load_model(path)
 
 
-def test_equations(linear_model: ReducedModel) -> None:
+def test_equations_and_parameters_of_laws(linear_model: ReducedModel) -> None:
     import sympy
 
     t, lam, omega, g0 = sympy.symbols("t lam omega g0")
@@ -306,9 +309,7 @@ def test_equations(linear_model: ReducedModel) -> None:
     assert law_named("van-der-pol-like").parameters == ("alpha", "omega", "g0", "shift", "scale")
 
 
-def test_custom_law(tmp_path: Path) -> None:
-    """A law of one's own is fitted like those of the package."""
-
+def test_custom_law_is_fitted_like_a_packaged_one(tmp_path: Path) -> None:
     def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         known = {"k": guesses.frequency**2, "level": 0.058, "c": 2.0}
         return {name: np.full(count, value) for name, value in known.items()}

@@ -1,4 +1,4 @@
-"""Laws of the force on a prescribed stroke: their numbers, their cycles, and how they are asked for."""
+"""Laws of the force on a prescribed stroke: parameters, cycles and options."""
 
 import ctypes
 import dataclasses
@@ -30,7 +30,7 @@ LAWS = ("viscous-coulomb", "bouc-wen", "elastoplastic-bed")
 
 
 @pytest.mark.parametrize("law", [*LAWS[:2], pytest.param(LAWS[2], marks=pytest.mark.long)])
-def test_a_made_record(law: str) -> None:
+def test_force_laws_are_recovered_from_simulated_records(law: str) -> None:
     record, truth = random_stroke(law, 0)
     given = {"rest": Parameter(truth.pop("rest"), fixed=True)} if "rest" in truth else {}
     assert_found(fit(record, law, parameters=given, options=FORCE), truth)
@@ -44,14 +44,14 @@ def test_a_made_record(law: str) -> None:
         ("backlash", {"friction": 10.0, "gap": 0.002, "travel": 0.001, "c": 20.0, "k": 300.0, "zero": 0.0}),
     ],
 )
-def test_other_laws_of_a_damper(law: str, truth: dict[str, float]) -> None:
+def test_saturation_and_backlash_are_recovered(law: str, truth: dict[str, float]) -> None:
     record = made_stroke(law, truth, 0.01, 1.5, 0.01, np.random.default_rng(3))
     model = fit(record, law, options=FORCE)
     assert model.quality.converged >= 12
     assert_found(model, truth)
 
 
-def test_cycles_take_what_friction_and_drag_take() -> None:
+def test_energy_loss_per_cycle_is_that_of_friction_and_drag() -> None:
     law = Law(
         "known", "force = c*z' + friction*tanh(z'/creep) + k*z", positive=("creep",), units={"creep": "m/s"}
     )
@@ -65,7 +65,7 @@ def test_cycles_take_what_friction_and_drag_take() -> None:
     assert abs(cycle.energy - loss) < 3.0 * cycle.errors[2] + 2e-4 * loss
     assert cycle.damping == pytest.approx(80.0 + 4.0 * 6.0 / (math.pi * omega * 0.004), rel=0.01)
     assert cycle.stiffness == pytest.approx(900.0, rel=0.01)
-    # The record itself shows the same, law or not.
+    # The record gives the same without a law.
     measured = model.cycles[-1]
     by_law = model.harmonic_cycle(measured.amplitude, measured.frequency)
     assert measured.energy == pytest.approx(by_law.energy, rel=0.01)
@@ -75,7 +75,7 @@ def test_cycles_take_what_friction_and_drag_take() -> None:
         dataclasses.replace(model, domain={}).harmonic_cycle(0.004, 3.0)
 
 
-def test_a_law_of_the_force_is_discovered() -> None:
+def test_force_law_is_discovered() -> None:
     truth = {"c": 80.0, "friction": 6.0, "creep": 1e-4, "k": 900.0, "zero": 0.5}
     record = made_stroke("viscous-coulomb", truth, 0.01, 1.5, 0.01, np.random.default_rng(0))
     found = discover(record, "sindy", target="force", library="physical", degree=1)
@@ -85,7 +85,7 @@ def test_a_law_of_the_force_is_discovered() -> None:
 
 
 @pytest.mark.long
-def test_the_memory_of_a_damper_is_discovered() -> None:
+def test_hysteresis_of_a_damper_is_discovered() -> None:
     truth = {"c": 80.0, "k": 900.0, "friction": 12.0, "zero": 0.0, "rho": 800.0, "sigma": 1.0}
     record = made_stroke("bouc-wen", truth, 0.01, 1.5, 0.01, np.random.default_rng(0))
     found = discover(record, "sindy", target="force", library="memory")
@@ -99,7 +99,7 @@ def test_the_memory_of_a_damper_is_discovered() -> None:
 
 
 def sine(frequency: float, amplitude: float, **parts: float) -> PistonRecord:
-    """Stroke of a dashpot c, a spring k and a mass m, with a little noise."""
+    """Record with a dashpot c, a spring k and a mass m on a sine stroke, with a little noise."""
     time = np.linspace(0.0, 4.0 / frequency, 800)
     phase = 2.0 * math.pi * frequency * time
     stroke, speed = amplitude * np.sin(phase), 2.0 * math.pi * frequency * amplitude * np.cos(phase)
@@ -108,7 +108,7 @@ def sine(frequency: float, amplitude: float, **parts: float) -> PistonRecord:
     return PistonRecord(time, stroke, force=force + np.random.default_rng(0).normal(0.0, 0.01, 800))
 
 
-def test_the_reaction_of_a_damper_is_turned_round_and_said() -> None:
+def test_sign_of_a_reaction_force_is_reversed_with_a_warning() -> None:
     record = sine(2.0, 0.01, c=100.0, k=500.0)
     turned = PistonRecord(record.time, record.height, force=-record.columns["force"])
     with pytest.warns(UserWarning, match="reaction"):
@@ -121,7 +121,7 @@ def test_the_reaction_of_a_damper_is_turned_round_and_said() -> None:
         _ = model.law.acceleration
 
 
-def test_records_of_several_frequencies_tell_a_mass() -> None:
+def test_mass_is_determined_by_records_of_several_frequencies() -> None:
     records = [sine(frequency, 0.01, c=100.0, k=500.0, m=0.8) for frequency in (1.0, 6.0)]
     model, other = fit(records, "force = m*z'' + c*z' + k*z")
     assert model.parameters == other.parameters
@@ -131,7 +131,7 @@ def test_records_of_several_frequencies_tell_a_mass() -> None:
     assert min(item.measured for item in model.cycles) >= 2
 
 
-def test_a_current_is_an_input() -> None:
+def test_current_column_is_an_input_of_a_force_law() -> None:
     record, current = sine(2.0, 0.01, c=100.0), np.linspace(0.0, 2.0, 800)
     force = record.columns["force"] * (1.0 + 0.5 * current)
     driven = PistonRecord(record.time, record.height, force=force, extra={"current": current})
@@ -142,9 +142,9 @@ def test_a_current_is_an_input() -> None:
         model.harmonic_cycle(0.01, 2.0)
 
 
-def test_what_is_refused() -> None:
+def test_laws_of_motion_and_simulations_are_refused_for_a_prescribed_stroke() -> None:
     record = sine(2.0, 0.01, c=100.0)
-    with pytest.raises(InputError, match="no law of a force"):
+    with pytest.raises(InputError, match="not a law of the force"):
         fit(record, "z'' + k*z = 0", options=FORCE)
     with pytest.raises(RecordError, match="'force'"):
         fit(PistonRecord(record.time, record.height), options=FORCE)
@@ -157,14 +157,14 @@ def test_what_is_refused() -> None:
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
-    """File of a stroke [mm] and a force, by names that say nothing."""
+    """File of a stroke [mm] and a force, with arbitrary column names."""
     record = sine(2.0, 0.01, c=100.0, k=500.0)
     table = np.column_stack([record.time, 1e3 * record.height, record.columns["force"]])
     np.savetxt(tmp_path / "rig.csv", table, delimiter=",", header="t,x [mm],cell [N]", comments="")
     return tmp_path / "rig.csv"
 
 
-def test_a_stroke_by_its_role(rig: Path, command: Callable[..., Any]) -> None:
+def test_stroke_column_is_given_by_its_role(rig: Path, command: Callable[..., Any]) -> None:
     read = PistonRecord.from_file(rig, columns={"stroke": "x", "force": "cell"})
     assert read.measured == "force"
     assert set(read.columns) == {"time", "height", "force"}
@@ -188,7 +188,7 @@ def test_a_stroke_by_its_role(rig: Path, command: Callable[..., Any]) -> None:
     assert load_model(out).harmonic_cycle(0.01, 4.0 * math.pi).energy == pytest.approx(energy, rel=0.01)
 
 
-def test_a_comparison_along_a_stroke_needs_no_law(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_comparison_along_a_stroke_chooses_the_force_laws(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, ...]] = []
 
     def note_laws(records: Any, laws: tuple[str, ...], *others: Any, **further: Any) -> None:
@@ -203,8 +203,8 @@ def test_a_comparison_along_a_stroke_needs_no_law(rig: Path, monkeypatch: pytest
 
 
 @pytest.mark.parametrize(("middle", "above"), [(0.0, False), (0.05, True)])
-def test_all_laws_along_a_stroke(middle: float, above: bool) -> None:
-    """They are those of a force; one of heights above 0 needs such."""
+def test_all_laws_along_a_stroke_are_force_laws(middle: float, above: bool) -> None:
+    """Laws that need heights above 0 are included only then."""
     record = sine(2.0, 0.01, c=100.0)
     record = dataclasses.replace(record, height=record.height + middle, measured="force")
     chosen = parse_laws(("all",), [record])
@@ -212,7 +212,7 @@ def test_all_laws_along_a_stroke(middle: float, above: bool) -> None:
     assert parse_laws(("all",)) == tuple(PACKAGED_LAWS)
 
 
-def test_cycles_about_other_middles_are_rows_of_their_own() -> None:
+def test_cycles_about_different_mean_heights_are_separate_rows() -> None:
     record = sine(2.0, 0.01, c=100.0, k=500.0)
     higher = dataclasses.replace(record, height=record.height + 0.03)
     force = record.columns["force"]
@@ -232,13 +232,13 @@ def test_cycles_about_other_middles_are_rows_of_their_own() -> None:
         ({"input_interpolation": "cubic"}, "'spline', 'linear', 'previous' or 'band-limited'"),
     ],
 )
-def test_options_are_checked_at_once(given: dict[str, Any], words: str) -> None:
+def test_options_are_checked_on_creation(given: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         FitOptions(**given)
 
 
-def test_a_force_is_saved_and_exported_as_any_law(tmp_path: Path) -> None:
-    """Weights and noise as arrays; the saved model, and its Python, along another stroke."""
+def test_force_law_is_saved_and_exported_like_other_laws(tmp_path: Path) -> None:
+    """Weights and noise as arrays; the saved model and its Python code along another stroke."""
     record, _ = random_stroke("bouc-wen", 1)
     weighted = fit(record, "bouc-wen", options=FORCE, weights=np.ones(len(record)))
     noise = np.full(len(record), weighted.quality.residual)
@@ -262,7 +262,7 @@ def test_a_force_is_saved_and_exported_as_any_law(tmp_path: Path) -> None:
     def rates(now: float, w: np.ndarray) -> Any:
         return names["rates"](*stroke(now), w)
 
-    # From one turning point to the next, where |z'| has its corner.
+    # From one turning point of |z'| to the next.
     turns = [0.0, *(turn for turn in (np.arange(6) + 0.5) * math.pi / omega if turn < 2.0), 2.0]
     states, state = np.zeros_like(time), np.array(names["START"])
     for first, last in itertools.pairwise(turns):
@@ -274,7 +274,7 @@ def test_a_force_is_saved_and_exported_as_any_law(tmp_path: Path) -> None:
     assert np.abs(exported - force).max() < 1e-8 * force.std()
 
 
-def test_the_c_of_a_force_is_that_of_python(tmp_path: Path) -> None:
+def test_exported_c_and_python_of_a_force_agree(tmp_path: Path) -> None:
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler")

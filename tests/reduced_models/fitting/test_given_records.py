@@ -1,4 +1,4 @@
-"""Records as users hand them over: files, tables, arrays, several at once."""
+"""Forms of records that users pass: files, tables, arrays, several at once."""
 
 import dataclasses
 import warnings
@@ -54,7 +54,7 @@ GIVEN: dict[str, Callable[[Path], Any]] = {
 
 
 @pytest.mark.parametrize("form", GIVEN)
-def test_one_record_in_any_form(form: str, path: Path) -> None:
+def test_all_forms_of_a_record_give_the_same_fit(form: str, path: Path) -> None:
     (record,) = list_of_records(GIVEN[form](path))
     assert np.array_equal(record.height, HEIGHT)
     assert len(list_of_records([GIVEN[form](path)] * 3)) == 3
@@ -68,7 +68,7 @@ def test_one_record_gives_a_model_and_a_list_gives_several(path: Path) -> None:
     assert compare(path, "linear", starts=1).best.law.name == "linear"
 
 
-def test_a_table_with_a_record_s_own_names_is_in_si_without_a_word() -> None:
+def test_table_with_standard_column_names_is_taken_as_si_without_a_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         PistonRecord.from_table({"time": 10.0 * TIME, "height": 1e3 * HEIGHT})
@@ -76,12 +76,14 @@ def test_a_table_with_a_record_s_own_names_is_in_si_without_a_word() -> None:
         PistonRecord.from_table({"time": TIME, "z": 1e3 * HEIGHT})
 
 
-def test_anything_else_is_refused_with_what_to_give() -> None:
-    with pytest.raises(InputError, match=r"give a file's name, \(time, height\), a table, or a PistonRecord"):
+def test_other_objects_are_refused_with_the_accepted_forms() -> None:
+    with pytest.raises(
+        InputError, match=r"give the path of a file, \(time, height\), a table, or a PistonRecord"
+    ):
         list_of_records(5)
 
 
-def test_degrees_and_radians_give_one_law() -> None:
+def test_degrees_and_radians_give_the_same_law() -> None:
     angle = HEIGHT - 0.06
     records = [
         PistonRecord.from_table({"time [s]": TIME, f"angle [{unit}]": size * angle})
@@ -106,7 +108,7 @@ def linear(g0: float, start: float, seed: int) -> PistonRecord:
     return PistonRecord(NATURAL_TIME + 3.0 * seed, found.z + noise)
 
 
-def test_shared_and_own_parameters() -> None:
+def test_shared_and_separate_parameters_of_two_records() -> None:
     """Two masses on one spring: frequency and damping are shared, the load is not."""
     records = [linear(-1.0, 1.0, 1), linear(0.5, 3.0, 2)]
     models = fit(records, "linear", parameters={"g0": Parameter(per_record=True)})
@@ -114,17 +116,17 @@ def test_shared_and_own_parameters() -> None:
     for name, value in (("lam", 0.05), ("omega", 1.05)):
         assert models[0].parameters[name] == models[1].parameters[name] == pytest.approx(value, rel=0.01)
     assert all(model.quality.relative < 0.03 for model in models)
-    # Both models know the heights of both records.
+    # Both models hold the range of heights of both records.
     heights = np.concatenate([record.height for record in records])
     assert [model.domain["height"] for model in models] == [(heights.min(), heights.max())] * 2
-    # What two records tell together, each tells less sharply.
+    # One record alone determines it less precisely than both together.
     assert half_width(models[0], "omega") < 0.7 * half_width(fit(records[0], "linear"), "omega")
     with pytest.warns(UserWarning, match="times the record's noise"):
         wrong = fit(records, "linear")
     assert wrong[0].quality.relative > 5.0 * models[0].quality.relative
 
 
-def test_one_record_is_fitted_as_one_of_several() -> None:
+def test_list_of_one_record_gives_the_same_fit() -> None:
     record = linear(-1.0, 1.0, 1)
     alone, (listed,) = fit(record, "linear", starts=1), fit([record], "linear", starts=1)
     assert listed.parameters == alone.parameters
@@ -132,7 +134,7 @@ def test_one_record_is_fitted_as_one_of_several() -> None:
     assert listed.quality == alone.quality
 
 
-def test_a_record_s_entries_are_the_shared_ones_and_its_own() -> None:
+def test_entries_of_a_record_are_shared_then_separate_ones() -> None:
     data = data_of_record(LAWS["linear"], linear(-1.0, 1.0, 1), 0.3)
     assert data.entries.tolist() == [0, 1, 2, 3, 4]
     first, second = (dataclasses.replace(data, own=("omega",), number=number) for number in (0, 1))
@@ -151,7 +153,7 @@ def test_the_same_record_twice_halves_the_variance() -> None:
         assert half_width(two, name) == pytest.approx(np.sqrt(0.5) * half_width(one, name), rel=0.01)
 
 
-def test_bounds_hold_and_are_noted(made: Any) -> None:
+def test_parameter_at_its_bound_is_noted(made: Any) -> None:
     record = made("linear")
     free = fit(record, "linear", parameters={"omega": Parameter(low=0.5, high=2.0)})
     assert free.parameters == pytest.approx(fit(record, "linear").parameters, rel=1e-6)
@@ -166,8 +168,8 @@ def test_bounds_hold_and_are_noted(made: Any) -> None:
             fit(record, "linear", parameters={name: limits})
 
 
-def test_irregular_samples_with_a_gap(made: Any) -> None:
-    """Two thirds of the samples at random, none of them over a whole period."""
+def test_irregular_samples_with_a_gap_are_fitted(made: Any) -> None:
+    """Two thirds of the samples at random, none over a whole period."""
     record, random = made("duffing"), np.random.default_rng(4)
     kept = (random.uniform(size=2000) < 0.67) & ((record.time < 12.0) | (record.time > 17.0))
     thin = PistonRecord(record.time[kept], record.height[kept])
@@ -178,12 +180,12 @@ def test_irregular_samples_with_a_gap(made: Any) -> None:
     assert model.quality.test_error < 0.015
 
 
-def test_noise_level_heeds_the_times() -> None:
+def test_noise_level_depends_on_the_sample_times() -> None:
     time = np.sort(np.random.default_rng(1).uniform(0.0, 10.0, 5000))
     assert noise_level(np.sin(time), time) < 1e-5
     assert noise_level(noisy(time, np.sin(time), 0.02).height, time) == pytest.approx(0.02, rel=0.05)
 
 
-def test_no_record_is_refused() -> None:
+def test_empty_list_of_records_is_refused() -> None:
     with pytest.raises(InputError, match="no record"):
         fit([], "linear")

@@ -1,4 +1,4 @@
-"""Intervals: profiles, what a record leaves open, noise that grows with the speed, and calibrations."""
+"""Intervals: profiles, undetermined parameters, noise that grows with the speed, and calibrations."""
 
 import math
 from typing import Any
@@ -29,7 +29,7 @@ def quiet(record: Any, law: str, **options: Any) -> Any:
 
 
 def weakly_damped(seed: int, lam: float = 0.02) -> PistonRecord:
-    """A swing of ten time units in so much noise that the damping is hardly seen."""
+    """Oscillation over ten time units, in noise that nearly hides the damping."""
     clean = solve_law(law_named("linear"), TIME, 0.0, 0.0, (lam, 1.05, -1.0), 1.0).z
     return noisy(TIME, clean, 0.63 * clean.std(), seed)
 
@@ -39,14 +39,14 @@ def squares(model: ReducedModel) -> float:
 
 
 def profile_t(record: PistonRecord, model: ReducedModel, name: str, value: float) -> float:
-    """By a fit of its own with the parameter held in place."""
+    """By a separate fit with the parameter held."""
     held = quiet(record, model.law.name, parameters={name: Parameter(low=value, high=value * (1.0 + 1e-9))})
     freedom = len(record) - len(model.parameters) - 2
     variance = squares(model) * model.quality.correlation / freedom
     return math.sqrt((squares(held) - squares(model)) / variance)
 
 
-def test_it_agrees_with_the_linearisation_where_that_is_right(made: Any) -> None:
+def test_profile_agrees_with_the_linearisation_for_a_linear_problem(made: Any) -> None:
     record = made("linear")
     linear, profile = (quiet(record, "linear", intervals=how) for how in ("linear", "profile"))
     assert profile.parameters == linear.parameters
@@ -55,23 +55,23 @@ def test_it_agrees_with_the_linearisation_where_that_is_right(made: Any) -> None
     assert "profile" in profile.provenance["fit"]
 
 
-def test_the_sum_of_squares_rises_to_the_quantile_at_the_ends() -> None:
-    """Checked by fits with the parameter held there, of the damping and of the frequency."""
+def test_sum_of_squares_rises_to_the_quantile_at_the_interval_ends() -> None:
+    """Checked by fits with damping or frequency held at the ends."""
     record = weakly_damped(1)
     model = quiet(record, "linear", intervals="profile")
     quantile = student.ppf(0.975, len(record) - 5)
     for name in ("lam", "omega"):
         for end in model.intervals[name]:
             assert profile_t(record, model, name, end) == pytest.approx(quantile, rel=0.02)
-    # The same cannot be said of the linearisation, on the logarithm of a damping near 0.
+    # This does not hold for the linearisation, on the logarithm of a damping near 0.
     linear = quiet(record, "linear")
     low, high = (profile_t(record, linear, "lam", end) for end in linear.intervals["lam"])
     assert low < 0.95 * quantile
     assert high > 1.05 * quantile
 
 
-def test_a_damping_that_may_be_none_has_no_least_value() -> None:
-    """Its logarithm goes to minus infinity; the linearisation does not see that."""
+def test_damping_compatible_with_zero_has_no_lower_limit() -> None:
+    """The profile of its logarithm extends to minus infinity; the linearisation does not show that."""
     record = weakly_damped(0, lam=5e-3)
     linear, profile = (quiet(record, "linear", intervals=how) for how in ("linear", "profile"))
     assert profile.intervals["lam"][0] == 0.0
@@ -80,8 +80,8 @@ def test_a_damping_that_may_be_none_has_no_least_value() -> None:
     assert linear.intervals["lam"][1] > 0.02
 
 
-def test_intervals_keep_to_the_bounds() -> None:
-    """An end at the bound, from a fit within and from one that lies at the bound."""
+def test_intervals_end_at_the_bounds() -> None:
+    """For a fit inside the bounds and for one at a bound."""
     record = weakly_damped(1)
     free = quiet(record, "linear", intervals="profile")
     bound = 0.5 * (free.parameters["lam"] + free.intervals["lam"][0])
@@ -98,8 +98,8 @@ def test_intervals_keep_to_the_bounds() -> None:
 
 
 @pytest.mark.long
-def test_what_the_data_leave_open_has_no_end() -> None:
-    """A linear record tells the damping at rest: alpha and the scale trade places for ever."""
+def test_interval_of_an_undetermined_parameter_is_unbounded() -> None:
+    """A linear record determines the damping at rest: alpha and the scale are fully correlated."""
     time = np.linspace(0.0, 3.0, 300)
     record = noisy(time, 0.059 + damped_cosine(time, 1.2e-3), 1e-5, 1)
     model = quiet(record, "van-der-pol-like", intervals="profile")
@@ -109,8 +109,8 @@ def test_what_the_data_leave_open_has_no_end() -> None:
     assert high - low < 0.2
 
 
-def test_the_sum_of_squares_of_several_records_rises_to_the_quantile() -> None:
-    """Profile a damping that they share, by fits to both with it held there."""
+def test_sum_of_squares_of_several_records_rises_to_the_quantile() -> None:
+    """Profile of a shared damping, checked by joint fits with it held."""
     records = [weakly_damped(seed) for seed in (1, 2)]
     models = quiet(records, "linear", intervals="profile", parameters={"g0": Parameter(per_record=True)})
     assert models[0].intervals["lam"] == models[1].intervals["lam"]
@@ -135,23 +135,23 @@ def _correlated_noise(reach: float) -> np.ndarray:
     return np.asarray(np.exp(-np.abs(times[:, None] - times[None, :]) / reach))
 
 
-@pytest.mark.parametrize("left", [0.0, 1e-9, 1e-8, 1e-7])
+@pytest.mark.parametrize("independent_part", [0.0, 1e-9, 1e-8, 1e-7])
 @pytest.mark.parametrize("seed", range(20))
-def test_what_is_open_is_never_called_sure(seed: int, left: float) -> None:
+def test_undetermined_directions_never_get_narrow_intervals(seed: int, independent_part: float) -> None:
     random = np.random.default_rng(seed)
     phases = np.linspace(0.0, 20.0, SAMPLES)
     slopes = np.stack([np.sin(k * phases) for k in range(1, SIZE + 1)], axis=1)
-    slopes[:, -1] = slopes[:, :-1] @ random.normal(size=SIZE - 1) + left * slopes[:, -1]
+    slopes[:, -1] = slopes[:, :-1] @ random.normal(size=SIZE - 1) + independent_part * slopes[:, -1]
     slopes *= 10.0 ** random.uniform(-4.0, 4.0, SIZE)
     noise = _correlated_noise(60.0)
     found = sandwich_covariance(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0)
-    # What white residuals of that variance leave open along the last parameter, at the least.
+    # Lower bound of the error along the last parameter: white residuals of that variance.
     least = 1.0 / np.linalg.norm(slopes[:, -1]) ** 2
     assert found[-1, -1] > 1e5**2 * least
     assert (np.diag(found) > 0.0).all()
 
 
-def test_it_is_the_covariance_of_least_squares_under_correlated_noise() -> None:
+def test_sandwich_is_the_covariance_of_least_squares_under_correlated_noise() -> None:
     slopes = np.random.default_rng(1).normal(size=(SAMPLES, SIZE))
     noise = _correlated_noise(5.0)
     inverse = np.linalg.inv(slopes.T @ slopes)
@@ -159,7 +159,7 @@ def test_it_is_the_covariance_of_least_squares_under_correlated_noise() -> None:
     assert_allclose(sandwich_covariance(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0), exact, rtol=1e-9)
 
 
-def test_information_on_some_entries_is_that_of_their_covariance() -> None:
+def test_marginal_information_is_the_inverse_of_the_marginal_covariance() -> None:
     slopes = np.random.default_rng(2).normal(size=(SAMPLES, SIZE))
     normal, asked = slopes.T @ slopes, np.array([0, 2])
     free = np.ones(SIZE, dtype=bool)
@@ -167,7 +167,7 @@ def test_information_on_some_entries_is_that_of_their_covariance() -> None:
     assert_allclose(marginal_information(normal, asked, free), exact, rtol=1e-10)
 
 
-def test_a_start_that_the_motion_forgets_at_once_takes_no_information() -> None:
+def test_quickly_forgotten_initial_state_takes_no_information() -> None:
     slopes = np.random.default_rng(3).normal(size=(SAMPLES, SIZE))
     slopes[:, -1] = 0.0
     normal, asked = slopes.T @ slopes, np.array([0, 1])
@@ -184,7 +184,7 @@ LAWS = {
 
 
 def record(law: str, disturbance: str, seed: int) -> PistonRecord:
-    """Free motion from 1 m, its clock unsteady by 1.5 ms, or rounded to 0.1 m, or under white noise."""
+    """Free motion from 1 m, with clock jitter of 1.5 ms, rounding to 0.1 m, or white noise."""
     random, values = np.random.default_rng(seed), tuple(LAWS[law].values())
     time, noise = COVERAGE_TIME, 3e-3 if disturbance == "white" else 1e-4
     if disturbance == "jitter":
@@ -201,8 +201,8 @@ def record(law: str, disturbance: str, seed: int) -> PistonRecord:
 @pytest.mark.long
 @pytest.mark.parametrize("disturbance", ["white", "jitter", "rounding"])
 @pytest.mark.parametrize("law", LAWS)
-def test_intervals_hold_the_truth(law: str, disturbance: str) -> None:
-    """On 30 records; white noise of constant size was taken for granted before."""
+def test_intervals_cover_the_truth_under_jitter_rounding_and_white_noise(law: str, disturbance: str) -> None:
+    """On 30 records; an earlier version assumed white noise of constant size."""
     count, held = 30, dict.fromkeys(LAWS[law], 0)
     for seed in range(count):
         model = fit(record(law, disturbance, seed), law, starts=1, test_fraction=0.0)
@@ -212,22 +212,23 @@ def test_intervals_hold_the_truth(law: str, disturbance: str) -> None:
     assert min(held.values()) >= 0.85 * count
 
 
-def test_noise_that_grows_with_the_speed_counts_where_it_is() -> None:
-    """The covariance of a gradient, against many draws of the noise."""
+def test_gradient_covariance_for_noise_that_grows_with_the_speed() -> None:
+    """Compared with many draws of the noise."""
     random, count = np.random.default_rng(0), 2000
     phase = 0.1 * np.arange(count)
     slopes, level = np.stack([np.cos(phase), np.sin(phase)], axis=1), np.abs(np.sin(phase))
     noise = level[:, None] * random.normal(size=(count, 400))
     seen = np.cov(slopes.T @ noise)
-    told = np.mean(
-        [gradient_covariance(slopes, left, fit_autoregression(left), level) for left in noise.T[:20]], axis=0
+    estimated = np.mean(
+        [gradient_covariance(slopes, values, fit_autoregression(values), level) for values in noise.T[:20]],
+        axis=0,
     )
-    np.testing.assert_allclose(np.diag(told), np.diag(seen), rtol=0.2)
-    assert told[1, 1] > 2.0 * told[0, 0]
+    np.testing.assert_allclose(np.diag(estimated), np.diag(seen), rtol=0.2)
+    assert estimated[1, 1] > 2.0 * estimated[0, 0]
 
 
-def test_equal_readings_in_a_row_count_as_one() -> None:
-    """They err alike if the motion stands or turns; a level that is passed errs to both sides."""
+def test_equal_successive_readings_share_one_rounding_error() -> None:
+    """Only while the motion rests or turns; while it passes a level the errors have both signs."""
     slopes = np.ones((14, 1))
     standing = np.append(np.arange(6.0), np.full(8, 6.0))
     assert standing_reading_covariance(slopes, standing)[0, 0] == pytest.approx((8.0**2 - 8.0) / 12.0)
@@ -252,7 +253,7 @@ def read(scale: str, zero: str = "2.5 V") -> PistonRecord:
     return PistonRecord.from_table(table, scale={"height": scale}, zero={"height": zero})
 
 
-def test_each_parameter_gets_what_another_scale_would_move_it() -> None:
+def test_calibration_uncertainty_is_the_shift_by_another_scale() -> None:
     plain, wide, other = (
         fit(read(scale), "duffing", starts=1) for scale in ("2.5 mm/V", "2.5 +- 0.02 mm/V", "2.52 mm/V")
     )
@@ -264,14 +265,14 @@ def test_each_parameter_gets_what_another_scale_would_move_it() -> None:
     assert wide.at_rest.intervals["period"] == pytest.approx(plain.at_rest.intervals["period"], rel=1e-6)
 
 
-def test_profiles_have_it_too() -> None:
+def test_profile_intervals_include_the_calibration_uncertainty() -> None:
     linear, profiled = (
         fit(read("2.5 +- 0.02 mm/V"), "linear", intervals=how) for how in ("linear", "profile")
     )
     assert half_width(profiled, "g0") == pytest.approx(half_width(linear, "g0"), rel=0.1)
 
 
-def test_one_sensor_of_several_records_does_not_average_out() -> None:
+def test_calibration_error_of_a_shared_sensor_does_not_average_out() -> None:
     record = read("2.5 mm/V", "2.5 +- 0.2 V")
     (alone,), together = (fit([record] * count, "linear") for count in (1, 2))
     assert half_width(together[0], "g0") == pytest.approx(half_width(alone, "g0"), rel=1e-3)

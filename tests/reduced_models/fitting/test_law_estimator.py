@@ -1,4 +1,4 @@
-"""The estimator keeps scikit-learn's manners, and works in its searches and pipelines."""
+"""The estimator follows scikit-learn's conventions and works in its searches and pipelines."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ IMPOSSIBLE = {
 
 
 class FirstColumn(LawEstimator):
-    """The estimator on the first column of the tables that the checks make."""
+    """The estimator on the first column of the tables of scikit-learn's checks."""
 
     def fit(self, X: Any, y: Any) -> "FirstColumn":
         return super().fit(_first(X), y)
@@ -66,7 +66,7 @@ FEW = {
 
 
 @pytest.mark.filterwarnings("ignore")  # fits of noise have notes
-def test_a_few_checks_of_scikit_learn() -> None:
+def test_selected_scikit_learn_checks() -> None:
     checks = pytest.importorskip("sklearn.utils.estimator_checks")
     made = FirstColumn("linear", starts=1, test_fraction=0.0)
     seen = set()
@@ -78,20 +78,20 @@ def test_a_few_checks_of_scikit_learn() -> None:
     assert len(seen) > 12  # a release may name some otherwise
 
 
-@pytest.mark.long  # quick: a few of them above
+@pytest.mark.long  # quick: a selection above
 @pytest.mark.filterwarnings("ignore")  # fits of noise have notes
-def test_checks_of_scikit_learn() -> None:
+def test_all_scikit_learn_checks() -> None:
     checks = pytest.importorskip("sklearn.utils.estimator_checks")
     results = checks.check_estimator(
         FirstColumn("linear", starts=1, test_fraction=0.0), expected_failed_checks=IMPOSSIBLE, on_skip=None
     )
     passed = {one["check_name"] for one in results if one["status"] == "passed"}
     assert len(passed) > 40
-    assert not passed & set(IMPOSSIBLE)  # the list holds no check that can be met
+    assert not passed & set(IMPOSSIBLE)  # the list has no check that could pass
 
 
-def test_a_step_of_a_pipeline() -> None:
-    """Times in milliseconds are made seconds by the step before."""
+def test_estimator_in_a_pipeline() -> None:
+    """An earlier step converts times from milliseconds to seconds."""
     pipeline = pytest.importorskip("sklearn.pipeline")
     from sklearn.base import clone
     from sklearn.preprocessing import FunctionTransformer
@@ -105,7 +105,7 @@ def test_a_step_of_a_pipeline() -> None:
     assert integer[-1].model_.parameters["lam"] == pytest.approx(0.2, rel=0.01)
 
 
-def test_bounds_and_loss_are_those_of_a_fit() -> None:
+def test_bounds_and_loss_are_passed_to_fit() -> None:
     record = _damped(240)
     height = record.height.copy()
     height[50] += 0.5 * float(np.ptp(height))
@@ -129,6 +129,6 @@ def test_bounds_and_loss_are_those_of_a_fit() -> None:
         ([[0.0], [1.0]], None, "the target y is None"),
     ],
 )
-def test_wrong_data(times: Any, heights: Any, words: str) -> None:
+def test_wrong_data_are_refused(times: Any, heights: Any, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         LawEstimator("linear").fit(times, heights)

@@ -1,4 +1,4 @@
-"""The batched search, on problems whose answers are known."""
+"""The batched search on problems with known solutions."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ NONE = Prior(np.zeros(2), samples=100.0)
 
 
 def linear(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normal equations of residuals that are linear, and none at `BEST`."""
+    """Normal equations of linear residuals that vanish at `BEST`."""
     off = theta - BEST
     gradient = off @ MATRIX
     return (off * gradient).sum(axis=1), gradient, np.tile(MATRIX, (len(theta), 1, 1))
 
 
-def test_every_start_comes_to_the_answer(random: np.random.Generator) -> None:
+def test_every_start_reaches_the_minimum(random: np.random.Generator) -> None:
     theta, cost = levenberg_marquardt(linear, random.uniform(-3.0, 3.0, (6, 2)), NONE)
     np.testing.assert_allclose(theta, np.tile(BEST, (6, 1)), atol=1e-6)
     assert cost.max() < 1e-12
@@ -25,8 +25,8 @@ def test_every_start_comes_to_the_answer(random: np.random.Generator) -> None:
 
 @pytest.mark.parametrize(("entry", "other"), [(0, 1), (1, 0)])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_an_entry_rests_at_its_bound(entry: int, other: int, side: float) -> None:
-    """The other one is then the best that goes with it."""
+def test_entry_stays_at_its_bound(entry: int, other: int, side: float) -> None:
+    """The other entry takes its best value given that bound."""
     bound = BEST[entry] - side
     low, high = np.full(2, -np.inf), np.full(2, np.inf)
     (high if side > 0.0 else low)[entry] = bound
@@ -38,8 +38,8 @@ def test_an_entry_rests_at_its_bound(entry: int, other: int, side: float) -> Non
     np.testing.assert_allclose(theta[:, other], adjacent, atol=1e-4)
 
 
-def test_a_prior_pulls_to_the_start() -> None:
-    """One step, almost undamped: an entry that it holds stays, the other goes with it."""
+def test_prior_holds_entries_near_the_start() -> None:
+    """One almost undamped step: an entry with a strong prior stays, the other one adapts."""
     start = np.array([[0.0, 0.0]])
     held = Prior(np.array([1e9, 0.0]), samples=1.0)
     theta, _ = levenberg_marquardt(linear, start, held, trials=1, damping=1e-6)
@@ -47,7 +47,7 @@ def test_a_prior_pulls_to_the_start() -> None:
 
 
 def watched(places: list[float], normal: Normal) -> Normal:
-    """Notes the places that a search of one entry and start asks for."""
+    """Record the points at which a search of one entry and one start evaluates."""
 
     def noted(theta: np.ndarray) -> tuple[np.ndarray, ...]:
         places.append(float(theta[0, 0]))
@@ -56,8 +56,8 @@ def watched(places: list[float], normal: Normal) -> Normal:
     return noted
 
 
-def test_damping_is_raised_tenfold_where_a_step_gains_nothing() -> None:
-    """Nowhere is it better than at the start; three trials in vain are enough."""
+def test_damping_rises_tenfold_after_a_step_without_gain() -> None:
+    """The start is the minimum; three failed trials end the search."""
     places: list[float] = []
 
     def start_is_best(theta: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -70,7 +70,7 @@ def test_damping_is_raised_tenfold_where_a_step_gains_nothing() -> None:
     assert places == pytest.approx([0.0, -1.0 / 1.01, -1.0 / 1.1, -1.0 / 2.0])
 
 
-def test_damping_is_lowered_to_a_tenth_where_a_step_gains() -> None:
+def test_damping_falls_to_a_tenth_after_a_successful_step() -> None:
     places: list[float] = []
 
     def falls(theta: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -82,8 +82,8 @@ def test_damping_is_lowered_to_a_tenth_where_a_step_gains() -> None:
     assert np.diff(places) == pytest.approx([-1.0 / 2.0, -1.0 / 1.1, -1.0 / 1.01])
 
 
-def test_an_undamped_step_that_promises_nothing_ends_the_search() -> None:
-    """No trial is made where the whole of what is to be gained is less than is asked for."""
+def test_negligible_predicted_gain_of_an_undamped_step_ends_the_search() -> None:
+    """No trial is made if the predicted gain is below the tolerance."""
     places: list[float] = []
 
     def flat(theta: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -56,7 +56,9 @@ def fits(kind: str, clean: np.ndarray, count: int) -> list[ReducedModel]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
-def test_intervals_hold_under_real_noise(made: Callable[..., PistonRecord], kind: str) -> None:
+def test_intervals_cover_the_truth_under_realistic_noise(
+    made: Callable[..., PistonRecord], kind: str
+) -> None:
     clean = made("linear", level=0.0).height
     models = fits(kind, clean, 240)
     for name, value in TRUE.items():
@@ -66,12 +68,14 @@ def test_intervals_hold_under_real_noise(made: Callable[..., PistonRecord], kind
         assert np.median([high - low for low, high in pairs]) / 2.0 < 2.5 * scatter
 
 
-def test_under_drift_a_fit_does_what_is_possible(made: Callable[..., PistonRecord]) -> None:
-    """It finds what the best linear estimate finds, which knows the noise's covariance."""
+def test_fit_under_drift_matches_the_best_linear_estimate(made: Callable[..., PistonRecord]) -> None:
+    """The best linear estimate knows the covariance of the noise."""
     clean = made("linear", level=0.0).height
     values = np.array([*TRUE.values(), 1.0, 0.0])
     steps = 1e-6 * np.eye(len(values))
-    slopes = np.stack([(swing(values + h) - swing(values - h)) / 2e-6 for h in steps], axis=1)
+    slopes = np.stack(
+        [(linear_oscillation(values + h) - linear_oscillation(values - h)) / 2e-6 for h in steps], axis=1
+    )
     steady = np.arange(1, len(TIME) + 1)
     walk = 0.1**2 * np.minimum.outer(steady, steady)
     noise = (0.02 * clean.std()) ** 2 * (np.eye(len(TIME)) + walk)
@@ -85,18 +89,18 @@ def test_under_drift_a_fit_does_what_is_possible(made: Callable[..., PistonRecor
             assert 0.7 < np.diff(model.intervals[name])[0] / (2.0 * 1.96 * exact[k]) < 1.4
 
 
-def swing(values: np.ndarray) -> np.ndarray:
-    """Heights of the linear law with parameters, height and velocity at the start (5,)."""
+def linear_oscillation(values: np.ndarray) -> np.ndarray:
+    """Heights of the linear law for parameters and initial height and velocity (5,)."""
     lam, omega, g0, height, velocity = values
     quick, rest = np.sqrt(omega**2 - lam**2), g0 / omega**2
     phasor = (height - rest) - 1j * (velocity + lam * (height - rest)) / quick
     return np.asarray(rest + (phasor * np.exp((-lam + 1j * quick) * TIME)).real)
 
 
-def test_drift_is_noted_and_modelled(
+def test_drift_is_fitted_and_noted(
     made: Callable[..., PistonRecord], command: Callable, tmp_path: Path
 ) -> None:
-    """Found by the residuals, unless it is refused; the notes name the argument and the option."""
+    """Found from the residuals unless drift=False; the notes give the argument and the option."""
     record = noisy("drift", made("linear", level=0.0).height, 0)
     with pytest.warns(UserWarning, match=r"zero drifts.* FitOptions\(drift=False\) \(fit --no-drift on the"):
         found = fit(record, "linear", starts=1)
@@ -106,9 +110,9 @@ def test_drift_is_noted_and_modelled(
     words = ("fit", str(tmp_path / "record.csv"), "--law", "linear", "--starts", "1")
     assert "zero drifts" in command("reduced_models", *words).stdout
     assert "drift slowly" in command("reduced_models", *words, "--no-drift").stdout
-    told = command("reduced_models", *words, "--drift").stdout
-    assert "drift of the record's zero: " in told
-    assert "note: " not in told
+    printed = command("reduced_models", *words, "--drift").stdout
+    assert "drift of the record's zero: " in printed
+    assert "note: " not in printed
     modelled = fit(record, "linear", starts=1, options=FitOptions(drift=True))
     assert not any("drift" in note for note in modelled.notes)
     assert found.parameters == pytest.approx(modelled.parameters, rel=1e-4)
@@ -126,7 +130,7 @@ DECAY_TIME = np.arange(0.0, 6.0, 0.005)
 
 
 def decay(frequency: float = 5.0) -> np.ndarray:
-    """Free decay of 1 mm with a damping ratio of 1 %."""
+    """Free decay from 1 mm with a damping ratio of 1 %."""
     rate = math.tau * frequency
     return damped_cosine(DECAY_TIME, 1e-3, 0.01 * rate, rate)
 
@@ -137,8 +141,8 @@ def fitted(height: np.ndarray, drift: bool | None = None) -> ReducedModel:
     return fit(record, "linear", starts=1, test_fraction=0.0, options=options)
 
 
-def test_a_fast_second_mode_is_noted() -> None:
-    """Its residuals alternate, so that their correlation time is below a sample."""
+def test_fast_second_mode_is_noted() -> None:
+    """Its residuals alternate, so their correlation time is below a sample."""
     noise = np.random.default_rng(0).normal(0.0, 2e-5, len(DECAY_TIME))
     model = fitted(decay() + 0.1 * decay(17.0) + noise)
     assert model.quality.correlation < 1.5
@@ -147,7 +151,7 @@ def test_a_fast_second_mode_is_noted() -> None:
 
 
 @pytest.mark.parametrize("parts", [5, 10, 50])
-def test_a_sensor_that_rounds_is_no_other_cause(parts: int) -> None:
+def test_sensor_rounding_is_not_reported_as_a_wrong_law(parts: int) -> None:
     step = 1e-3 / parts
     for seed in range(4):
         shift = step * np.random.default_rng(seed).uniform()
@@ -159,14 +163,14 @@ def test_a_sensor_that_rounds_is_no_other_cause(parts: int) -> None:
         assert tests.verdict == "rounding"
 
 
-def test_a_wrong_law_is_noted_though_the_sensor_rounds() -> None:
+def test_wrong_law_is_noted_despite_sensor_rounding() -> None:
     step = 2e-5
     model = fitted(np.round((decay() + 0.06 * decay(17.0)) / step) * step)
     assert any("not white noise" in note for note in model.notes)
 
 
 @pytest.mark.parametrize("drift", [None, True])
-def test_a_fitted_drift_is_told_and_is_no_residual(drift: bool | None) -> None:
+def test_fitted_drift_is_reported_and_not_part_of_the_residual(drift: bool | None) -> None:
     random = np.random.default_rng(1)
     walk = 2e-6 * np.cumsum(random.normal(size=len(DECAY_TIME)))
     height = decay() + walk + random.normal(0.0, 1e-5, len(DECAY_TIME))
@@ -175,8 +179,8 @@ def test_a_fitted_drift_is_told_and_is_no_residual(drift: bool | None) -> None:
     assert model.quality.residual == pytest.approx(1.105e-5, rel=0.05)
     assert model.quality.zero_drift == pytest.approx(float(np.ptp(walk)), rel=0.2)
     assert f"drift of the record's zero: {model.quality.zero_drift:.2g} m" in str(model)
-    told = [note for note in model.notes if "drift" in note]
-    assert [note.startswith("the record's zero drifts, by 0.") for note in told] == [True] * (drift is None)
+    printed = [note for note in model.notes if "drift" in note]
+    assert [note.startswith("the record's zero drifts by 0.") for note in printed] == [True] * (drift is None)
     tests = residual_tests(model, DECAY_TIME, height, model.simulate(DECAY_TIME).height)
     assert tests.rms == pytest.approx(1.105e-5, rel=0.05)
     assert tests.verdict == "noise"
@@ -184,35 +188,35 @@ def test_a_fitted_drift_is_told_and_is_no_residual(drift: bool | None) -> None:
 
 @pytest.mark.long
 def test_white_noise_is_not_noted() -> None:
-    """In 40 records of the true law at most two."""
+    """In 2 or fewer of 40 records of the true law."""
     random = np.random.default_rng(0)
     noted = [fitted(decay() + random.normal(0.0, 1e-5, len(DECAY_TIME))).notes != () for _ in range(40)]
     assert sum(noted) <= 2
 
 
 def with_outliers(seed: int) -> tuple[np.ndarray, PistonRecord]:
-    """A linear swing with noise, and the same with a fraction of samples far away."""
+    """Linear oscillation with noise, and the same with a fraction of the samples far away."""
     random, count = np.random.default_rng(seed), len(TIME)
     plain = damped_cosine(TIME, 1.0, 0.05, 1.05) + random.normal(0.0, 0.01, count)
     away = (random.uniform(size=count) < 0.03) * random.normal(0.0, 0.4, count)
     return plain, PistonRecord(TIME, plain + away)
 
 
-def test_outliers_are_drawn_in_and_nothing_else() -> None:
+def test_only_outliers_are_clipped() -> None:
     plain, dirty = with_outliers(0)
     found = clip_outliers(dirty)
     assert np.abs(dirty.height - plain).max() > 0.3
     assert np.abs(found.height - plain).max() < 0.1
     kept = dirty.height == plain
     assert (found.height[kept] == plain[kept]).mean() > 0.999
-    # Seven samples a swing and no noise: the motion itself goes far between them.
+    # Seven samples per cycle and no noise: the motion itself changes much between samples.
     few = PistonRecord(TIME, np.cos(2.0 * np.pi * np.arange(2000) / 7.0))
     np.testing.assert_array_equal(clip_outliers(few).height, few.height)
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.filterwarnings("error")
-def test_a_fit_that_spares_outliers_starts_without_them(seed: int) -> None:
-    """One start is enough, and nobody calls the law wrong for what the loss spares."""
+def test_robust_fit_starts_without_outliers(seed: int) -> None:
+    """One start is enough, and outliers do not make the law count as wrong."""
     model = fit(with_outliers(seed)[1], "linear", starts=1, test_fraction=0.0, loss="soft_l1")
     assert model.parameters["omega"] == pytest.approx(1.05, abs=0.005)

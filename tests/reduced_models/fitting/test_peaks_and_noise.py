@@ -1,4 +1,4 @@
-"""Frequency and damping beside noise that is not white, clipping, drives, few samples and no oscillation."""
+"""Frequency and damping despite correlated noise, clipping, drives, few samples or no oscillation."""
 
 import math
 import warnings
@@ -63,8 +63,8 @@ def remembered(time: np.ndarray, height: np.ndarray, random: np.random.Generator
 
 
 @pytest.mark.parametrize("disturbed", [hum, rounded, held, spikes, second_mode, remembered])
-def test_the_headline_is_right_or_left_to_the_fit(disturbed: Callable[..., np.ndarray]) -> None:
-    """No bump of noise is an extreme, and no error is smaller than the scatter of the rows."""
+def test_peak_based_frequency_and_damping_are_right_or_omitted(disturbed: Callable[..., np.ndarray]) -> None:
+    """A noise peak is not an extreme, and no error is smaller than the scatter of the rows."""
     time, clean = decay(2.0, 0.02, 100.0, 10.0)
     random = np.random.default_rng(0)
     white = random.normal(0.0, 1e-3 * SIZE, len(time)) if disturbed in (spikes, second_mode) else 0.0
@@ -85,8 +85,8 @@ def test_the_headline_is_right_or_left_to_the_fit(disturbed: Callable[..., np.nd
         assert abs(ratio.value - 2.0) < 3.0 * ratio.total_error
 
 
-def test_an_encoder_rounds_until_the_pendulum_stands() -> None:
-    """Most of its third differences are zero, and its noise is not."""
+def test_noise_and_rounding_step_of_an_encoder() -> None:
+    """Most of its third differences are zero, but its noise is not."""
     time, clean = decay(1.0, 0.01, 100.0, 120.0)
     step = math.tau / 2048.0
     angle = step * np.round(500.0 * clean / step)
@@ -102,7 +102,7 @@ def test_an_encoder_rounds_until_the_pendulum_stands() -> None:
     assert rounding_step(np.sign(clean)) == 0.0  # switched, not rounded
 
 
-def test_the_half_period_is_the_local_one() -> None:
+def test_half_period_is_local() -> None:
     """A spring that hardens elevenfold: from 1.1 to 3.1."""
     time = np.linspace(0.0, 200.0, 10001)
     found = find_extremes(noisy(time, moved(lambda t, z, v: -0.04 * v - z - 10.0 * z**3, time), 1e-4))
@@ -113,7 +113,7 @@ def test_the_half_period_is_the_local_one() -> None:
 
 
 @pytest.mark.parametrize("level", [0.0, 3e-3])
-def test_a_plateau_repeated_at_one_level_is_clipping(level: float) -> None:
+def test_repeated_plateau_at_one_level_is_clipping(level: float) -> None:
     time, clean = decay(2.0, 0.02, 100.0, 10.0)
     record = noisy(time, REST + np.clip(clean, -0.6 * SIZE, 0.6 * SIZE), level * SIZE)
     with pytest.warns(RecordWarning, match="clipped"):
@@ -121,7 +121,7 @@ def test_a_plateau_repeated_at_one_level_is_clipping(level: float) -> None:
     assert model.at_rest.damping_ratio == pytest.approx(0.02, rel=5e-3)
 
 
-def test_a_decay_is_no_clipping() -> None:
+def test_decay_is_not_mistaken_for_clipping() -> None:
     time, clean = decay(2.0, 0.001, 200.0, 10.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RecordWarning)
@@ -129,8 +129,8 @@ def test_a_decay_is_no_clipping() -> None:
 
 
 @pytest.mark.parametrize("frequency", [4.3, 4.8])
-def test_a_frequency_stays_below_half_the_sampling_rate(frequency: float) -> None:
-    """At 10 samples a second, where 5.7 and 5.2 Hz look the same."""
+def test_fitted_frequency_stays_below_half_the_sampling_rate(frequency: float) -> None:
+    """At 10 samples per second, at which 5.7 and 5.2 Hz give nearly the same samples."""
     time, clean = decay(frequency, 0.002, 10.0, 30.0)
     record = noisy(time, REST + clean, 0.01 * SIZE)
     assert 1.0 / quiet_fit(record, starts=8).at_rest.period == pytest.approx(frequency, rel=2e-3)
@@ -138,7 +138,7 @@ def test_a_frequency_stays_below_half_the_sampling_rate(frequency: float) -> Non
     assert end_time_of_motion(record) > 0.95 * time[-1]
 
 
-def test_a_drive_two_modes_and_growth_are_asked_for() -> None:
+def test_notes_ask_about_drives_two_modes_and_growth() -> None:
     time = np.arange(0.0, 20.0, 0.005)
     steady = np.sin(math.tau * 2.2 * time)
     beat = np.exp(-0.01 * time) * np.sin(math.tau * 5.0 * time)
@@ -152,18 +152,18 @@ def test_a_drive_two_modes_and_growth_are_asked_for() -> None:
     assert slow == ()
 
 
-def test_a_parameter_held_at_zero_is_named_with_a_remedy_that_works() -> None:
+def test_parameter_held_at_zero_is_reported_with_a_working_remedy() -> None:
     time = np.arange(0.0, 10.0, 0.005)
     growing = noisy(time, REST + SIZE * np.exp(0.1 * time) * np.sin(math.tau * 2.0 * time), 0.01 * SIZE)
     (note,) = [one for one in quiet_fit(growing).notes if "held at 0" in one]
-    assert note.startswith("lam is held at 0")
+    assert note.startswith("lam is held at its lower bound 0")
     assert f'--law "{LINEAR.equation}"' in note
     free = quiet_fit(growing, LINEAR.equation)
     assert free.parameters["lam"] == pytest.approx(-0.1, rel=0.01)
     assert free.notes == ()
 
 
-def test_an_input_that_comes_late_is_named_with_its_delay() -> None:
+def test_late_input_is_reported_with_its_delay() -> None:
     omega, late = math.tau * 2.0, 0.012
 
     def force(t: Any) -> Any:
@@ -177,11 +177,11 @@ def test_an_input_that_comes_late_is_named_with_its_delay() -> None:
         for delay in (0.0, late)
     }
     assert not any("comes" in note for note in notes[0.0])
-    assert any("u comes 0.012 s late" in note for note in notes[late])
+    assert any("u is 0.012 s late" in note for note in notes[late])
 
 
 @pytest.mark.parametrize(("ratio", "duration"), [(1.7, 3.0), (2.5, 3.0), (5.0, 6.0)])
-def test_an_overdamped_motion_is_found_from_two_exponentials(ratio: float, duration: float) -> None:
+def test_overdamped_motion_is_fitted_from_two_exponentials(ratio: float, duration: float) -> None:
     time, omega = np.linspace(0.0, duration, 1000), math.tau
     slow, fast = (omega * (ratio + sign * math.sqrt(ratio**2 - 1.0)) for sign in (-1.0, 1.0))
     creep = SIZE * (fast * np.exp(-slow * time) - slow * np.exp(-fast * time)) / (fast - slow)

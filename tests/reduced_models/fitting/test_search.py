@@ -1,4 +1,4 @@
-"""Searches that do not miss, what is said of the residuals, and programs that are compiled once."""
+"""Searches that find the minimum, notes on the residuals, and programs that are compiled once."""
 
 import subprocess
 import sys
@@ -35,10 +35,10 @@ TIME = np.linspace(0.0, 40.0, 2000)
     ("stiffening", "drag", "duration", "samples", "fall"),
     [(20.0, 0.2, 40.0, 2000, 4.0), pytest.param(205.0, 0.05, 300.0, 6000, 16.0, marks=pytest.mark.long)],
 )
-def test_a_frequency_that_falls(
+def test_falling_frequency_is_fitted(
     stiffening: float, drag: float, duration: float, samples: int, fall: float
 ) -> None:
-    """To a fourth in a record as long as those of other tests; to a seventeenth in 180 swings."""
+    """To a fourth over the usual record length; to a seventeenth over 180 cycles."""
     time = np.linspace(0.0, duration, samples)
     clean = moved(lambda t, z, v: -drag * v - z - stiffening * z**3, time, 1.4)
     halves = np.diff(time[1:][np.diff(np.sign(clean)) != 0.0])
@@ -49,7 +49,7 @@ def test_a_frequency_that_falls(
     assert model.parameters["k"] == pytest.approx(1.0, rel=0.01)
 
 
-def test_first_guesses_have_rivals_where_the_period_changes() -> None:
+def test_first_guesses_have_rival_frequencies_if_the_period_changes() -> None:
     chirp = np.exp(-0.05 * TIME) * np.cos(8.0 * TIME - 0.08 * TIME**2)
     guess = first_guesses(TIME, chirp)
     assert max(guess.rivals) == pytest.approx(7.9, rel=0.1)
@@ -59,14 +59,14 @@ def test_first_guesses_have_rivals_where_the_period_changes() -> None:
     assert spectral_peak_frequency(TIME, np.cos(3.0 * TIME)) == pytest.approx(3.0, rel=0.01)
 
 
-def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord]) -> None:
-    """Two per cent of the swing, at low noise: what is left swings with the motion."""
+def test_slightly_wrong_law_is_reported(made: Callable[..., PistonRecord]) -> None:
+    """A misfit of 2 % of the rms displacement at low noise oscillates with the motion."""
     clean = moved(lambda t, z, v: -0.1 * v - 0.02 * abs(v) * v - 1.05**2 * z - 1.0, TIME)
     with pytest.warns(UserWarning, match="are not white noise"):
         wrong = fit(noisy(TIME, clean, 0.002 * clean.std()), "linear")
     assert wrong.quality.has_structured_residuals
     assert wrong.quality.relative < 0.02
-    assert "and swing with the motion, so the law is not right" in " ".join(str(wrong).split())
+    assert "and oscillate with the motion, so the law is not right" in " ".join(str(wrong).split())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         right = fit(made("linear"), "linear")
@@ -75,8 +75,8 @@ def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord
     assert "and so does a fit to accelerations" in str(right)
 
 
-def test_a_fit_to_accelerations_leads_out_of_a_wrong_valley(made: Callable[..., PistonRecord]) -> None:
-    """One start at half the frequency ends where nothing is explained."""
+def test_fit_to_accelerations_escapes_a_wrong_minimum(made: Callable[..., PistonRecord]) -> None:
+    """A single start at half the frequency ends in a fit that explains nothing."""
     with pytest.warns(UserWarning, match="only 0 of 1 random starts"):
         model = fit(made("linear"), "linear", starts=1, parameters={"omega": 0.5})
     assert model.quality.collocation == "better"
@@ -84,8 +84,8 @@ def test_a_fit_to_accelerations_leads_out_of_a_wrong_valley(made: Callable[..., 
     assert model.parameters["omega"] == pytest.approx(1.05, rel=0.01)
 
 
-def test_noise_that_remembers_is_not_said_to_swing(made: Callable[..., PistonRecord]) -> None:
-    """It is not white either, and says nothing of the law."""
+def test_correlated_noise_is_not_reported_as_oscillating_residuals(made: Callable[..., PistonRecord]) -> None:
+    """Its residuals are not white, but do not contradict the law."""
     from scipy.signal import lfilter
 
     clean = made("linear", level=0.0)
@@ -94,10 +94,10 @@ def test_noise_that_remembers_is_not_said_to_swing(made: Callable[..., PistonRec
     with pytest.warns(UserWarning, match="or the noise is not white"):
         model = fit(record, "linear")
     assert model.quality.swinging < 0.5
-    assert "swing with the motion" not in str(model)
+    assert "oscillate with the motion" not in str(model)
 
 
-def test_what_residuals_look_like() -> None:
+def test_diagnostics_of_known_residuals() -> None:
     random = np.random.default_rng(0)
     motion, white = np.sin(3.0 * TIME), random.normal(size=2000)
     speed, period = 3.0 * np.cos(3.0 * TIME), 2.0 * np.pi / 3.0
@@ -114,8 +114,8 @@ def test_what_residuals_look_like() -> None:
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
-def test_the_spread_of_correlated_noise(memory: float) -> None:
-    """What an autoregression says of levels and swings, against the known covariance."""
+def test_gradient_covariance_of_correlated_noise(memory: float) -> None:
+    """By an autoregression, for means and oscillations, compared with the known covariance."""
     from scipy.signal import lfilter
 
     random = np.random.default_rng(1)
@@ -127,8 +127,8 @@ def test_the_spread_of_correlated_noise(memory: float) -> None:
     assert found[1, 1] == pytest.approx(2000.0 * power[1], rel=0.2)
 
 
-def test_a_short_record_does_not_seem_to_forget_sooner() -> None:
-    """The weight of residuals about a fitted level is on average that of the noise."""
+def test_autoregression_weight_is_unbiased_for_short_records() -> None:
+    """The weight of residuals about a fitted mean is on average the weight of the noise."""
     from scipy.signal import lfilter
 
     found = []
@@ -143,20 +143,18 @@ def test_a_short_record_does_not_seem_to_forget_sooner() -> None:
 
 
 @pytest.mark.long
-def test_a_fall_is_fitted_alike_by_every_seed() -> None:
-    """Where the swing form of the Van der Pol-like law lies in a valley not the law's own."""
+def test_every_seed_finds_the_same_fit_of_a_fall() -> None:
+    """The oscillating form of the Van der Pol-like law lies in another minimum."""
     time = np.linspace(0.0, 2.88, 2000)
     fall = predict(load_scene("damper")).simulate(time)
     found = [fit(fall, "van-der-pol-like", seed=seed, test_fraction=0.0) for seed in range(2)]
-    left = np.array([model.quality.residual for model in found])
-    np.testing.assert_allclose(left, left[0], rtol=1e-3)
-    assert left[0] < 0.09 * np.ptp(fall.height)
+    residual_sizes = np.array([model.quality.residual for model in found])
+    np.testing.assert_allclose(residual_sizes, residual_sizes[0], rtol=1e-3)
+    assert residual_sizes[0] < 0.09 * np.ptp(fall.height)
 
 
-def test_programs_that_are_compiled_ahead_are_those_of_the_fit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A fit then compiles only the residuals of all samples; a second time nothing is compiled ahead."""
+def test_fit_uses_the_programs_compiled_ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit then compiles only the residuals of all samples; a second call compiles nothing ahead."""
     compiled: list[str] = []
 
     def follow(label: str, *args: Any) -> Any:
@@ -204,8 +202,8 @@ print(memory(range(kept + 2)), memory(range(kept + 2, kept + 10)), memory([kept 
 
 
 @pytest.mark.long
-def test_fits_leave_little_in_memory() -> None:
-    """Of eight more laws than are kept, each of which takes 20 to 40 MB; of forty fits of one."""
+def test_repeated_fits_do_not_accumulate_memory() -> None:
+    """For eight more laws than the cache keeps, each of 20 to 40 MB; and for forty fits of one law."""
     said = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", PROGRAM, str(PROGRAMS)],
         check=True,

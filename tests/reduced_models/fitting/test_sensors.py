@@ -1,4 +1,4 @@
-"""Fits of what a sensor measured: velocities, accelerations, voltages, behind filters."""
+"""Fits of sensor signals: velocities, accelerations and voltages, with filters."""
 
 import math
 from pathlib import Path
@@ -25,30 +25,30 @@ def fitted(made: Made, **options: int) -> ReducedModel:
     return fit(made.record, made.law, options=FitOptions(measured=made.sensor), **options)
 
 
-def test_an_acceleration_behind_a_filter() -> None:
+def test_filtered_acceleration_is_fitted() -> None:
     sensor = Sensor("acceleration", low_pass=200.0, damping_ratio=0.7)
     made = made_signal("linear", LINEAR, 3e-3, sensor, 1.0, 0.3, 0.01, np.random.default_rng(1))
     model = fitted(made, starts=1)
     assert_found(model, {"lam": 1.1, "omega": OMEGA})
     assert model.sensor.offset == pytest.approx(0.3, abs=0.01)
     assert model.untold == ("level", "g0")
-    assert "g0 " not in str(model).split("(z: height")[1].split("not told")[0]
+    assert "g0 " not in str(model).split("(z: height")[1].split("not determined")[0]
     assert "natural frequency" in str(model)
     assert "equilibrium" not in str(model)
     assert "g0" not in {*model.parameters, *model.intervals}
     assert model.conventions == {"g0": 0.0}
-    # What is left is the noise, a hundredth of the signal, at all times.
+    # The residual is the noise, a hundredth of the signal, at all times.
     assert model.quality.relative == pytest.approx(0.01, rel=0.1)
-    left = model.residuals(made.record)[100:]
-    assert left.std() == pytest.approx(model.quality.residual, rel=0.1)
-    # A model keeps what it was fitted to.
+    residuals = model.residuals(made.record)[100:]
+    assert residuals.std() == pytest.approx(model.quality.residual, rel=0.1)
+    # A saved model keeps its sensor.
     again = ReducedModel.from_plain(model.to_plain())
     assert (again.sensor, again.untold) == (model.sensor, model.untold)
     assert again.conventions == model.conventions
 
 
-def test_a_size_that_no_gain_tells_leaves_no_cubic_stiffness() -> None:
-    """Beta is in units of the motion's size, and an accelerometer of unknown gain does not tell that."""
+def test_unknown_gain_leaves_the_cubic_stiffness_unidentified() -> None:
+    """Beta depends on the amplitude, which an accelerometer of unknown gain does not determine."""
     sensor = Sensor("acceleration", gain="free")
     truth = {"lam": 1.1, "k": OMEGA**2, "rest": 0.0, "beta": 0.5 * OMEGA**2 / 3e-3**2}
     made = made_signal("duffing", truth, 3e-3, sensor, 2.5, 0.0, 0.01, np.random.default_rng(3))
@@ -57,13 +57,13 @@ def test_a_size_that_no_gain_tells_leaves_no_cubic_stiffness() -> None:
     assert set(model.parameters) == set(model.intervals) == {"lam", "k"}
     assert model.parameters["k"] == pytest.approx(truth["k"], rel=0.01)
     assert set(model.conventions) == {"rest", "beta"}
-    # The motion can be computed all the same, in the unit of the signal.
+    # The motion can still be computed, in the unit of the signal.
     assert model.quality.relative == pytest.approx(0.01, rel=0.1)
     assert "beta =" not in str(model)
 
 
 @pytest.mark.long
-def test_a_geophone_of_unknown_gain() -> None:
+def test_geophone_of_unknown_gain_leaves_friction_unidentified() -> None:
     sensor = Sensor("velocity", gain="free", high_pass=4.5, damping_ratio=0.6)
     truth = {"friction": 0.05 * OMEGA**2 * 2e-3, "omega": OMEGA, "g0": 0.0}
     made = made_signal("coulomb", truth, 2e-3, sensor, 28.8, 0.1, 0.01, np.random.default_rng(2))
@@ -71,7 +71,7 @@ def test_a_geophone_of_unknown_gain() -> None:
     assert_found(model, {"omega": OMEGA})
     # Friction in m/s^2 needs the size of the motion.
     assert set(model.untold) == {"level", "g0", "size", "friction"}
-    # A gain that is known to a tenth tells friction to a tenth.
+    # A gain known to 10 % determines friction to 10 %.
     bounded = Sensor("velocity", gain=(26.0, 32.0), high_pass=4.5, damping_ratio=0.6)
     model = fit(made.record, "coulomb", options=FitOptions(measured=bounded))
     low, high = model.intervals["friction"]
@@ -81,7 +81,7 @@ def test_a_geophone_of_unknown_gain() -> None:
 
 
 @pytest.mark.parametrize(("derivative", "kind", "order"), [(0, "low_pass", 1), (1, "high_pass", 2)])
-def test_a_filter_is_exact_between_grid_points(derivative: int, kind: str, order: int) -> None:
+def test_filter_is_exact_between_grid_points(derivative: int, kind: str, order: int) -> None:
     quantity = ("height", "velocity", "acceleration")[derivative]
     given = {kind: 9.0, "damping_ratio": 0.4 if order == 2 else None}
     sensor = Sensor(quantity, **given)  # type: ignore[arg-type]
@@ -101,7 +101,7 @@ def test_a_filter_is_exact_between_grid_points(derivative: int, kind: str, order
     np.testing.assert_allclose(np.asarray(result)[:, 0], exact, atol=3e-6 * omega**derivative)
 
 
-def test_laws_know_what_shifts_and_scales() -> None:
+def test_parameters_that_change_under_shift_and_scale_are_found() -> None:
     pendulum = law_from_text("z'' + 2*a*z' + k*sin(z) = 0")
     assert find_similarity(pendulum, "shift") is None
     assert find_similarity(pendulum, "scale") is None
@@ -111,7 +111,7 @@ def test_laws_know_what_shifts_and_scales() -> None:
     assert set(scale.moving) == {"c", "r", "b"}
 
 
-def test_a_record_without_a_position_knows_its_motion() -> None:
+def test_motion_is_computed_for_a_record_without_a_position() -> None:
     time = np.linspace(0.0, 3.0, 3001)
     motion = 2e-3 * np.exp(-0.5 * time) * np.cos(OMEGA * time)
     acceleration = np.gradient(np.gradient(motion, time), time)[1:-1] + 0.1
@@ -123,7 +123,7 @@ def test_a_record_without_a_position_knows_its_motion() -> None:
     assert record.between(0.0, 1.0).measured == "acceleration"
 
 
-def test_an_acceleration_in_a_file_is_fitted_where_it_is_said(tmp_path: Path) -> None:
+def test_acceleration_column_is_fitted_if_the_file_description_says_so(tmp_path: Path) -> None:
     time = np.linspace(0.0, 2.0, 800)
     rows = np.exp(-LINEAR["lam"] * time) * np.cos(OMEGA * time) + 0.1
     path = tmp_path / "acc.csv"
@@ -137,7 +137,7 @@ def test_an_acceleration_in_a_file_is_fitted_where_it_is_said(tmp_path: Path) ->
     assert [row.name for row in compare(record, "linear").rows] == ["linear"]
 
 
-def test_a_sensor_in_words() -> None:
+def test_sensor_from_text_options() -> None:
     geophone = Sensor("velocity", gain=(20.0, 30.0), high_pass=4.5, absolute=True, column="geo")
     assert parse_sensor("velocity gain=20:30 high_pass=4.5 absolute column=geo") == geophone
 
@@ -145,6 +145,6 @@ def test_a_sensor_in_words() -> None:
 @pytest.mark.parametrize(
     "further", ["", " gain", " gain=x", " low_pass=1:2", " absolute=1", " low_pass=free"]
 )
-def test_a_sensor_in_wrong_words(further: str) -> None:
+def test_wrong_sensor_options_are_refused(further: str) -> None:
     with pytest.raises(InputError):
         parse_sensor(f"velocity{further}" if further else "speed")

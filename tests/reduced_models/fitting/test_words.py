@@ -1,4 +1,4 @@
-"""Laws, parameters and options in the user's own words, and what is said where words are not understood."""
+"""Laws, parameters and options given as text, and the error messages for wrong ones."""
 
 import math
 from collections.abc import Callable
@@ -28,8 +28,8 @@ def pendulum() -> PistonRecord:
     return noisy(TIME, moved(lambda t, z, v: -0.06 * v - 9.0 * np.sin(z - 0.2), TIME, 0.9), 0.005)
 
 
-def test_an_angle_comes_home() -> None:
-    """Whatever valley a start lies in, the rest is an angle and the stiffness is positive."""
+def test_fitted_angle_is_reduced_to_its_canonical_form() -> None:
+    """From any start, the equilibrium angle is reduced and the stiffness positive."""
     away = {"k": np.array([-9.0, 9.0]), "rest": np.array([0.2 + math.pi, 0.2 + 20.0 * math.pi])}
     law = law_from_text(PENDULUM)
     found = canonical_parameters(law, away | {"lam": np.zeros(2)})
@@ -40,7 +40,7 @@ def test_an_angle_comes_home() -> None:
     assert find_symmetries(law_from_text("z'' + k*z = g")) == ((), ())
 
 
-def test_home_lies_within_bounds() -> None:
+def test_canonical_form_respects_bounds() -> None:
     law = law_from_text(PENDULUM)
     values = {"lam": np.zeros(3), "k": np.array([9.0, -9.0, 9.0]), "rest": np.array([0.2, 9.0, -7.0])}
     same = [9.0 * np.sin(0.5 - 0.2), -9.0 * np.sin(0.5 - 9.0), 9.0 * np.sin(0.5 + 7.0)]
@@ -55,16 +55,16 @@ def test_home_lies_within_bounds() -> None:
 
 
 @pytest.mark.long
-def test_a_search_starts_within_bounds_on_the_other_sign() -> None:
-    """A stiffness below zero with the rest half a turn on is the same pendulum."""
+def test_search_starts_within_bounds_of_the_equivalent_sign() -> None:
+    """A negative stiffness with the equilibrium half a turn away is the same pendulum."""
     model = fit(pendulum(), PENDULUM, parameters={"k": Parameter(low=-20.0, high=0.0)})
     assert model.parameters["k"] == pytest.approx(-9.0, rel=1e-3)
     assert math.sin(model.parameters["rest"] - 0.2) == pytest.approx(0.0, abs=2e-3)
     assert model.quality.converged >= 8
 
 
-@pytest.mark.long  # quick: its symmetries above, an own law in `test_fit`, a pendulum in `test_examples`
-def test_a_pendulum_as_it_is_written() -> None:
+@pytest.mark.long  # quick: its symmetries above, a custom law in `test_fit`, a pendulum in `test_examples`
+def test_pendulum_written_in_equivalent_forms() -> None:
     held: dict[str, Any] = {
         "parameters": {"lam": Parameter(0.03, fixed=True), "k": Parameter(low=1.0)},
         "options": FitOptions(initial="free"),
@@ -81,8 +81,8 @@ def test_a_pendulum_as_it_is_written() -> None:
     assert "lam = 0.03 given" in known.provenance["fit"]
 
 
-def test_the_time_in_a_law() -> None:
-    """T is the time since the record's start, in fits and in later motions."""
+def test_time_in_an_equation_is_measured_from_the_record_start() -> None:
+    """In fits and in later simulations."""
     law = law_from_text("z'' + c*z' + k*z = a*t")
     assert law.inputs == ("t",)
     assert law.parameters == ("c", "k", "a")
@@ -115,8 +115,8 @@ MEANT = {
 
 
 @pytest.mark.parametrize("text", MEANT)
-def test_words_mean_what_they_say(text: str, made: Callable[..., PistonRecord]) -> None:
-    """What is fitted are the parameters, no more and no fewer."""
+def test_names_in_an_equation_are_recognised(text: str, made: Callable[..., PistonRecord]) -> None:
+    """The fitted parameters are exactly the unknown names."""
     assert resolve_law(text, made("linear")).parameters == MEANT[text]
 
 
@@ -130,8 +130,8 @@ ASKED_ABOUT = {
 
 
 @pytest.mark.parametrize("text", ASKED_ABOUT)
-def test_other_words_are_asked_about(text: str, made: Callable[..., PistonRecord]) -> None:
-    """By `fit`, in one line that says what to write."""
+def test_unknown_names_are_refused_with_a_suggestion(text: str, made: Callable[..., PistonRecord]) -> None:
+    """By `fit`, in one line that says how to write it."""
     with pytest.raises(InputError) as caught:
         fit(made("linear"), text)
     assert ASKED_ABOUT[text] in str(caught.value)
@@ -143,18 +143,18 @@ def test_other_words_are_asked_about(text: str, made: Callable[..., PistonRecord
     [
         ({"parameters": ["omega"]}, "give a mapping"),
         ({"parameters": {"omege": 1.0}}, "omega"),
-        ({"parameters": {"omega": Parameter(-1.0, fixed=True)}}, "parameter omega: it is above 0"),
-        ({"parameters": {"g0": Parameter(0.0, low=0.0)}}, "parameter g0: it is above 0"),
+        ({"parameters": {"omega": Parameter(-1.0, fixed=True)}}, "parameter omega: it is positive"),
+        ({"parameters": {"g0": Parameter(0.0, low=0.0)}}, "parameter g0: it is positive"),
         ({"parameters": {"omega": Parameter([1.0, 2.0], fixed=True)}}, "2 values for 1 records"),
         ({"parameters": {name: Parameter(1.0, fixed=True) for name in LAWS["linear"].parameters}}, "nothing"),
         ({"parameters": {"omega": "fast"}}, "parameter omega: 'fast' is not a quantity"),
         ({"parameters": {"omega": Parameter(low="1 m")}}, "a quantity in rad/s is wanted"),
         ({"parameters": {"omega": "3 Hz"}}, "give 2 pi times it"),
         ({"loss": "cauchy"}, "'linear', 'soft_l1' or 'huber'"),
-        ({"weights": np.ones(3)}, r"one a sample \(2000\)"),
+        ({"weights": np.ones(3)}, r"one per sample \(2000\)"),
         ({"noise": -1.0}, "positive numbers"),
         ({"options": FitOptions(initial={"speed": 1.0})}, "state at the start"),
-        ({"options": FitOptions(drift=True), "intervals": "profile"}, "know no drift"),
+        ({"options": FitOptions(drift=True), "intervals": "profile"}, "do not support a drift"),
         ({"seed": -1}, "seed = -1; give an integer from 0 on"),
         ({"test_fraction": "a third"}, "give a fraction from 0 to 0.9"),
         ({"confidence": None}, "give a fraction between 0 and 1"),
@@ -165,17 +165,17 @@ def test_other_words_are_asked_about(text: str, made: Callable[..., PistonRecord
         ({"parameters": {"omege": Parameter(per_record=True)}}, "omege"),
     ],
 )
-def test_options_that_do_not_suit(
+def test_unsuitable_options_are_refused(
     made: Callable[..., PistonRecord], options: dict[str, Any], words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
         fit(made("linear"), "linear", **options)
 
 
-def test_what_is_no_record_or_no_law(made: Callable[..., PistonRecord]) -> None:
+def test_arguments_that_are_not_records_or_laws_are_refused(made: Callable[..., PistonRecord]) -> None:
     record: Any = made("linear")
     for wrong in (None, [TIME]):
-        with pytest.raises(InputError, match="is no record; give a file"):
+        with pytest.raises(InputError, match="is not a record; give the path of a file"):
             fit(wrong, "linear")
     with pytest.raises(InputError, match="give a name, an equation or a Law"):
         fit(record, 3)
@@ -184,14 +184,13 @@ def test_what_is_no_record_or_no_law(made: Callable[..., PistonRecord]) -> None:
     assert [row.name for row in compare(record, "linear").rows] == ["linear"]
 
 
-def test_known_noise_weights_and_the_start(made: Callable[..., PistonRecord]) -> None:
-    """What a user knows of a record is used, and means what it says."""
+def test_known_noise_weights_and_initial_state_are_used(made: Callable[..., PistonRecord]) -> None:
     record, level = made("linear"), 0.01 * float(made("linear").height.std())
     plain = fit(record, "linear")
     known = fit(record, "linear", noise=2.0 * level)
     for name in plain.parameters:
         assert half_width(known, name) == pytest.approx(2.0 * half_width(plain, name), rel=0.1)
-    # Samples that weigh nothing to speak of do not count, whatever they are.
+    # Samples of negligible weight do not count, whatever their values.
     spoilt = np.isin(np.arange(2000), np.arange(500, 520))
     weights = np.where(spoilt, 1e-6, 1.0)
     spared = fit(PistonRecord(TIME, record.height + spoilt), "linear", weights=weights)
@@ -204,7 +203,7 @@ def test_known_noise_weights_and_the_start(made: Callable[..., PistonRecord]) ->
 
 
 @pytest.mark.parametrize("loss", ["soft_l1", "huber"])
-def test_outliers_weigh_little(made: Callable[..., PistonRecord], loss: Any) -> None:
+def test_robust_losses_reduce_the_influence_of_outliers(made: Callable[..., PistonRecord], loss: Any) -> None:
     record, random = made("linear"), np.random.default_rng(3)
     height = record.height.copy()
     away = random.choice(2000, 60, replace=False)
@@ -216,8 +215,8 @@ def test_outliers_weigh_little(made: Callable[..., PistonRecord], loss: Any) -> 
 
 
 @pytest.mark.long
-def test_eight_lengths_of_a_pendulum_tell_gravity_and_the_pivot() -> None:
-    """A constant a record is given as a list; what is shared is found from all together."""
+def test_eight_pendulum_lengths_determine_gravity_and_the_pivot_offset() -> None:
+    """Fixed values are given as a list, one per record; shared parameters are fitted to all records."""
     law = "z'' + c*z' + g/(L + d)*z = 0"
     lengths, records = np.linspace(0.3, 1.5, 8), []
     for seed, length in enumerate(lengths):
@@ -230,8 +229,8 @@ def test_eight_lengths_of_a_pendulum_tell_gravity_and_the_pivot() -> None:
     assert models[0].undetermined == ()
 
 
-def test_a_given_start_is_kept_in_its_units() -> None:
-    """Height in metres and velocity in metres a second, of a record of millimetres."""
+def test_given_initial_state_has_si_units() -> None:
+    """Height in m and velocity in m/s, for a record in mm."""
     time = np.linspace(0.0, 6.0, 2000)
     record = PistonRecord(time, 0.059 + 1.2e-3 * np.exp(-0.8 * time) * np.sin(21.8 * time))
     model = fit(record, "linear", starts=1, options=FitOptions(initial={"height": 0.059, "velocity": 0.026}))
@@ -245,18 +244,18 @@ def test_a_given_start_is_kept_in_its_units() -> None:
         ({"low": 4, "high": 4}, "both 4; give value=4, fixed=True"),
         ({"value": 3.0, "low": 0.0, "high": 2.0}, "value = 3 lies outside 0 to 2"),
         ({"value": math.inf}, "value = inf lies outside"),
-        ({"value": math.nan}, "value = nan is no number"),
-        ({"value": True}, "True is no number"),
+        ({"value": math.nan}, "value = nan is not a number"),
+        ({"value": True}, "True is not a number"),
         ({"fixed": True}, "without a value"),
         ({"value": [1.0, 2.0]}, "add fixed=True"),
     ],
 )
-def test_what_no_parameter_is(given: dict[str, Any], words: str) -> None:
+def test_wrong_parameter_values_are_refused(given: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         Parameter(**given)
 
 
-def test_texts_are_in_the_unit_of_the_law() -> None:
+def test_parameter_texts_are_converted_to_the_unit_of_the_law() -> None:
     known = {"k": Parameter("2.5 N/mm", low="1 N/m"), "c": "3 N s/m"}
     law = FORCE_LAWS["linear"]
     found = parameter_settings(law, as_parameters(known), 1)
@@ -267,8 +266,10 @@ def test_texts_are_in_the_unit_of_the_law() -> None:
         parameter_settings(law, limits, 1)
 
 
-def test_a_parameter_from_zero_on_is_searched_by_its_logarithm(made: Callable[..., PistonRecord]) -> None:
-    """Whatever sign the law's own start values have."""
+def test_parameter_with_lower_bound_zero_is_searched_logarithmically(
+    made: Callable[..., PistonRecord],
+) -> None:
+    """For start values of either sign."""
     law, record = "z'' + c*z' + k*z = g", made("linear")
     free, above = (fit(record, law, starts=1, parameters=known) for known in ({}, {"c": Parameter(low=0.0)}))
     assert ("c" in free.law.positive, "c" in above.law.positive) == (False, True)
@@ -277,7 +278,7 @@ def test_a_parameter_from_zero_on_is_searched_by_its_logarithm(made: Callable[..
     assert kept.parameters["g0"] == -1.0
 
 
-def test_a_comparison_takes_what_its_laws_have(made: Callable[..., PistonRecord]) -> None:
+def test_comparison_passes_parameters_only_to_laws_that_have_them(made: Callable[..., PistonRecord]) -> None:
     record = made("linear")
     kept = {"g0": Parameter(-1.0, fixed=True), "beta": Parameter(low=-1.0)}
     rows = compare(record, ["linear", "duffing"], parameters=kept, starts=2).rows

@@ -141,7 +141,7 @@ def test_the_command_compare_keeps_a_budget(
     done = command("reduced_models", *words, "--budget", "5")
     assert done.returncode == 2
     assert "no law could be fitted; " in done.stderr
-    assert "not done when the budget of 5 s of processor was spent; for more: " in done.stderr
+    assert "not finished within the budget of 5 s of processor time; to increase it: " in done.stderr
     done = command("reduced_models", *words, "--budget", "0")
     assert done.stderr == "error: budget = 0.0 s; give a time above 0\n"
 

@@ -216,8 +216,8 @@ def test_a_printed_interval_holds_the_whole(low: float, high: float, digits: int
     [
         (lambda t: 0.0 * t, "rounding"),
         (lambda t: noise(len(t), 1e-5), "noise"),
-        (lambda t: 1e-5 * np.cos(21.0 * t), "wrong: it swings with the motion"),
-        (lambda t: 1e-5 * np.cos(42.0 * t), "wrong: it swings at twice the frequency"),
+        (lambda t: 1e-5 * np.cos(21.0 * t), "wrong: the residual oscillates with the motion"),
+        (lambda t: 1e-5 * np.cos(42.0 * t), "wrong: the residual oscillates at twice the frequency"),
         (lambda t: 1e-5 * np.cos(2.0 * t), "not white"),
     ],
 )
@@ -264,6 +264,6 @@ def test_what_a_release_stirs_up_is_told_from_a_wrong_law() -> None:
 )
 def test_a_verdict_names_the_release(after: float, words: str) -> None:
     tests = ResidualTests(1e-6, 0.01, 0.0, 0.0, 10.0, 1.0, transient=0.05, after=after)
-    assert tests.verdict.startswith(f"after the release's first 50 ms {100 * after:.2g} %")
+    assert tests.verdict.startswith(f"after the first 50 ms from release {100 * after:.2g} %")
     assert words in tests.verdict
     assert ("wrong" in tests.verdict) == (after == 2e-3)

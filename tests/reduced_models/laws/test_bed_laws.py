@@ -1,4 +1,4 @@
-"""Laws of beds: affine, relaxing, yielding, annealing and rubbing columns against closed forms."""
+"""Laws of beds: affine, relaxing, yielding, annealing and rubbing columns, compared with closed forms."""
 
 import cmath
 import math
@@ -29,7 +29,7 @@ MASS, WEIGHT, REST, POWER = 7.5, 9.8, 0.06, 2.5
 
 
 def column(resistance: float, times: np.ndarray, start: float) -> np.ndarray:
-    """Height of a piston on layers of grains without mass, each with its fraction of the drag."""
+    """Height of a piston on massless layers of grains, each with its share of the drag."""
     fraction = resistance / LAYERS
 
     def rates(_: float, state: np.ndarray) -> np.ndarray:
@@ -48,8 +48,8 @@ def column(resistance: float, times: np.ndarray, start: float) -> np.ndarray:
     return np.asarray(found.y[LAYERS - 1])
 
 
-def test_an_affine_column_falls_as_the_law_says() -> None:
-    """From twice the height of rest; the drag is a third of that of all grains."""
+def test_affine_column_falls_as_the_law_predicts() -> None:
+    """From twice the equilibrium height; the drag is a third of the drag of all grains."""
     resistance, times, start = 10.0, np.linspace(0.0, 1.0, 500), 2.0 * REST
     known = {"lam": resistance / (6.0 * MASS), "weight": WEIGHT, "rest": REST, "power": POWER}
     law = LAWS["power-law-spring"]
@@ -78,7 +78,7 @@ def diffusing_column(lateness: float) -> tuple[float, float]:
     return abs(root), -root.real / abs(root)
 
 
-def swing(name: str, lateness: float) -> SmallOscillation:
+def small_oscillation_of_law(name: str, lateness: float) -> SmallOscillation:
     known = {
         "lam": OMEGA * lateness / 6.0,
         "weight": WEIGHT,
@@ -93,12 +93,12 @@ def swing(name: str, lateness: float) -> SmallOscillation:
 
 
 @pytest.mark.parametrize("lateness", [0.3, 1.0])
-def test_a_small_swing_is_that_of_the_column(lateness: float) -> None:
-    """Ten times nearer than affine drag, which leaves out the next order in the lateness."""
+def test_small_oscillation_matches_the_diffusing_column(lateness: float) -> None:
+    """Ten times closer than affine drag, which omits the next order in the lateness."""
     frequency, ratio = diffusing_column(lateness)
 
     def errors(name: str) -> list[float]:
-        found = swing(name, lateness)
+        found = small_oscillation_of_law(name, lateness)
         return [abs(2.0 * math.pi / found.period / frequency - 1.0), abs(found.damping_ratio - ratio)]
 
     near, far = errors("relaxing-column"), errors("power-law-spring")
@@ -107,7 +107,7 @@ def test_a_small_swing_is_that_of_the_column(lateness: float) -> None:
 
 
 def motion(name: str) -> np.ndarray:
-    """From 80 mm, with a relaxation of a tenth of a millisecond where there is one."""
+    """From 80 mm, with a relaxation of a tenth of a millisecond if there is one."""
     known = {"lam": 1.0, "weight": WEIGHT, "rest": REST, "power": POWER, "relaxation": 1e-4}
     law = LAWS[name]
     field = compile_rates(law.equation, (), "math")
@@ -121,7 +121,7 @@ def motion(name: str) -> np.ndarray:
     return np.asarray(odeint(rates, start, np.linspace(0.0, 1.0, 200), rtol=1e-9, atol=1e-11)[:, 0])
 
 
-def test_without_relaxation_it_is_the_power_law_spring() -> None:
+def test_relaxing_column_without_relaxation_is_the_power_law_spring() -> None:
     np.testing.assert_allclose(motion("relaxing-column"), motion("power-law-spring"), atol=2e-5)
 
 
@@ -133,7 +133,7 @@ def values(law: Law, **changes: float) -> list[float]:
     return [(TRUE | changes)[name] for name in law.parameters]
 
 
-def test_a_small_swing_feels_pressure_and_shear() -> None:
+def test_small_oscillation_has_the_stiffness_of_pressure_and_shear() -> None:
     found = small_oscillation(LAW, values(LAW), 0.06)
     assert isinstance(found, SmallOscillation)
     omega = math.sqrt(9.8 * (2.5 + 0.3) / 0.06)
@@ -142,7 +142,7 @@ def test_a_small_swing_feels_pressure_and_shear() -> None:
     assert found.damping_ratio == pytest.approx(0.02 / omega, rel=1e-6)
 
 
-def test_without_a_modulus_it_is_the_power_law_spring() -> None:
+def test_elastoplastic_bed_without_modulus_is_the_power_law_spring() -> None:
     time = np.linspace(0.0, 2.0, 400)
     spring = LAWS["power-law-spring"]
     plain = solve_law(spring, time, 0.08, 0.0, [TRUE[name] for name in spring.parameters], 0.02)
@@ -150,8 +150,8 @@ def test_without_a_modulus_it_is_the_power_law_spring() -> None:
     np.testing.assert_allclose(soft.z, plain.z, rtol=1e-7)
 
 
-def test_shear_stress_stops_at_the_strength_and_takes_energy() -> None:
-    """Large swings die out by yielding alone; small ones hardly, since they do not yield."""
+def test_shear_stress_saturates_at_the_strength_and_dissipates_energy() -> None:
+    """Large oscillations decay by yielding alone; small ones hardly decay, since the bed does not yield."""
     time = np.linspace(0.0, 3.0, 3000)
     far = solve_law(LAW, time, 0.09, 0.0, values(LAW, lam=1e-9), 0.02).z
     near = solve_law(LAW, time, 0.0603, 0.0, values(LAW, lam=1e-9), 0.02).z
@@ -163,8 +163,8 @@ def test_shear_stress_stops_at_the_strength_and_takes_energy() -> None:
 ANNEALING = LAWS["annealing-bed"]
 
 
-def test_a_small_swing_is_that_of_the_ordered_bed() -> None:
-    """All of what order adds to the modulus, as it has had its time."""
+def test_small_oscillation_has_the_stiffness_of_the_ordered_bed() -> None:
+    """With the full increase of the modulus, after a long time at rest."""
     found = small_oscillation(ANNEALING, values(ANNEALING), 0.06)
     assert isinstance(found, SmallOscillation)
     omega = math.sqrt(9.8 * (2.5 + 0.3 * (1.0 + STIFFENING)) / 0.06)
@@ -181,7 +181,7 @@ def rates(z: float, speed: float, w: float, order: float) -> tuple[float, float]
 
 
 @pytest.mark.parametrize("order", [0.0, 0.4, 1.0])
-def test_stress_stops_at_a_strength_that_order_raises(order: float) -> None:
+def test_order_raises_the_strength_at_which_stress_saturates(order: float) -> None:
     strength = 0.05 * (1.0 + HARDENING * order)
     for speed in (-0.7, 0.7):
         assert rates(0.05, speed, -math.copysign(strength, speed), order)[0] == pytest.approx(0.0)
@@ -190,14 +190,14 @@ def test_stress_stops_at_a_strength_that_order_raises(order: float) -> None:
         )
 
 
-def test_order_grows_at_rest_and_goes_with_plastic_strain() -> None:
+def test_order_grows_at_rest_and_decreases_with_plastic_strain() -> None:
     assert rates(0.05, 0.0, 0.03, 0.25)[1] == pytest.approx(0.75 / TIME)
     yielding = rates(0.05, -2.0, 0.05 * (1.0 + HARDENING), 1.0)[1]
     assert yielding == pytest.approx(-2.0 / (PLASTIC * 0.05))
     assert rates(0.05, -2.0, 0.0, 1.0)[1] == pytest.approx(0.0)  # elastic
 
 
-def test_an_ordered_bed_swings_faster_than_one_that_was_let_go() -> None:
+def test_ordered_bed_oscillates_faster_than_a_released_one() -> None:
     field, time = compile_rates(ANNEALING.equation, (), "math"), np.linspace(0.0, 0.2, 2000)
 
     def slopes(state: np.ndarray, _: float) -> tuple[float, ...]:
@@ -218,8 +218,8 @@ CASES = ((0.02, 0.2), (0.1, 1.0), (0.6, 1.0))
 LOOP = {"c": 0.0, "k": 500.0, "friction": 3.0, "zero": 0.0, "travel": 2e-3, "spread": 1.5}
 
 
-def test_a_loop_loses_what_its_elements_do() -> None:
-    """Each takes four times its force over the amplitude that is beyond its travel."""
+def test_loop_energy_is_the_sum_over_slip_elements() -> None:
+    """Each loses four times its force times the excess of the amplitude over its travel."""
     law, size = FORCE_LAWS["rubbing-bed"], 8e-3
     field = compile_rates(law.equation, law.inputs, "numpy")
     observe = compile_observation(law.equation, law.inputs, "force", "numpy")
@@ -239,7 +239,7 @@ def test_a_loop_loses_what_its_elements_do() -> None:
     assert ends[1] - ends[0] == pytest.approx(4.0 * 3.0 * (size - travels.mean()), rel=0.02)
 
 
-def test_starts_of_a_known_bed_are_near_its_figures() -> None:
+def test_start_values_for_a_known_bed_are_near_its_parameters() -> None:
     time = np.linspace(0.0, 2.0, 1000)
     guess = first_guesses(time, 0.06 + 1e-3 * np.exp(-time) * np.cos(22.0 * time))
     known = MotionFriction(40.0, 20.0, 0.3, 3600.0, -2e5, 0.04, 3.5)
@@ -253,7 +253,7 @@ def test_starts_of_a_known_bed_are_near_its_figures() -> None:
 
 
 @pytest.mark.long
-def test_a_made_loop_gives_its_numbers_back() -> None:
+def test_parameters_are_recovered_from_a_simulated_loop() -> None:
     record = made_stroke("rubbing-bed", LOOP | {"c": 5.0}, 8e-3, 1.0, 0.01, np.random.default_rng(0))
     assert_found(fit(record, "rubbing-bed", options=FitOptions(measured="force")), LOOP | {"c": 5.0})
 
@@ -277,7 +277,7 @@ def _release(rest: Equilibrium, static: float, lift: float, seed: int) -> Piston
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_release_from_half_the_lift(seed: int) -> None:
+def test_prediction_of_a_release_from_half_the_lift(seed: int) -> None:
     rest = equilibrium(load_scene("damper").replace(**{"arrangement.seed": seed}))
     for static, lift in CASES:
         record, other = _release(rest, static, lift, 1), _release(rest, static, 0.5 * lift, 2)

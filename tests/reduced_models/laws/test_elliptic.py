@@ -1,4 +1,4 @@
-"""Elliptic motions and elliptic averaging, next to a solver and SciPy."""
+"""Elliptic motions and elliptic averaging, compared with a solver and SciPy."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ TOPS = {"sn": 1.0, "cn": 0.0, "dn": 0.0}
         (-1.0, 1.0, -1.2, "dn"),
     ],
 )
-def test_it_is_the_solution(k: float, beta: float, start: float, function: str) -> None:
+def test_elliptic_motion_solves_the_equation(k: float, beta: float, start: float, function: str) -> None:
     time = np.linspace(0.0, 20.0, 201)
     rest = 0.3
     z = moved(lambda t, z, v: -k * (z - rest) - beta * (z - rest) ** 3, time, rest + start, rtol=1e-11)
@@ -52,11 +52,11 @@ def test_it_is_the_solution(k: float, beta: float, start: float, function: str) 
     ("k", "beta", "z0", "v0"),
     [(1.0, 0.5, 0.0, 0.0), (-1.0, 0.0, 1.0, 0.0), (1.0, -1.0, 0.0, 2.0), (1.0, -1.0, 3.0, 0.0)],
 )
-def test_what_is_not_periodic_is_none(k: float, beta: float, z0: float, v0: float) -> None:
+def test_nonperiodic_motion_gives_none(k: float, beta: float, z0: float, v0: float) -> None:
     assert elliptic_motion(k, beta, 0.0, z0, v0) is None
 
 
-def test_a_linear_spring_moves_by_a_cosine() -> None:
+def test_linear_spring_moves_as_a_cosine() -> None:
     found = elliptic_motion(4.0, 0.0, 0.0, 0.3, 0.0)
     assert found[2:] == pytest.approx((0.3, 2.0, 0.0))
 
@@ -65,7 +65,7 @@ TIME = np.linspace(0.0, 40.0, 1000)
 
 
 def cycles(one: DuffingVanDerPolOscillator, start: float) -> Envelope:
-    """Of the oscillator's own motion, released at x = start."""
+    """Cycles of the oscillator's simulated motion, released at x = start."""
 
     def acceleration(_: float, x: float, v: float) -> float:
         return -2.0 * (one.decay + one.tilt * x + one.bend * x**2) * v - one.k * x - one.beta * x**3
@@ -73,8 +73,8 @@ def cycles(one: DuffingVanDerPolOscillator, start: float) -> Envelope:
     return envelope(PistonRecord(TIME, moved(acceleration, TIME, start)))
 
 
-def off(one: DuffingVanDerPolOscillator, start: float) -> tuple[float, float]:
-    """Greatest errors of the averaged amplitude over the first one, and of the frequency."""
+def averaging_errors(one: DuffingVanDerPolOscillator, start: float) -> tuple[float, float]:
+    """Maximum errors of the averaged amplitude over the first one, and of the frequency."""
     found = cycles(one, start)
     amplitude = averaged_amplitude(found.time, float(found.amplitude[0]), one)
     frequency = 2.0 * np.pi * averaged_frequency(amplitude, one)
@@ -84,7 +84,7 @@ def off(one: DuffingVanDerPolOscillator, start: float) -> tuple[float, float]:
     )
 
 
-def test_a_linear_spring_with_drag_decays_exponentially() -> None:
+def test_linear_spring_with_drag_decays_exponentially() -> None:
     one = DuffingVanDerPolOscillator(1.21, 0.0, 0.03)
     found = averaged_amplitude(TIME, 0.4, one)
     np.testing.assert_allclose(found, 0.4 * np.exp(-0.03 * TIME), rtol=1e-6)
@@ -92,7 +92,7 @@ def test_a_linear_spring_with_drag_decays_exponentially() -> None:
 
 
 @pytest.mark.parametrize("beta", [0.8, -0.3])
-def test_the_mean_of_the_drag_has_a_closed_form(beta: float) -> None:
+def test_mean_of_the_drag_has_a_closed_form(beta: float) -> None:
     """<sn^2 dn^2> = ((2 m - 1) E + (1 - m) K)/(3 m K)."""
     swing, step = 1.2, 1e-4
     m = 0.5 * beta * swing**2 / (1.1 + beta * swing**2)
@@ -111,16 +111,16 @@ def test_negative_drag_leads_to_the_limit_cycle_of_van_der_pol(start: float) -> 
 @pytest.mark.parametrize(
     ("k", "beta", "lam"), [(1.1, 0.8, 0.05), (1.0, -0.3, 0.02), (1.0, 0.5, 0.1), (-0.3, 1.0, 0.005)]
 )
-def test_a_duffing_law_drifts_as_it_does(k: float, beta: float, lam: float) -> None:
-    """The last goes through two wells."""
+def test_averaged_duffing_oscillation_agrees_with_simulation(k: float, beta: float, lam: float) -> None:
+    """The last case crosses two wells."""
     one = OSCILLATORS["duffing"]({"k": k, "beta": beta, "lam": lam, "rest": 0.0})
-    amplitude, frequency = off(one, 1.3)
+    amplitude, frequency = averaging_errors(one, 1.3)
     assert amplitude < 0.005
     assert frequency < 0.01
 
 
-def test_the_van_der_pol_like_law_drifts_as_it_does() -> None:
-    """The law of z is one of the height."""
+def test_averaged_van_der_pol_like_oscillation_agrees_with_simulation() -> None:
+    """The law of z is converted to a law of the height."""
     errors = []
     for alpha in (0.02, 0.01):
         values = {"alpha": alpha, "omega": 1.05, "g0": -1.0, "shift": 0.05, "scale": 0.01}
@@ -129,7 +129,7 @@ def test_the_van_der_pol_like_law_drifts_as_it_does() -> None:
         x = 0.01 * 0.7
         damping = one.decay + one.tilt * x + one.bend * x**2
         assert damping == pytest.approx(alpha * float(z[0] ** 2 - 2.0 * z[0]), rel=1e-12)
-        errors.append(off(one, 0.019))
+        errors.append(averaging_errors(one, 0.019))
     assert errors[1][0] < 0.005
     assert errors[1][1] < 0.005
     assert errors[1][0] < 0.6 * errors[0][0]  # of the first order in the damping
@@ -146,11 +146,11 @@ def test_the_van_der_pol_like_law_drifts_as_it_does() -> None:
         (-1.0, 0.0, 1.0, False),
     ],
 )
-def test_humps_and_barriers_bound_the_swings(k: float, beta: float, amplitude: float, turns: bool) -> None:
+def test_barriers_limit_the_amplitude(k: float, beta: float, amplitude: float, turns: bool) -> None:
     assert swings_through_rest(np.array([amplitude]), DuffingVanDerPolOscillator(k, beta, 0.0)) == turns
 
 
-def test_the_critical_share_sees_the_whole_swing() -> None:
+def test_critical_share_covers_the_whole_oscillation() -> None:
     assert greatest_damping_over_rate(
         2.0, DuffingVanDerPolOscillator(4.0, 0.0, 0.1, -0.2, 0.3)
     ) == pytest.approx(0.85)

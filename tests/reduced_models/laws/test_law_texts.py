@@ -1,4 +1,4 @@
-"""Laws as people write them, and as nobody should: a text is read, never run."""
+"""Laws as text, valid and hostile: a text is parsed, never executed."""
 
 import re
 import subprocess
@@ -37,8 +37,8 @@ READ = {
 
 
 @pytest.mark.parametrize("text", READ)
-def test_laws_in_many_words(text: str) -> None:
-    """Each has the acceleration that it means, in NumPy and in JAX."""
+def test_equivalent_notations_of_a_law(text: str) -> None:
+    """Each gives the intended acceleration, in NumPy and in JAX."""
     law = law_from_text(text)
     values = np.linspace(0.3, 0.7, 2 + len(law.parameters)).tolist()
     names = ["z", "v", *law.parameters]
@@ -50,14 +50,14 @@ def test_laws_in_many_words(text: str) -> None:
 
 
 def _value(text: str, given: dict[str, float]) -> float:
-    """Of a formula with numbers for all names, by Python."""
+    """Evaluate a formula in Python, with numbers for all names."""
     functions = {name: function.value for name, function in formulas.FUNCTIONS.items()}
     python = re.sub(r"[^\W\d]\w*", lambda name: f"names[{name[0]!r}]", text)
     return float(eval(python, {"names": functions | formulas.CONSTANTS | given}))
 
 
 def test_every_function_in_jax() -> None:
-    """As scenes and laws know it: the value, and a slope by automatic differentiation."""
+    """Each function of scenes and laws: value, and derivative by automatic differentiation."""
     fields, wanted = [], []
     for name, function in formulas.FUNCTIONS.items():
         call = f"{name}(0.3*z + k)" if function.max_operands == 1 else f"{name}(z, 0.2, k)"
@@ -94,20 +94,20 @@ REFUSED = {
     "hidden in a sine": ("z'' + sin(z''*c) = 0", "linear in z''"),
     "no z''": ("z' + k*z = 0", "equations of motion for no coordinate"),
     "two coordinates": ("y'' + x'' + k*y = 0", "1 equations of motion for y and x"),
-    "z next to a coordinate": ("y'' + k*y*z = 0", "names z next to its coordinate y"),
+    "z next to a coordinate": ("y'' + k*y*z = 0", "contains z besides its coordinate y"),
     "time for a coordinate": ("t'' + k*t = 0", "t as its coordinate, which is the time"),
     "another prime": ("z'' + k*x' = 0", "a prime that does not follow z, x'"),
     "third derivative": ("z'' + k*z''' = 0", "a prime that does not follow z, z'''"),
-    "a column's name": ("z'' + k*z = a*force", "names force, which looks like a column"),
-    "a motion's name": ("z'' + k*z + c*velocity = 0", "names velocity; write z' for it"),
-    "a number's name": ("z'' + k*Pi*z = 0", "names Pi, which looks like a number; write pi"),
-    "own name": ("z'' + k*z_first = 0", "names z_first; write z'"),
+    "a column's name": ("z'' + k*z = a*force", "contains force, which looks like a column"),
+    "a motion's name": ("z'' + k*z + c*velocity = 0", "contains velocity; write z' for it"),
+    "a number's name": ("z'' + k*Pi*z = 0", "contains Pi, which looks like a number; write pi"),
+    "own name": ("z'' + k*z_first = 0", "contains z_first; write z'"),
     "hidden without prime": ("z'' + k*z + w = 0; w = z'", "has w on both sides"),
     "hidden z": ("z'' + k*z = 0; z' = k", "an equation for the rate of its coordinate"),
     "hidden twice": ("z'' + k*z + w = 0; w' = z'; w' = -w", "two equations for w; write one"),
     "hidden with z''": ("z'' + k*z + w = 0; w' = z''", "an acceleration in the rate of a hidden state"),
     "hidden by none": ("z'' + k*z + w = 0; w'", "must have one equals sign"),
-    "many hidden": ("z'' + k*z = 0" + "; w' = z" * 12, "13 equations; at most 12"),
+    "many hidden": ("z'' + k*z = 0" + "; w' = z" * 12, "13 equations; the maximum is 12"),
     "no parameter": ("z'' + z = 0", "no parameter"),
     "infinite": ("z'' + k/(z - z) = 0", "divides by zero"),
     "large": ("z'' + 1e90*(1e90*(1e90*(1e90*z))) + k*z = 0", "numbers must be from 1e-308 to 1e308"),
@@ -115,7 +115,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_other_texts_are_refused_in_one_line(name: str) -> None:
+def test_invalid_laws_are_refused_in_one_line(name: str) -> None:
     text, words = REFUSED[name]
     with pytest.raises(InputError) as caught:
         law_from_text(text)
@@ -125,8 +125,8 @@ def test_other_texts_are_refused_in_one_line(name: str) -> None:
     assert len(message) < 700
 
 
-def test_no_text_runs_a_command(tmp_path: Path) -> None:
-    """What was done by way of SymPy's parser, in a process of its own."""
+def test_no_text_executes_a_command(tmp_path: Path) -> None:
+    """An earlier attack by way of SymPy's parser, in a separate process."""
     seen = tmp_path / "seen"
     code = (
         "import sys; from reduced_models.laws.law import law_from_text\n"
@@ -139,24 +139,24 @@ def test_no_text_runs_a_command(tmp_path: Path) -> None:
     assert not seen.exists()
 
 
-def test_a_name_that_means_two_things_is_asked_about() -> None:
+def test_ambiguous_names_are_refused() -> None:
     assert law_from_text("z'' + k*z = a*t", columns=["t"]).inputs == ("t",)
-    with pytest.raises(InputError, match="names e, a number, and the record has a column"):
+    with pytest.raises(InputError, match="contains the number e, but the record has a column"):
         law_from_text("z'' + k*z = e", columns=["e"])
-    with pytest.raises(InputError, match="the input 'w', which it reckons itself"):
+    with pytest.raises(InputError, match="the input 'w', which is one of its states"):
         parse_equation("z'' + k*z = w; w' = z'", ("w",))
-    with pytest.raises(InputError, match="does not name its input 'push'"):
+    with pytest.raises(InputError, match="does not contain its input 'push'"):
         parse_equation("z'' + k*z = 0", ("push",))
 
 
-def test_a_name_that_is_no_text_is_refused() -> None:
+def test_names_that_are_not_texts_are_refused() -> None:
     with pytest.raises(InputError, match="unknown law"):
         law_named([])  # type: ignore[arg-type]  # what is refused
 
 
 @pytest.mark.parametrize("line", ["shift + scale*z", "(z - a)/b", "2*z"])
-def test_a_law_of_another_coordinate_is_one_of_the_height(line: str) -> None:
-    """Height'' is that of z, times the height per unit of z; a hidden state's rate has z's own motion."""
+def test_law_of_another_coordinate_is_converted_to_the_height(line: str) -> None:
+    """Height'' is z'' times the height per unit of z; rates of hidden states are in terms of z."""
     text = "z'' = -k*z**3 - c*z'*z - w; w' = z' - r*w"
     law, plain = Law("line", f"{text}; height = {line}"), Law("plain", text)
     values = {"k": 2.0, "c": 0.3, "r": 0.7, "shift": 0.4, "scale": -1.7, "a": 0.2, "b": 0.6}
@@ -179,14 +179,14 @@ def test_a_prescribed_stroke_has_no_line_to_the_height() -> None:
 
 
 @pytest.mark.parametrize("line", ["z**2", "z + w", "shift + scale*z'"])
-def test_a_height_that_is_no_line_is_only_observed(line: str) -> None:
+def test_nonlinear_height_is_only_observed(line: str) -> None:
     law = Law("observed", f"z'' = -k*z - w; w' = z' - w; height = {line}")
     assert not law.observes_height
     assert law.observations == ("height",)
     assert law.height_line({}) == (0.0, 1.0)
 
 
-def test_a_text_holds_equations_of_states_and_observations() -> None:
+def test_law_with_equations_of_states_and_observations() -> None:
     law = Law("force", "force = m*z'' + c*z' + friction*w; w' = rho*(z' - Abs(z')*w)")
     assert law.prescribed
     assert law.observations == ("force",)
@@ -223,12 +223,12 @@ def test_two_coordinates_are_solved_for_both_accelerations() -> None:
         ("z'' + k*w = 0; w' = z''", "an acceleration in the rate of a hidden state"),
     ],
 )
-def test_texts_that_say_two_things_are_refused(text: str, words: str) -> None:
+def test_contradictory_laws_are_refused(text: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         _ = Law("wrong", text).parsed_equation
 
 
-def test_names_that_python_has_are_parameters_like_others() -> None:
+def test_python_keywords_are_valid_parameter_names() -> None:
     text = "z'' + lambda*z' + numpy*z + x0*z**2 + z0*z**3 + exit = 0"
     law = law_from_text(text)
     assert law.parameters == ("lambda", "numpy", "x0", "z0", "exit")
@@ -237,7 +237,7 @@ def test_names_that_python_has_are_parameters_like_others() -> None:
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_driven_law_is_the_law_and_its_drive(name: str) -> None:
+def test_driven_law_is_the_free_law_plus_the_drive(name: str) -> None:
     law = LAWS[name]
     driven = law_with_force_input(law, "push")
     assert driven.inputs == ("push",)
@@ -250,7 +250,7 @@ def test_a_driven_law_is_the_law_and_its_drive(name: str) -> None:
     assert found[1:] == pytest.approx(own[1:])
 
 
-def test_a_drive_is_in_the_first_equation_of_motion_alone() -> None:
+def test_drive_acts_on_the_first_coordinate_only() -> None:
     text = "z'' + k*z = q*y; y'' + q*y = z''; acceleration = gain*z''"
     driven = law_with_force_input(Law("two", text), "push")
     assert driven.equation == text.replace("z''", "(z'' - push)", 1)
@@ -261,8 +261,8 @@ def test_a_drive_is_in_the_first_equation_of_motion_alone() -> None:
         law_with_force_input(FORCE_LAWS["linear"])
 
 
-def test_powers_about_rest_do_not_cancel() -> None:
-    """Coefficients as `derive` finds them; expanded powers of z are 1e8 times as large as their sum."""
+def test_powers_about_equilibrium_do_not_cancel() -> None:
+    """Coefficients as from `derive`; expanded powers of z are 1e8 times as large as their sum."""
     rates = compile_rates("z'' + k1*(z - rest) + k7*(z - rest)**7 = 0", modules="numpy")
     rest, away, k1, k7 = 0.0239, 2e-4, 1200.0, -1.7e17
     (found,) = rates(rest + away, 0.0, k1, rest, k7)
@@ -270,6 +270,6 @@ def test_powers_about_rest_do_not_cancel() -> None:
     assert found == pytest.approx(-(k1 * away + k7 * away**7), rel=1e-14)
 
 
-def test_acceleration_on_both_sides_is_gathered() -> None:
+def test_acceleration_terms_on_both_sides_are_collected() -> None:
     (found,) = compile_rates("(z'' + z)**2 - z''**2 = 3*z''", modules="numpy")(2.0, 0.0)
     assert found == -4.0

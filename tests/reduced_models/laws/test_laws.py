@@ -1,4 +1,4 @@
-"""Every law finds itself in its own motion, and solutions take the solver that suits them."""
+"""Every law is recovered from its simulated motion, and solutions use the appropriate solver."""
 
 import dataclasses
 import math
@@ -20,8 +20,8 @@ from tests.reduced_models.made import assert_found, half_width, moved
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 
-def test_a_law_finds_itself(made: Any) -> None:
-    """Within five of its own standard errors; 95 % intervals are two of them to each side."""
+def test_parameters_of_each_law_are_recovered(made: Any) -> None:
+    """Within five standard errors; 95 % intervals are two on either side."""
     model = fit(made("linear", seed=1), "linear")
     assert model.quality.converged >= 4
     assert model.quality.relative == pytest.approx(0.01, rel=0.05)
@@ -32,7 +32,7 @@ def test_a_law_finds_itself(made: Any) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", LAWS)
 def test_intervals_cover_the_truth(made: Any, name: str) -> None:
-    """95 % intervals of 100 records with noise of their own; those of beds are no wider than need be."""
+    """95 % intervals for 100 records with independent noise; intervals for beds are not wider than needed."""
     covered, halves, values, true = [], [], [], made.true[name]
     for seed in range(100, 200):
         model = fit(made(name, seed), name, test_fraction=0.0, starts=4)
@@ -46,8 +46,8 @@ def test_intervals_cover_the_truth(made: Any, name: str) -> None:
     assert name not in ("elastoplastic-bed", "annealing-bed") or width.max() <= 2.5
 
 
-def test_friction_lets_the_swing_fall_in_a_straight_line() -> None:
-    """By 4 friction/omega^2 a period, until it is as small as friction/omega^2."""
+def test_dry_friction_decay_is_linear_in_time() -> None:
+    """By 4 friction/omega^2 per period, until the amplitude is as small as friction/omega^2."""
     time = np.linspace(0.0, 60.0, 2000)
     found = solve_law(LAWS["coulomb"], time, 3.0, 0.0, (0.06, 1.0, 0.0), 1.0)
     peaks = [found.z[np.abs(time - 2.0 * math.pi * k).argmin()] for k in range(8)]
@@ -55,7 +55,7 @@ def test_friction_lets_the_swing_fall_in_a_straight_line() -> None:
 
 
 def test_driven_solutions_agree_with_scipy() -> None:
-    """Heights and velocities, under a smooth drive."""
+    """Heights and velocities for a smooth drive."""
     from scipy.integrate import solve_ivp
 
     time = np.linspace(0.0, 20.0, 4001)
@@ -71,7 +71,7 @@ def test_driven_solutions_agree_with_scipy() -> None:
     np.testing.assert_allclose([found.z, found.velocity], exact.y[:2], atol=3e-6)
 
 
-def test_a_driven_solution_that_blows_up_says_so() -> None:
+def test_diverging_driven_solution_is_reported() -> None:
     time = np.linspace(0.0, 40.0, 400)
     law = law_from_text("z'' = k*z**3 + u", ["u"])
     found = solve_law(law, time, 1.0, 0.0, (1.0,), 1.0, [np.zeros(400)])
@@ -80,7 +80,7 @@ def test_a_driven_solution_that_blows_up_says_so() -> None:
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_laws_are_well_declared(name: str) -> None:
+def test_declarations_of_laws_are_consistent(name: str) -> None:
     law = LAWS[name]
     assert set(law.units) == set(law.parameters)
     assert set(law.positive) <= set(law.parameters)
@@ -88,15 +88,15 @@ def test_laws_are_well_declared(name: str) -> None:
     assert parse_equation(law.equation).parameters == law.parameters
 
 
-def test_the_damping_of_dry_friction_by_its_sign() -> None:
-    """Its energy in a cycle is 4 friction A, in closed form."""
+def test_equivalent_damping_of_dry_friction() -> None:
+    """The energy per cycle is 4 friction A, in closed form."""
     rates = law_rates(law_from_text("z'' + friction*sign(z') + k*z = g0"), [0.06, 1.1025, 0.2])
     for size in (0.3, 3.0):
         found = harmonic_cycles(rates, 0, size, 0.2 / 1.1025, 1.05)
         assert float(found.damping_ratio[0]) == pytest.approx(0.12 / (math.pi * 1.1025 * size), rel=1e-3)
 
 
-def test_slopes_of_a_law_that_jumps() -> None:
+def test_derivatives_of_a_discontinuous_law() -> None:
     slopes = compile_jacobian("z'' + mu*sign(z') + c*z' + k*z = 0")
     assert slopes(0.3, 0.5, 2.0, 0.1, 3.0).tolist() == [[-3.0, -0.1]]
     assert np.isnan(slopes(0.3, 0.0, 2.0, 0.1, 3.0)).all()
@@ -112,7 +112,9 @@ def test_slopes_of_a_law_that_jumps() -> None:
         ("z'' + k*exp(1e9*z) = 0", (-math.inf, 0.0)),
     ],
 )
-def test_slopes_where_sympy_sees_complex_numbers(text: str, wanted: tuple[float, float]) -> None:
+def test_derivatives_of_functions_that_sympy_treats_as_complex(
+    text: str, wanted: tuple[float, float]
+) -> None:
     found = tuple(compile_jacobian(text)(0.2, 0.0, 2.0)[0])
     assert found == pytest.approx(wanted, nan_ok=True)
 
@@ -121,8 +123,8 @@ GUESSES = FirstGuesses(0.0, 1.0, 1.0, 0.1, 1.0, 0.0, 10)
 """A motion about 0 of amplitude 1."""
 
 
-def test_a_quadratic_damping_is_that_of_the_law() -> None:
-    """There and back, also of a motion whose equilibrium is unstable and of the mirrored line."""
+def test_quadratic_damping_is_converted_to_the_law_and_back() -> None:
+    """Also for a motion with an unstable equilibrium and for the mirrored line."""
     signs = []
     for omega, shift, scale in ((1.05, 0.4, 0.6), (1.2, -0.7, 0.9), (0.9, 1.3, 1.7)):
         expected = {"alpha": 0.17, "omega": omega, "g0": 0.4, "shift": shift, "scale": scale}
@@ -138,8 +140,8 @@ def test_a_quadratic_damping_is_that_of_the_law() -> None:
     assert set(signs) == {-1.0, 1.0}
 
 
-def test_a_damping_that_the_law_cannot_have_keeps_its_value_at_rest() -> None:
-    """Parabolas that open downwards, or are positive at their vertex, or are straight lines."""
+def test_unreachable_damping_keeps_its_value_at_rest() -> None:
+    """Parabolas that open downwards or are positive at their vertex, and straight lines."""
     c0 = np.array([0.8, 0.8, 0.8, -0.3])
     c1, c2 = np.array([0.3, 0.2, 0.0, 0.5]), np.array([-0.4, 0.9, 0.0, 0.0])
     found = law_with_quadratic_damping(GUESSES, np.stack([c0, c1, c2]), np.ones(4), 0.0)
@@ -157,7 +159,7 @@ OMEGA, COUPLING = 8.0 * np.pi, 0.4
 
 @pytest.fixture
 def solvers(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """Kind of the solver of each call: True where it was implicit."""
+    """Kind of solver of each call: True if implicit."""
     calls: list[bool] = []
     make = solution._adaptive_solver
 
@@ -175,8 +177,8 @@ def solve(text: str, time: np.ndarray, z0: float = 1.0, **values: float) -> Solu
 
 
 @pytest.mark.parametrize("rate", [1e5, 1e7])
-def test_a_fast_rate_beside_a_slow_swing(solvers: list[bool], rate: float) -> None:
-    """Against the closed form, of 4 Hz."""
+def test_fast_relaxation_in_a_slow_oscillation(solvers: list[bool], rate: float) -> None:
+    """Compared with the closed form at 4 Hz."""
     time = np.linspace(0.0, 20.0, 2000)
     found = solve(STIFF, time, k=OMEGA**2, c=COUPLING, r=rate)
     matrix = np.array([[0.0, 1.0, 0.0], [-(OMEGA**2), 0.0, -COUPLING], [0.0, rate, -rate]])
@@ -187,7 +189,7 @@ def test_a_fast_rate_beside_a_slow_swing(solvers: list[bool], rate: float) -> No
     assert solvers == [False, True, True]
 
 
-def test_a_relaxation_oscillation_agrees_with_scipy(solvers: list[bool]) -> None:
+def test_relaxation_oscillation_agrees_with_scipy(solvers: list[bool]) -> None:
     time = np.linspace(0.0, 1500.0, 500)
     found = solve("z'' - mu*(1 - z**2)*z' + z = 0", time, 2.0, mu=1e3)
     exact = moved(lambda t, z, v: 1e3 * (1.0 - z**2) * v - z, time, 2.0, method="Radau", rtol=1e-9, atol=1e-9)
@@ -202,22 +204,24 @@ def test_a_relaxation_oscillation_agrees_with_scipy(solvers: list[bool]) -> None
         (BOUC_WEN, {"k": 600.0, "f": 1e-3, "r": 10.0, "s": 0.9}),
     ],
 )
-def test_corners_are_no_stiffness(solvers: list[bool], text: str, values: dict[str, float]) -> None:
+def test_corners_are_not_mistaken_for_stiffness(
+    solvers: list[bool], text: str, values: dict[str, float]
+) -> None:
     found = solve(text, np.linspace(0.0, 60.0, 9000), **values)
     assert found.ending == "complete"
     assert len(solvers) > 1
     assert not any(solvers)
 
 
-def test_corners_between_stiff_stretches_are_left_to_the_explicit_solver(solvers: list[bool]) -> None:
+def test_explicit_solver_handles_corners_between_stiff_stretches(solvers: list[bool]) -> None:
     found = solve(BOUC_WEN, np.linspace(0.0, 20.0, 200), k=600.0, f=1e-3, r=1e3, s=0.9)
     assert found.ending == "complete"
     assert sum(solvers) == 1
     assert not solvers[-1]
 
 
-def test_a_long_record_is_its_parts(solvers: list[bool]) -> None:
-    """The state is carried from call to call, with the step, under a driving force."""
+def test_solution_of_a_long_record_equals_its_parts(solvers: list[bool]) -> None:
+    """State and time step are carried from call to call, with a driving force."""
     time = np.linspace(0.0, 300.0, 30001)
     drive = np.sin(1.3 * time)
     law = Law("driven", "z'' + c*z' + k*z + b*z**3 = force", inputs=("force",))
@@ -234,8 +238,8 @@ def test_a_long_record_is_its_parts(solvers: list[bool]) -> None:
     ("text", "last"),
     [("z'' + mu*sign(z') + k*z = 0", 1.3), ("z'' = exp(mu*z) + 0*k", 1.4), ("z'' = mu*log(z) - 3*k", 1.4)],
 )
-def test_work_without_end_is_broken_off(solvers: list[bool], text: str, last: float) -> None:
-    """Sticking by a sign, a singularity, and where the law is not defined."""
+def test_endless_solutions_are_aborted(solvers: list[bool], text: str, last: float) -> None:
+    """Sticking by a sign function, a singularity, and a law that becomes undefined."""
     time = np.linspace(0.0, 40.0, 2000)
     found = solve(text, time, mu=30.0 if "sign" in text else 1.0, k=600.0 if "sign" in text else 1.0)
     assert found.ending == "steps"

@@ -1,4 +1,4 @@
-"""Small swings against simulated ones, and harmonic cycles against closed forms."""
+"""Small oscillations compared with simulated ones, and harmonic cycles with closed forms."""
 
 import itertools
 
@@ -27,7 +27,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_small_swing_is_as_simulated(name: str) -> None:
+def test_small_oscillation_agrees_with_simulation(name: str) -> None:
     law, true = CASES[name]
     values = [true[key] for key in law.parameters]
     found = small_oscillation(law, values, 0.1)
@@ -56,22 +56,22 @@ def test_a_small_swing_is_as_simulated(name: str) -> None:
 @pytest.mark.parametrize(
     ("equation", "values", "reason"),
     [
-        ("z'' - k*z = 0", [1.0], "does not pull it back"),
-        ("z'' + c*z' + f*w = 0; w' = z' - w", [50.0, 1.0], "no one level of rest"),
-        ("z'' + c*z' + k*z + f*w = 0; w' = z' - w", [50.0, 1.0, 1.0], "creeps back"),
+        ("z'' - k*z = 0", [1.0], "no restoring force"),
+        ("z'' + c*z' + f*w = 0; w' = z' - w", [50.0, 1.0], "no isolated equilibrium"),
+        ("z'' + c*z' + k*z + f*w = 0; w' = z' - w", [50.0, 1.0, 1.0], "overdamped"),
         ("z'' - k*z + f*w = 0; w' = z' - w", [9.0, 1.0], "is not stable"),
         ("z'' + f*sign(z) + k*z = 0", [0.1, 1.0], "jumps at rest"),
-        ("z'' + c*z' = g", [0.1, 1.0], "no one level of rest"),
+        ("z'' + c*z' = g", [0.1, 1.0], "no isolated equilibrium"),
     ],
 )
-def test_where_there_is_no_swing(equation: str, values: list[float], reason: str) -> None:
+def test_reason_is_given_if_there_is_no_oscillation(equation: str, values: list[float], reason: str) -> None:
     found = small_oscillation(Law("mine", equation), values, 0.0)
     assert isinstance(found, NoOscillation)
     assert reason in found.reason
 
 
-def test_dry_friction_leaves_level_and_period() -> None:
-    """It jumps with the velocity alone, so that only the damping of small swings has no bound."""
+def test_dry_friction_does_not_change_equilibrium_and_period() -> None:
+    """It jumps with the velocity alone, so only the damping ratio of small oscillations is unbounded."""
     found = small_oscillation(Law("mine", "z'' + f*sign(z') + c*z' + k*z = g"), [0.1, 0.2, 4.0, 2.0], 0.0)
     assert isinstance(found, SmallOscillation)
     assert found.z == pytest.approx(0.5, abs=1e-9)
@@ -85,7 +85,7 @@ RATIOS = LAM / OMEGA + 2.0 * FRICTION / (np.pi * OMEGA**2 * SIZES)
 
 
 @pytest.mark.parametrize("dry", ["sign(z')", "tanh(1e6*z')"])
-def test_friction_and_a_dashpot(dry: str) -> None:
+def test_equivalent_damping_of_friction_and_a_dashpot(dry: str) -> None:
     law = Law("mine", f"z'' + f*{dry} + 2*lam*z' + omega**2*(z - rest) = 0")
     known = {"f": FRICTION, "lam": LAM, "omega": OMEGA, "rest": LEVEL}
     values = [known[name] for name in law.parameters]
@@ -98,8 +98,8 @@ def test_friction_and_a_dashpot(dry: str) -> None:
         np.testing.assert_allclose(found.equivalent_friction(SIZES) - dashpot, FRICTION, rtol=1e-4)
 
 
-def test_many_laws_at_once() -> None:
-    """Values of parameters may be arrays; each cycle has its own."""
+def test_cycles_for_arrays_of_parameters() -> None:
+    """Parameters may be arrays, with one cycle for each value."""
     law = Law("mine", "z'' + 2*lam*z' + k*z + b*z**3 = 0")
     lams, spring = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0])
     together = harmonic_cycles(law_rates(law, (lams, spring, 0.5)), 0, SIZES[:, None], np.zeros(3), 1.0)

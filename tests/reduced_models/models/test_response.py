@@ -119,7 +119,7 @@ def test_the_manners_of_an_estimator(made: Any) -> None:
     shuffle = np.random.default_rng(0).permutation(times)
     again = estimator.predict(shuffle)[np.argsort(shuffle[:, 0])]
     assert np.array_equal(again, estimator.predict(times))
-    with pytest.raises(InputError, match="give times from there on"):
+    with pytest.raises(InputError, match="give later times"):
         estimator.predict(np.array([[-1.0]]))
     assert isinstance(estimator.model_.simulate_record(record), PistonRecord)
 

@@ -1,4 +1,4 @@
-"""Derivatives, envelopes, and frequency and damping against amplitude, of motions whose truth is known."""
+"""Derivatives, envelopes, and frequency and damping versus amplitude, for motions with known parameters."""
 
 import math
 from collections.abc import Callable
@@ -20,10 +20,10 @@ KINDS = ("dry", "dry and viscous", "quadratic")
 
 
 def decay(kind: str, seed: int) -> tuple[PistonRecord, Callable[[float], float], float]:
-    """A made free decay with noise, its damping ratio at an amplitude, and its angular frequency."""
+    """Simulated free decay with noise, its damping ratio at an amplitude, and its angular frequency."""
     random = np.random.default_rng(seed)
     omega, size = math.tau * random.uniform(1.5, 5.0), random.uniform(1e-3, 8e-3)
-    halves = random.uniform(4.0, 12.0)  # half swings until friction stops it
+    halves = random.uniform(4.0, 12.0)  # half cycles until friction stops the motion
     friction = 0.0 if kind == "quadratic" else omega**2 * size / (4.0 * halves)
     lam = omega * random.uniform(0.005, 0.03) if "viscous" in kind else 0.0
     drag = random.uniform(0.02, 0.15) / size if kind == "quadratic" else 0.0
@@ -47,29 +47,29 @@ def decay(kind: str, seed: int) -> tuple[PistonRecord, Callable[[float], float],
 @pytest.mark.parametrize(
     "seed", [SEEDS[0], *(pytest.param(seed, marks=pytest.mark.long) for seed in SEEDS[1:])]
 )
-def test_damping_at_an_amplitude(kind: str, seed: int) -> None:
-    """Within a tenth where the headline names one, though it changes tenfold within the record."""
+def test_damping_ratio_at_an_amplitude(kind: str, seed: int) -> None:
+    """Within a tenth at the reported amplitudes, although it changes tenfold within the record."""
     record, ratio, omega = decay(kind, seed)
     found = free_backbone(record)
     for amplitude in found.amplitudes_to_show(1e3):
-        swing = found.interpolate_at(amplitude)
-        assert swing.damping_ratio == pytest.approx(ratio(amplitude), rel=0.1)
-        assert swing.frequency == pytest.approx(omega, rel=0.01)
+        point = found.interpolate_at(amplitude)
+        assert point.damping_ratio == pytest.approx(ratio(amplitude), rel=0.1)
+        assert point.frequency == pytest.approx(omega, rel=0.01)
     assert (found.damping_ratio < 1.0).all()
 
 
-def test_errors_of_a_noisy_linear_decay_hold_the_truth() -> None:
+def test_error_bars_of_a_noisy_linear_decay_cover_the_truth() -> None:
     time, inside = np.linspace(0.0, 5.0, 2500), []
     for seed in range(10):
         record = noisy(time, 0.06 + damped_cosine(time, 1e-3, 0.4, 20.0), 2e-5, seed)
-        swing = free_backbone(record).interpolate_at(5e-4)
-        inside.append(abs(swing.damping_ratio - 0.02) < swing.damping_error)
-        inside.append(abs(swing.frequency - 20.0) < swing.frequency_error)
+        point = free_backbone(record).interpolate_at(5e-4)
+        inside.append(abs(point.damping_ratio - 0.02) < point.damping_error)
+        inside.append(abs(point.frequency - 20.0) < point.frequency_error)
     assert np.mean(inside) > 0.8
 
 
 @pytest.mark.parametrize("beta", [0.0, 3e7])
-def test_a_driven_swing_by_its_restoring_force(beta: float) -> None:
+def test_driven_backbone_from_the_restoring_force(beta: float) -> None:
     """A sweep through resonance: linear, and with a spring that hardens by 3/4 beta A^2."""
     time = np.linspace(0.0, 40.0, 20001)
     omega, lam = 20.0, 0.6
@@ -83,10 +83,10 @@ def test_a_driven_swing_by_its_restoring_force(beta: float) -> None:
     height = 0.06 + moved(acceleration, time, 0.0, method="LSODA", rtol=1e-9)
     found = driven_backbone(noisy(time, height, 1e-7), lambda z, v: push(time))
     for amplitude in found.amplitudes_to_show(1e3)[:2]:
-        swing = found.interpolate_at(amplitude)
+        point = found.interpolate_at(amplitude)
         expected = math.sqrt(omega**2 + 0.75 * beta * amplitude**2)
-        assert swing.frequency == pytest.approx(expected, rel=0.01)
-        assert swing.damping_ratio == pytest.approx(lam / expected, rel=0.1)
+        assert point.frequency == pytest.approx(expected, rel=0.01)
+        assert point.damping_ratio == pytest.approx(lam / expected, rel=0.1)
 
 
 def test_noise_alone_has_no_backbone() -> None:
@@ -103,7 +103,7 @@ def blurred(height: np.ndarray, level: float) -> PistonRecord:
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5])
-def test_a_damped_cosine_has_constant_frequency_and_damping(noise: float) -> None:
+def test_damped_cosine_has_constant_frequency_and_damping(noise: float) -> None:
     found = envelope(blurred(0.06 + 0.002 * np.exp(-0.03 * TIME) * np.cos(2.0 * TIME + 0.4), noise))
     tolerance = 1e-4 + 100.0 * noise
     np.testing.assert_allclose(found.level, 0.06, atol=2e-6 + 3.0 * noise)
@@ -115,7 +115,7 @@ def test_a_damped_cosine_has_constant_frequency_and_damping(noise: float) -> Non
     assert len(found.time) == int(60.0 * 2.0 / np.pi) - 3
 
 
-def test_the_backbone_of_a_duffing_motion() -> None:
+def test_backbone_of_a_duffing_oscillation() -> None:
     found = envelope(blurred(moved(lambda t, z, v: -0.02 * v - z - 0.5 * z**3, TIME, 1.5), 0.002))
     expected = 2.0 * np.pi * averaged_frequency(found.amplitude, DuffingVanDerPolOscillator(1.0, 0.5, 0.01))
     assert np.ptp(expected) > 0.05  # there is a backbone to see
@@ -124,24 +124,24 @@ def test_the_backbone_of_a_duffing_motion() -> None:
     np.testing.assert_allclose(found.frequency, expected, rtol=5e-3)
 
 
-def test_a_growing_swing_has_negative_damping() -> None:
+def test_growing_oscillation_has_negative_damping() -> None:
     found = envelope(blurred(np.exp(0.02 * TIME) * np.sin(1.5 * TIME), 1e-3))
     assert np.mean(found.damping) == pytest.approx(-0.02, rel=0.05)
 
 
-def test_noise_alone_and_too_few_swings_are_refused() -> None:
+def test_envelope_of_noise_or_too_few_cycles_is_refused() -> None:
     for height in (blurred(np.zeros(len(TIME)), 1.0).height, np.cos(0.1 * TIME)):
         with pytest.raises(RecordError, match="extremes"):
             envelope(PistonRecord(TIME, height))
 
 
-def test_few_cycles_tell_little_of_the_damping() -> None:
-    """A ratio four times too large is contradicted by forty rows, and not by three (Student's quantile)."""
+def test_damping_from_few_cycles_is_uncertain() -> None:
+    """A ratio four times too large is contradicted by forty rows, but not by three (Student's quantile)."""
     for cycles, sure in ((3.1, False), (20.0, True)):
         time = np.linspace(0.0, cycles, int(60 * cycles))
-        swing = np.exp(-0.01 * np.pi * time) * np.cos(2.0 * np.pi * time)
+        displacement = np.exp(-0.01 * np.pi * time) * np.cos(2.0 * np.pi * time)
         random = np.random.default_rng(0)
-        seen = envelope(PistonRecord(time, 1e-3 * (swing + random.normal(0.0, 0.03, len(time)))))
+        seen = envelope(PistonRecord(time, 1e-3 * (displacement + random.normal(0.0, 0.03, len(time)))))
         assert seen.peak_damping.contradicts(0.02) == sure
 
 
@@ -149,19 +149,20 @@ EVEN_TIME = np.linspace(0.0, 30.0, 1000)
 INNER = slice(100, -100)
 
 
-def swing(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def exact_oscillation(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     z = 0.06 + 0.01 * np.cos(1.3 * time)
     return z, -0.013 * np.sin(1.3 * time), -0.0169 * np.cos(1.3 * time)
 
 
-def noisy_swing(time: np.ndarray, level: float) -> PistonRecord:
-    return noisy(time, swing(time)[0], level)
+def noisy_oscillation(time: np.ndarray, level: float) -> PistonRecord:
+    return noisy(time, exact_oscillation(time)[0], level)
 
 
 def errors(found: Derivatives) -> list[float]:
     estimates = (found.height, found.velocity, found.acceleration)
     return [
-        float(np.std((one - true)[INNER])) for one, true in zip(estimates, swing(found.time), strict=True)
+        float(np.std((one - true)[INNER]))
+        for one, true in zip(estimates, exact_oscillation(found.time), strict=True)
     ]
 
 
@@ -172,7 +173,7 @@ def test_parabolas_are_differentiated_exactly() -> None:
 
 
 def noises(found: Derivatives) -> list[float]:
-    """Standard deviations of height, velocity and acceleration, by the root of the sum of squared weights."""
+    """Standard deviations of height, velocity and acceleration: root of the sum of squared weights."""
     from scipy.signal import savgol_coeffs
 
     step = EVEN_TIME[1]
@@ -181,8 +182,8 @@ def noises(found: Derivatives) -> list[float]:
     return [found.record_noise * float(np.linalg.norm(row)) for row in weights]
 
 
-def test_noise_of_the_acceleration_is_that_of_the_weights() -> None:
-    found = derivatives(noisy_swing(EVEN_TIME, 1e-4))
+def test_acceleration_noise_equals_the_norm_of_the_filter_weights() -> None:
+    found = derivatives(noisy_oscillation(EVEN_TIME, 1e-4))
     assert found.acceleration_noise == pytest.approx(noises(found)[2], rel=0.1)
     assert found.record_noise == pytest.approx(1e-4, rel=0.1)
 
@@ -190,33 +191,36 @@ def test_noise_of_the_acceleration_is_that_of_the_weights() -> None:
 @pytest.mark.parametrize(
     "level", [1e-3, *(pytest.param(level, marks=pytest.mark.long) for level in (1e-4, 1e-6))]
 )
-def test_smoothing_beats_differences_at_every_noise(level: float) -> None:
-    record = noisy_swing(EVEN_TIME, level)
+def test_smoothing_beats_finite_differences_at_all_noise_levels(level: float) -> None:
+    record = noisy_oscillation(EVEN_TIME, level)
     found = derivatives(record)
     speed = np.gradient(record.height, EVEN_TIME)
     plain = found._replace(height=record.height, velocity=speed, acceleration=np.gradient(speed, EVEN_TIME))
     assert all(one < 0.5 * other for one, other in zip(errors(found), errors(plain), strict=True))
 
 
-def test_what_smoothing_takes_from_the_motion_is_no_more_than_twice_the_noise() -> None:
+def test_smoothing_bias_is_below_twice_the_noise() -> None:
     for level in (1e-3, 1e-4, 1e-5, 1e-7):
-        found = derivatives(noisy_swing(EVEN_TIME, level))
+        found = derivatives(noisy_oscillation(EVEN_TIME, level))
         assert all(error < 3.0 * noise for error, noise in zip(errors(found), noises(found), strict=True))
 
 
-def test_uneven_samples_do_as_well_as_even_ones() -> None:
+def test_derivatives_from_uneven_samples_are_as_accurate() -> None:
     kept = np.sort(np.random.default_rng(1).choice(2000, 1000, replace=False))
     time = np.linspace(0.0, 30.0, 2000)[kept]
-    uneven, even = (derivatives(noisy_swing(time, 1e-4)), derivatives(noisy_swing(EVEN_TIME, 1e-4)))
+    uneven, even = (
+        derivatives(noisy_oscillation(time, 1e-4)),
+        derivatives(noisy_oscillation(EVEN_TIME, 1e-4)),
+    )
     assert uneven.record_noise == pytest.approx(1e-4, rel=0.1)
     for one, other in zip(errors(uneven), errors(even), strict=True):
         assert one < 3.0 * other
 
 
-def test_even_and_uneven_fits_are_the_same() -> None:
+def test_both_implementations_agree_on_even_samples() -> None:
     from reduced_models.records.derivatives import _polynomials_at_uneven_times, _SavitzkyGolayFilter
 
-    record = noisy_swing(EVEN_TIME, 1e-4)
+    record = noisy_oscillation(EVEN_TIME, 1e-4)
     even = _SavitzkyGolayFilter(float(EVEN_TIME[-1] - EVEN_TIME[0]) / (len(EVEN_TIME) - 1), 41)(
         record.height[None]
     )[0]
@@ -225,5 +229,5 @@ def test_even_and_uneven_fits_are_the_same() -> None:
 
 
 def test_short_records_are_refused() -> None:
-    with pytest.raises(RecordError, match="at least 20"):
+    with pytest.raises(RecordError, match="20 or more"):
         derivatives(PistonRecord(EVEN_TIME[:19], EVEN_TIME[:19] ** 2))

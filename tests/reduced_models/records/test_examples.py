@@ -1,4 +1,4 @@
-"""Example records and made ones: what is found in them is what they were made with."""
+"""Example and simulated records: the parameters of their motions are recovered."""
 
 import math
 import re
@@ -21,27 +21,27 @@ pytestmark = pytest.mark.filterwarnings("ignore::granular.shared.errors.RecordWa
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Directory with all of them."""
+    """Directory with all examples."""
     directory = tmp_path_factory.mktemp("lab")
     assert set(write_example_records(directory)) == {f"{name}.csv" for name in EXAMPLES}
     return directory
 
 
-def test_nothing_is_overwritten(tmp_path: Path) -> None:
+def test_existing_examples_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "driven.toml").write_text("mine", encoding="utf-8")
-    with pytest.raises(InputError, match=r"driven\.toml is in .* already"):
+    with pytest.raises(InputError, match=r"driven\.toml exists already in"):
         write_example_records(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["driven.toml"]
 
 
-def test_the_same_files_come_again(lab: Path, tmp_path: Path) -> None:
+def test_example_files_are_reproducible(lab: Path, tmp_path: Path) -> None:
     write_example_records(tmp_path)
     for path in lab.iterdir():
         assert path.read_bytes() == (tmp_path / path.name).read_bytes()
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_each_description_is_read(name: str, lab: Path) -> None:
+def test_each_example_description_is_read(name: str, lab: Path) -> None:
     record = read_record(lab / f"{name}.toml")
     assert len(record) > 1000
     assert (record.coordinate_unit == "rad") == (name in ("encoder", "pendulum"))
@@ -51,7 +51,7 @@ def test_each_description_is_read(name: str, lab: Path) -> None:
 VOLTS = ("--scale", "2.4894 mm/V", "--zero", "2.513 V")
 
 
-def test_volts_by_their_scale_alone(lab: Path, command: Callable[..., Any]) -> None:
+def test_volts_are_converted_by_the_scale_alone(lab: Path, command: Callable[..., Any]) -> None:
     done = command("reduced_models", "identify", str(lab / "lvdt.csv"), *VOLTS, "--law", "linear")
     assert done.returncode == 0, done.stderr
     for name, value in (("natural frequency", 4.1), ("damping ratio", 5.0)):
@@ -59,7 +59,7 @@ def test_volts_by_their_scale_alone(lab: Path, command: Callable[..., Any]) -> N
         assert float(found[1]) == pytest.approx(value, rel=0.02 if value == 5.0 else 1e-3)
 
 
-def test_a_written_description_holds_the_calibration(
+def test_written_description_contains_the_calibration(
     lab: Path, tmp_path: Path, command: Callable[..., Any]
 ) -> None:
     written = tmp_path / "record.toml"
@@ -68,12 +68,12 @@ def test_a_written_description_holds_the_calibration(
     assert np.array_equal(read_record(written).height, read_record(lab / "lvdt.toml").height)
 
 
-def test_the_hold_of_the_lvdt_is_left_out_and_said(lab: Path) -> None:
-    with pytest.warns(UserWarning, match=r"stands still until 0\.40"):
+def test_hold_of_the_lvdt_record_is_omitted_with_a_warning(lab: Path) -> None:
+    with pytest.warns(UserWarning, match=r"is at rest until 0\.40"):
         assert read_record(lab / "lvdt.toml").time[0] == pytest.approx(0.4, abs=0.005)
 
 
-def test_a_laser_next_to_an_accelerometer(lab: Path) -> None:
+def test_laser_and_accelerometer_in_one_file(lab: Path) -> None:
     record = read_record(lab / "accelerometer.toml")
     found = fit(record, "linear").at_rest
     assert 1.0 / found.period == pytest.approx(6.0, rel=1e-3)
@@ -82,7 +82,7 @@ def test_a_laser_next_to_an_accelerometer(lab: Path) -> None:
     assert record.extra["accelerometer"][0] == pytest.approx(-3e-3 * omega**2 / 9.80665, abs=0.01)
 
 
-def test_a_damper_on_a_dynamometer(lab: Path) -> None:
+def test_force_stroke_record_of_a_damper(lab: Path) -> None:
     record = read_record(lab / "force-stroke.toml")
     assert record.force is not None
     speed = np.gradient(record.height, record.time)
@@ -92,8 +92,8 @@ def test_a_damper_on_a_dynamometer(lab: Path) -> None:
     assert stiffness == pytest.approx(900.0, rel=2e-3)
 
 
-def test_a_real_pendulum_has_dry_friction(lab: Path) -> None:
-    """Its source and its licence go with it; degrees of the board were eleven counts of 4000 a turn."""
+def test_real_pendulum_has_dry_friction(lab: Path) -> None:
+    """Source and licence are in the file; its degrees are eleven counts of 4000 per turn."""
     head = (lab / "pendulum.csv").read_text(encoding="utf-8").splitlines()[:28]
     assert any("https://github.com/" in line for line in head)
     assert any("Permission is hereby granted" in line for line in head)
@@ -109,7 +109,7 @@ REST, ZERO = 0.06, 2.513
 
 
 class Made(NamedTuple):
-    """A made record: its description, what it was made with, and its releases' starts and ends [s]."""
+    """Simulated record: its description, its true parameters, and start and end of each motion [s]."""
 
     path: Path
     words: str
@@ -119,8 +119,8 @@ class Made(NamedTuple):
     releases: list[tuple[float, float]]
 
 
-def swing(times: np.ndarray, top: float, omega: float, ratio: float, power: float | None) -> np.ndarray:
-    """Height and velocity (2, n) of a free motion from a rest at the top."""
+def free_motion(times: np.ndarray, top: float, omega: float, ratio: float, power: float | None) -> np.ndarray:
+    """Height and velocity (2, n) of a free motion from rest at the top."""
     from scipy.integrate import solve_ivp
 
     def rate(_time: float, state: np.ndarray) -> tuple[float, float]:
@@ -136,7 +136,7 @@ def swing(times: np.ndarray, top: float, omega: float, ratio: float, power: floa
 
 
 def lift(times: np.ndarray, start: np.ndarray, top: float, frequency: float) -> np.ndarray:
-    """Heights (n,) of a piston that a hand stops and lifts to the top."""
+    """Heights (n,) of a piston that is stopped and lifted to the top by hand."""
     z, v = start
     part, stopped = times / times[-1], 0.1 / frequency
     left = z + v * stopped * (1.0 - np.exp(-times / stopped)) * (1.0 - part) ** 2
@@ -144,10 +144,10 @@ def lift(times: np.ndarray, start: np.ndarray, top: float, frequency: float) -> 
 
 
 def make(directory: Path, number: int) -> Made:
-    """Write a record and its description, by the number alone."""
+    """Write a record and its description, determined by a seed."""
     random = np.random.default_rng([0, number])
     frequency, ratio = np.exp(random.uniform(np.log([1.0, 0.01]), np.log([12.0, 0.12])))
-    samples, swings, noise = random.uniform([50.0, 8.0, 0.005], [150.0, 20.0, 0.03])
+    samples, cycle_count, noise = random.uniform([50.0, 8.0, 0.005], [150.0, 20.0, 0.03])
     power = None if random.uniform() < 0.5 else float(random.uniform(1.5, 4.0))
     sensor = str(random.choice(["V", "counts"] if power else ["V", "counts", "deg"]))
     hold = max(0.0, float(random.uniform(-0.5, 2.0)))
@@ -162,10 +162,10 @@ def make(directory: Path, number: int) -> Made:
             parts.append(lift(times, state, top, frequency))
         held = hold * random.uniform(0.5, 2.0) if again else hold
         parts.append(np.full(int(held / step), top))
-        times = np.arange(0.0, swings / frequency, step)
+        times = np.arange(0.0, cycle_count / frequency, step)
         begin = step * sum(map(len, parts))
         releases.append((begin, begin + float(times[-1])))
-        motion = swing(times, top, 2.0 * math.pi * frequency, ratio, power)
+        motion = free_motion(times, top, 2.0 * math.pi * frequency, ratio, power)
         parts.append(motion[0])
         state = motion[:, -1]
     height = np.concatenate(parts)
@@ -196,15 +196,15 @@ def make(directory: Path, number: int) -> Made:
     write_record_description(path.with_suffix(".toml"), path, ReadOptions(**options))
     words = (
         f"{'linear' if power is None else 'power law'}, {frequency:.2f} Hz, {100 * ratio:.2f} %, {sensor}, "
-        f"hold {hold:.2f} s, noise {100 * noise:.1f} %, {swings:.0f} swings of {samples:.0f} samples"
+        f"hold {hold:.2f} s, noise {100 * noise:.1f} %, {cycle_count:.0f} swings of {samples:.0f} samples"
         + f"{', clipped' * bool(clipped)}{', lost' * bool(lost)}{', three releases' * bool(several)}"
     )
     return Made(path.with_suffix(".toml"), words, float(frequency), float(ratio), float(noise), releases)
 
 
 @pytest.mark.parametrize("numbers", [range(8), pytest.param(range(8, NUMBER), marks=pytest.mark.long)])
-def test_the_motion_is_found_in_each(numbers: range, tmp_path: Path) -> None:
-    """From a release on, as far as it is above the noise, and nothing of the next lift."""
+def test_motion_is_found_in_simulated_records(numbers: range, tmp_path: Path) -> None:
+    """From a release on, until it is lost in the noise, without the next lift."""
     for number in numbers:
         made = make(tmp_path, number)
         motion = read_record(made.path)
@@ -218,7 +218,7 @@ def test_the_motion_is_found_in_each(numbers: range, tmp_path: Path) -> None:
 
 
 def judge(made: Made, laws: list[str] | None = None) -> tuple[bool, str]:
-    """Tell frequency and damping ratio that come out, and whether they are right."""
+    """Fitted frequency and damping ratio as text, and whether they are right."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = identify(made.path, laws=laws, progress=False)
@@ -233,13 +233,13 @@ def judge(made: Made, laws: list[str] | None = None) -> tuple[bool, str]:
 
 
 @pytest.mark.parametrize("number", [0, pytest.param(10, marks=pytest.mark.long)])
-def test_a_linear_law_is_told(number: int, tmp_path: Path) -> None:
+def test_linear_law_is_identified(number: int, tmp_path: Path) -> None:
     good, said = judge(make(tmp_path, number), ["linear"])
     assert good, said
 
 
 @pytest.mark.long
-def test_most_are_identified(tmp_path: Path) -> None:
+def test_most_simulated_records_are_identified(tmp_path: Path) -> None:
     outcomes = [judge(make(tmp_path, number)) for number in range(NUMBER)]
     for good, said in outcomes:
         print("right " if good else "MISSED", said)

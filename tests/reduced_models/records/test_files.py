@@ -1,4 +1,4 @@
-"""Files of records: looked at, as Parquet, and refused in one line where they are no good."""
+"""Files of records: overview, Parquet, and one-line errors for unusable ones."""
 
 import json
 from collections.abc import Callable
@@ -39,9 +39,9 @@ REFUSED = {
     "comments only": ("# lab 3\n", "is empty"),
     "header only": ("time,height\n", "0 samples"),
     "one sample": ("time,height\n0,1\n", "1 samples"),
-    "two samples": ("time,height\n0,1\n1,2\n", "at least 20 are needed"),
-    "too short": (table(SWING[:15], TIME[:15]), "at least 20 are needed"),
-    "short after the hold-out": (table(SWING[:25], TIME[:25]), "at least 20 are needed"),
+    "two samples": ("time,height\n0,1\n1,2\n", "20 or more are needed"),
+    "too short": (table(SWING[:15], TIME[:15]), "20 or more are needed"),
+    "short after the hold-out": (table(SWING[:25], TIME[:25]), "20 or more are needed"),
     "constant": (table(np.full(N, 0.059)), "a motion is needed"),
     "infinite": (table(changed(7, np.inf)), "height of sample 7 (line 9) is inf"),
     "a word": (table(SWING).replace("\n0.0,", "\nzero,"), "time of sample 0 (line 2) is 'zero'"),
@@ -61,25 +61,25 @@ REFUSED = {
         "record.between",
     ),
     "too large": (table(1e200 * SWING), "heights up to"),
-    "times too large": (table(SWING, 1e200 * TIME), "s can be computed with: check the units"),
+    "times too large": (table(SWING, 1e200 * TIME), "s: check the units"),
     "no text": ("\x00\x01\x02\n", "cannot be read as text"),
 }
-DOUBTED = {
-    "mostly noise": (table(SWING + 5e-4 * NOISE), "% of the rms swing, so the record says little"),
+QUESTIONABLE = {
+    "mostly noise": (table(SWING + 5e-4 * NOISE), "% of the rms displacement, so the record constrains"),
     "millimetres without unit": (table(1e3 * SWING), "check the units"),
     "a square wave": (table(0.06 + 1e-3 * np.sign(np.sin(20.0 * TIME))), "the law or the fit"),
 }
-LEFT_OUT = {
+OMITTED = {
     "clipped samples": (table(np.clip(SWING, 0.0586, 0.0594)), "limit of the sensor (clipped)"),
-    "an outlier": (table(changed(1000, 0.2)), "are left out: 1, the first at 1.50"),
+    "an outlier": (table(changed(1000, 0.2)), "are omitted: 1, the first at 1.50"),
 }
 
 
 @pytest.fixture
-def said(
+def printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
 ) -> Callable[[str], Any]:
-    """What the command fit does with the text of a file."""
+    """Print-out of the command fit for a file of that text."""
 
     def run(text: str) -> Any:
         (tmp_path / "bad.csv").write_text(text)
@@ -89,10 +89,10 @@ def said(
     return run
 
 
-@pytest.mark.parametrize("name", LEFT_OUT)
-def test_samples_are_left_out_and_the_rest_is_fitted(name: str, said: Callable[[str], Any]) -> None:
-    text, words = LEFT_OUT[name]
-    done = said(text)
+@pytest.mark.parametrize("name", OMITTED)
+def test_invalid_samples_are_omitted_and_the_rest_is_fitted(name: str, printed: Callable[[str], Any]) -> None:
+    text, words = OMITTED[name]
+    done = printed(text)
     out = " ".join(done.stdout.split())
     assert done.returncode == 0
     assert float(out.split("omega ")[1].split()[0]) == pytest.approx(21.8, rel=2e-3)
@@ -101,28 +101,28 @@ def test_samples_are_left_out_and_the_rest_is_fitted(name: str, said: Callable[[
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_bad_records_are_refused_in_one_line(name: str, said: Callable[[str], Any]) -> None:
+def test_unusable_records_are_refused_in_one_line(name: str, printed: Callable[[str], Any]) -> None:
     text, words = REFUSED[name]
-    done = said(text)
+    done = printed(text)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (BAD_INPUT, "", 1)
     assert done.stderr.startswith("error: ")
     assert words in done.stderr
 
 
-@pytest.mark.parametrize("name", DOUBTED)
-def test_doubtful_records_give_a_result_with_a_warning(name: str, said: Callable[[str], Any]) -> None:
-    text, words = DOUBTED[name]
-    done = said(text)
+@pytest.mark.parametrize("name", QUESTIONABLE)
+def test_questionable_records_give_a_result_with_a_warning(name: str, printed: Callable[[str], Any]) -> None:
+    text, words = QUESTIONABLE[name]
+    done = printed(text)
     out = " ".join(done.stdout.split())
     assert done.returncode == 0
     assert "omega " in out
     assert "caution: " in out
     assert words in out
-    assert "warning: " not in done.stderr  # the print-out says it once
+    assert "warning: " not in done.stderr  # only in the print-out
     assert "Traceback" not in done.stderr
 
 
-def test_misspelt_options_of_reading_are_named(tmp_path: Path) -> None:
+def test_misspelt_reading_options_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "swing.csv"
     path.write_text(table(SWING))
     for read in (read_record, read_releases):
@@ -140,7 +140,7 @@ def lab(path: Path, height: np.ndarray = HEIGHT, name: str = "dist") -> Path:
     return path
 
 
-def test_figures_of_a_record(tmp_path: Path) -> None:
+def test_overview_of_a_record(tmp_path: Path) -> None:
     random = np.random.default_rng(1)
     noisy = HEIGHT + 0.01 * random.standard_normal(len(HEIGHT))
     found = overview_of_record_file(lab(tmp_path / "lab.csv", noisy, "height_mm"))
@@ -153,7 +153,7 @@ def test_figures_of_a_record(tmp_path: Path) -> None:
     assert str(found).count("*") > 60
 
 
-def test_a_sensor_that_rounds_is_recognised(tmp_path: Path) -> None:
+def test_rounding_sensor_is_recognised(tmp_path: Path) -> None:
     rounded = 0.5 * np.round(HEIGHT / 0.5)
     found = overview_of_record_file(lab(tmp_path / "lab.csv", rounded, "height [mm]"))
     assert found.level == pytest.approx(5e-4, rel=1e-6)
@@ -167,7 +167,7 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
     assert overview_of_record_file(tmp_path / "gap.csv").gaps == 1
 
 
-def test_the_command_writes_a_description_that_repeats_it(
+def test_description_written_by_look_reproduces_the_reading(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "runs").mkdir()
@@ -193,7 +193,9 @@ def test_the_command_writes_a_description_that_repeats_it(
 @pytest.mark.parametrize(
     "words", ["--between 1", "--between a:b", "--columns height", "--decimal :", "--units height=furlong"]
 )
-def test_bad_options_end_in_one_line(words: str, tmp_path: Path, command: Callable[..., Any]) -> None:
+def test_wrong_reading_options_give_a_one_line_error(
+    words: str, tmp_path: Path, command: Callable[..., Any]
+) -> None:
     done = command("reduced_models", "look", str(lab(tmp_path / "lab.csv")), *words.split())
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
@@ -203,7 +205,7 @@ COMMANDS = ("identify", "fit", "discover", "compare", "calibrate")
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A good record, and a few Parquet files that are none."""
+    """A usable record and some unusable Parquet files."""
     time = np.linspace(0.0, 2.0, 2000)  # as in other tests: fits of one shape are compiled once
     good = noisy(time, 0.059 + damped_cosine(time), 3e-6, 3)
     good.to_parquet(tmp_path / "lab.parquet")
@@ -215,13 +217,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("name", ["fit", "compare"])
 @pytest.mark.usefixtures("folder")
-def test_a_command_says_the_same_of_both(name: str, command: Callable[..., Any]) -> None:
-    said = []
+def test_csv_and_parquet_give_the_same_print_out(name: str, command: Callable[..., Any]) -> None:
+    printed = []
     for file in ("lab.csv", "lab.parquet"):
         done = command("reduced_models", name, file, "--law", "linear", "--json", "--quiet")
         assert done.returncode == 0
-        said.append(json.loads(done.stdout.replace(f'"{file}: ', '"lab: ')))
-    assert said[0] == said[1]
+        printed.append(json.loads(done.stdout.replace(f'"{file}: ', '"lab: ')))
+    assert printed[0] == printed[1]
 
 
 @pytest.mark.usefixtures("folder")
@@ -248,7 +250,9 @@ def test_profile_intervals_on_the_command_line(command: Callable[..., Any]) -> N
         ("short.parquet", "at least 20"),
     ],
 )
-def test_bad_files_are_one_line(name: str, file: str, message: str, command: Callable[..., Any]) -> None:
+def test_unusable_parquet_files_give_a_one_line_error(
+    name: str, file: str, message: str, command: Callable[..., Any]
+) -> None:
     scene = ("damper",) if name == "calibrate" else ()
     done = command("reduced_models", name, file, *scene, "--quiet")
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (BAD_INPUT, "", 1)

@@ -1,4 +1,4 @@
-"""The motion in a record: clipped samples and further releases are left out, and that is said."""
+"""The motion in a record: clipped samples and further releases are omitted with a warning."""
 
 import dataclasses
 import json
@@ -29,7 +29,7 @@ OMEGA = 2.0 * np.pi * FREQUENCY
 
 
 def decay(duration: float) -> np.ndarray:
-    """Free decay from a release at rest, of amplitude 1."""
+    """Free decay from rest at amplitude 1."""
     time = np.arange(0.0, duration, 1.0 / RATE)
     quick = OMEGA * np.sqrt(1.0 - DAMPING**2)
     return np.exp(-DAMPING * OMEGA * time) * (
@@ -44,28 +44,28 @@ def record_of(height: np.ndarray, noise: float = 0.01) -> PistonRecord:
 
 
 def check_fit(motion: PistonRecord) -> None:
-    """Period and damping of the motion are those that it was made with."""
+    """Check that period and damping of the fitted motion are the true ones."""
     rest = fit(motion.first(600), "linear", test_fraction=0.0, starts=2).at_rest
     assert rest.period == pytest.approx(1.0 / FREQUENCY, rel=2e-3)
     assert rest.damping_ratio == pytest.approx(DAMPING, rel=0.03)
 
 
 def lifted(duration: float) -> np.ndarray:
-    """A lift by hand in a quarter of a second, a hold of as long, and the decay from there."""
+    """Lift by hand in a quarter of a second, an equally long hold, and the decay after it."""
     quarter = int(0.25 * RATE)
     lift = 0.5 - 0.5 * np.cos(np.pi * np.arange(quarter) / quarter)
     return np.concatenate([np.zeros(quarter), lift, np.ones(quarter), decay(duration)])
 
 
 def found(record: PistonRecord) -> tuple[PistonRecord, list[str]]:
-    """The motion, and what was said."""
+    """The motion and the warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         motion = find_free_motion(record)
     return motion, [str(one.message) for one in caught]
 
 
-def test_one_decay_is_taken_whole() -> None:
+def test_single_decay_is_not_cut() -> None:
     record = record_of(decay(3.0))
     motion, said = found(record)
     assert motion is record
@@ -73,7 +73,7 @@ def test_one_decay_is_taken_whole() -> None:
 
 
 @pytest.mark.parametrize("hold", [0.0, 0.1, 1.5])
-def test_the_first_of_three_releases_is_taken(hold: float) -> None:
+def test_first_of_three_releases_is_selected(hold: float) -> None:
     piece = np.concatenate([np.ones(int(hold * RATE)), decay(2.5)])
     motion, said = found(record_of(np.concatenate([piece] * 3)))
     assert any("holds 3 releases" in words for words in said)
@@ -81,7 +81,7 @@ def test_the_first_of_three_releases_is_taken(hold: float) -> None:
     check_fit(motion)
 
 
-def test_clipped_peaks_are_left_out() -> None:
+def test_clipped_peaks_are_omitted() -> None:
     record = record_of(decay(3.0))
     clipped = PistonRecord(record.time, np.clip(record.height, -2e-3, 2e-3))
     motion, said = found(clipped)
@@ -91,7 +91,7 @@ def test_clipped_peaks_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.005])
-def test_a_sensor_that_rounds_is_not_clipped(noise: float) -> None:
+def test_rounding_is_not_mistaken_for_clipping(noise: float) -> None:
     record = record_of(decay(3.0), noise)
     rounded = PistonRecord(record.time, np.round(record.height, 4))
     motion, said = found(rounded)
@@ -108,7 +108,7 @@ def test_beats_are_one_motion() -> None:
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
-def test_each_release_is_cut_from_its_lift_to_the_next(number: int) -> None:
+def test_each_motion_ends_before_the_next_lift(number: int) -> None:
     record = record_of(np.concatenate([lifted(2.5)] * 3))
     motion = find_free_motion(record, number)
     assert len(find_free_motions(record)) == 3
@@ -118,8 +118,8 @@ def test_each_release_is_cut_from_its_lift_to_the_next(number: int) -> None:
     check_fit(motion)
 
 
-def test_releases_are_told_where_most_of_the_record_is_held() -> None:
-    """Clipped too: the last fifth of the record is half a hold, and so is the first."""
+def test_releases_are_found_in_a_record_of_mostly_holds() -> None:
+    """Also with clipping: half of the last fifth of the record is a hold, and so is half of the first."""
     hold, lift = np.ones(int(3.0 * RATE)), lifted(1.0)[int(0.25 * RATE) : int(0.5 * RATE)]
     record = record_of(np.concatenate([hold, decay(1.5), *[lift, hold, decay(1.5)] * 2]))
     for height in (record.height, np.minimum(record.height, 2.4e-3)):
@@ -129,11 +129,11 @@ def test_releases_are_told_where_most_of_the_record_is_held() -> None:
         assert 4.0 < motion.time[-1] < 4.5
 
 
-def test_a_release_that_is_not_there_is_refused() -> None:
+def test_missing_release_number_is_refused() -> None:
     record = record_of(np.concatenate([decay(2.5)] * 3))
-    with pytest.raises(RecordError, match="release 4 of a record that holds 3"):
+    with pytest.raises(RecordError, match="release 4: the record holds 3"):
         find_free_motion(record, 4)
-    with pytest.raises(RecordError, match="'all' where one motion is taken"):
+    with pytest.raises(RecordError, match="'all', but one motion is needed"):
         find_free_motion(record, ALL)
     for wrong in ("0", "some", 1.5):
         with pytest.raises(RecordError, match="give a number from 1, or 'all'"):
@@ -153,21 +153,21 @@ def test_all_releases_of_a_file_are_fitted_together(tmp_path: Path, command: Cal
     assert json.loads(done.stdout)["from"] == pytest.approx(2.5, abs=0.01)
 
 
-def test_what_precedes_a_hold_is_left_out() -> None:
+def test_motion_before_a_hold_is_omitted() -> None:
     motion, said = found(record_of(lifted(2.5)))
-    assert any("moved to where it is held" in words for words in said)
+    assert any("brought to its release point" in words for words in said)
     assert motion.time[0] == pytest.approx(0.748, abs=0.015)
     check_fit(motion)
 
 
 @pytest.mark.parametrize("strength", [0.7, 1.5])
-def test_what_follows_a_knock_is_left_out(strength: float) -> None:
+def test_motion_after_a_knock_is_omitted(strength: float) -> None:
     moment = 1.5
     knock = strength * np.sin(OMEGA * np.arange(int(1.5 * RATE)) / RATE)
     height = decay(3.0)
     height[int(moment * RATE) :] += knock * np.exp(-DAMPING * OMEGA * np.arange(len(knock)) / RATE)
     motion, said = found(record_of(height))
-    assert any("knocked" in words or "2 releases" in words for words in said)
+    assert any("grows suddenly" in words or "2 releases" in words for words in said)
     assert motion.time[-1] < moment
     check_fit(motion)
 
@@ -182,16 +182,18 @@ def test_what_follows_a_knock_is_left_out(strength: float) -> None:
         (7.69, (0.0003, 0.0084), 0.4),
     ],
 )
-def test_beats_are_no_knock(frequency: float, dampings: tuple[float, float], part: float) -> None:
-    """Two modes that decay side by side are one motion, however quickly their sum grows."""
+def test_beats_are_not_mistaken_for_a_knock(
+    frequency: float, dampings: tuple[float, float], part: float
+) -> None:
+    """Two decaying modes are one motion, however quickly their sum grows."""
     time, omegas = np.arange(0.0, 12.0, 0.005), math.tau * np.array([5.0, frequency])
     roots = omegas * (1j - np.array(dampings))
     motion = (np.exp(np.outer(time, roots)) @ [1e-3, part * 1e-3 * np.exp(1j)]).real
     _, said = found(noisy(time, motion, 1e-6))
-    assert not any("knocked" in words for words in said)
+    assert not any("grows suddenly" in words for words in said)
 
 
-def test_a_noisy_end_is_left_out() -> None:
+def test_noise_after_the_motion_is_omitted() -> None:
     motion, said = found(record_of(decay(20.0)))
     assert any("within the sensor's noise" in words for words in said)
     # 1 % of noise is reached after ln(100)/(damping omega) = 3.6 s
@@ -199,7 +201,7 @@ def test_a_noisy_end_is_left_out() -> None:
     check_fit(motion)
 
 
-def test_an_end_in_which_a_drive_acts_is_kept() -> None:
+def test_end_of_a_driven_record_is_kept() -> None:
     record = record_of(decay(20.0))
     drive = np.sin(30.0 * record.time)
     driven = PistonRecord(record.time, record.height, extra={"drive": drive})
@@ -213,7 +215,7 @@ LOST = {"zeros": (0.0, 60e-3), "far outside": (-999.25, 0.0), "spikes": (None, 0
 @pytest.mark.parametrize(
     "kind", [pytest.param(kind, marks=pytest.mark.long if kind == "far outside" else ()) for kind in LOST]
 )
-def test_lost_samples_are_left_out(kind: str) -> None:
+def test_lost_samples_are_omitted(kind: str) -> None:
     value, level = LOST[kind]
     random = np.random.default_rng(4)
     record = record_of(decay(3.0))
@@ -221,17 +223,17 @@ def test_lost_samples_are_left_out(kind: str) -> None:
     lost = random.uniform(size=len(height)) < 0.02
     height[lost] = height[lost] + random.choice([-5e-3, 5e-3], lost.sum()) if value is None else value
     motion, said = found(PistonRecord(record.time, height))
-    assert any(f"are left out: {lost.sum()}," in words for words in said)
+    assert any(f"are omitted: {lost.sum()}," in words for words in said)
     assert not np.isin(record.time[lost], motion.time).any()
     check_fit(motion)
 
 
-def test_a_coarse_swing_has_no_spikes() -> None:
-    """Seven samples a swing, and a piston that bounces: the motion itself goes far."""
+def test_coarsely_sampled_motion_has_no_spikes() -> None:
+    """Seven samples per cycle, and a bouncing piston: the motion itself changes much between samples."""
     time = np.arange(0.0, 4.0, 0.01)
     for height in (np.cos(2.0 * np.pi * time * 14.3), np.abs(np.cos(9.0 * time)) * np.exp(-time)):
         motion, said = found(PistonRecord(time, height))
-        assert not any("far off" in words for words in said)
+        assert not any("far from" in words for words in said)
         assert len(motion) == len(time)
 
 
@@ -247,7 +249,7 @@ DRIVES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 
 def driven(drive: Callable[[np.ndarray], np.ndarray], damping: float) -> PistonRecord:
-    """Oscillator of 2 Hz under a force that is measured, 10 s of 200 Hz with 1 % of noise."""
+    """Oscillator of 2 Hz under a measured force, 10 s at 200 Hz with 1 % noise."""
     time, omega = np.arange(0.0, 10.0, 0.005), 4.0 * np.pi
     push = drive(time)
     steps = signal.lti([1.0], [1.0, 2.0 * damping * omega, omega**2])
@@ -258,20 +260,20 @@ def driven(drive: Callable[[np.ndarray], np.ndarray], damping: float) -> PistonR
 
 @pytest.mark.parametrize("damping", [0.05, 0.1, 0.2])
 @pytest.mark.parametrize("name", DRIVES)
-def test_a_driven_record_stays_whole(name: str, damping: float) -> None:
+def test_driven_record_is_not_cut(name: str, damping: float) -> None:
     record = driven(DRIVES[name], damping)
     motion, said = found(record)
     assert len(motion) == len(record)
-    assert not any("left out" in words or "is cut" in words for words in said)
+    assert not any("omitted" in words or "is cut" in words for words in said)
     if name == "half sines" and damping == 0.1:
-        assert any("'force' acts in all of the record, which stays whole" in words for words in said)
-        assert find_free_motion(record, 1).time[-1] < 3.4  # where the user says so
+        assert any("'force' acts throughout the record, which is not cut" in words for words in said)
+        assert find_free_motion(record, 1).time[-1] < 3.4  # on request
         assert len(find_free_motions(record)) == 3
 
 
 @pytest.mark.parametrize("hum", [0.0, 2.0])
 @pytest.mark.parametrize("count", [2000, 60_000])
-def test_an_idle_force_column_is_no_drive(count: int, hum: float) -> None:
+def test_column_of_noise_and_hum_is_not_a_drive(count: int, hum: float) -> None:
     """Its noise has rare large samples, and its hum is much faster than the motion."""
     time = np.linspace(0.0, 60.0, count)
     height = 1e-3 * np.exp(-0.05 * time) * np.cos(4.0 * np.pi * time)
@@ -297,14 +299,14 @@ def test_noise_has_no_releases_and_no_knocks(kind: str) -> None:
         elif kind in filters:
             noise = signal.lfilter(*filters[kind], noise)
         motion, said = found(PistonRecord(0.005 * np.arange(4000), 1e-3 * noise))
-        assert not any("releases" in words or "knocked" in words for words in said), seed
+        assert not any("releases" in words or "grows suddenly" in words for words in said), seed
         assert len(motion) > 3900
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 @pytest.mark.parametrize("moments", [(6.0, 8.0), (6.2, 7.3), (4.0, 8.0, 12.0)])
-def test_several_knocks_are_cut(moments: tuple[float, ...], noise: float) -> None:
-    """Each doubles the amplitude; taken as one decay, the damping ratio would be a third of its own."""
+def test_record_is_cut_at_several_knocks(moments: tuple[float, ...], noise: float) -> None:
+    """Each doubles the amplitude; fitted as one decay, the damping ratio would be a third of its value."""
     time, omega, damping = np.arange(0.0, 20.0, 0.005), 4.0 * np.pi, 0.02
     height = damped_cosine(time, 1.0, damping * omega, omega)
     for moment in moments:
@@ -314,7 +316,7 @@ def test_several_knocks_are_cut(moments: tuple[float, ...], noise: float) -> Non
         ringing = np.exp(-damping * omega * np.maximum(since, 0.0)) * np.sin(omega * since)
         height = height + blow * np.where(since >= 0.0, ringing, 0.0)
     motion, said = found(noisy(time, 3e-3 * height, 3e-3 * noise, 2))
-    assert any("knocked" in words for words in said)
+    assert any("grows suddenly" in words for words in said)
     assert not any(motion.time[0] + 0.1 < moment < motion.time[-1] - 0.1 for moment in moments)
     size = np.abs(motion.height - np.median(motion.height))
     first, last = (float(size[part].max()) for part in (slice(200), slice(-200, None)))
@@ -322,8 +324,8 @@ def test_several_knocks_are_cut(moments: tuple[float, ...], noise: float) -> Non
     assert math.log(first / last) / (omega * duration) == pytest.approx(damping, rel=0.3)
 
 
-def test_clipped_samples_are_kept_where_the_user_says_so(tmp_path: Path) -> None:
-    """By ``between`` of a file, or ``complete`` of a record; else the record's notes say what is left out."""
+def test_clipped_samples_are_kept_on_request(tmp_path: Path) -> None:
+    """By ``between`` for a file, or ``complete`` for a record; otherwise the notes report the omission."""
     record = record_of(decay(4.0), noise=1e-4)
     clipped = PistonRecord(record.time, np.clip(record.height, -2e-3, 2e-3))
     clipped.to_csv(file := tmp_path / "clipped.csv")

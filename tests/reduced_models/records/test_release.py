@@ -1,4 +1,4 @@
-"""A hold before the release is left out, and nothing of a record that has none."""
+"""A hold before the release is omitted; a record without one stays unchanged."""
 
 import math
 import warnings
@@ -22,19 +22,19 @@ OMEGA = 2.0 * np.pi * FREQUENCY  # undamped
 
 
 def free(since: np.ndarray, height: float = 1.0, velocity: float = 0.0) -> np.ndarray:
-    """A free decay that stands still at its start before it is released."""
+    """Free decay that is at rest before its release."""
     rate, since = DAMPING * OMEGA, np.maximum(since, 0.0)
     quick = OMEGA * math.sqrt(1.0 - DAMPING**2)
-    swing = height * np.cos(quick * since)
-    swing += (velocity + rate * height) / quick * np.sin(quick * since)
-    return np.asarray(np.exp(-rate * since) * swing)
+    oscillation = height * np.cos(quick * since)
+    oscillation += (velocity + rate * height) / quick * np.sin(quick * since)
+    return np.asarray(np.exp(-rate * since) * oscillation)
 
 
 def record(
     hold: float, noise: float = 0.0, *, rate: float = 1000.0, kicked: bool = False, count: float = 0.0,
     seed: int = 0,
 ) -> PistonRecord:  # fmt: skip
-    """A hold, or where it is kicked a rest, and 4 s of swing of 3 mm from 61 mm on."""
+    """A hold, or rest before a kick, followed by 4 s of oscillation of 3 mm from 61 mm on."""
     time = np.arange(0.0, hold + 4.0, 1.0 / rate)
     height = free(time - hold, 0.0, OMEGA) if kicked else free(time - hold)
     height += noise * np.random.default_rng(seed).standard_normal(len(time))
@@ -43,8 +43,8 @@ def record(
 
 @pytest.mark.parametrize("kicked", [False, True], ids=["released", "kicked"])
 @pytest.mark.parametrize("hold", [0.05, 0.25, pytest.param(2.0, marks=pytest.mark.long)])
-def test_a_hold_ends_at_the_release(hold: float, kicked: bool) -> None:
-    """At most a twentieth of a swing late, and not so early that what is left of it counts."""
+def test_hold_is_cut_at_the_release(hold: float, kicked: bool) -> None:
+    """Not over a twentieth of a cycle late, and so little early that the remaining hold does not matter."""
     made = [
         record(hold, noise, rate=rate, kicked=kicked, count=count, seed=seed)
         for noise, seeds in ((0.0, 1), (0.005, 3), (0.01, 3), (0.03, 5))
@@ -57,15 +57,15 @@ def test_a_hold_ends_at_the_release(hold: float, kicked: bool) -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.005, 0.03])
-def test_a_release_has_no_hold_of_its_own(noise: float) -> None:
-    """A cut record is left as it is, and so is what starts anywhere on a swing."""
-    swing = record(2.0, noise, seed=7)
+def test_record_without_a_hold_is_not_cut(noise: float) -> None:
+    """Neither a record that was cut before nor one that starts at any phase of an oscillation."""
+    oscillation = record(2.0, noise, seed=7)
     for start in np.arange(2.0, 2.5, 0.008):
-        assert release_sample(swing.between(start, math.inf)) == 0
+        assert release_sample(oscillation.between(start, math.inf)) == 0
 
 
 def driven(push: Callable[[float], float]) -> np.ndarray:
-    """The response of a swing that is at rest to a force."""
+    """Response of an oscillator at rest to a force."""
     return moved(
         lambda t, z, v: OMEGA**2 * (push(t) - z) - 2.0 * DAMPING * OMEGA * v,
         TIME, 0.0, rtol=1e-8, max_step=0.01,
@@ -96,8 +96,8 @@ WITHOUT_HOLD: dict[str, Callable[[], np.ndarray]] = {
 
 
 @pytest.mark.parametrize("name", WITHOUT_HOLD)
-def test_what_moves_at_once_stays_as_it_is(name: str) -> None:
-    """In the same words: no sample of it goes, with noise, in counts, and without."""
+def test_motion_without_a_hold_is_unchanged(name: str) -> None:
+    """No sample is dropped, with noise, in counts, or without either."""
     motion = WITHOUT_HOLD[name]()
     motion /= np.abs(motion).max() or 1.0
     for noise, seeds in ((0.0, 1), (0.005, 3), (0.03, 3)):
@@ -109,8 +109,8 @@ def test_what_moves_at_once_stays_as_it_is(name: str) -> None:
 
 
 @pytest.mark.parametrize("start", [1e-2, 1e-4])
-def test_a_motion_from_an_unstable_rest_starts_by_and_by(start: float) -> None:
-    """A pendulum near its top, and a van der Pol swing, from below the noise on."""
+def test_gradual_start_from_an_unstable_equilibrium_is_not_cut(start: float) -> None:
+    """A pendulum near its top and a van der Pol oscillation, from below the noise on."""
     for noise in (0.0, 1e-3):
         random = np.random.default_rng(2)
         for law in (
@@ -122,8 +122,8 @@ def test_a_motion_from_an_unstable_rest_starts_by_and_by(start: float) -> None:
             assert release_sample(PistonRecord(TIME, height)) == 0
 
 
-def test_further_columns() -> None:
-    """A pulse that sets the motion off is kept, and a force on what sticks is a drive."""
+def test_further_columns_at_the_release() -> None:
+    """A pulse that starts the motion is kept; a force on a part that sticks is a drive."""
     kicked = record(0.5, 0.005, kicked=True)
     pulse = np.where(np.abs(kicked.time - 0.496) < 0.004, 1.0, 0.0)
     clock, load = np.arange(len(kicked.time)) / 7.0, np.where(kicked.time < 0.5, 3.0, 0.0)
@@ -141,8 +141,8 @@ def test_further_columns() -> None:
     assert release_sample(with_columns(drive=np.sin(2.0 * kicked.time))) == 0
 
 
-def test_a_record_of_a_simulation_stays_as_it_is(small_damper: Any) -> None:
-    """It stands still at its release, and is released at once."""
+def test_simulated_record_is_not_cut(small_damper: Any) -> None:
+    """It starts at rest and is released at once."""
     run = simulate(small_damper, dt="auto*4", progress=False)
     made = run.piston()
     assert cut_at_release(made) is made
@@ -157,13 +157,13 @@ def held(tmp_path: Path) -> Path:
     return tmp_path / "held.csv"
 
 
-def test_a_file_is_read_from_its_release_on(held: Path) -> None:
-    """In one line; times that are given say otherwise, also those of a description."""
-    with pytest.warns(RecordWarning, match=r"stands still until 0\.\d+ s and is cut there") as said:
+def test_file_is_read_from_its_release_on(held: Path) -> None:
+    """With a one-line warning; given times take precedence, also those of a description."""
+    with pytest.warns(RecordWarning, match=r"is at rest until 0\.\d+ s and is cut there") as said:
         cut = read_record(held)
     assert len(said) == 1
     assert cut.time[0] == pytest.approx(0.4, abs=0.01)
-    assert str(overview_of_record_file(held)).count("note: the record stands still until") == 1
+    assert str(overview_of_record_file(held)).count("note: the record is at rest until") == 1
     assert overview_of_record_file(held).record.time[0] == cut.time[0]
     (held.parent / "record.toml").write_text('file = "held.csv"\nbetween = [0.1, 3.0]\n')
     with warnings.catch_warnings():
@@ -177,15 +177,15 @@ def test_a_file_is_read_from_its_release_on(held: Path) -> None:
 @pytest.mark.parametrize(
     "hold", [0.05, *(pytest.param(hold, marks=pytest.mark.long) for hold in (0.25, 0.5))]
 )
-def test_a_held_swing_is_identified(hold: float, tmp_path: Path) -> None:
+def test_motion_after_a_hold_is_identified(hold: float, tmp_path: Path) -> None:
     record(hold, 0.01, rate=500.0).to_csv(tmp_path / "held.csv")
-    with pytest.warns(RecordWarning, match="stands still"):
+    with pytest.warns(RecordWarning, match="is at rest until"):
         found = identify(tmp_path / "held.csv", laws=["linear"], progress=False)
     assert found.figure("natural frequency").value == pytest.approx(FREQUENCY, rel=1e-3)
     assert found.figure("damping ratio").value == pytest.approx(100.0 * DAMPING, rel=0.02)
 
 
-def test_a_fit_through_a_hold_says_so() -> None:
-    """A record that is made in Python stays whole, and the hint is no other law."""
-    with pytest.warns(UserWarning, match=r"stands still for the first 0\.5\d* s before it moves"):
+def test_fit_through_a_hold_is_noted() -> None:
+    """A record created in Python is not cut, and the remedy is not another law."""
+    with pytest.warns(UserWarning, match=r"is at rest for the first 0\.5\d* s before it moves"):
         fit(record(0.5, 0.01, rate=500.0), "linear")
