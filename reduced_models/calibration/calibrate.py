@@ -171,13 +171,11 @@ _MINIMUM_DURATION = 0.99
 _UNBOUNDED = math.log(1e6)  # half-width of a logarithmic interval above which it is unbounded
 _MINIMUM_SHARE = 0.2  # minimum share of a parameter in a poorly determined direction, over the largest share
 _WEAK_RATIO = 5.0  # minimum ratio of standard deviations along such a direction and the next one
-_HEIGHT_DEVIATIONS = (
-    2.0  # standard deviations of the equilibrium height, the most precise feature of a record
-)
+# Standard deviations of the equilibrium height, the most precise feature of a record.
+_HEIGHT_DEVIATIONS = 2.0
 _FEATURE_DEVIATIONS = 4.0  # standard deviations of a feature that noise and scatter do not explain
-_MAXIMUM_HEIGHT_ERROR = (
-    0.01  # of the equilibrium height; it scatters by 0.03 % with dipoles, 0.8 % with rows of discs
-)
+# Of the equilibrium height; it scatters by 0.03 % with dipoles, 0.8 % with rows of discs.
+_MAXIMUM_HEIGHT_ERROR = 0.01
 
 
 def calibrate(
@@ -437,8 +435,8 @@ def _calibration_notes(
     ):
         notes.append(
             f"the simulated equilibrium height differs by {100.0 * relative_height_error:+.2g} % from the "
-            "record's, so the values are not its damper's: calibrate again from them, fit fewer parameters, or "
-            "use more random starts (--seeds)"
+            "record's, so the values are not its damper's: calibrate again from them, fit fewer parameters, "
+            "or use more random starts (--seeds)"
         )
     shortest = min(float(motion.time[-1]) for motion in search_result.centre.records)
     if shortest < _MINIMUM_DURATION * simulator.duration:

@@ -31,13 +31,10 @@ _SETTLED_FRACTION = 0.9  # fraction of the starts that must reach the best fit f
 _PROMISING_COST_RATIO = 4.0  # times the lowest cost: a search does not wait for starts above it
 _MAXIMUM_INVERSE_DAMPING, _MINIMUM_INVERSE_DAMPING = 1e6, 1e-12  # inverse damping
 _NEGLIGIBLE_GAIN = 0.01  # of the tolerance: a predicted decrease below it is not worth a trial
-_NEARLY_UNDAMPED = (
-    1e4  # inverse damping that hardly shortens a step: its predicted decrease is all there is to gain
-)
-_GROWTH_FACTOR, _SHRINK_FACTOR = (
-    10.0,
-    0.1,
-)  # factors of the inverse damping after a good trial and after a failed one
+# Inverse damping that hardly shortens a step: its predicted decrease is all there is to gain.
+_NEARLY_UNDAMPED = 1e4
+# Factors of the inverse damping after a good trial and after a failed one.
+_GROWTH_FACTOR, _SHRINK_FACTOR = 10.0, 0.1
 _GOOD_TRIAL_RATIO = 0.25  # of the decrease that the quadratic model predicts
 
 

@@ -25,10 +25,8 @@ _MAXIMUM_LAGS = 40
 # In autocorrelation times: Sokal's rule (1997, doi:10.1007/978-1-4899-0319-8_6). A shorter sum is biased, a
 # longer one adds noise.
 _WINDOW_CORRELATION_TIMES = 5.0
-_SLOW_LIMIT, _FAST_LIMIT = (
-    0.3,
-    1.7,
-)  # times the natural frequency: between them residuals oscillate with the motion
+# Times the natural frequency: between them residuals oscillate with the motion.
+_SLOW_LIMIT, _FAST_LIMIT = 0.3, 1.7
 MAXIMUM_WEIGHTS = 40
 # Multiple of the penalty of the Bayesian information criterion. At a hundred samples of white noise, 3 % of
 # weights pay it once and 0.2 % pay it twice; with once the penalty, intervals widen for no reason.

@@ -132,10 +132,8 @@ def _drawn_values(
     return values
 
 
-_HORIZON_TRIALS, _HORIZON_TOLERANCE = (
-    60,
-    1e-4,
-)  # of all horizons but the last: a start that lags behind loses its phase
+# Of all horizons but the last: a start that lags behind loses its phase.
+_HORIZON_TRIALS, _HORIZON_TOLERANCE = 60, 1e-4
 # Steps over which all starts are followed, 512 periods; beyond them only the best one is.
 _MAXIMUM_COARSE_STEPS = 2**13
 _STROKE_SAMPLES = 1200  # of all strokes together that the search compares

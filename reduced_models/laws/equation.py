@@ -44,7 +44,7 @@ _MAXIMUM_EQUATIONS = 12  # more could not be identified from any record
 class ParsedEquation:
     """A law as expressions, with the names in it.
 
-    Along a prescribed stroke there is no acceleration, and z, z' and z'' are inputs.
+    Along a prescribed stroke the acceleration is None, and z, z' and z'' are inputs.
     """
 
     left: Any
@@ -236,7 +236,7 @@ def _parse_sides(law: str, text: str) -> tuple[formulas.Node, formulas.Node]:
 
 
 def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.Node]]) -> tuple[str, ...]:
-    """Names of the coordinates, the one observed as the height first; z if there are no primes."""
+    """Names of the coordinates, the one observed as the height first; z without any primes."""
     motion = [pair for pair in sides if not isinstance(pair[0], formulas.Name) or pair[0].primes > 1]
     rates = {left.name for left, _ in sides if isinstance(left, formulas.Name) and left.primes == 1}
     trees = [side for pair in motion or sides for side in pair]

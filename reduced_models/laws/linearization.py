@@ -44,10 +44,8 @@ _NODES = 256
 _CYCLE_COUNT = 3
 _MOST_ROUNDS = 60
 _SETTLED = 1e-11
-_DIFFERENCE_STEP, _MAXIMUM_STEP = (
-    1e-4,
-    0.3,
-)  # difference and maximum step of Newton's method for a centre, in amplitudes
+# Difference and maximum step of Newton's method for a centre, in amplitudes.
+_DIFFERENCE_STEP, _MAXIMUM_STEP = 1e-4, 0.3
 
 
 class SmallOscillation(NamedTuple):

@@ -22,9 +22,8 @@ from granular.shared.errors import RecordError
 NORMAL_MEDIAN = 0.6745
 """Median of the modulus of a standard normal variable."""
 _MINIMUM_STEP = 1e-9  # of the range: finer steps are floating-point rounding
-_MINIMUM_STEPS = (
-    5  # minimum number of steps of a rounding sensor; a signal of two or three levels is switched
-)
+# Minimum number of steps of a rounding sensor; a signal of two or three levels is switched.
+_MINIMUM_STEPS = 5
 _STEP_TOLERANCE = 0.01  # of a step: tolerance for heights of a rounding sensor to be multiples of the step
 _FAST_RATIO = 1.7  # times the motion's frequency, above which a component is not part of the motion
 _MINIMUM_CYCLES = 6.0  # in a Hann window, so that it separates the motion's own line

@@ -34,22 +34,17 @@ _HYSTERESIS_NOISES, _HYSTERESIS_FRACTION = 5.0, 0.2
 _POLYNOMIAL_HALF_WIDTH = 0.3  # of the time between passages: half-width of the polynomial about an extreme
 _DEGREE = 4
 _MINIMUM_SAMPLES = 10  # minimum number of samples for a polynomial; with fewer it is fitted to a spline
-_MINIMUM_HALF_CYCLE_SAMPLES = (
-    2.2  # minimum number of samples between passages for a spline to give the extreme
-)
-_GAP_LIMITS = (
-    2.5,
-    0.25,
-)  # usual time steps, and fraction of the time between passages: a gap that hides an extreme
+# Minimum number of samples between passages for a spline to give the extreme.
+_MINIMUM_HALF_CYCLE_SAMPLES = 2.2
+# Usual time steps, and fraction of the time between passages: a gap that hides an extreme.
+_GAP_LIMITS = 2.5, 0.25
 _LEVEL_PART = 3  # the mean of the last third of the record is the first estimate of equilibrium
 _MAXIMUM_SHIFT = 0.2  # half cycles by which an extreme may differ from the fitted motion's
 _NEIGHBOURS, _POOLED_NEIGHBOURS, _COEFFICIENTS = 3, 6, 4
 """Extremes on either side in a parabola and in the average of squared residuals, and its coefficients."""
 _MINIMUM_SCATTER = 0.15  # of the sensor's step: minimum scatter of an extreme, half of 1/sqrt(12)
-_MEDIAN_WINDOW, _OUTLIER_LIMIT = (
-    5,
-    5.0,
-)  # samples of a running median, and noise levels beyond which one is an outlier
+# Samples of a running median, and noise levels beyond which one is an outlier.
+_MEDIAN_WINDOW, _OUTLIER_LIMIT = 5, 5.0
 
 
 @dataclasses.dataclass(frozen=True)

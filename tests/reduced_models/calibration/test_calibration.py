@@ -138,7 +138,7 @@ def test_parameters_that_cannot_be_separated_are_reported() -> None:
     low, high = found.intervals[MASS]
     assert low < 6.0 < high
     assert high / low > 5.0
-    # What the data do say is found, also where mass and remanence alone are not.
+    # The well-determined combination is found, even if mass and remanence separately are not.
     told = (found.values[MASS] + 0.1) / found.values[REMANENCE] ** 2
     assert told == pytest.approx(6.1 / 1.3**2, rel=0.03)
     assert "open: hardly identifiable from this record: " in str(found)

@@ -155,7 +155,7 @@ def test_notes_ask_about_drives_two_modes_and_growth() -> None:
 def test_parameter_held_at_zero_is_reported_with_a_working_remedy() -> None:
     time = np.arange(0.0, 10.0, 0.005)
     growing = noisy(time, REST + SIZE * np.exp(0.1 * time) * np.sin(math.tau * 2.0 * time), 0.01 * SIZE)
-    (note,) = [one for one in quiet_fit(growing).notes if "held at 0" in one]
+    (note,) = [one for one in quiet_fit(growing).notes if "is held at" in one]
     assert note.startswith("lam is held at its lower bound 0")
     assert f'--law "{LINEAR.equation}"' in note
     free = quiet_fit(growing, LINEAR.equation)

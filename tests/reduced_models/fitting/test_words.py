@@ -149,7 +149,7 @@ def test_unknown_names_are_refused_with_a_suggestion(text: str, made: Callable[.
         ({"parameters": {name: Parameter(1.0, fixed=True) for name in LAWS["linear"].parameters}}, "nothing"),
         ({"parameters": {"omega": "fast"}}, "parameter omega: 'fast' is not a quantity"),
         ({"parameters": {"omega": Parameter(low="1 m")}}, "a quantity in rad/s is wanted"),
-        ({"parameters": {"omega": "3 Hz"}}, "give 2 pi times it"),
+        ({"parameters": {"omega": "3 Hz"}}, "give the angular frequency, 2 pi times it"),
         ({"loss": "cauchy"}, "'linear', 'soft_l1' or 'huber'"),
         ({"weights": np.ones(3)}, r"one per sample \(2000\)"),
         ({"noise": -1.0}, "positive numbers"),

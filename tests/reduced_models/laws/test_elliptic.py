@@ -19,7 +19,7 @@ from tests.reduced_models.made import moved
 
 PLACES = {"sn": 0, "cn": 1, "dn": 2}
 TOPS = {"sn": 1.0, "cn": 0.0, "dn": 0.0}
-"""Where each function is greatest, in quarter periods."""
+"""Time of each function's maximum, in quarter periods."""
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_elliptic_motion_solves_the_equation(k: float, beta: float, start: float
     time = np.linspace(0.0, 20.0, 201)
     rest = 0.3
     z = moved(lambda t, z, v: -k * (z - rest) - beta * (z - rest) ** 3, time, rest + start, rtol=1e-11)
-    later = 37  # the motion is told from any of its moments
+    later = 37  # the motion is determined by its state at any time
     energy = 0.5 * k * start**2 + 0.25 * beta * start**4
     x, side = z[later] - rest, np.sign(z[later + 1] - z[later - 1])
     speed = side * np.sqrt(2.0 * (energy - 0.5 * k * x**2 - 0.25 * beta * x**4))

@@ -77,7 +77,7 @@ SHELL = (  # once ran a shell command, by way of SymPy's parser
     "x5f5f696d706f72745f5f28276f7327292e73797374656d2827746f75636820{}27290a"
     ".name.removeprefix(x.name)).decode()) = 0"
 )
-# What the grammar of formulas refuses is tested with it.
+# Texts that the grammar of formulas refuses are tested there.
 REFUSED = {
     "nothing": ("", "one equals sign"),
     "no equation": ("z'' + k*z", "one equals sign"),

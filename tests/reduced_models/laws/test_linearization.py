@@ -40,7 +40,7 @@ def test_small_oscillation_agrees_with_simulation(name: str) -> None:
 
     start = [found.z + 1e-6, 0.0, *(0.0 for _ in law.hidden)]
     height = solve_ivp(rates, (0.0, time[-1]), start, "DOP853", time, rtol=1e-11, atol=1e-19).y[0]
-    # Hysteresis holds a swing about another level than that of rest.
+    # Hysteresis shifts the centre of the oscillation away from equilibrium.
     late = time > 2.0 * found.period
     swing = height - (height[late].mean() if name == "bouc-wen" else found.z)
     passages = time[1:][(np.diff(np.sign(swing)) != 0.0) & late[1:]][:9]

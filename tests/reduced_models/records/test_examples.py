@@ -105,7 +105,7 @@ def test_real_pendulum_has_dry_friction(lab: Path) -> None:
 
 NUMBER, LEAST = 60, 54
 REST, ZERO = 0.06, 2.513
-"""Level of rest of a piston over its floor [m], and voltage at the floor [V]."""
+"""Equilibrium height of a piston over its floor [m], and voltage at the floor [V]."""
 
 
 class Made(NamedTuple):

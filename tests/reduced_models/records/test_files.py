@@ -247,7 +247,7 @@ def test_profile_intervals_on_the_command_line(command: Callable[..., Any]) -> N
     [
         ("nothing.parquet", "there is no file"),
         ("text.parquet", "cannot be read as Parquet"),
-        ("short.parquet", "at least 20"),
+        ("short.parquet", "20 or more"),
     ],
 )
 def test_unusable_parquet_files_give_a_one_line_error(
