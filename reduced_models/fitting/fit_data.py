@@ -235,12 +235,12 @@ def data_of_record(
     if loss != "linear":
         clipped_motion = clip_outliers(clipped_motion)
     guess = first_guesses(clipped_motion.time, clipped_motion.height)
-    held_out: tuple[slice, ...] = ()
+    test_cycles: tuple[slice, ...] = ()
     if test_fraction > 0.0:
         seen = motion.height if prescribed else total.height
-        held_out = choose_held_out_cycles(total.time, seen, test_fraction, moving_count)
-    if not held_out and len(total) - count >= 2:
-        held_out = (slice(count, max(moving_count, count + 2)),)
+        test_cycles = choose_held_out_cycles(total.time, seen, test_fraction, moving_count)
+    if not test_cycles and len(total) - count >= 2:
+        test_cycles = (slice(count, max(moving_count, count + 2)),)
     size = float(np.abs(total.height[:count] - total.height[:count].mean()).max()) if reading else 1.0
     speed = guess.amplitude * guess.frequency
     units = (1.0,) * len(law.parameters)
@@ -256,7 +256,7 @@ def data_of_record(
         guess,
         count,
         interpolation,
-        held_out,
+        test_cycles,
         level,
         loss_name=loss,
     )

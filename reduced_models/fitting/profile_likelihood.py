@@ -95,8 +95,8 @@ def _distance_to_interval_end(
     lowest_cost = float(np.asarray(normal(theta[None])[0])[0])
     near, near_t = np.zeros_like(distances), np.zeros_like(distances)
     far, far_t = np.full_like(distances, np.inf), np.full_like(distances, np.inf)
-    found = np.full_like(distances, np.nan)
-    found[maximum <= 0.0] = np.inf
+    end_distances = np.full_like(distances, np.nan)
+    end_distances[maximum <= 0.0] = np.inf
     for _ in range(_ROUNDS):
         start = _vectors_along_path(theta, guide, entry, sign, distances)
         fits, costs, decrease = _refit_with_entry_fixed(
@@ -104,22 +104,28 @@ def _distance_to_interval_end(
         )
         lowest_cost = min(lowest_cost, float(costs.min()))
         rise = np.sqrt(np.maximum(costs - lowest_cost, 0.0) / variance)
-        found = np.where(
-            np.isnan(found) & (np.abs(rise - quantile) <= _QUANTILE_TOLERANCE * quantile), distances, found
+        end_distances = np.where(
+            np.isnan(end_distances) & (np.abs(rise - quantile) <= _QUANTILE_TOLERANCE * quantile),
+            distances,
+            end_distances,
         )
         inside = rise < quantile
-        found = np.where(np.isnan(found) & inside & (distances >= maximum), np.inf, found)
+        end_distances = np.where(
+            np.isnan(end_distances) & inside & (distances >= maximum), np.inf, end_distances
+        )
         unconverged = (decrease > _UNCONVERGED_SHARE * quantile**2 * variance) & (rise < 5.0 * quantile)
-        found = np.where(np.isnan(found) & unconverged & ~inside, np.inf, found)
+        end_distances = np.where(np.isnan(end_distances) & unconverged & ~inside, np.inf, end_distances)
         guide = np.where(inside[:, None] & (distances > 0.0)[:, None], fits, guide)
         near, near_t = np.where(inside, distances, near), np.where(inside, rise, near_t)
         far, far_t = np.where(inside, far, distances), np.where(inside, far_t, rise)
-        if not np.isnan(found).any():
+        if not np.isnan(end_distances).any():
             break
         distances = np.where(
-            np.isnan(found), _next_trial_distances(near, near_t, far, far_t, maximum, quantile), distances
+            np.isnan(end_distances),
+            _next_trial_distances(near, near_t, far, far_t, maximum, quantile),
+            distances,
         )
-    return np.where(np.isnan(found), distances, found)
+    return np.where(np.isnan(end_distances), distances, end_distances)
 
 
 def _next_trial_distances(

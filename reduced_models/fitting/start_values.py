@@ -97,14 +97,16 @@ def _fit_parameters_of_observations(
     known = set().union(*(rate.free_symbols for rate in parsed.rates))
     for name, expression in parsed.observations.items():
         linear = parameters_linear_in(expression, law, (*fixed, *map(str, known)))
-        own_indices = [law.parameters.index(item) for item in linear if expression.has(sympy.Symbol(item))]
-        if not own_indices:
+        parameter_indices = [
+            law.parameters.index(item) for item in linear if expression.has(sympy.Symbol(item))
+        ]
+        if not parameter_indices:
             continue
         observe = compile_observation(law.equation, law.inputs, name, "numpy")
         seen = np.interp(nodes, record.time, record.columns.get(name, record.height))
         for draw in draws:
-            draw[own_indices] = 0.0
-            units = np.eye(len(draw))[own_indices]
+            draw[parameter_indices] = 0.0
+            units = np.eye(len(draw))[parameter_indices]
             with np.errstate(all="ignore"):
                 still = np.broadcast_to(observe(*states, *draw[: len(law.parameters)]), seen.shape)
                 slopes = [observe(*states, *(draw + unit)[: len(law.parameters)]) - still for unit in units]
@@ -112,8 +114,8 @@ def _fit_parameters_of_observations(
                 np.nan_to_num([np.broadcast_to(item, seen.shape) for item in slopes]), (-1, len(seen))
             )
             values = np.linalg.lstsq(matrix.T, np.nan_to_num(seen - still), rcond=_RIDGE)[0]
-            positive = [law.parameters[k] in law.positive for k in own_indices]
-            draw[own_indices] = np.where(positive, np.maximum(np.abs(values), _RIDGE), values)
+            positive = [law.parameters[k] in law.positive for k in parameter_indices]
+            draw[parameter_indices] = np.where(positive, np.maximum(np.abs(values), _RIDGE), values)
 
 
 def parameters_linear_in(expression: Any, law: Law, others: Collection[str]) -> list[str]:

@@ -355,9 +355,9 @@ def refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> Non
     if name in _MOTION:
         raise InputError(f"{law} contains {name}; write {_MOTION[name]} for it, {declare}")
     if lower in _COLUMNS:
-        found = ", ".join(map(repr, columns)) or "none"
+        known_columns = ", ".join(map(repr, columns)) or "none"
         raise InputError(
-            f"{law} contains {name}, which looks like a column, but the record has: {found}; add the "
+            f"{law} contains {name}, which looks like a column, but the record has: {known_columns}; add the "
             f"column, {declare}"
         )
     if lower in _NUMBERS and len(name) > 1:

@@ -54,10 +54,10 @@ def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
     if result is None and name == TIME:
         return record.time - record.time[0]
     if result is None:
-        found = ", ".join(map(repr, column_names(record))) or "none"
+        available = ", ".join(map(repr, column_names(record))) or "none"
         raise RecordError(
             f"the law has the input {quote(name)}, but the record has no column of that name; found: "
-            f"{found}; add the column or use another name"
+            f"{available}; add the column or use another name"
         )
     return result
 

@@ -160,10 +160,10 @@ class Sensor:
         """
         name = self.column or self.quantity
         if name not in columns:
-            found = ", ".join(map(repr, columns))
+            available = ", ".join(map(repr, columns))
             raise RecordError(
                 f"measured = {self.quantity!r} needs the column {quote(name)}, but the record has "
-                f"{found}; add it, or give its name: Sensor(..., column=...)"
+                f"{available}; add it, or give its name: Sensor(..., column=...)"
             )
         return columns[name]
 
@@ -213,9 +213,9 @@ class Sensor:
             The same, with the signal's deviations in place of the deviations of ``height``.
         """
         result = {name: values for name, values in deviations.items() if name != "height"}
-        own_deviations = deviations.get(self.column or self.quantity)
+        rows = deviations.get(self.column or self.quantity)
         result.pop(self.column or self.quantity, None)
-        return result if own_deviations is None else result | {"height": own_deviations}
+        return result if rows is None else result | {"height": rows}
 
     def deviations_with_open_gain(self, columns: Columns, deviations: Columns) -> dict[str, np.ndarray]:
         """Deviations of a calibration, including the uncertainty of a gain between two bounds.
@@ -244,8 +244,8 @@ class Sensor:
         if isinstance(self.gain, tuple):
             name, signal = self.column or self.quantity, self.signal(columns)
             spread = (self.gain[1] - self.gain[0]) / math.sqrt(12.0) / self.nominal_gain
-            own_deviations = [*deviations.get(name, ()), spread * (signal - signal.mean())]
-            result[name] = np.array(own_deviations)
+            rows = [*deviations.get(name, ()), spread * (signal - signal.mean())]
+            result[name] = np.array(rows)
         return result
 
     def base_motion(self, columns: Columns) -> np.ndarray:
