@@ -260,7 +260,8 @@ def test_what_a_release_stirs_up_is_told_from_a_wrong_law() -> None:
 
 
 @pytest.mark.parametrize(
-    ("after", "words"), [(2e-4, "so the law holds there"), (2e-3, "wrong: the residual oscillates"), (1e-6, "rounding")]
+    ("after", "words"),
+    [(2e-4, "so the law holds there"), (2e-3, "wrong: the residual oscillates"), (1e-6, "rounding")],
 )
 def test_a_verdict_names_the_release(after: float, words: str) -> None:
     tests = ResidualTests(1e-6, 0.01, 0.0, 0.0, 10.0, 1.0, transient=0.05, after=after)
