@@ -1,8 +1,8 @@
 """Speed from commit to commit: times over the time of a reference kernel in the same run.
 
 Machines differ, and load slows all kernels equally; the ratio to a fixed plain loop is constant. Each run
-adds a line of JSON to a file, and a table shows the last lines. There is no pass or fail; a person judges the
-table.
+adds a line of JSON to a file, and a table shows the last lines. Entries do not pass or fail; a person judges
+the table.
 """
 
 from __future__ import annotations

@@ -267,7 +267,7 @@ def deviation_over_starts(
     quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
 ) -> tuple[float, float]:
     """Return the error of a quantity over the random starts, and its standard error."""
-    # Deviations of single starts scatter around zero whatever the setting, so the mean deviation counts. A
+    # Deviations of single starts scatter around zero for any setting, so the mean deviation counts. A
     # quantity whose value differs by start gets its largest error.
     if quantity.differs_by_start or len(values) == 1:
         errors = [quantity.error(*pair) for pair in zip(values, references, strict=True)]

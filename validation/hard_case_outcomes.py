@@ -134,9 +134,9 @@ def outcome_blocks(outcomes: Sequence[HardCaseOutcome]) -> list[Block]:
         if not outcome.allowed
     ]
     legend = Text(
-        "Each run's ending and its error, in the unit of the second column; the third says up to "
-        "what the case's own run counts as accurate (ten times that for other methods, sixteen "
-        "for a step four times as long). An InputError says that a method does not suit the scene. "
+        "Each run's ending and its error, in the unit of the second column; the third is the error limit of "
+        "an accurate run of the case (ten times that for other methods, sixteen for a step four times as "
+        "long). An InputError says that a method does not suit the scene. "
         "All measurements are at the end of this page, with the messages."
     )
     return [Text(outcome_summary(outcomes)), *wrong, legend, outcome_matrix(outcomes)]

@@ -139,12 +139,12 @@ class AdvisedSetting(NamedTuple):
 
     @property
     def needs_more_starts(self) -> bool:
-        """True where the starts scatter by too much for a single run to reach the tolerance."""
+        """True if the scatter of the starts prevents a single run from reaching the tolerance."""
         return self.tolerance < FLOORS * self.floor
 
     @property
     def seconds(self) -> float:
-        """Wall time of all the runs together [s]; NaN where no setting is advised."""
+        """Total wall time of all runs [s]; NaN if no setting is advised."""
         return math.nan if self.point is None else self.starts * self.point.seconds
 
     def __str__(self) -> str:

@@ -109,8 +109,8 @@ def _constants() -> list[Entry]:
               digits=6),
         Entry(f"{grain}.moment_A_m2", "magnetic moment of a grain",
               calculation(grain, "moment_A_m2"), "A m²", MADE, digits=5),
-        Entry(f"{grain}.distance_where_force_is_weight", "distance where the pair force is the "
-              "weight", calculation(grain, "distance_where_force_is_weight"), "D"),
+        Entry(f"{grain}.distance_where_force_is_weight", "distance at which the pair force equals the weight",
+              calculation(grain, "distance_where_force_is_weight"), "D"),
         Entry("walls.slab_exponent", "mean exponent of the slab's force",
               calculation("slab_exponent", "exponent"), digits=3,
               note="The weights of the points determine the third decimal: fitted to logarithms the same "

@@ -287,7 +287,7 @@ def _course(results: Results) -> Iterator[Block]:
             x = stroke if k == 0 else 1.0 - stroke
             axes.plot(x, trajectory.T, color=COLOURS[k], linewidth=0.6, alpha=0.6)
             axes.plot(x, trajectory.mean(axis=0), color=COLOURS[k], linestyle=STYLES[k], label=label)
-        axes.set(xlabel="stroke of the piston, over its greatest", ylabel="piston force [N]")
+        axes.set(xlabel="stroke of the piston, over its maximum", ylabel="piston force [N]")
         axes.legend()
         yield Picture(lambda: drawing, "The cycle from ten starts, and its mean (368 grains, 5.63 mm/s).")
 

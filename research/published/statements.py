@@ -64,7 +64,11 @@ def statements() -> tuple[Statement, ...]:
         Statement("4.3.1", "F(R)/F(1) lies on the printed curves of Table 4.5", mixture.on_curves),
         Statement("4.3.1", "at R = 0.5 the grain nearest to the piston is a small one", mixture.nearest),
         Statement("4.3.2", "the fraction of hexagons falls with a", mixture.hexagons_by_aspect),
-        Statement("4.3.2", "pure beds are ordered, mixtures near R = 0.5 least", mixture.order_minimum),
+        Statement(
+            "4.3.2",
+            "pure beds are ordered, mixtures near R = 0.5 have the lowest order",
+            mixture.order_minimum,
+        ),
         Statement("4.3.2", "R = 0 and R = 1 are similar", mixture.pure_beds_are_similar),
         Statement("4.2.4", "g(r) is periodic: there is long-range order", mixture.long_range),
         Statement("4.3.3", "drag and weightlessness change the force little", mixture.variant_forces),
