@@ -120,8 +120,8 @@ def _set_limits() -> None:
     with contextlib.suppress(ImportError):
         import resource
 
-        wanted = {"RLIMIT_AS": MAX_MEGABYTES * 2**20, "RLIMIT_CPU": MAX_SECONDS, "RLIMIT_CORE": 0}
-        for name, limit in wanted.items():
+        limits = {"RLIMIT_AS": MAX_MEGABYTES * 2**20, "RLIMIT_CPU": MAX_SECONDS, "RLIMIT_CORE": 0}
+        for name, limit in limits.items():
             with contextlib.suppress(ValueError, OSError):
                 kind = getattr(resource, name)
                 hard = resource.getrlimit(kind)[1]

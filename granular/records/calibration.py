@@ -132,25 +132,25 @@ def _calibrated_unit_size(role: str, text: str, subject: str) -> tuple[float, st
         raise RecordError(f"{subject}: {error}") from None
     if role == HEIGHT and unit in ANGLE_UNITS:
         return size, "rad"
-    wanted = SI.get(role, "")
-    if wanted and dimension != unit_size(wanted)[1]:
+    target_unit = SI.get(role, "")
+    if target_unit and dimension != unit_size(target_unit)[1]:
         kind = "neither a length nor an angle" if role == HEIGHT else f"not a unit of {role}"
-        raise RecordError(f"{subject}: {quote(text)} is {kind}; write for example '{wanted}/V'")
-    return size, wanted
+        raise RecordError(f"{subject}: {quote(text)} is {kind}; write for example '{target_unit}/V'")
+    return size, target_unit
 
 
-def _unit_ratio(unit: str, wanted: str, subject: str) -> float:
+def _unit_ratio(unit: str, target_unit: str, subject: str) -> float:
     """Size of a unit over the size of the unit of the calibration's column."""
-    names = [name.lower().removesuffix("s") if len(name) > 2 else name for name in (unit, wanted)]
+    names = [name.lower().removesuffix("s") if len(name) > 2 else name for name in (unit, target_unit)]
     if names[0] == names[1]:
         return 1.0
     try:
-        (size, dimension), (other, expected) = unit_size(unit), unit_size(wanted)
+        (size, dimension), (other, expected) = unit_size(unit), unit_size(target_unit)
     except SceneError:
         size, other, dimension, expected = 1.0, 1.0, (1, 0, 0, 0), (0, 0, 0, 0)
-    if dimension != expected or not {unit, wanted}.isdisjoint(("1", "%")):
+    if dimension != expected or not {unit, target_unit}.isdisjoint(("1", "%")):
         raise RecordError(
-            f"the {subject} is in {quote(unit)}, but the scale is per {quote(wanted)}; write both in "
+            f"the {subject} is in {quote(unit)}, but the scale is per {quote(target_unit)}; write both in "
             "the unit of the column"
         )
     return size / other

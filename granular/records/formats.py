@@ -183,10 +183,10 @@ def _decode_text(content: bytes) -> tuple[str, str]:
 def _looks_like_utf16(content: bytes) -> str | None:
     """Return UTF-16's name if every other byte is zero, as in plain text without a byte-order mark."""
     start = content[: min(len(content), 4096) // 2 * 2]
-    even, odd = start[::2].count(0), start[1::2].count(0)
-    if odd > 0.4 * len(start) / 2 and not even:
+    even_bytes, odd_bytes = start[::2].count(0), start[1::2].count(0)
+    if odd_bytes > 0.4 * len(start) / 2 and not even_bytes:
         return "utf-16-le"
-    return "utf-16-be" if even > 0.4 * len(start) / 2 and not odd else None
+    return "utf-16-be" if even_bytes > 0.4 * len(start) / 2 and not odd_bytes else None
 
 
 def _not_a_text_error(reason: str) -> RecordError:
@@ -265,7 +265,7 @@ def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     return chosen[0]
 
 
-def _in_si(sheet: Sheet, name: str, column: Column, wanted: str) -> Float[np.ndarray, "n"]:
+def _in_si(sheet: Sheet, name: str, column: Column, target_unit: str) -> Float[np.ndarray, "n"]:
     """Convert the numbers of a column to SI; without a unit they are taken as SI."""
     values = require_numeric_values(sheet, name, column)
     if column.unit is None or column.timestamp_kind:
@@ -274,9 +274,9 @@ def _in_si(sheet: Sheet, name: str, column: Column, wanted: str) -> Float[np.nda
         size, dimension = unit_size(normalize_unit(column.unit))
     except SceneError as error:
         raise RecordError(f"{name}: {error}") from None
-    if dimension not in (unit_size(wanted)[1], unit_size("1")[1]):
+    if dimension not in (unit_size(target_unit)[1], unit_size("1")[1]):
         raise RecordError(
-            f"{name}: the unit {quote(column.unit)} does not fit; a unit like {wanted} is needed: "
+            f"{name}: the unit {quote(column.unit)} does not fit; a unit like {target_unit} is needed: "
             "correct it, or convert the numbers"
         )
     return values * size

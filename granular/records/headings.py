@@ -332,9 +332,9 @@ def dimension_of(unit: str | None, role: str = "") -> Dimension | None:
         return None
 
 
-def has_dimension_of(unit: str | None, *wanted: str) -> bool:
+def has_dimension_of(unit: str | None, *units: str) -> bool:
     """Return True for a unit with the dimension of one of the other units."""
-    return dimension_of(unit) in [unit_size(other)[1] for other in wanted]
+    return dimension_of(unit) in [unit_size(other)[1] for other in units]
 
 
 def size_of_quantity(role: str, text: str) -> float:

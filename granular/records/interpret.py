@@ -86,27 +86,28 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         coordinate_unit = "rad" if calibrations[HEIGHT].unit == "rad" else "m"
     elif dimension_of(units.get(motion), motion) == unit_size(si_unit_of_role(motion, "rad"))[1]:
         coordinate_unit = "rad"
-    own: Arrays = {}
+    converted: Arrays = {}
     deviations: Arrays = {}
     for role, numbers in raw.items():
         if role in calibrations:
-            own[role], deviations[role] = _calibrated(role, numbers, units, calibrations[role], notes)
+            converted[role], deviations[role] = _calibrated(role, numbers, units, calibrations[role], notes)
         elif role == HEIGHT and units.get(role) == "1" and "1" in options.units.values():
-            own[role] = numbers
+            converted[role] = numbers
             notes.append(
                 "the height is a plain number: read m in results as its unit; frequency and "
                 "damping ratio do not depend on it"
             )
         else:
-            own[role] = numbers * _unit_size_in_role(role, units.get(role), coordinate_unit)
-    _convert_epoch_times(own, chosen[TIME], notes)
-    _note_large_values_without_unit(sheet, own, chosen, units, notes)
-    _note_velocity_unlike_slope(own, notes)
+            converted[role] = numbers * _unit_size_in_role(role, units.get(role), coordinate_unit)
+    _convert_epoch_times(converted, chosen[TIME], notes)
+    _note_large_values_without_unit(sheet, converted, chosen, units, notes)
+    _note_velocity_unlike_slope(converted, notes)
     _note_stroke_taken_as_free(chosen, options, notes)
     if options.flip:
-        own |= {role: -own[role] for role in (HEIGHT, VELOCITY, ACCELERATION) if role in own}
+        motion_roles = (HEIGHT, VELOCITY, ACCELERATION)
+        converted |= {role: -converted[role] for role in motion_roles if role in converted}
     others, omitted_columns = _remaining_columns(sheet, chosen)
-    columns = own | {_ROW: np.arange(len(own[TIME]))} | others
+    columns = converted | {_ROW: np.arange(len(converted[TIME]))} | others
     columns = _without_incomplete_samples(sheet, columns, chosen, notes, omitted_columns, motion)
     if options.sort:
         order = np.argsort(columns[TIME], kind="stable")
@@ -217,7 +218,7 @@ def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateU
     """SI size of a unit in a role; 1 for an unknown unit of an input."""
     if unit is None:
         return 1.0
-    wanted = si_unit_of_role(role, coordinate_unit)
+    si_unit = si_unit_of_role(role, coordinate_unit)
     example = example_unit(role)
     scale = f"2.5 {example}/{sanitize(unit, 12)}"
     remedy = (
@@ -227,7 +228,7 @@ def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateU
     try:
         size, dimension = role_unit_size(role, unit)
     except SceneError as error:
-        if not wanted:
+        if not si_unit:
             return 1.0
         if is_logarithmic_unit(unit):
             raise RecordError(
@@ -235,26 +236,26 @@ def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateU
                 f"the file, or give another column (--columns {role}=NAME)"
             ) from None
         raise RecordError(f"{role}: {error}; if {quote(unit)} is not the unit, {remedy}") from None
-    if wanted and dimension[3] != 0:
+    if si_unit and dimension[3] != 0:
         plain = f", or use plain numbers (--units {role}=1)" if role == HEIGHT else ""
         raise RecordError(f"{role} has the unit {quote(unit)}; if that is wrong, {remedy}{plain}")
-    if wanted and dimension != unit_size(wanted)[1]:
+    if si_unit and dimension != unit_size(si_unit)[1]:
         raise RecordError(
-            f"{role}: the unit {quote(unit)} does not fit; a unit like {wanted} is needed: give "
+            f"{role}: the unit {quote(unit)} does not fit; a unit like {si_unit} is needed: give "
             f"another column (--columns {role}=NAME) or its unit (--units {role}={example})"
         )
     return size
 
 
-def _convert_epoch_times(own: Arrays, column: Column, notes: list[str]) -> None:
+def _convert_epoch_times(converted: Arrays, column: Column, notes: list[str]) -> None:
     """Convert times since 1970, recognized by their size, to seconds since the first sample."""
     if column.timestamp_kind or column.unit is not None:
         return
-    known = own[TIME][np.isfinite(own[TIME])]
+    known = converted[TIME][np.isfinite(converted[TIME])]
     first = float(known[0]) if len(known) else 0.0
     for name, size in _EPOCHS.items():
         if _YEAR_2000 / size <= first <= _YEAR_2100 / size:
-            own[TIME] = (own[TIME] - first) * size
+            converted[TIME] = (converted[TIME] - first) * size
             notes.append(f"times are {name} since 1970 and are shifted to begin at 0 s (--units time=s)")
             return
 
@@ -263,14 +264,14 @@ def _convert_epoch_times(own: Arrays, column: Column, notes: list[str]) -> None:
 
 
 def _note_large_values_without_unit(
-    sheet: Sheet, own: Arrays, chosen: Mapping[str, Column], units: Mapping[str, str], notes: list[str]
+    sheet: Sheet, converted: Arrays, chosen: Mapping[str, Column], units: Mapping[str, str], notes: list[str]
 ) -> None:
     """Note numbers without a unit that would be large for a laboratory record in SI."""
-    if HEIGHT not in own:
+    if HEIGHT not in converted:
         return
     if sheet.form in IN_MEMORY and (chosen[TIME].name, chosen[HEIGHT].name) == (TIME, HEIGHT):
         return  # these names imply the units of a record
-    times, heights = (own[role][np.isfinite(own[role])] for role in (TIME, HEIGHT))
+    times, heights = (converted[role][np.isfinite(converted[role])] for role in (TIME, HEIGHT))
     if min(len(times), len(heights)) < _MIN_SAMPLES:
         return
     if TIME not in units and not chosen[TIME].timestamp_kind and chosen[TIME].name:
@@ -289,11 +290,11 @@ def _note_large_values_without_unit(
             )
 
 
-def _note_velocity_unlike_slope(own: Arrays, notes: list[str]) -> None:
+def _note_velocity_unlike_slope(converted: Arrays, notes: list[str]) -> None:
     """Note a velocity that does not correlate with the slope of the height."""
-    if VELOCITY not in own or HEIGHT not in own:
+    if VELOCITY not in converted or HEIGHT not in converted:
         return
-    columns = np.array([own[TIME], own[HEIGHT], own[VELOCITY]])
+    columns = np.array([converted[TIME], converted[HEIGHT], converted[VELOCITY]])
     time, height, velocity = columns[:, np.isfinite(columns).all(axis=0)]
     if len(time) < _MIN_SAMPLES or not (np.diff(time) > 0.0).all():
         return

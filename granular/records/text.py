@@ -88,7 +88,9 @@ def _try_dialect(
         return None
     numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
     widths = collections.Counter(
-        len(row) for row, good in zip(rows, numeric, strict=True) if len(good) >= min_numbers
+        len(row)
+        for row, numeric_fields in zip(rows, numeric, strict=True)
+        if len(numeric_fields) >= min_numbers
     )
     if not widths:
         return None
@@ -476,20 +478,20 @@ def _drop_trailing_text(
 ) -> tuple[list[NumberedLine], list[str]]:
     """Drop trailing text and a truncated last row."""
     rows, notes = list(lines), []
-    odd = [k for k, line in enumerate(rows) if _row_width(line.text, dialect) != dialect.width]
-    while odd and odd[-1] == len(rows) - 1:
+    deviating = [k for k, line in enumerate(rows) if _row_width(line.text, dialect) != dialect.width]
+    while deviating and deviating[-1] == len(rows) - 1:
         fields = split_fields(rows[-1].text, dialect.separator)
         if len(fields) > dialect.width and any(is_number(cell, dialect.decimal) for cell in fields):
             break
-        if len(rows) == 1 or (len(fields) < dialect.width and len(rows) - len(odd) < 2):
+        if len(rows) == 1 or (len(fields) < dialect.width and len(rows) - len(deviating) < 2):
             break
         reason = "is cut off" if is_number(fields[0], dialect.decimal) else "is not a row of the table"
         notes.append(f"line {rows.pop().number}, the last, {reason} and is dropped")
-        odd.pop()
-    if odd:
-        line = rows[odd[0]]
+        deviating.pop()
+    if deviating:
+        line = rows[deviating[0]]
         raise RecordError(
-            f"sample {odd[0]} has {_row_width(line.text, dialect)} values for "
+            f"sample {deviating[0]} has {_row_width(line.text, dialect)} values for "
             f"{dialect.width} columns (line {line.number}); separate all lines like the others"
         )
     return rows, notes

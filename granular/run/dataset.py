@@ -80,7 +80,7 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     """Scalar variables in the records of a scene, according to its effects and parts."""
     effects, piston, walls = scene.effects, scene.piston, scene.effects.walls
     laws = list(enumerate(effects.in_loop_order))
-    own = [record for _, law in laws for record in law.extra_records]
+    custom_records = [record for _, law in laws for record in law.extra_records]
     return (
         *(_PISTON if piston else ()),
         *(() if walls is None else _side_variables(scene)),
@@ -93,7 +93,7 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
         *_variables_of_summed_records((numbered_column("loss", k), law.loss_record) for k, law in laws),
         *([_PISTON_LOSS] if piston and (piston.drag or piston.friction) else ()),
         *([_WORK] if piston or effects.shaking or effects.host else ()),
-        *(_record_variable(record, numbered_column("own", k)) for k, record in enumerate(own)),
+        *(_record_variable(record, numbered_column("own", k)) for k, record in enumerate(custom_records)),
         *([_COUNT] if walls and walls.has_gap else ()),
         *(variable for variable in _STATE if variable.column != "closest" or effects.dipole),
     )
@@ -205,8 +205,8 @@ class RecordBuffer:
 
     def variables_in_si(self, scene: Scene) -> Iterator[tuple[DatasetVariable, np.ndarray]]:
         """Iterate over the scene's variables, with all buffered values converted to SI."""
-        own = sum(len(effect.extra_records) for effect in self.effects)
-        columns = column_names(len(self.effects), own, len(scene.cell.lines))
+        custom_records = sum(len(effect.extra_records) for effect in self.effects)
+        columns = column_names(len(self.effects), custom_records, len(scene.cell.lines))
         scales = Scales.from_grains(scene.grains)
         rows = np.concatenate([np.empty((0, len(columns))), *self.rows])
         for variable in (TIME, *scalar_variables(scene)):

@@ -136,10 +136,10 @@ class ProtocolRunner(RunState):
         if ticks > 0:
             self._call_compiled_loop(min(ticks, 1 if self.threads.trying else self._call_ticks))
         else:
-            left = self.remaining_stage_time()
-            self._advance_rest_of_stage(left)
+            remaining = self.remaining_stage_time()
+            self._advance_rest_of_stage(remaining)
             between = progress.ticks % self.schedule.frames_every != 0
-            self._finish_stage("duration", new_frame=between or left > 0.0)
+            self._finish_stage("duration", new_frame=between or remaining > 0.0)
 
     def _run_ticks(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
         """Run ticks; return status, number of ticks and records, with an extra row for the last tick."""
@@ -194,22 +194,23 @@ class ProtocolRunner(RunState):
         self.constants = remove_outflowed_grains(self.state, self.constants)
         self.state.ledger[WORK] += self.total_energy(self.remedy_for_long_steps) - before
 
-    def _advance_rest_of_stage(self, left: float) -> None:
+    def _advance_rest_of_stage(self, remaining: float) -> None:
         """Advance the fraction of a tick at the end of a stage, in slightly shorter steps."""
-        if not left > 0.0:  # the end coincides with a tick, perhaps between two records
+        if not remaining > 0.0:  # the end coincides with a tick, perhaps between two records
             if self.progress.ticks % self.schedule.every:
                 self._record_rows(self.present_record(self.remedy_for_long_steps)[None])
             return
         schedule, reached = self.schedule, float(self.state.clock[TIME])
-        steps = max(1, math.ceil(left / schedule.h - 1e-6))
+        steps = max(1, math.ceil(remaining / schedule.h - 1e-6))
         watch = self.stop_criteria()._replace(rest=-1.0, stiff=math.inf)
         if self.tables.fraction is None:
             window = TickRange(self.progress.start, reached, math.inf, 0, 1)
-            _, made, rows = self._run_ticks(window, StepSchedule(left, left / steps, 1, 1, steps, 0), watch)
-            self.state.clock[TIME] = reached + left
+            shortened = StepSchedule(remaining, remaining / steps, 1, 1, steps, 0)
+            _, made, rows = self._run_ticks(window, shortened, watch)
+            self.state.clock[TIME] = reached + remaining
             rows = rows[:1]
         else:
-            limit, first = reached + left, self.progress.ticks
+            limit, first = reached + remaining, self.progress.ticks
             ticks = max(1, math.ceil(limit / schedule.length - 1e-9) - first)
             window = TickRange(self.progress.start, 0.0, limit, first, ticks)
             _, made, rows = self._run_ticks(window, schedule, watch)
@@ -221,9 +222,9 @@ class ProtocolRunner(RunState):
         """Run the partial tick before ``t_end``, after the last snapshot; return the end [tau]."""
         if self.is_protocol_finished or not self.progress.started:
             return self.progress.start
-        left = self.t_end - self.present_time
-        if left > self.rounding_time():
-            self._advance_rest_of_stage(left)
+        remaining = self.t_end - self.present_time
+        if remaining > self.rounding_time():
+            self._advance_rest_of_stage(remaining)
             self._record_frame(self.t_end)
             return self.t_end
         self._advance_rest_of_stage(0.0)

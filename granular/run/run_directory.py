@@ -194,9 +194,7 @@ def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
     contents = {name: read_run_file(path / name) for name in manifest.files}
     for name, content in contents.items():
         if _digest_without_length(name, content) != manifest.files[name]:
-            raise StoreError(
-                f"{path / name} differs from the file that the run wrote (by its digest); {REMEDY}"
-            )
+            raise StoreError(f"{path / name} differs from the run's file (by its digest); {REMEDY}")
     return contents
 
 

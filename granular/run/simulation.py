@@ -247,15 +247,15 @@ def _warn_of_changed_record_spacing(plan: Plan) -> None:
 
 def _run_settings(plan: Plan) -> dict[str, Any]:
     scene, far = plan.scene, plan.system.constants.acting.far
-    asked = None if far is None else far.every or scene.pairs.far_every
-    every = {} if asked is None else {"far_every": asked}
+    interval = None if far is None else far.every or scene.pairs.far_every
+    far_field = {} if interval is None else {"far_every": interval}
     return {
         "scene_digest": scene.digest(),
         "dt": plan.dt,
         "method": method_as_run_setting(plan.method),
         "pairs": plan.pair_sum,
         "engine": plan.engine,
-        **every,
+        **far_field,
         "versions": versions(),
         **({"own": own} if (own := custom_code_digests(scene)) else {}),
         **({"accuracy": plan.words} if plan.words else {}),

@@ -113,12 +113,14 @@ def scene_text(scene: Scene) -> str:
         lines.append(f"  groups: {groups}")
     lines.append(f"  effects: {', '.join(active_effect_names(scene)) or 'none'}")
     lines += [
-        f"    {effect.key}: {said}" for effect in scene.effects.acting if (said := describe_fields(effect))
+        f"    {effect.key}: {description}"
+        for effect in scene.effects.acting
+        if (description := describe_fields(effect))
     ]
     lines += [f"  {line}" for line in part_lines(scene)]
     for stage in scene.protocol:
-        said = describe_fields(stage, without=("name",))
-        lines.append(f"  stage {stage.name!r}: {type(stage).__name__.lower()}, {said}")
+        description = describe_fields(stage, without=("name",))
+        lines.append(f"  stage {stage.name!r}: {type(stage).__name__.lower()}, {description}")
     return "\n".join(lines)
 
 
@@ -175,18 +177,18 @@ def run_text(run: Trajectory) -> str:
 
 def describe_fields(section: Section, *, without: tuple[str, ...] = ()) -> str:
     """Describe the values of a section's fields, with units; empty if none is given."""
-    said = []
+    descriptions = []
     for field in dataclasses.fields(section):
         value = getattr(section, field.name)
         if value is None or value == () or field.name in without:
             continue
         if isinstance(value, tuple):
-            said.append("; ".join(map(_value_text, value)))
+            descriptions.append("; ".join(map(_value_text, value)))
             continue
         kind = field.metadata["kind"]
         unit = kind.unit if isinstance(kind, QuantityKind) and kind.unit != "1" else ""
-        said.append(f"{field.name} {_value_text(value)} {unit}".strip())
-    return ", ".join(said)
+        descriptions.append(f"{field.name} {_value_text(value)} {unit}".strip())
+    return ", ".join(descriptions)
 
 
 def _value_text(value: Any) -> str:

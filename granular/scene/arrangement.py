@@ -109,12 +109,12 @@ def _grid_positions(
         if periodic:
             sites = sites + np.stack([0.25 + 0.5 * (sites[:, 1] % 2), np.full(count, 0.5)], axis=1)
     widest = max(specy.diameter for specy in grains.species)
-    apart = mesh.min()
+    distance = mesh.min()
     if periodic:
-        apart = min(mesh[0], math.hypot(0.5 * mesh[0], mesh[1]))
-    if apart * (1.0 - 2.0 * plan.jitter) < widest:
+        distance = min(mesh[0], math.hypot(0.5 * mesh[0], mesh[1]))
+    if distance * (1.0 - 2.0 * plan.jitter) < widest:
         raise SceneError(
-            f"the distance between neighbours of {count} grains is {apart:.4g} m, and with a jitter of "
+            f"the distance between neighbours of {count} grains is {distance:.4g} m, and with a jitter of "
             f"{plan.jitter:g} grains of {widest:.4g} m could overlap; use fewer grains, less "
             "jitter, or a larger cell"
         )
@@ -184,10 +184,10 @@ def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> No
 def _candidate_pairs(positions: np.ndarray, reach: float, cell: Cell) -> np.ndarray:
     """Pairs (k, 2) of grains within reach; for few grains, pairs within reach along x."""
     if len(positions) <= MAX_GRAINS_WITHOUT_TREE:
-        apart = positions[:, None, 0] - positions[:, 0]
+        distance = positions[:, None, 0] - positions[:, 0]
         if cell.periods is not None:
-            apart -= cell.periods[0] * np.round(apart / cell.periods[0])
-        first, second = np.nonzero(np.abs(apart) <= (1.0 + _ROUNDING) * reach)
+            distance -= cell.periods[0] * np.round(distance / cell.periods[0])
+        first, second = np.nonzero(np.abs(distance) <= (1.0 + _ROUNDING) * reach)
         return np.stack([first, second], axis=1)[first < second]
     from scipy.spatial import cKDTree  # its import takes longer than the checks of a small bed
 

@@ -35,17 +35,17 @@ def quote(value: object) -> str:
     return _shorten(text, LONGEST)
 
 
-def sanitize(text: object, most: int = LONGEST) -> str:
-    """Shorten a text to one line of ``most`` characters, with control characters as escapes."""
-    return _shorten("".join(map(_escape, str(text)[: most + 1])), most)
+def sanitize(text: object, limit: int = LONGEST) -> str:
+    """Shorten a text to one line of ``limit`` characters, with control characters as escapes."""
+    return _shorten("".join(map(_escape, str(text)[: limit + 1])), limit)
 
 
-def unknown_word_message(word: str, known: Sequence[str], what: str) -> str:
+def unknown_word_message(word: str, known: Sequence[str], kind: str) -> str:
     """Message for an unknown word, with the nearest known one."""
     near = difflib.get_close_matches(str(word)[:LONGEST], known, 1, cutoff=0.5)
     shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
     advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
-    return f"unknown {what} {quote(word)}; {advice}"
+    return f"unknown {kind} {quote(word)}; {advice}"
 
 
 def one_line(message: object) -> str:
@@ -75,8 +75,8 @@ def _escape(sign: str) -> str:
     return sign if sign.isprintable() or sign == "\xa0" else repr(sign)[1:-1]
 
 
-def _shorten(text: str, most: int) -> str:
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+def _shorten(text: str, limit: int) -> str:
+    return text if len(text) <= limit else f"{text[: limit - 3]}..."
 
 
 __all__ = [

@@ -298,15 +298,15 @@ def lock_file(path: Path, wait: bool) -> Iterator[bool]:
     if not HAS_LOCKS:
         yield True
         return
-    held = _try_lock(path, wait)
-    if held is None:
+    descriptor = _try_lock(path, wait)
+    if descriptor is None:
         yield False
         return
     try:
         yield True
     finally:
         path.unlink(missing_ok=True)  # before others lock it, since they check that it still exists
-        os.close(held)
+        os.close(descriptor)
 
 
 def lock_open_file(opened: int, wait: bool) -> None:
@@ -318,27 +318,27 @@ def lock_open_file(opened: int, wait: bool) -> None:
 
 def _try_lock(path: Path, wait: bool) -> int | None:
     while True:
-        held = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
+        descriptor = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
         try:
-            lock_open_file(held, wait)
-            if _is_current_lock(held, path):
-                return held
+            lock_open_file(descriptor, wait)
+            if _is_current_lock(descriptor, path):
+                return descriptor
         except BlockingIOError:
-            os.close(held)
+            os.close(descriptor)
             return None
         except OSError as error:
             # Some network file systems do not support locks; refusing would prevent all runs there.
             if error.errno in WITHOUT_LOCKS:
-                return held
-            os.close(held)
+                return descriptor
+            os.close(descriptor)
             raise
-        os.close(held)
+        os.close(descriptor)
 
 
-def _is_current_lock(held: int, path: Path) -> bool:
+def _is_current_lock(descriptor: int, path: Path) -> bool:
     """Return False if the previous holder removed the file and it was made again."""
     try:
-        return os.path.samestat(os.fstat(held), path.stat())
+        return os.path.samestat(os.fstat(descriptor), path.stat())
     except FileNotFoundError:
         return False
 

@@ -69,7 +69,7 @@ def figure(
     from cycler import cycler
     from matplotlib.figure import Figure as Plain
 
-    look: Any = {
+    style: Any = {
         "font.size": size,
         "axes.grid": True,
         "grid.alpha": 0.25,
@@ -81,9 +81,9 @@ def figure(
         "path.simplify": True,
         "path.simplify_threshold": 0.2,
     }
-    with mpl.rc_context(look):
+    with mpl.rc_context(style):
         drawing = (make or Plain)(figsize=(width, height), layout="constrained")
-        _LOOKS[drawing] = look
+        _LOOKS[drawing] = style
         yield drawing, drawing.subplots(rows, columns, **options)
 
 

@@ -32,16 +32,16 @@ def prepared_for_blocks(here: Path) -> Path:
     """Make the folder with further files for Python blocks: tables and a run."""
     make_directory(here)
     (here / "lab.csv").write_text("\n".join(["t,dist", *rows(1.0), ""]))
-    plain = [f"{1e3 * t:.4f},{1e3 * z:.6f}" for t, z in swing(1.0)]
+    plain = [f"{1e3 * t:.4f},{1e3 * z:.6f}" for t, z in oscillation(1.0)]
     (here / "plain.csv").write_text("\n".join(["time,height", *plain, ""]))
-    pd.DataFrame(swing(1.0), columns=["t", "dist"]).to_excel(here / "lab.xlsx", index=False)
+    pd.DataFrame(oscillation(1.0), columns=["t", "dist"]).to_excel(here / "lab.xlsx", index=False)
     (here / "shaker.csv").write_text("\n".join(forced()))
     (here / "geophone.csv").write_text("\n".join(geophone()))
     simulate(load_scene("bed"), t_end=0.5, out=here / "runs" / "bed", progress=False)
     return here
 
 
-def swing(amplitude: float) -> Iterator[tuple[float, float]]:
+def oscillation(amplitude: float) -> Iterator[tuple[float, float]]:
     """A decaying oscillation like the packaged damper's: seconds and metres."""
     noise = np.random.default_rng(5).normal(size=1500)
     for time, error in zip(np.linspace(0.0, 6.0, 1500), noise, strict=True):
@@ -51,18 +51,18 @@ def swing(amplitude: float) -> Iterator[tuple[float, float]]:
 
 def rows(amplitude: float, *, sign: str = ".") -> list[str]:
     apart = ";" if sign == "," else ","
-    return [apart.join(f"{x:.9f}".replace(".", sign) for x in pair) for pair in swing(amplitude)]
+    return [apart.join(f"{x:.9f}".replace(".", sign) for x in pair) for pair in oscillation(amplitude)]
 
 
 def shaken() -> list[str]:
     """A record of the height with the speed of the base."""
-    pairs = [f"{t:.6f},{z:.9f},{0.01 * np.sin(7.0 * t):.9f}" for t, z in swing(1.0)]
+    pairs = [f"{t:.6f},{z:.9f},{0.01 * np.sin(7.0 * t):.9f}" for t, z in oscillation(1.0)]
     return ["time,height,base_speed", *pairs]
 
 
 def forced() -> list[str]:
     """A record of the height with the force on the piston."""
-    pairs = [f"{t:.6f},{z:.9f},{73.5 + 0.5 * np.sin(9.0 * t):.9f}" for t, z in swing(1.0)]
+    pairs = [f"{t:.6f},{z:.9f},{73.5 + 0.5 * np.sin(9.0 * t):.9f}" for t, z in oscillation(1.0)]
     return ["time,height,force", *pairs]
 
 

@@ -1,7 +1,7 @@
 """Outputs of the Python blocks in README and guide: run, compared, and written below the blocks.
 
-``python -m tests.commands.outputs [PAGE ...]`` runs the blocks of pages, each page in a process and
-a folder of its own, and writes what they print below them.
+``python -m tests.commands.outputs [PAGE ...]`` runs the blocks of pages, each page in a separate process
+and folder, and writes their outputs below them.
 """
 
 import os

@@ -24,7 +24,7 @@ PARSERS: dict[str, Parser] = (
     }
     | {PROG: console_script.OWN.parser()}
 )
-"""Parsers of the packages, as the command of the toolkit calls them, and of what a checkout has."""
+"""Parsers of the packages, as called by the toolkit's command, and of programs in a checkout."""
 
 
 def commands() -> list[str]:

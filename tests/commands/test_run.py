@@ -34,7 +34,7 @@ STARTED = 45.0
 
 MAIN_JOB = "granular-damper identify damper -o out"
 SCRIPT = ["-c", "import sys; from validation.console_script import main; sys.exit(main())"]
-"""What the installed script runs, whose folder may not be on the path here."""
+"""Equivalent of the installed script, whose folder may not be on the path."""
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 BROUGHT = re.compile(r"SNLS80mV\.csv")

@@ -71,7 +71,7 @@ SEEN_ON = {
     "reduced_models/machines": ("response",),
     "reduced_models/records": RECORDS,
 }
-"""Commands that what a folder says appears on, if the text names none itself."""
+"""Commands to which texts of a folder refer, unless the text gives one."""
 
 
 def texts(path: Path) -> Iterator[str]:

@@ -14,7 +14,7 @@ COMMON = (
     {"dipole", "walls", "gravity", "friction"},
     {"dipole", "walls", "gravity", "drag", "contact"},
 )
-"""Effects of the cases that are compiled too: what others add makes the compiler work anew."""
+"""Effects of the cases that are compiled too: other effects require further compilation."""
 
 
 class Case:

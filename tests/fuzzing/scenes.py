@@ -127,7 +127,7 @@ def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
     data = run.dataset
     assert (np.diff(data["time"].values) >= 0.0).all(), "time runs backward"
     ended = run.stages[-1]
-    # Times grow: of two records at time 0 the later one stands the least number behind it.
+    # Times increase: of two records at time 0 the later one is at the next floating-point number.
     last = float(data["time"].values[-1])
     assert math.isclose(ended.end, last, rel_tol=1e-9, abs_tol=1e-15), "ends elsewhere"
     words = " ".join(str(one.message) for one in said)
@@ -144,7 +144,7 @@ def not_finite(run: Any) -> str:
         values = np.asarray(data[name].values)
         if values.dtype.kind != "f" or (gone and "grain" in data[name].dims):
             continue  # a grain that has left is at no place
-        # Where there is but one grain, no other one is near.
+        # With a single grain there is no closest pair.
         bad = np.isnan(values) if name == "closest_distance" else ~np.isfinite(values)
         if bad.any():
             return f"{name} holds {values[bad][0]}"

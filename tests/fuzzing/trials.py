@@ -1,14 +1,14 @@
 """Numbered trials: the outcome of each as a line of JSON, and counts of outcomes.
 
-What a trial is, follows from the seed and its number alone. Each of the programs next to this file
+A trial depends only on the seed and its number. Each of the programs next to this file
 
     NUMBA_DISABLE_JIT=1 python tests/fuzzing/scenes.py --count 5000
     python tests/fuzzing/records.py --first 17 --count 1 --show
     python tests/fuzzing/law_texts.py --seed 7 --count 5000
     python tests/fuzzing/fits.py --count 60
 
-ends with 1 where a trial had an outcome that nothing may have: a traceback, a figure that is not
-finite, more than a minute, more memory than a laboratory's computer has.
+exits with 1 after a forbidden outcome of a trial: a traceback, a number that is not finite, more than a
+minute, or more memory than a laboratory computer has.
 """
 
 import argparse
@@ -52,7 +52,7 @@ def wanted(program: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--first", type=int, default=0, help="number of the first trial")
     parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--show", action="store_true", help="print what is tried, too")
+    parser.add_argument("--show", action="store_true", help="also print the trials")
     return parser
 
 

@@ -28,7 +28,7 @@ class Reach:
     end: float = math.inf
     images: bool = False
     shifted: bool = False
-    """True where the energy is zero at the end."""
+    """True if the energy is zero at the cut-off."""
 
 
 EVERYWHERE = Reach()

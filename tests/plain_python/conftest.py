@@ -7,11 +7,11 @@ import pytest
 
 COMPILED = {"test_compiled.py"}
 IN_BOUNDS = {"test_memory_bounds.py"}
-"""Also run compiled, where indices are checked."""
+"""Also run compiled, with checks of indices."""
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
-    """Ignore the files of the other mode: numba is told once for a process."""
+    """Ignore the files of the other mode: numba has one mode per process."""
     if not collection_path.name.startswith("test_"):
         return None
     if numba.config.DISABLE_JIT:

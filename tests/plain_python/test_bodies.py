@@ -1,7 +1,7 @@
 """Bodies on springs, with stops and guides, against closed forms; most without a grain.
 
 Störmer-Verlet turns the phase of a mode of the angular frequency w by 2 asin(w dt/2) in a step, from rest
-with the exact amplitude: the closed forms here are those of the step, which tends to w dt.
+with the exact amplitude. The closed forms here use this discrete phase, which tends to w dt.
 """
 
 import math
@@ -112,7 +112,7 @@ def test_stop_reflects_the_speed_and_acts_only_beyond_its_gap() -> None:
     before, speed = math.sqrt(0.02 / 9.8), math.sqrt(2.0 * 9.8 * 0.01)
     free = time < before
     np.testing.assert_allclose(way[free], -4.9 * time[free] ** 2, rtol=0.0, atol=1e-12)
-    # In the stop: a sine about where the weight presses it.
+    # In the stop: a sine about the equilibrium under the weight.
     press = 9.8 / omega**2
     inside = 2.0 * (math.pi - math.atan(speed / omega / press)) / omega
     later = (time > before + inside) & (time < 2.0 * before + inside)

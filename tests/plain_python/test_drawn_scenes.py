@@ -45,7 +45,7 @@ SPECIES = (
     {"name": "flat", "diameter": 5 * MM, "thickness": 2 * MM, "density": 7000.0, "remanence": 1.1},
 )
 DISC_ENERGIES = 2.0
-"""Error of the energy of discs by the mesh, over its tolerance, which is that of forces: the far field takes
+"""Error of the energy of discs by the mesh, over its tolerance for forces: the far field uses
 one mean shift for all species, 3.6e-4 of the energy here."""
 OUTPUT = 4e-6
 """Step and interval of records [s]."""
@@ -81,8 +81,8 @@ class Screened:
 
 
 A, LENGTH, C = 1.0, 0.5 * MM, 1e-9
-"""[J m], [m], [J m^3]: the tail is that of dipoles, and the rest, a quarter of it where big grains touch,
-is spent at the cut-off."""
+"""[J m], [m], [J m^3]: the tail is a dipole law; the remainder, a quarter of it at contact of big grains,
+is negligible at the cut-off."""
 
 
 @effect
@@ -559,7 +559,7 @@ def make_case(drawn: Drawn) -> Case:
     for name, part in ACTING.items():
         if name in drawn.features:
             made, brute[name] = part(random)
-            for key, section in made.items():  # laws of pairs stand in one list
+            for key, section in made.items():  # pair laws are in one list
                 sections[key] = [*sections.get(key, []), *section] if isinstance(section, list) else section
     kind = Scene.from_plain(plain | {"effects": {}, "pairs": {}, "protocol": []}).grains.species_indices()
     diameters = np.array([one["diameter"] for one in species])[kind]

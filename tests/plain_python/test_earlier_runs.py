@@ -35,7 +35,7 @@ COMMON = {
 STEP, PAUSE, END = 2e-5, 0.004, 0.006
 """[s]: step of the runs, when they paused, and when their protocol ends."""
 ERRORS = {"discs": 2e-5, "discs-by-mesh": 3e-4}
-"""Errors of forces over the largest, where a law is tabled; 1e-9 of others."""
+"""Tolerances of forces over the largest, for tabulated laws; 1e-9 for others."""
 
 
 @pytest.fixture(scope="module")

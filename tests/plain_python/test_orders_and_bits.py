@@ -163,13 +163,13 @@ def check_bits(name: str, out: Path) -> None:
     for end in (0.3 * TIME, 0.7 * TIME, TIME):
         parts = simulate(scene, dt=STEP / 4, t_end=end, out=out, resume=True, progress=False)
     assert parts.dataset.equals(whole.dataset)
-    if not numba.config.DISABLE_JIT:  # where threads are
+    if not numba.config.DISABLE_JIT:  # if threads are available
         two = simulate(scene, dt=STEP / 4, t_end=TIME, threads=2, progress=False)
         assert two.dataset.equals(whole.dataset)
 
 
 START, SPAN = 0.10002, 0.40003
-"""[s]: no step ends where the drive begins or ends."""
+"""[s]: no step ends at the beginning or end of the drive."""
 
 JUMPS: dict[str, dict[str, Any]] = {
     "sweep": {"kind": "sweep", "force": 2.0, "frequency": 1.0, "to": 5.0},

@@ -48,7 +48,7 @@ STAGES: dict[str, dict[str, Any]] = {
     "free": {},
     "force": {"force": "f*exp(-t/s)", "f": "-0.5 N", "s": "0.1 ms"},
 }
-"""Heights are over that of the piston at its start [D]."""
+"""Heights relative to the initial height of the piston [D]."""
 OWN = ("Time", "Grain")
 """Names of own effects that a dataset or a kernel might take for something else."""
 for own in OWN:

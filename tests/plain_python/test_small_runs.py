@@ -121,7 +121,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "move": stage("move", to="5.9 D", duration=TIME),
     "move to a force": stage("move", to="4 D", speed="0.5 m/s", until_force=0.2),
     "descend": stage("descend", to="5.9 D", duration=TIME),
-    # Within a step, a kink would add an error that goes with where in the step it lies.
+    # A kink within a step would add an error that depends on its position in the step.
     "follow": stage("follow", times=[0.0, 12 * STEP, TIME], heights=["6 D", "5.9 D", "5.95 D"]),
     "oscillate": stage("oscillate", amplitude="0.1 D", frequency=500.0, duration=TIME),
     "free": stage("free", duration=TIME),
@@ -180,7 +180,7 @@ def test_nan_formula_is_blamed_instead_of_the_step(energy: str) -> None:
 
 
 LISTED = {"pairs": {"method": "verlet-list", "cut_off": "3 D", "skin": "0.05 D"}}
-"""A list that is made anew while grains cross its radius."""
+"""A list that is rebuilt while grains cross its radius."""
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_shorter_steps_do_not_reduce_the_error_of_the_verlet_list() -> None:
 
 
 FARTHEST = {1: 3e-3, 2: 1e-5, 4: 1e-8, 6: 1e-12, 8: 1e-12}
-"""How far a grain may end from where the exact motion takes it [D], by the method's order."""
+"""Allowed distance between final and exact positions [D], by the order of the method."""
 
 
 @pytest.fixture(scope="module")

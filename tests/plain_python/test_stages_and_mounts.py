@@ -1,7 +1,7 @@
 """Stages of the protocol on every mount of a machine, against independent equations.
 
-Each run is made at two steps and extrapolated, since the engine's own order is two with what
-dissipates: what is compared is the engine's equations and not its step.
+Each run is made at two steps and extrapolated, since the engine's order is two with dissipation: the
+comparison is of the equations of the engine, not of its step.
 """
 
 import math

@@ -137,7 +137,7 @@ def test_kernels_reproduce_the_disc_law_beyond_contact(discs: list[Disc]) -> Non
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL]])
 def test_kernel_force_is_minus_the_slope_of_the_energy(discs: list[Disc]) -> None:
-    """This includes distances below contact, with the force continued by value and slope."""
+    """Distances below contact are included, with the force continued by value and slope."""
     contact, step = contact_distance(discs[0], discs[-1]), 2e-4
 
     def sums(r: float) -> tuple[float, float]:

@@ -146,7 +146,7 @@ def test_unreasonable_steps_are_refused(arguments: dict[str, Any], words: str) -
 
 
 def test_steps_longer_than_a_stage_are_refused(small_bed: Scene) -> None:
-    """This includes stages whose duration follows from heights and a speed."""
+    """Stages whose duration follows from heights and a speed are included."""
     hold = {"kind": "hold", "name": "wait", "duration": 0.01}
     for short in (
         {"kind": "hold", "name": "short", "duration": 1e-4},

@@ -165,7 +165,7 @@ def test_library_does_not_handle_sigterm() -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_that_was_ignored_at_the_start_stays_ignored(number: int) -> None:
-    """This applies to Ctrl-C in background jobs of shell scripts, under nohup, and in some CI."""
+    """Examples are Ctrl-C in background jobs of shell scripts, under nohup, and in some CI."""
 
     def command(_: Sequence[str]) -> None:
         with defer_stop_signals() as stop:
