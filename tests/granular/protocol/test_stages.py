@@ -245,7 +245,7 @@ def test_run_can_be_resumed_to_a_later_end_only(small_damper: Scene, tmp_path: o
     assert later.stages[-1].end == pytest.approx(0.03)
     integer = simulate(scene, t_end=0.03, progress=False)
     assert later.dataset["piston_height"].values[-1] == integer.dataset["piston_height"].values[-1]
-    with pytest.raises(StoreError, match=r"has reached 0\.03 s already"):
+    with pytest.raises(StoreError, match=r"has already reached 0\.03 s"):
         run(0.01, "longer")
     with pytest.raises(StoreError, match="after the end of stage 'fall'"):
         run(None, "longer")
