@@ -1,4 +1,4 @@
-"""The toolkit next to LAMMPS and PySINDy: what the page of the comparison says, measured."""
+"""Measure the comparison of the toolkit with LAMMPS and PySINDy for the page of other tools."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
 PENDULUM = System("pendulum", {"sin(z)": -30.0, "z'": -0.1}, "trigonometric", 1.2, (-0.7, 2.0))
 """Law of the packaged record ``encoder.csv``."""
 NOISE, SEED = 0.01, 0
-"""Parameters of the made decay."""
+"""Parameters of the synthetic decay."""
 FITTED = 0.7
-"""Fraction of the real record that is fitted."""
+"""Fraction of the measured record that is fitted."""
 STEP, RUNS = 5e-5, 3
-"""Step of both engines [s]; runs of LAMMPS and here of which the fastest counts."""
+"""Time step of both programs [s]; number of repetitions, of which the fastest is used."""
 SCENE = load_scene("bed").replace(
     **{"output.frames": "0.01 s", "protocol": [{"kind": "hold", "name": "settle", "duration": "0.05 s"}]}
 )
 
 
 def fastest(work: Callable[[], Any], runs: int = RUNS) -> tuple[Any, float]:
-    """The last result and the least processor time [s], after a first run that may compile."""
+    """The last result and the minimum processor time [s], after a first run that may compile."""
     results, seconds = work(), []
     for _ in range(runs):
-        began = sum(os.times()[:4])  # with processes that were started and have ended
+        began = sum(os.times()[:4])  # including finished child processes
         results = work()
         seconds.append(sum(os.times()[:4]) - began)
     return results, min(seconds)
@@ -57,36 +57,38 @@ def frames(path: Path) -> list[np.ndarray]:
     return [np.array([line.split()[2:8] for line in frame], dtype=float) for frame in rows]
 
 
-def beside_lammps() -> str:
-    """The packaged bed, settling for 0.05 s, by LAMMPS from the exported deck and here."""
-    coarse, fine = (together(dt) for dt in (STEP, STEP / 2.0))
+def lammps_comparison() -> str:
+    """The packaged bed, settling for 0.05 s, simulated by LAMMPS from the exported deck and by this
+    toolkit.
+    """
+    coarse, fine = (run_both(dt) for dt in (STEP, STEP / 2.0))
     here = evaluate(SCENE, SCENE.initial_positions_and_velocities()[0]).force
-    force = np.abs(coarse.start - here).max() / np.linalg.norm(here, axis=1).max()
+    force = np.abs(coarse.initial_forces - here).max() / np.linalg.norm(here, axis=1).max()
     return "\n".join(
         [
             "| 368 grains, all pairs, 0.05 s | |",
             "| --- | --- |",
             f"| forces at the start, largest difference over the largest force | {force:.1e} |",
-            f"| positions in all frames, largest difference, steps of 50 µs | {coarse.apart:.1e} D |",
-            f"| the same, steps of 25 µs | {fine.apart:.1e} D |",
-            f"| processor time of 1000 steps, LAMMPS from start to end | {coarse.theirs:.2g} s |",
-            f"| processor time of 1000 steps, this toolkit, compiled | {coarse.ours:.2g} s |",
+            f"| positions in all frames, largest difference, steps of 50 µs | {coarse.distance:.1e} D |",
+            f"| the same, steps of 25 µs | {fine.distance:.1e} D |",
+            f"| processor time of 1000 steps, LAMMPS from start to end | {coarse.lammps_seconds:.2g} s |",
+            f"| processor time of 1000 steps, this toolkit, compiled | {coarse.toolkit_seconds:.2g} s |",
             "",
         ]
     )
 
 
-class Both(NamedTuple):
-    """Forces of LAMMPS at the start [N], distance of the positions [D], and processor times [s]."""
+class LammpsComparison(NamedTuple):
+    """Initial forces of LAMMPS [N], distance between the positions [D], and processor times [s]."""
 
-    start: np.ndarray
-    apart: float
-    theirs: float
-    ours: float
+    initial_forces: np.ndarray
+    distance: float
+    lammps_seconds: float
+    toolkit_seconds: float
 
 
-def together(dt: float) -> Both:
-    """Run the same bed at the same step by both."""
+def run_both(dt: float) -> LammpsComparison:
+    """Run the same bed with the same time step by both programs."""
     run, ours = fastest(lambda: simulate(SCENE, dt=dt, progress=False))
     with tempfile.TemporaryDirectory() as folder:
         to_lammps(SCENE, folder, dt=dt)
@@ -95,11 +97,11 @@ def together(dt: float) -> Both:
         _, theirs = fastest(lambda: subprocess.run(command, cwd=folder, check=True, capture_output=True))
         dump = np.array(frames(Path(folder) / "frames.dump"))
     apart = np.abs(dump[:, :, :2] - run.dataset["position"].values).max()
-    return Both(dump[0, :, 4:6], apart / SCENE.grains.species[0].diameter, theirs, ours)
+    return LammpsComparison(dump[0, :, 4:6], apart / SCENE.grains.species[0].diameter, theirs, ours)
 
 
-def beside_pysindy() -> str:
-    """A made decay with noise and a packaged record, by PySINDy and here."""
+def pysindy_comparison() -> str:
+    """A synthetic decay with noise and packaged records, analysed by PySINDy and by this toolkit."""
     duffing = system_named("hard Duffing")
     with tempfile.TemporaryDirectory() as folder:
         write_example_records(folder)
@@ -109,7 +111,7 @@ def beside_pysindy() -> str:
     swing = compared(PENDULUM, encoder, "z'' + c*z' + k*sin(z) = 0", {"sin(z)": "k", "z'": "c"})
     return "\n".join(
         [
-            f"A made decay, `{duffing.law}`, with {100 * NOISE:g} % of noise:",
+            f"A synthetic decay, `{duffing.law}`, with {100 * NOISE:g} % of noise:",
             "",
             *decay,
             "",
@@ -118,7 +120,8 @@ def beside_pysindy() -> str:
             "",
             *swing,
             "",
-            "The real record of a pendulum with dry friction (`pendulum.toml`): the first 70 % are fitted,",
+            "The measured record of a pendulum with dry friction (`pendulum.toml`): the first "
+            "70 % are fitted,",
             "the last 30 % predicted:",
             "",
             *predicted(real),
@@ -128,7 +131,7 @@ def beside_pysindy() -> str:
 
 
 class FoundLaw(NamedTuple):
-    """A law z'' = f(z, v), where z is the map of the height."""
+    """A law z'' = f(z, v), where z is the mapped height."""
 
     law: sympy.Expr
     line: HeightLine = HeightLine()
@@ -137,7 +140,7 @@ class FoundLaw(NamedTuple):
 def searches(
     system: System, record: PistonRecord, law: str, parameters: dict[str, str]
 ) -> dict[str, Callable[[], FoundLaw]]:
-    """PySINDy as its guide does and with help, and the searches here, by name."""
+    """Searches by name: PySINDy as in its guide and with help, and the searches of this toolkit."""
 
     def known() -> FoundLaw:
         values = fit(record, law).parameters
@@ -157,22 +160,22 @@ def searches(
 
 
 def compared(system: System, record: PistonRecord, law: str, parameters: dict[str, str]) -> list[str]:
-    """Rows of a table: the truth, and what each search finds."""
+    """Rows of a table: the true law, and the law found by each search."""
     rows = [
-        "| by | equation | frequency at rest | damping ratio | error from another start | processor time |",
+        "| by | equation | natural frequency | damping ratio | error from another start | processor time |",
         "| --- | --- | --- | --- | --- | --- |",
         table_row("truth", system, FoundLaw(law_of(system))),
     ]
     for name, work in searches(system, record, law, parameters).items():
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what is doubtful shows in the errors
+            warnings.simplefilter("ignore")  # warnings are ignored: unreliable results show in the errors
             found, seconds = fastest(work, 1)
         rows.append(table_row(name, system, found, seconds))
     return rows
 
 
 def predicted(record: PistonRecord) -> list[str]:
-    """Rows of a table: what each search finds in the first part, and how far off it is in the rest."""
+    """Rows of a table: the law found by each search in the first part, and its error in the rest."""
     end = round(FITTED * len(record))
     heights, velocities, _ = smoothed(record, tuned_window(record))
     since, later = record.time[end:] - record.time[end], record.height[end:]
@@ -181,7 +184,7 @@ def predicted(record: PistonRecord) -> list[str]:
     parameters = {"sin(z)": "k", "z'": "c", "sign(z')": "f"}
     for name, work in searches(PENDULUM, record.first(end), law, parameters).items():
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what is doubtful shows in the errors
+            warnings.simplefilter("ignore")  # warnings are ignored: unreliable results show in the errors
             found, seconds = fastest(work, 1)
         start = float(found.line.coordinate(heights[end])), velocities[end] / found.line.scale
         motion = found.line.shift + found.line.scale * solved(found.law, since, start, np.zeros_like)
@@ -192,7 +195,9 @@ def predicted(record: PistonRecord) -> list[str]:
 
 
 def table_row(name: str, system: System, found: FoundLaw, seconds: float | None = None) -> str:
-    """Figures of small swings by a law, and its error on a motion from a start that no fit has seen."""
+    """Natural frequency and damping ratio of a law, and its error on a motion from a held-out initial
+    condition.
+    """
     frequency, damping = small_oscillation(found.law)
     time = np.linspace(0.0, 20.0, 1000)
     truth = solved(law_of(system), time, system.unseen, np.zeros_like)
@@ -207,9 +212,9 @@ def table_row(name: str, system: System, found: FoundLaw, seconds: float | None 
 
 
 def small_oscillation(law: sympy.Expr) -> tuple[float, float]:
-    """Frequency without damping [Hz] and damping ratio about the rest next to 0.
+    """Natural frequency [Hz] and damping ratio about the equilibrium closest to 0.
 
-    NaN where nothing swings, and of the ratio where the law jumps at rest.
+    LammpsComparison are NaN without oscillation; the ratio is NaN if the law is discontinuous at equilibrium.
     """
     import sympy
 

@@ -1,8 +1,8 @@
-"""Hold public docstrings to numpydoc, refuse blocks on other names: ``python docs/docstrings.py``.
+"""Check public docstrings by numpydoc, refuse blocks on other names: ``python docs/docstrings.py``.
 
-Exits with 1, and a line for each fault, unless every public function, class and method has a
-summary, parameters, returns and what else numpydoc asks for, and every other name one line. Sections
-of scene files, whose keys users write, and base classes, whose hooks others implement, keep blocks.
+Exits with 1, and one line for each fault, unless every public function, class and method has a summary,
+parameters, returns and the other parts required by numpydoc, and every other name has one line. Sections of
+scene files, whose keys users write, and base classes, whose hooks others implement, may have blocks.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ PACKAGES = ("granular", "reduced_models", "validation")
 METHODS = (FunctionType, classmethod, staticmethod, property)
 
 EXCEPTIONS = {
-    "ES01": "a summary says enough where the parameters say the rest",
-    "EX01": "examples stand in the guide, where tests run them",
+    "ES01": "a summary is enough if the parameters give the rest",
+    "EX01": "examples are in the guide and are run by tests",
     "SA01": "the reference pages link names",
-    # PR01 too, of data classes, whose arguments are their attributes, and of errors.
-    "SS05": "takes a plural, such as in 'Forces on each grain', for a verb",
+    # PR01 is also ignored for data classes, whose arguments are their attributes, and for errors.
+    "SS05": "mistakes a plural, such as in 'Forces on each grain', for a verb",
 }
-"""Checks that are left out, and why."""
+"""Ignored checks, with reasons."""
 
 
 BASES = {
     *("Effect", "ForceEffect", "DissipativeEffect", "MovingFrameEffect", "EffectContext", "RecordedVariable"),
     *("Stage", "SampledStage", "FieldKind", "MotionIntegrals", "PlainData"),
 }
-"""Base classes, with the data that their hooks take: these say what an implementation has to do."""
+"""Base classes and the data passed to their hooks, whose docstrings explain how to implement them."""
 
 RESULTS = {
     *("FrequencyResponse", "StageResult"),
@@ -62,7 +62,7 @@ RESULTS = {
         "CaseOutcome",
     ),
 }
-"""Results and options of public functions, whose attributes users read off the reference pages."""
+"""Results and options of public functions, whose attributes appear in the reference pages."""
 
 BLOCK = re.compile(r"\n\s*(Parameters|Attributes|Returns|Yields|Raises)\n\s*-{3,}")
 

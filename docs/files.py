@@ -1,4 +1,4 @@
-"""Write the page of all files with the first line of each: ``python docs/files.py``."""
+"""Write the page of all files with their first docstring lines: ``python docs/files.py``."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ PACKAGES = ("granular", "reduced_models", "validation", "research", "benchmarks"
 
 
 def first_line(path: Path) -> str:
-    """First line of a file's docstring."""
+    """First line of the docstring of a file."""
     return (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition("\n")[0]
 
 
 def page_of_files() -> str:
-    """The page, room by room."""
+    """Text of the page, grouped by directory."""
     lines = [
         "# Which file is about what?",
         "",

@@ -1,4 +1,4 @@
-"""What the guide says in numbers without a picture: measured here, written by ``pictures.py``."""
+"""Tables of measured values in the guide, written by ``pictures.py``."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from validation import energy_change, head_on_collision
 
 TIME = np.linspace(0.0, 40.0, 1000)
 DUFFING = ((0.05, 1.1, 0.8), (0.02, 1.0, -0.3), (0.1, 1.0, 0.5), (0.3, 1.0, 0.5))
-"""lam, k and beta of the made laws."""
+"""lam, k and beta of the synthetic laws."""
 ALPHAS = (0.01, 0.03, 0.05, 0.17)
 OMEGA, START = 1.05, 1.0
-"""Of the Van der Pol-like law, with g0 = -1."""
+"""Parameters of the Van der Pol-like law, with g0 = -1."""
 FALLEN = {
     "damper": ("elastoplastic-bed", "power-law-spring", "relaxing-column"),
     "damper-source": ("elastoplastic-bed", "power-law-spring", "van-der-pol-like", "linear"),
 }
-"""Laws that are fitted to a fall of each scene."""
+"""Laws fitted to a fall of each scene."""
 KEPT = 1e-6
-"""Of the energy, by a pair that turns back."""
+"""Maximum change of the energy of a colliding pair."""
 
 
 def averaging() -> str:
-    """Amplitudes and frequencies of made laws by elliptic averaging, next to their own."""
-    head = "| made law | damping | last amplitude | averaged | last frequency | averaged |"
+    """Amplitudes and frequencies of synthetic laws, exact and by elliptic averaging."""
+    head = "| synthetic law | damping | last amplitude | averaged | last frequency | averaged |"
     rows = [head, "| --- " * 6 + "|"]
     for lam, k, beta in DUFFING:
         values = {"lam": lam, "k": k, "beta": beta, "rest": 0.0}
@@ -52,7 +52,7 @@ def averaging() -> str:
 
 
 def averaged(name: str, law: str, values: Mapping[str, float], start: float) -> str:
-    """A row of the table: the last whole cycle within 40 s."""
+    """A row of the table, for the last complete cycle within 40 s."""
     one = OSCILLATORS[law](values)
     rest = values["rest"] if "rest" in values else values["g0"] / values["omega"] ** 2
 
@@ -73,22 +73,26 @@ def averaged(name: str, law: str, values: Mapping[str, float], start: float) -> 
 
 
 def falls() -> str:
-    """Laws that were fitted to one fall from 20 D, on others: two dampers."""
+    """Prediction of other falls by laws fitted to one fall from 20 D, for two dampers."""
     rows = ["| damper | law | from 14 D | from 28 D | another start |", "| --- | --- | --- | --- | --- |"]
     for name, laws in FALLEN.items():
         scene = load_scene(name)
-        unseen = {"14 D": let_fall(scene, 14), "28 D": let_fall(scene, 28), "start 2": let_fall(scene, 20, 2)}
+        unseen = {
+            "14 D": simulate_fall(scene, 14),
+            "28 D": simulate_fall(scene, 28),
+            "start 2": simulate_fall(scene, 20, 2),
+        }
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            judged = score_drops(let_fall(scene, 20), unseen, laws)
+            judged = score_drops(simulate_fall(scene, 20), unseen, laws)
         for row in judged.rows:
             errors = " | ".join(f"{100.0 * one:.2g} %" for one in row.errors)
             rows.append(f"| `{name}` | `{row.name}` | {errors} |")
     return "\n".join([*rows, ""])
 
 
-def let_fall(scene: Scene, height: int, seed: int = 1) -> PistonRecord:
-    """Three seconds after the piston is released [D]."""
+def simulate_fall(scene: Scene, height: int, seed: int = 1) -> PistonRecord:
+    """Simulate three seconds after the piston is released from a height [D]."""
     changes = {
         "piston.height": f"{height} D",
         "arrangement.height": f"{height - 1} D",
@@ -100,7 +104,7 @@ def let_fall(scene: Scene, height: int, seed: int = 1) -> PistonRecord:
 
 
 def discs_over_dipoles() -> str:
-    """Repulsion of two discs that are half as thick as wide, and pressure of their lattice."""
+    """Repulsion of two discs half as thick as wide, and pressure of their lattice, relative to dipoles."""
     r, disc = np.array([1.0, 1.1, 1.2, 1.3, 1.5, 2.0, 3.0, 5.0]), Disc(0.5, 0.5)
     forces = disc_energy_and_force(r, disc, disc)[1] * r**4 / 3.0
     dipoles, discs = (damper(magnets=magnets).grains for magnets in ("dipoles", "cylinders"))
@@ -112,8 +116,8 @@ def discs_over_dipoles() -> str:
     return "\n".join([*(f"| {' | '.join(row)} |" for row in rows), ""])
 
 
-def magnets_beside_dipoles() -> str:
-    """Rest, period and damping of the scene `magnets`, of its discs and of dipoles in their place."""
+def magnets_compared_with_dipoles() -> str:
+    """Equilibrium height, period and damping ratio of the scene `magnets`, with discs and with dipoles."""
     rows = ["| | discs | dipoles | discs by `predict` |", "| --- " * 4 + "|"]
     of_discs, of_dipoles = (rest_figures(magnets) for magnets in ("cylinders", "dipoles"))
     told = predict(load_scene("magnets")).at_rest
@@ -128,7 +132,9 @@ def magnets_beside_dipoles() -> str:
 
 
 def rest_figures(magnets: str) -> list[tuple[float, float, float]]:
-    """Rest [mm], period [s] and damping ratio: mean and deviation of three starts, and step error."""
+    """Equilibrium height [mm], period [s], damping ratio: mean and deviation of three packings, step
+    error.
+    """
     figures = {}
     for seed, dt in ((1, "auto*2"), (2, "auto*2"), (3, "auto*2"), (1, "auto")):
         scene = load_scene("magnets").replace(**{"grains.magnets": magnets, "arrangement.seed": seed})
@@ -140,15 +146,17 @@ def rest_figures(magnets: str) -> list[tuple[float, float, float]]:
 
 
 def collided(dt: float | str, method: str) -> Trajectory:
-    """Two grains head-on, as near as 0.02 D."""
+    """Head-on collision of two grains, to a distance of 0.02 D."""
     problem = head_on_collision(0.02)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # They come nearer than a diameter, and are meant to.
+        warnings.simplefilter("ignore")  # The grains intentionally come closer than a diameter.
         return simulate(problem.scene, dt, problem.time, method, progress=False)
 
 
 def head_on_steps() -> str:
-    """Variable steps of a collision, and the fewest equal ones that keep its energy as well."""
+    """Number of variable steps of a collision, and the minimum number of equal steps with the same energy
+    error.
+    """
     variable = collided("auto*8", "adaptive-verlet")
     if energy_change(variable) > KEPT:
         raise SystemExit(f"error: variable steps lose {energy_change(variable):.1e} of the energy")
@@ -157,6 +165,7 @@ def head_on_steps() -> str:
         count = round(1.03 * count)
     steps = variable.settings()["steps"]
     return (
-        f"A head-on pair that comes as near as 0.02 D keeps its energy to 10⁻⁶ with {steps} "
-        f"variable steps;\n{count} equal ones do the same (looked for in jumps of 3 %)."
+        f"A head-on collision to a distance of 0.02 D conserves energy to 10⁻⁶ with {steps} "
+        f"variable steps;\n{count} equal steps are needed for the same error (found by "
+        "increments of 3 %)."
     )

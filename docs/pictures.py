@@ -1,4 +1,4 @@
-"""Draw the pictures of the README and the guide anew: ``python docs/pictures.py [NAME ...]``."""
+"""Redraw the pictures of the README and the guide: ``python docs/pictures.py [NAME ...]``."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from compared import beside_lammps, beside_pysindy
+from compared import lammps_comparison, pysindy_comparison
 from matplotlib.patches import Rectangle
-from measured import averaging, discs_over_dipoles, falls, head_on_steps, magnets_beside_dipoles
+from measured import averaging, discs_over_dipoles, falls, head_on_steps, magnets_compared_with_dipoles
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
 from granular import simulate as simulated
@@ -59,13 +59,13 @@ GRAVITY = 9.8
 
 @functools.cache
 def damper_run() -> Trajectory:
-    """The packaged damper: fall, lift, swing."""
+    """The packaged damper: fall, lift, oscillation."""
     return simulated(damper())
 
 
 @functools.cache
 def compressed_run() -> Trajectory:
-    """A bed up to its full compression."""
+    """A bed compressed to its maximum."""
     scene = mono_bed(368, speed=33e-3, relaxation=1.0)
     return simulated(scene.replace(protocol=scene.to_plain()["protocol"][:2]))
 
@@ -75,40 +75,44 @@ def keep(drawing: Any, name: str) -> None:
 
 
 def draw_motion() -> None:
-    """The fall in real time, as ``granular run`` and ``granular render`` make it."""
+    """The fall in real time, as made by ``granular run`` and ``granular render``."""
     run = simulated(damper().replace(**{"output.frames": "5 ms"}), t_end=2.5)
     movie(run, IMAGES / "fall.gif", colour="speed", fps=20.0, width=760, overwrite=True)
 
 
 def draw_damper() -> None:
-    """The bed 0.2 s after the piston was released."""
+    """The bed 0.2 s after release of the piston."""
     keep(still(damper_run(), 2, colour="speed"), "damper")
 
 
 def draw_fall() -> None:
-    """The fall, and the swing after the lift with the law fitted to its first two thirds."""
+    """The fall, and the oscillation after the lift with the law fitted to its first two thirds."""
     run = damper_run()
-    drop, swing = run.piston("drop").with_time_from_zero(), run.piston("release").with_time_from_zero()
-    seen = swing.between(0.0, 4.0)
-    model = fit(seen, law="polynomial-spring", test_fraction=0.0)
-    predicted = model.simulate(swing.time)
-    with figure(1, 2, width=9.0, height=3.0) as (drawing, (left, right)):
-        left.plot(drop.time, drop.height / DIAMETER, color=COLOURS[0])
-        left.set(xlabel="time [s]", ylabel="height of the piston [D]", xlim=(0.0, 4.0))
-        left.set_title("the fall from 20 D", fontsize=10)
-        right.plot(swing.time, swing.height / DIAMETER, color=GREY, linewidth=3, label="simulated")
-        right.plot(
-            swing.time, predicted.height / DIAMETER, color=COLOURS[1], linewidth=1, label="its equation"
+    drop, oscillation = run.piston("drop").with_time_from_zero(), run.piston("release").with_time_from_zero()
+    shown = oscillation.between(0.0, 4.0)
+    model = fit(shown, law="polynomial-spring", test_fraction=0.0)
+    predicted = model.simulate(oscillation.time)
+    with figure(1, 2, width=9.0, height=3.0) as (drawing, (fall_axes, oscillation_axes)):
+        fall_axes.plot(drop.time, drop.height / DIAMETER, color=COLOURS[0])
+        fall_axes.set(xlabel="time [s]", ylabel="height of the piston [D]", xlim=(0.0, 4.0))
+        fall_axes.set_title("the fall from 20 D", fontsize=10)
+        oscillation_axes.plot(
+            oscillation.time, oscillation.height / DIAMETER, color=GREY, linewidth=3, label="simulated"
         )
-        right.axvline(seen.time[-1], color=GREY, linestyle=":")
-        right.set(xlabel="time [s]", xlim=(0.0, 6.0))
-        right.set_title("lifted by 0.2 D and released; fitted left of the dots", fontsize=10)
-        right.legend()
+        oscillation_axes.plot(
+            oscillation.time, predicted.height / DIAMETER, color=COLOURS[1], linewidth=1, label="its equation"
+        )
+        oscillation_axes.axvline(shown.time[-1], color=GREY, linestyle=":")
+        oscillation_axes.set(xlabel="time [s]", xlim=(0.0, 6.0))
+        oscillation_axes.set_title(
+            "lifted by 0.2 D and released; fitted left of the dotted line", fontsize=10
+        )
+        oscillation_axes.legend()
         keep(drawing, "fall")
 
 
 def draw_theory() -> None:
-    """The force of the bed over its height, and its losses, next to what theory says of them."""
+    """Force of the bed against height, and energy losses, compared with theory."""
     scene, data = damper(), damper_run().dataset
     chosen = data["time"] < 2.0
     time = data["time"].values[chosen]
@@ -159,7 +163,7 @@ def draw_theory() -> None:
         left.legend(markerscale=4.0)
         right.plot(np.arange(1, len(ratios) + 1), ratios, "o-", color=COLOURS[0])
         right.axhline(1.0, color="black", linewidth=1.2)
-        right.set(xlabel="swing after the fall", ylabel="energy lost over affine loss", ylim=(0.0, None))
+        right.set(xlabel="cycle after the fall", ylabel="energy lost over affine loss", ylim=(0.0, None))
         keep(drawing, "theory")
     at_rest = fit(damper_run().piston(), law="polynomial-spring").at_rest
     told = predict(scene).at_rest
@@ -183,12 +187,12 @@ def draw_theory() -> None:
 
 
 def lattice_height(scene: Scene) -> float:
-    """Where the triangular lattice carries the piston [m]."""
+    """Height at which the triangular lattice supports the piston [m]."""
     return scene.grains.count * DIAMETER**2 / (scene.cell.width * lattice_at_rest(scene).density)
 
 
 def draw_effects() -> None:
-    """Forces of pairs and walls over the distance, as `evaluate` gives them."""
+    """Forces of pairs and walls against distance, computed by `evaluate`."""
     distances = np.linspace(0.8, 4.0, 60)
     base = load_scene("bed").replace(
         **{
@@ -232,14 +236,14 @@ def draw_effects() -> None:
 
 
 def draw_eddy() -> None:
-    """Damping ratio of the damper in oil and over copper, by the drag of a lone grain."""
+    """Damping ratio of the damper in oil and over copper, against the drag of a single grain."""
     plates = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm", "plates": 2}
     scene = damper().replace(**{"effects.drag": None, "effects.eddy": plates})
     unit = scene.effects.eddy.dipole_drag_coefficient(Scales.from_grains(scene.grains))
     drags = (0.1, 0.2)
     with figure(width=7.0, height=3.2) as (drawing, axes):
         for place, (label, mutual) in enumerate(
-            (("oil", None), ("copper, each grain alone", False), ("copper, with neighbours", True))
+            (("oil", None), ("copper, each grain separately", False), ("copper, with neighbours", True))
         ):
             ratios = []
             for drag in drags:
@@ -253,13 +257,13 @@ def draw_eddy() -> None:
                 print(label, drag, f"{rate:.3f} 1/s")
                 ratios.append(100.0 * rate / frequency)
             axes.plot((0.0, *drags), (0.0, *ratios), "o-", color=COLOURS[place], label=label)
-        axes.set(xlabel="drag of a lone grain [kg/s]", ylabel="damping ratio [%]")
+        axes.set(xlabel="drag of a single grain [kg/s]", ylabel="damping ratio [%]")
         axes.legend()
         keep(drawing, "eddy")
 
 
 def draw_methods() -> None:
-    """Error of four methods over the step, on a grain that swings about its place of rest."""
+    """Error of four methods against time step, for a grain oscillating about its equilibrium."""
     names = ("symplectic-euler", "stormer-verlet", "blanes-moan-4", "blanes-moan-6")
     slopes = []
     with figure(width=7.0, height=3.4) as (drawing, axes):
@@ -275,7 +279,7 @@ def draw_methods() -> None:
                 markersize=3.0,
                 label=f"{name}, order {found.order}",
             )
-        axes.set(xscale="log", yscale="log", xlabel="time step [ms]", ylabel="greatest error [m]")
+        axes.set(xscale="log", yscale="log", xlabel="time step [ms]", ylabel="maximum error [m]")
         axes.legend()
         keep(drawing, "methods")
     measured = f"{', '.join(slopes[:-1])} and {slopes[-1]} for methods of order 1, 2, 4 and 6"
@@ -284,7 +288,7 @@ def draw_methods() -> None:
 
 
 def draw_pairs() -> None:
-    """What a cut-off takes off the pressure: the virial of pairs within a radius over all."""
+    """Error of the pressure due to a cut-off: virial of the pairs within a radius relative to all pairs."""
     places = compressed_run().dataset["position"].values[-1] / DIAMETER
     first, second = np.triu_indices(len(places), 1)
     distances = np.linalg.norm(places[first] - places[second], axis=1)
@@ -312,7 +316,7 @@ def draw_observables() -> None:
 
 
 def draw_studies() -> None:
-    """Height of rest of small dampers over the mass of their piston."""
+    """Equilibrium height of small dampers against the mass of the piston."""
     masses, seeds = (2.0, 2.75, 3.75, 5.0), (1, 2, 3)
     drop = [{"kind": "free", "name": "drop", "duration": 4.0}]
     heights = [
@@ -335,18 +339,15 @@ def draw_studies() -> None:
         line = np.linspace(masses[0], masses[-1], 50)
         middle = float(np.mean(heights[2]))
         axes.plot(
-            line,
-            middle * (line / masses[2]) ** -0.4,
-            color="black",
-            label="mass$^{-0.4}$, as the lattice says",
+            line, middle * (line / masses[2]) ** -0.4, color="black", label="mass$^{-0.4}$, lattice theory"
         )
-        axes.set(xlabel="mass of the piston [kg]", ylabel="height of rest [D]")
+        axes.set(xlabel="mass of the piston [kg]", ylabel="equilibrium height [D]")
         axes.legend()
         keep(drawing, "studies")
 
 
 def draw_record() -> None:
-    """A record with noise and a gap, the law fitted to it, and what is left over."""
+    """A record with noise and a gap, the law fitted to it, and the residual."""
     record = noisy(damper_run().piston().with_time_from_zero().between(0.0, 4.0))
     model = fit(record, law="polynomial-spring")
     drawing: Any = model.plot(record).figure
@@ -355,14 +356,14 @@ def draw_record() -> None:
 
 
 def noisy(record: PistonRecord) -> PistonRecord:
-    """The record as a sensor of 20 µm noise sees it, with a gap."""
+    """The record as measured by a sensor with 20 µm noise, with a gap."""
     seen = (record.time < 1.2) | (record.time > 1.5)
     errors = np.random.default_rng(1).normal(0.0, 20e-6, len(record))
     return PistonRecord(record.time[seen], (record.height + errors)[seen])
 
 
 def draw_pendulum() -> None:
-    """A pendulum released at two radians: the linear law, and the pendulum's own."""
+    """A pendulum released at two radians, fitted by a linear law and by the pendulum equation."""
     times = np.linspace(0.0, 20.0, 1000)
     start = PistonRecord(times, 2.0 * np.exp(-0.1 * times) * np.cos(1.3 * times))
     true = fit(start, "z'' + c*z' + k*sin(z) = 0", parameters={"c": 0.2, "k": 2.0}).simulate(times)
@@ -410,7 +411,7 @@ def draw_decay_tests() -> None:
 
 
 def draw_limits() -> None:
-    """A law of small lifts, asked for a whole fall, which it has not seen."""
+    """A law fitted to a small lift, extrapolated to a whole fall."""
     run = damper_run()
     small = fit(run.piston(), law="power-law-spring")
     fall = run.piston("drop").with_time_from_zero().between(0.0, 2.0)
@@ -426,7 +427,7 @@ def draw_limits() -> None:
 
 
 def draw_misprints() -> None:
-    """The load on the plates over the diameter, as [D, eq. 4.10] prints it and as it is meant."""
+    """The load on the plates against diameter, by [D, eq. 4.10] as printed and as corrected."""
     diameter = np.linspace(3.5, 9.0, 100)
     thickness, distance = 3.0, 3.1
     diagonal = np.hypot(diameter, thickness)
@@ -444,9 +445,9 @@ def draw_misprints() -> None:
 
 
 def write_whole_falls() -> None:
-    """Two whole falls, simulated and by the law."""
+    """Two whole falls, simulated and predicted by the law."""
     rows = [
-        "| bed | | settles | greatest force | deepest | affine loss | all loss |",
+        "| bed | | settles | maximum force | minimum height | affine loss | all loss |",
         "|---|---|---|---|---|---|---|",
     ]
     for mass, drag, height in ((7.5, 0.1, 20), (10.0, 0.2, 24)):
@@ -495,7 +496,7 @@ def write_whole_falls() -> None:
 
 
 def draw_silo() -> None:
-    """Flow rates of the packaged silo over its opening with the fitted law, and a picture of the flow."""
+    """Flow rates of the packaged silo against its opening with the fitted law, and a picture of the flow."""
     scene = load_scene("silo")
     result = silo(scene, [k * DIAMETER for k in (2, 3, 4, 6, 8, 10, 12)])
     with figure(width=5.5) as (drawing, axes):
@@ -512,12 +513,12 @@ def draw_silo() -> None:
 
 
 def draw_first_bed() -> None:
-    """The bed of the first page, coloured by force."""
+    """The bed of the start page, coloured by force."""
     keep(still(simulated(load_scene("bed"), t_end=0.5), -1, colour="force"), "bed")
 
 
 def draw_defects() -> None:
-    """Paths of defects within the last second of a compression."""
+    """Paths of defects during the last second of a compression."""
     scene = mono_bed(368, speed=33e-3, relaxation=1.0).replace(**{"output.frames": 0.01})
     run = simulated(scene, t_end=20.0)
     found = track_defects(run, start=19.0)
@@ -527,7 +528,7 @@ def draw_defects() -> None:
 
 
 def draw_machine() -> None:
-    """The packaged machine with its damper, simulated and by the law, and without."""
+    """The packaged machine without and with its damper, simulated and by the law."""
     scene = load_scene("machine")
     frequencies = [2.6, 2.75, 2.8, 2.85, 2.9, 2.95, 3.0, 3.1, 3.25, 3.4, 3.6]
     found = frequency_response(scene, frequencies, dt="auto*4")
@@ -551,9 +552,9 @@ def draw_machine() -> None:
 
 
 def write_machine_law() -> None:
-    """Peaks of the packaged machine from three starts next to the law and two linear ones.
+    """Peaks of the packaged machine for three packings, compared with the law and two linear laws.
 
-    What is simulated is kept in out/machine-law, and found there again.
+    Simulations are stored in out/machine-law and reused.
     """
     forces = (3.0, 5.0, 7.0, 10.0, 12.0, 20.0)
     frequencies = np.geomspace(2.75, 2.95, 5).tolist()
@@ -572,29 +573,31 @@ def write_machine_law() -> None:
     fitted = LinearSwing(numbers["omega"], numbers["lam"])
     law = CoupledSystem.from_host_scene(scene)
     rows = [
-        "| force | swing of the piston | simulated, three starts | law | its small swing "
-        "| linear law of a fitted swing |",
+        "| force | amplitude of the piston | simulated, three packings | law | linearised "
+        "law | linear law fitted to a free decay |",
         "|---|---|---|---|---|---|",
     ]
     for force in forces:
-        ones = [one.sel(amplitude=force) for one in simulations]
-        peaks = [1e3 * float(one.displacement.max()) for one in ones]
-        places = [int(one.displacement.values.argmax()) for one in ones]
-        swing = np.mean([one.stroke.values[k] for one, k in zip(ones, places, strict=True)])
+        at_force = [one.sel(amplitude=force) for one in simulations]
+        peaks = [1e3 * float(one.displacement.max()) for one in at_force]
+        places = [int(one.displacement.values.argmax()) for one in at_force]
+        piston_amplitude = np.mean([one.stroke.values[k] for one, k in zip(at_force, places, strict=True)])
         mean = float(np.mean(peaks))
-        said = [
+        predictions = [
             solve_host_response(law, frequencies, force).peak,
             float(np.abs(law.linear_response(frequencies, force)).max()),
             float(np.abs(law.linear_response(frequencies, force, fitted)).max()),
         ]
-        told = " | ".join(f"{1e3 * one:.2f} mm ({1e5 * one / mean - 100.0:+.0f} %)" for one in said)
-        spread = f"{mean:.2f} mm ({min(peaks):.2f} to {max(peaks):.2f})"
-        rows.append(f"| {force:g} N | {swing / DIAMETER:.1f} D | {spread} | {told} |")
+        predicted = " | ".join(
+            f"{1e3 * one:.2f} mm ({1e5 * one / mean - 100.0:+.0f} %)" for one in predictions
+        )
+        simulated = f"{mean:.2f} mm ({min(peaks):.2f} to {max(peaks):.2f})"
+        rows.append(f"| {force:g} N | {piston_amplitude / DIAMETER:.1f} D | {simulated} | {predicted} |")
     write_block("machine-law", "\n".join([*rows, ""]), DOCS / "guide" / "machine.md")
 
 
 def write_machine_design() -> None:
-    """The damper that is designed for the packaged machine, simulated."""
+    """Simulate the damper designed for the packaged machine."""
     host = load_scene("machine").effects.host
     assert host is not None
     assert host.excitation is not None
@@ -607,39 +610,41 @@ def write_machine_design() -> None:
     )
     (peak,) = response.peaks()
     words = (
-        f"That proposal, simulated at 13 frequencies from 2.6 to 3.8 Hz: {1e3 * peak['peak']:.2f} "
-        f"mm at the peak, at\n{peak['frequency']:.2f} Hz; the law says {1e3 * found.peak:.2f} mm."
+        "The proposed damper, simulated at 13 frequencies from 2.6 to 3.8 Hz: "
+        f"{1e3 * peak['peak']:.2f} "
+        f"mm at the peak, at\n{peak['frequency']:.2f} Hz; the law predicts "
+        f"{1e3 * found.peak:.2f} mm."
     )
     write_block("machine-design", words, DOCS / "guide" / "machine.md")
 
 
 def write_prices() -> None:
-    """The fastest setting of the stored table for three errors, of each scene and quantity."""
+    """Fastest setting in the stored table for three error levels, for each scene and quantity."""
     levels = {"1 %": 1e-2, "0.1 %": 1e-3, "10⁻⁶": 1e-6}
     rows = [
-        f"| scene | quantity | {' | '.join(levels)} | spread of one start |",
+        f"| scene | quantity | {' | '.join(levels)} | spread over packings |",
         f"|---|---|{'---|' * len(levels)}---|",
     ]
     for scene in prices():
         for quantity, floor in scene.floors.items():
             cells = [fastest(scene, quantity, level) for level in levels.values()]
             scatter = f"{100.0 * floor:.2g} %" if floor else "nothing"
-            where = f"{scene.name.split('-')[0]}, {scene.grains} grains"
-            rows.append(f"| {where} | {quantity} | {' | '.join(cells)} | {scatter} |")
-    words = "\n".join([*rows, "", f"By the stored table, measured on {prices()[0].date}."])
+            case = f"{scene.name.split('-')[0]}, {scene.grains} grains"
+            rows.append(f"| {case} | {quantity} | {' | '.join(cells)} | {scatter} |")
+    words = "\n".join([*rows, "", f"From the stored table, measured on {prices()[0].date}."])
     write_block("prices", words, DOCS / "guide" / "methods.md")
 
 
 def fastest(scene: SceneWorkPrecision, quantity: str, level: float) -> str:
-    """The fastest setting within a level with its time, that of all starts if one is not enough."""
+    """The fastest setting within an error level, with its time; for several starts if one is not enough."""
     floor, starts = scene.floors[quantity], 1
     if level < FLOORS * floor:
         starts = starts_for_tolerance(floor, level)
     found = [one for one in scene.entries if one.bounds[quantity] <= level]
-    if not found and starts > 1:  # the error of the step cannot be told from the scatter
+    if not found and starts > 1:  # the step error cannot be distinguished from the scatter
         found = [one for one in scene.entries if quantity not in one.clear]
     if not found:
-        return "finer than the table"
+        return "beyond the table"
     best = min(found, key=lambda one: one.seconds)
     method = "" if best.method == "stormer-verlet" else f"`{best.method}`, "
     price = duration_text(starts * best.seconds)
@@ -651,12 +656,12 @@ def fastest(scene: SceneWorkPrecision, quantity: str, level: float) -> str:
 
 
 def superscript(number: int) -> str:
-    """A number as an exponent."""
+    """A number in superscript."""
     return str(number).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def draw_cost() -> None:
-    """Errors of a bed's energy and piston force over the time of a run, by the stored table."""
+    """Errors of a bed's energy and piston force against the time of a run, from the stored table."""
     scene = next(one for one in prices() if one.name == "bed-92")
     with figure(width=7.0, height=3.4) as (drawing, axes):
         for place, method in enumerate(sorted({one.method for one in scene.entries}, reverse=True)):
@@ -672,7 +677,7 @@ def draw_cost() -> None:
                 )
         axes.axhline(scene.floors["piston force"], color=GREY, linestyle=":")
         axes.annotate(
-            "scatter of the piston force over random starts",
+            "spread of the piston force over packings",
             (1.0, scene.floors["piston force"]),
             (-4, 4),
             xycoords=("axes fraction", "data"),
@@ -689,17 +694,17 @@ def draw_cost() -> None:
 
 
 def write_hard_cases() -> None:
-    """Write how each hard case ends, with its error and the limit that it has to meet."""
+    """Write the outcome of each hard case, with its error and limit."""
     cases = hard_case_catalogue()
     outcomes = [run_hard_case(case) for case in cases]
     kinds = {kind: sum(one.kind == kind for one in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)}
     wrong = sum(not one.allowed for one in outcomes)
     words = (
-        f"Of {len(outcomes)} cases {kinds[ACCURATE]} stay within their error, {kinds[DEGRADED]} exceeds it "
-        f"and warns, {kinds[STOPPED]} are refused or stopped by an error that names the cause, {wrong} give "
-        "a wrong result."
+        f"Of {len(outcomes)} cases {kinds[ACCURATE]} stay within their limit, "
+        f"{kinds[DEGRADED]} exceeds it and warns, {kinds[STOPPED]} are refused or stopped "
+        f"with an error that gives the cause, {wrong} give a wrong result."
     )
-    rows = ["| case | why it is hard | error | limit | how it ends |", "|---|---|---|---|---|"]
+    rows = ["| case | difficulty | error | limit | outcome |", "|---|---|---|---|---|"]
     for case, one in zip(cases, outcomes, strict=True):
         error, limit = ("", "") if math.isnan(one.error) else (f"{one.error:.1g}", f"{one.limit:.0e}")
         ending = one.said.split(":", 1)[0] if one.kind == STOPPED else one.kind
@@ -708,9 +713,9 @@ def write_hard_cases() -> None:
 
 
 def write_effect_costs() -> None:
-    """Write the time that each effect of the packaged damper adds to a step."""
+    """Write the cost of each effect of the packaged damper per step."""
     costs = effect_costs(load_scene("damper"))
-    rows = ["| effect | added to nothing | taken from the whole |", "|---|---|---|"]
+    rows = ["| effect | added alone | removed from the full scene |", "|---|---|---|"]
     for one in costs.effects:
         first, last = (f"{value:.2f} ± {doubt:.2f} µs" for value, doubt in (one[1:3], one[3:]))
         rows.append(f"| `{one.effect}` | {first} | {last} |")
@@ -722,7 +727,9 @@ def write_effect_costs() -> None:
 
 
 def draw_guarantees() -> None:
-    """A run cut and resumed, and one that rounds otherwise, next to the run in one piece."""
+    """A run that is interrupted and resumed, and one with different rounding, compared with an uninterrupted
+    run.
+    """
     scene = damper(count=92)
     whole = simulated(scene, t_end=2.0).dataset
     with tempfile.TemporaryDirectory() as name:
@@ -731,7 +738,7 @@ def draw_guarantees() -> None:
     other = simulated(scene, method="stormer-verlet+compensated", t_end=2.0).dataset
     with figure(width=7.0, height=3.2) as (drawing, axes):
         for place, (label, one) in enumerate(
-            (("cut at 0.7 s and resumed", cut), ("sums rounded otherwise", other))
+            (("cut at 0.7 s and resumed", cut), ("different rounding of sums", other))
         ):
             apart = np.abs(one["piston_height"].values - whole["piston_height"].values)
             axes.plot(whole["time"], apart, label=label, **line_style(place))
@@ -745,7 +752,7 @@ def draw_guarantees() -> None:
 
 
 def draw_verification() -> None:
-    """Each published number that was run by means over starts: ours over de Paula's."""
+    """Ratio of computed to published values of de Paula, for results averaged over packings."""
     groups: dict[str, list[tuple[float, float, bool]]] = {}
     for row in judged(committed()):
         if row.verdict.words not in ("agrees", "differs") or row.found is None:
@@ -788,7 +795,7 @@ def draw_verification() -> None:
                 fontsize=9,
             )
             start += len(groups[unit])
-        axes.set(xlabel="numbers that de Paula (2025) prints", ylabel="here over published", xticks=[])
+        axes.set(xlabel="values published by de Paula (2025)", ylabel="here over published", xticks=[])
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         keep(drawing, "verification")
 
@@ -800,11 +807,11 @@ STARTS = {
     "z = 0.06 + 1e-3 * np.exp(-0.8 * t) * np.cos(21.8 * t)\n"
     "fit(PistonRecord(t, z), law='linear')",
 }
-"""A first use of each half, as a script."""
+"""A script with the first use of each package."""
 
 
 def draw_installation() -> None:
-    """Processor time of a first start, which compiles, and of the next."""
+    """Processor time of a first start, with compilation, and of the second."""
     seconds: dict[str, list[float]] = {}
     for name, code in STARTS.items():
         with tempfile.TemporaryDirectory() as folder:
@@ -813,7 +820,7 @@ def draw_installation() -> None:
             kept = {key: str(Path(folder) / key.lower()) for key in keys}
             seconds[name] = [run_seconds(code, kept) for _ in range(2)]
     with figure(width=7.0, height=2.2) as (drawing, axes):
-        for k, label in enumerate(("first start, which compiles", "second start")):
+        for k, label in enumerate(("first start, with compilation", "second start")):
             places = [place - 0.2 + 0.4 * k for place in range(len(seconds))]
             spent = [one[k] for one in seconds.values()]
             axes.barh(places, spent, 0.38, color=COLOURS[k], label=label)
@@ -824,15 +831,16 @@ def draw_installation() -> None:
         keep(drawing, "installation")
     (run, again), (fitted, later) = seconds["simulate"], seconds["fit"]
     words = (
-        f"A script with one call takes, for `simulate`, {run:.0f} s of processor time at the first "
-        f"start, which compiles,\nand {again:.1f} s at the second; for `fit`, {fitted:.0f} s and "
+        f"A script with one call takes, for `simulate`, {run:.0f} s of processor time at the "
+        f"first start, with compilation,\nand {again:.1f} s at the second; for `fit`, "
+        f"{fitted:.0f} s and "
         f"{later:.1f} s."
     )
     write_block("installation", words, DOCS / "guide" / "installation.md")
 
 
 def run_seconds(code: str, kept: Mapping[str, str]) -> float:
-    """Processor time of a process that runs the code, with its compiled code kept there [s]."""
+    """Processor time of a process that runs the code, with a given cache of compiled code [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(
         [sys.executable, "-c", code],
@@ -846,7 +854,7 @@ def run_seconds(code: str, kept: Mapping[str, str]) -> float:
 
 
 def draw_libraries() -> None:
-    """Processor time that the import of each library takes."""
+    """Processor time of importing each library."""
     names = (
         "numpy",
         "scipy.optimize",
@@ -870,12 +878,12 @@ def draw_libraries() -> None:
     ours = [COLOURS[1] if "granular" in one else COLOURS[0] for one in ordered]
     with figure(width=7.0, height=3.6) as (drawing, axes):
         axes.barh(ordered, [costs[one] for one in ordered], color=ours)
-        axes.set_xlabel("processor time of the import, beyond an empty Python [s]")
+        axes.set_xlabel("processor time of the import, minus an empty Python [s]")
         keep(drawing, "libraries")
 
 
 def draw_rooms() -> None:
-    """Rooms of the packages: a room imports from those below it, and from packages to its left."""
+    """Layers of the packages: a directory imports from those below it, and from packages to its left."""
     contracts = tomllib.loads((DOCS.parent / "pyproject.toml").read_text())["tool"]["importlinter"][
         "contracts"
     ]
@@ -903,7 +911,7 @@ def draw_rooms() -> None:
 
 
 def draw_forms() -> None:
-    """One swing in four forms of a file, each as it is read."""
+    """One oscillation in four file formats, each as it is read."""
     times = np.linspace(0.0, 2.0, 400)
     height = 0.06 + 1.2e-3 * np.exp(-0.8 * times) * np.cos(21.8 * times)
     pairs = list(zip(times, height, strict=True))
@@ -947,7 +955,7 @@ X_Value\theight"""
 
 
 def draw_own() -> None:
-    """A bed under its weight alone, and pulled down by springs that a formula brings."""
+    """A bed under its weight only, and with additional springs defined by a formula."""
     scene = load_scene("bed").replace(
         **{
             "grains.count": 23,
@@ -960,7 +968,7 @@ def draw_own() -> None:
     pulled = scene.replace(**{"effects.field": [{"energy": "k*y**2/2", "k": "10 N/m"}]})
     with figure(1, 2, width=9.0, height=3.0) as (drawing, (left, right)):
         for place, (one, sign, label) in enumerate(
-            ((scene, "o", "weight alone"), (pulled, "s", "with k*y**2/2"))
+            ((scene, "o", "weight only"), (pulled, "s", "with k*y**2/2"))
         ):
             data = simulated(one, t_end=0.5).dataset
             places = 1e3 * data["position"].values
@@ -1003,7 +1011,7 @@ def plt_image(content: bytes) -> Any:
 
 
 def write_block(name: str, text: str, path: Path) -> None:
-    """Write what was measured between its marks in a page, with the command and the date."""
+    """Write measured values between their marks in a page, with the command and the date."""
     page = path.read_text(encoding="utf-8")
     begin, end = f"<!-- made by docs/pictures.py: {name} -->", f"<!-- end: {name} -->"
     before, _, rest = page.partition(begin)
@@ -1041,11 +1049,11 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "effect-costs": write_effect_costs,
     "head-on": lambda: write_block("head-on", head_on_steps(), DOCS / "guide" / "methods.md"),
     "discs": lambda: write_block("discs", discs_over_dipoles(), DOCS / "guide" / "pairs.md"),
-    "magnets": lambda: write_block("magnets", magnets_beside_dipoles(), DOCS / "results" / "laws.md"),
+    "magnets": lambda: write_block("magnets", magnets_compared_with_dipoles(), DOCS / "results" / "laws.md"),
     "falls": lambda: write_block("falls", falls(), DOCS / "results" / "laws.md"),
     "averaging": lambda: write_block("averaging", averaging(), DISCOVERY),
-    "lammps": lambda: write_block("lammps", beside_lammps(), OTHERS),
-    "pysindy": lambda: write_block("pysindy", beside_pysindy(), OTHERS),
+    "lammps": lambda: write_block("lammps", lammps_comparison(), OTHERS),
+    "pysindy": lambda: write_block("pysindy", pysindy_comparison(), OTHERS),
     "guarantees": draw_guarantees,
     "verification": draw_verification,
     "installation": draw_installation,
@@ -1058,7 +1066,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
 
 
 def main(names: list[str]) -> None:
-    """Draw the named pictures, or all."""
+    """Draw the given pictures, or all."""
     unknown = sorted(set(names) - set(PICTURES))
     if unknown:
         sys.exit(f"error: no picture {', '.join(unknown)}; there are {', '.join(PICTURES)}")

@@ -1,8 +1,8 @@
-"""Tell, in the reference, what each key of a scene's section may be: its default and its limits.
+"""Show default and limits of each key of a scene's sections in the reference.
 
-The docstrings of sections say what a key means and its unit; the declarations next to them hold
-default and limits. This extension of griffe puts the latter behind the former, from the source
-text alone.
+The docstrings of sections explain the meaning and unit of a key; the declarations next to them contain
+default and limits. This extension of griffe appends default and limits to the docstrings, using the source
+text only.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class SectionKeys(griffe.Extension):
 
 
 class DefaultValues(griffe.Extension):
-    """Show the number or text of a default that is written as the name of a constant."""
+    """Show the value of a default that is given by the name of a constant."""
 
     def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
         show_defaults(pkg)
 
 
 def show_defaults(place: griffe.Module | griffe.Class) -> None:
-    """Do so for all functions of a module or class, and of what is in it."""
+    """Replace defaults of all functions in a module or class, recursively."""
     for member in place.members.values():
         if isinstance(member, (griffe.Module, griffe.Class)):
             show_defaults(member)
@@ -52,7 +52,7 @@ def show_defaults(place: griffe.Module | griffe.Class) -> None:
 
 
 def constant(name: str, module: griffe.Module) -> str:
-    """The source text of a module's constant, also of one that it imports; empty for others."""
+    """The source text of a constant of a module, including imported ones; empty for other names."""
     known = module.members.get(name)
     try:
         found = known.final_target if isinstance(known, griffe.Alias) else known
@@ -62,7 +62,7 @@ def constant(name: str, module: griffe.Module) -> str:
 
 
 def is_plain(source: str) -> bool:
-    """Whether a source text is a number or a text, or a few of them."""
+    """Whether a source text is a number or string, or a few of them."""
     try:
         ast.literal_eval(source)
     except (SyntaxError, ValueError):
@@ -90,19 +90,19 @@ def limits_in_words(declaration: str) -> str:
 
 
 def written(value: ast.expr) -> str:
-    """A value as people write it: 0 for 0.0."""
+    """A value in its usual notation: 0 for 0.0."""
     if isinstance(value, ast.Constant) and isinstance(value.value, float):
         return f"{value.value:g}"
     return ast.unparse(value).replace(" ** ", "^").replace("math.pi", "pi")
 
 
 def join_words(found: list[str]) -> str:
-    """The words for keys that share a description; once where they are alike."""
+    """The text for keys that share a description, without repetition."""
     return found[0] if len(set(found)) == 1 else " ".join(filter(None, found))
 
 
 def with_limits(docstring: str, words: dict[str, str]) -> str:
-    """The docstring with the words behind the description of each attribute."""
+    """The docstring with default and limits after the description of each attribute."""
     lines: list[str] = []
     pending = ""
     for line in [*docstring.splitlines(), ""]:

@@ -1,4 +1,4 @@
-"""Runs as files for other programs.
+"""Export of runs to files for other programs.
 
 GSD and extended XYZ for OVITO and ASE, VTK for ParaView, tables in CSV and Parquet, and input decks of
 LAMMPS.
@@ -9,5 +9,5 @@ LAMMPS.
 
 import lazy_loader
 
-# Names, which stand in __init__.pyi, are imported when they are used: a format costs nothing else.
+# The names listed in __init__.pyi are imported when first used, so that unused formats cost nothing.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Formats in which runs are written for other programs, by their names."""
+"""Export formats for other programs, by name."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from granular.shared.registry import Registry
 
 
 class Exporter(NamedTuple):
-    """A format in which runs are written.
+    """An export format.
 
     Attributes
     ----------
     write : function
-        Of a run and a path, with the keywords ``overwrite`` and ``progress``; returns its file or files.
+        Function of a run and a path, with the keywords ``overwrite`` and ``progress``; returns the written
+        file or files.
     contents : str
-        Contents of the files, in words.
+        Description of the files.
     of_scenes : bool
-        Whether it writes scenes too, and takes ``dt`` [s] or "auto" in place of ``progress``.
+        Whether the format also exports scenes, and takes ``dt`` [s] or "auto" instead of ``progress``.
     next_step : str
-        Command that takes the files, in words.
+        Command that uses the files.
     """
 
     write: Callable[..., Path | tuple[Path, ...]]
@@ -45,4 +46,4 @@ EXPORTERS = Registry[Exporter](
     "a granular.export.Exporter",
     lambda exporter: exporter.contents,
 )
-"""Formats by the names that the command ``export`` takes."""
+"""Formats by their names in the command ``export``."""

@@ -1,4 +1,4 @@
-"""Extended XYZ, a text format that OVITO and ASE read."""
+"""Export to extended XYZ, a text format for OVITO and ASE."""
 
 from __future__ import annotations
 
@@ -19,32 +19,31 @@ NO_ELEMENT = 0
 def to_extxyz(
     run: Trajectory | str | Path, path: str | Path, *, overwrite: bool = False, progress: bool = False
 ) -> Path:
-    """Write the frames of a run as extended XYZ, in SI and to the last bit (17 digits).
+    """Write the frames of a run as extended XYZ, in SI and with full precision (17 digits).
 
-    The cell of each frame (``Lattice`` with its ``Origin``) is as wide as the bed's, as high as the
-    piston stands (without a piston, as the bed) and as deep as the distance of the plates; the
-    grains stand half-way between these, at z = 0. The columns bear the names that OVITO maps to its
-    own: species, pos [m], velo [m/s], force [N] (magnetic, weight and contact), radius [m],
-    mass [kg], id (the grain's index in the scene); and for ASE, which takes chemical elements only,
-    kind (the index of the species in the scene) and the atomic number Z = 0. The comment line gives
-    ``Time`` [s] and, with a piston, ``Piston_height`` [m]. Grains that have left the cell are left
-    out.
+    The cell of each frame (``Lattice`` with its ``Origin``) has the width of the bed's cell, the height of
+    the piston (without a piston, of the bed) and the distance between the plates as depth; the grains lie in
+    the middle between the plates, at z = 0. The columns have names that OVITO recognises: species, pos [m],
+    velo [m/s], force [N] (magnetic, weight and contact), radius [m], mass [kg], id (the grain's index in the
+    scene). For ASE, which accepts only chemical elements, there are also kind (the index of the species in
+    the scene) and the atomic number Z = 0. The comment line gives ``Time`` [s] and, with a piston,
+    ``Piston_height`` [m]. Grains that have left the cell are omitted.
 
     Parameters
     ----------
     run : Trajectory or path
         A run, or its directory.
     path : path
-        The file.
+        Path of the file to write.
     overwrite : bool
-        Whether a file of that name may be replaced.
+        Whether an existing file may be replaced.
     progress : bool
-        Whether to show a bar.
+        Whether to show a progress bar.
 
     Returns
     -------
     Path
-        The file.
+        Path of the written file.
 
     Raises
     ------
@@ -53,8 +52,7 @@ def to_extxyz(
 
     References
     ----------
-    The format: https://github.com/libAtoms/extxyz; the names of the columns: OVITO's manual, "XYZ
-    file reader".
+    Format: https://github.com/libAtoms/extxyz; column names: OVITO's manual, "XYZ file reader".
     """
     run, path = open_run(run), Path(path)
     with write_atomically(path, overwrite) as part, part.open("w", encoding="utf-8") as file:

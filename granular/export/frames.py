@@ -1,4 +1,4 @@
-"""The frames of a run, one after the other, and the grains of each that are in the cell."""
+"""Iterate over the frames of a run, and select the grains in the cell."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 BLOCK = 64
-"""Frames that are read together: few enough to fit into memory with any bed."""
+"""Number of frames read together, small enough to fit into memory for any bed."""
 
 
 def open_run(run: Trajectory | str | Path) -> Trajectory:
-    """Return a run as it is, or load the run in a directory."""
+    """Return a run unchanged, or load it from a directory."""
     run = run if isinstance(run, Trajectory) else load_trajectory(run)
     if not run.dataset.sizes["frame"]:
-        raise InputError("the run has no frames; run it for longer, or lower output.frames")
+        raise InputError("the run has no frames; run it for longer, or reduce output.frames")
     return run
 
 
 def iterate_frames(
     run: Trajectory, indices: Sequence[int] | None = None, bar: str | None = None
 ) -> Iterator[Frame]:
-    """Yield frames of a run, some of which are in memory at a time."""
+    """Yield frames of a run, reading them in blocks."""
     from granular.shared.progress_bars import progress_bar
 
     chosen = range(run.dataset.sizes["frame"]) if indices is None else indices
@@ -39,10 +39,10 @@ def iterate_frames(
 
 
 def present_grains(frame: Frame) -> tuple[Int[np.ndarray, "k"], Frame]:
-    """Find the grains that are in the cell, and reduce the frame to them."""
-    here = np.flatnonzero(is_present(frame.positions))
+    """Find the grains in the cell, and restrict the frame to them."""
+    present = np.flatnonzero(is_present(frame.positions))
     fields = ("positions", "velocities", "forces", "species", "diameters", "masses")
-    return here, frame._replace(**{name: getattr(frame, name)[here] for name in fields})
+    return present, frame._replace(**{name: getattr(frame, name)[present] for name in fields})
 
 
 def planar_to_spatial(plane: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:

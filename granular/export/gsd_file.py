@@ -1,4 +1,4 @@
-"""GSD, the binary format of HOOMD-blue, which OVITO and freud read."""
+"""Export to GSD, the binary format of HOOMD-blue, for OVITO and freud."""
 
 from __future__ import annotations
 
@@ -20,32 +20,31 @@ def to_gsd(
 ) -> Path:
     """Write the frames of a run as GSD (schema ``hoomd``), in SI (m, kg, s).
 
-    GSD holds positions, velocities, masses and diameters in single precision, and its box is
-    centred on the origin: the positions are counted from the middle of a box that is the same in
-    all frames, in two dimensions. The box is twice as wide as the cell, and twice as high as the
-    highest piston (or grain) of the run: a GSD box is always periodic, and so no program that
-    counts neighbours finds any across the walls. OVITO opens each GSD file as periodic; `to_extxyz`
-    says of every side what it is. The exact values in double precision, in the coordinates of the
-    cell, are stored too as logged quantities, which OVITO shows as properties of the particles:
-    ``position``, ``velocity``, ``force`` (magnetic, weight and contact), each (k, 3), and ``grain``
-    (its index in the scene); and for the frame ``time`` [s] and, with a piston, ``piston_height``
-    [m]. The step is the number of the frame. Grains that have left the cell are left out.
+    GSD stores positions, velocities, masses and diameters in single precision. Its two-dimensional box is
+    centred on the origin and the same in all frames; positions are relative to its centre. A GSD box is
+    always periodic. It is therefore twice as wide as the cell, and twice as high as the highest piston (or
+    grain) of the run, so that no program finds neighbours across the walls. OVITO opens every GSD file as
+    periodic; `to_extxyz` marks each side as periodic or not. The exact values in double precision, in the
+    coordinates of the cell, are also stored as logged quantities, which OVITO shows as properties of the
+    particles: ``position``, ``velocity``, ``force`` (magnetic, weight and contact), each (k, 3), and
+    ``grain`` (its index in the scene); and for the frame ``time`` [s] and, with a piston, ``piston_height``
+    [m]. The step is the index of the frame. Grains that have left the cell are omitted.
 
     Parameters
     ----------
     run : Trajectory or path
         A run, or its directory.
     path : path
-        The file.
+        Path of the file to write.
     overwrite : bool
-        Whether a file of that name may be replaced.
+        Whether an existing file may be replaced.
     progress : bool
-        Whether to show a bar.
+        Whether to show a progress bar.
 
     Returns
     -------
     Path
-        The file.
+        Path of the written file.
 
     Raises
     ------
@@ -67,7 +66,7 @@ def to_gsd(
 
 
 def _bounding_box_of_run(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left corner and size of what holds the cell at any time (2,), (2,) [m]."""
+    """Lower left corner and size of a box that contains the cell at all times (2,), (2,) [m]."""
     if run.scene.cell.periods is not None:
         return np.zeros(2), np.array(run.scene.cell.periods)
     heights = [0.0] if run.scene.piston is None else run.dataset["frame_height"].values
@@ -80,7 +79,7 @@ def _bounding_box_of_run(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 def _fill_gsd_frame(new: Any, number: int, frame: Frame, low: np.ndarray, size: np.ndarray) -> Any:
     grains, present = present_grains(frame)
-    # About a closed cell as much again, so that no image of a grain is near.
+    # A closed cell gets a box of twice its size, so that no image of a grain is near.
     box = size if frame.scene.cell.periods else 2.0 * size
     new.configuration.step = number
     new.configuration.dimensions = 2

@@ -1,12 +1,11 @@
-"""A scene as an input deck of LAMMPS, which runs it on many processors.
+"""Export of a scene as an input deck of LAMMPS, to run it on many processors.
 
-Carried over: repulsion of dipoles or discs, and walls, as tables (any number of species), gravity,
-viscous drag, shaking, and a prescribed piston. Refused, because LAMMPS has no match: dry friction,
-contact, walls that depend on two coordinates, a free piston, and stages that end at rest or at a force.
-See ``docs/large-scale.md``.
+Exported: repulsion of dipoles or discs, and walls, as tables (any number of species), gravity, viscous drag,
+shaking, and a prescribed piston. Refused, because LAMMPS has no equivalent: dry friction, contact, walls that
+depend on two coordinates, a free piston, and stages that end at rest or at a force. See
+``docs/large-scale.md``.
 
-The tables make the forces exact to some 1e-7; time steps are those of ``stormer-verlet`` here,
-drag included.
+The tables give forces to about 1e-7; time steps equal those of ``stormer-verlet``, including drag.
 """
 
 from __future__ import annotations
@@ -49,36 +48,36 @@ def to_lammps(
     dt: float | str = "auto",
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
-    """Write a LAMMPS deck: ``in.granular``, ``bed.data``, and the tables of pairs and walls, in SI.
+    """Write a LAMMPS deck in SI: ``in.granular``, ``bed.data``, and the tables of pairs and walls.
 
-    ``mpirun -np 2 lmp -in in.granular``, in that directory, runs the protocol and writes
-    ``piston.csv`` (which `PistonRecord.from_csv` reads) and ``frames.dump``. A scene begins at its
-    start; a run goes on from its last frame, with what is left of its protocol (nothing, if it is
-    complete: then only the forces are computed). ``pairs.method = "cut-off"`` sets where the pairs
-    end; otherwise all pairs are summed, at a cost that grows with the square of their number.
+    ``mpirun -np 2 lmp -in in.granular``, in that directory, runs the protocol and writes ``piston.csv``
+    (which `PistonRecord.from_csv` reads) and ``frames.dump``. A scene starts from its initial state; a run
+    continues from its last frame with the rest of its protocol (if it is complete, only the forces are
+    computed). ``pairs.method = "cut-off"`` sets the cut-off of pairs; otherwise all pairs are summed, at a
+    cost proportional to the square of the number of grains.
 
     Parameters
     ----------
     source : Scene, Trajectory, str or path
         A scene, a run, the name of a packaged scene, or the path of either.
     directory : path
-        Is made if it does not exist.
+        Directory of the deck; created if missing.
     dt : float or str
-        Longest time step [s]; each stage takes the next shorter one that divides it. "auto" follows
-        the stiffest mode of the present bed and of the bed as squeezed evenly to the piston's
-        lowest height; "auto/2" is half of it.
+        Maximum time step [s]; each stage uses the next smaller step that divides its duration. "auto" follows
+        the stiffest mode of the present bed and of the bed compressed uniformly to the piston's lowest
+        height; "auto/2" is half of it.
     overwrite : bool
-        Whether files of these names may be replaced.
+        Whether existing files may be replaced.
 
     Returns
     -------
     tuple of Path
-        The files.
+        Paths of the written files.
 
     Raises
     ------
     InputError
-        If LAMMPS cannot carry the scene, ``dt`` is no time step, a file exists or cannot be written,
+        If LAMMPS cannot represent the scene, ``dt`` is not a time step, a file exists or cannot be written,
         or the source cannot be read.
     """
     scene, run = _open_source(source)
@@ -106,35 +105,35 @@ def _open_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajec
 
 def _start_of_scene(scene: Scene) -> DeckStart:
     height = None if scene.piston is None else scene.piston.height
-    everyone = np.arange(scene.grains.count)
+    all_grains = np.arange(scene.grains.count)
     return DeckStart(
         0.0,
         height,
-        everyone,
+        all_grains,
         *scene.initial_positions_and_velocities(),
         tuple(_remaining_stages(scene, 0, height)),
     )
 
 
 def _start_after_run(run: Trajectory) -> DeckStart:
-    """Last frame, and the stages that it leaves."""
+    """State in the last frame, and the remaining stages."""
     grains, frame = present_grains(frame_at(run))
-    behind = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
-    present = None if run.scene.piston is None else frame.piston_height
-    height, started, point = present, frame.time, len(behind)
-    if point < len(run.stages):
-        now = run.stages[point]
-        started = now.start
+    completed_stages = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
+    current_height = None if run.scene.piston is None else frame.piston_height
+    height, stage_start, stage_index = current_height, frame.time, len(completed_stages)
+    if stage_index < len(run.stages):
+        current_stage = run.stages[stage_index]
+        stage_start = current_stage.start
         if height is not None:
-            height = float(run.piston(now.name).height[0])
-    stages = tuple(_remaining_stages(run.scene, point, height, frame.time - started))
-    return DeckStart(frame.time, present, grains, frame.positions, frame.velocities, stages)
+            height = float(run.piston(current_stage.name).height[0])
+    stages = tuple(_remaining_stages(run.scene, stage_index, height, frame.time - stage_start))
+    return DeckStart(frame.time, current_height, grains, frame.positions, frame.velocities, stages)
 
 
 def _remaining_stages(
     scene: Scene, index: int, height: float | None, elapsed: float = 0.0
 ) -> Iterator[RemainingStage]:
-    """Stages from one on, which begins (or has begun) with the piston at a height [m]."""
+    """Stages from a given one on, which begins (or began) with the piston at a height [m]."""
     for stage in scene.protocol[index:]:
         remaining = remaining_stage(stage, height, elapsed)
         yield remaining
@@ -158,19 +157,19 @@ def _make_deck(scene: Scene, start: DeckStart, dt: float | str) -> LammpsDeck:
 
 
 def _choose_time_step(deck: LammpsDeck, dt: float | str) -> float:
-    """Time step [s] that is given, or that the bed's stiffest modes allow."""
+    """Given time step [s], or the step allowed by the bed's stiffest modes."""
     from granular.run.plan import parse_time_step
 
-    asked = parse_time_step(dt, deck.scene)
-    if asked.seconds is not None:
-        return asked.seconds
+    requested = parse_time_step(dt, deck.scene)
+    if requested.seconds is not None:
+        return requested.seconds
     highest = max(_mode_frequency_under_compression(deck), _highest_collision_frequency(deck))
     highest *= deck.scales.rate
-    return min(deck.scene.output.scalars, asked.step_times_frequency / highest if highest else math.inf)
+    return min(deck.scene.output.scalars, requested.step_times_frequency / highest if highest else math.inf)
 
 
 def _mode_frequency_under_compression(deck: LammpsDeck) -> float:
-    """Highest frequency of the bed at present, and evenly squeezed by the piston [1/tau]."""
+    """Highest frequency of the bed now and under uniform compression by the piston [1/tau]."""
     start, unit = deck.start, deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.species_indices()[start.grains]
@@ -195,7 +194,7 @@ def _mode_frequency_under_compression(deck: LammpsDeck) -> float:
 
 
 def _highest_collision_frequency(deck: LammpsDeck) -> float:
-    """Highest frequency at which grains turn that meet head-on, or a wall, at their top speed [1/tau]."""
+    """Highest frequency of head-on collisions between grains, or with a wall, at maximum speed [1/tau]."""
     start, gravity = deck.start, deck.scene.effects.gravity
     fall = 0.0 if gravity is None else 2.0 * gravity.acceleration * start.positions[:, 1].max()
     speed = math.sqrt((start.velocities**2).sum(axis=1).max() + fall)
@@ -212,8 +211,8 @@ def _highest_collision_frequency(deck: LammpsDeck) -> float:
         if deck.pair_cutoff is not None and not discs:
             squares.append(dipole_law.head_on_frequency_squared(speed, mass, moment_ratio))
         elif deck.pair_cutoff is not None:
-            near = make_disc_laws(discs, np.zeros(0, dtype=np.int64))[1]
-            speeds, frequencies = near.tables.collisions
+            near_law = make_disc_laws(discs, np.zeros(0, dtype=np.int64))[1]
+            speeds, frequencies = near_law.tables.collisions
             strength = moment_ratio * ratio
             row = min(np.searchsorted(speeds, speed**2 / strength), len(speeds) - 1)
             squares.append(strength * frequencies[row])
@@ -221,7 +220,7 @@ def _highest_collision_frequency(deck: LammpsDeck) -> float:
 
 
 def _data_file_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Grains, in the order of the scene and counted from 1."""
+    """Grains, in the order of the scene and numbered from 1."""
     start = deck.start
     species = deck.scene.grains.species_indices()[start.grains] + 1
     depth = deck.scene.cell.separation
@@ -229,7 +228,7 @@ def _data_file_lines(deck: LammpsDeck) -> Iterator[str]:
     yield f"{len(species)} atoms\n{len(deck.moment_ratios)} atom types\n\n"
     sizes = (deck.scene.cell.width, deck.highest)
     for axis, size, position in zip("xy", sizes, start.positions.T, strict=True):
-        # Grains stand outside of the cell where it is open.
+        # Grains may lie outside an open cell.
         low = min(0.0, float(position.min()) - deck.scales.length)
         high = max(size, float(position.max()) + deck.scales.length)
         yield f"{low!r} {high!r} {axis}lo {axis}hi\n"
@@ -243,7 +242,7 @@ def _data_file_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 REACH = 6.0
-"""Pairs up to here [D] count for the stiffness, which falls as distance^-5."""
+"""Distance [D] within which pairs are included in the stiffness, which falls as distance^-5."""
 
 
 def mode_frequency_bound(
@@ -257,21 +256,23 @@ def mode_frequency_bound(
     pairs: bool,
     discs: Sequence[Disc] = (),
 ) -> float:
-    """Upper bound of the modes' angular frequencies by row sums [1/tau]; positions, width, height [D]."""
+    """Upper bound of the modes' angular frequencies from row sums [1/tau]; positions, width, height [D]."""
     from scipy.spatial import cKDTree
 
-    near = cKDTree(positions).query_pairs(REACH if pairs else 0.0, output_type="ndarray")
-    i, j = near[:, 0], near[:, 1]
+    near_pairs = cKDTree(positions).query_pairs(REACH if pairs else 0.0, output_type="ndarray")
+    i, j = near_pairs[:, 0], near_pairs[:, 1]
     r = np.linalg.norm(positions[i] - positions[j], axis=1)
-    fifth = r**-5.0
+    inverse_fifth_power = r**-5.0
     if discs:
-        of_pairs = [(discs[first], discs[second]) for first, second in near]
-        for pair in set(of_pairs):
-            alike = np.array([other == pair for other in of_pairs])
-            fifth[alike] *= disc_over_dipole_stiffness(r[alike], pair)
+        disc_pairs = [(discs[first], discs[second]) for first, second in near_pairs]
+        for pair in set(disc_pairs):
+            same_pair = np.array([other == pair for other in disc_pairs])
+            inverse_fifth_power[same_pair] *= disc_over_dipole_stiffness(r[same_pair], pair)
     size = len(positions)
-    sums = np.bincount(i, moment_ratio[j] * fifth, size) + np.bincount(j, moment_ratio[i] * fifth, size)
-    # A pair's stiffness 4 * 3/4 q_i q_j/r^5 enters a row twice.
+    sums = np.bincount(i, moment_ratio[j] * inverse_fifth_power, size) + np.bincount(
+        j, moment_ratio[i] * inverse_fifth_power, size
+    )
+    # The stiffness 4 * 3/4 q_i q_j/r^5 of a pair enters a row twice.
     rows = np.multiply(8.0 * dipole_law.STRENGTH, sums)
     gaps = {
         "left": positions[:, 0],
@@ -286,5 +287,5 @@ def mode_frequency_bound(
 
 
 LAMMPS = Exporter(
-    to_lammps, "LAMMPS deck", of_scenes=True, next_step="there: mpirun -np 2 lmp -in in.granular"
+    to_lammps, "LAMMPS deck", of_scenes=True, next_step="in that directory: mpirun -np 2 lmp -in in.granular"
 )

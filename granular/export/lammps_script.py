@@ -1,4 +1,4 @@
-"""The input script of LAMMPS for a scene, as text, and its tables of pair and wall laws, in SI."""
+"""The LAMMPS input script of a scene as text, and the tables of pair and wall laws, in SI."""
 
 from __future__ import annotations
 
@@ -19,26 +19,27 @@ from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 
 ROWS = 5000
-"""Rows of a table, in geometric steps: LAMMPS draws a cubic spline through them, which is exact to
-1e-9 of the force."""
+"""Number of rows of a table, in geometric steps; LAMMPS interpolates them by a cubic spline, which is
+accurate to 1e-9 of the force."""
 
 NEAREST_PAIR, NEAREST_WALL = 0.25, 0.1
-"""First distances of the tables, in diameters of the smallest species; LAMMPS stops at a grain nearer."""
+"""First distances of the tables, in diameters of the smallest species; LAMMPS stops if a grain comes
+closer."""
 
-FARTHEST_WALL = 200.0
-"""Greatest last distance of the walls' tables [D]; the experimental wall's force there is 5e-9 F*."""
+MAXIMUM_WALL_DISTANCE = 200.0
+"""Maximum last distance of the walls' tables [D], at which the experimental wall's force is 5e-9 F*."""
 
 WALLS: dict[str, tuple[Any, float]] = {
     "experimental": (ExperimentalWall, 3.5),
     "infinite": (InfiniteWall, 3.0),
 }
-"""Laws that depend on the distance alone, with the power by which their force falls."""
+"""Wall laws that depend only on distance, with the power by which their force falls."""
 
 _PAIR_EXPONENT = 4.0
 
 
 def pair_table_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Yield the lines of the tables of the repulsion of each two species [m, J, N]."""
+    """Yield the lines of the repulsion tables of all pairs of species [m, J, N]."""
     if deck.pair_cutoff is None:
         return
     r = np.geomspace(NEAREST_PAIR * math.sqrt(min(deck.moment_ratios)), deck.pair_cutoff, ROWS)
@@ -58,7 +59,7 @@ def pair_table_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def wall_table_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Yield the lines of the tables of each wall's repulsion of each species, a power law [m, J, N]."""
+    """Yield the lines of the power-law repulsion tables of all walls and species [m, J, N]."""
     # LAMMPS reads one row beyond the last distance.
     w = np.geomspace(NEAREST_WALL * math.sqrt(min(deck.moment_ratios)), 1.001 * deck.wall_cutoff, ROWS)
     for law in dict.fromkeys(deck.wall_laws.values()):
@@ -79,7 +80,7 @@ def _table_lines(
     force: np.ndarray,
     slopes: np.ndarray,
 ) -> Iterator[str]:
-    """Section of a table file in SI, of a law in natural units with its slopes at both ends."""
+    """Section of a table file in SI, for a law in natural units with its slopes at both ends."""
     first, last = (slopes * (scales.force / scales.length)).tolist()
     yield f"{name}\nN {ROWS} {slope_keyword} {first:.17g} {last:.17g}\n\n"
     rows = np.column_stack([distance * scales.length, energy * scales.energy, force * scales.force])
@@ -89,67 +90,67 @@ def _table_lines(
 
 
 PAIR_BITS, WALL_ROWS = 16, 100_000
-"""Size of the tables that LAMMPS looks up: 2^16 rows spaced as floating-point numbers are, read by
-straight lines, for pairs; even steps, read by splines, for walls."""
+"""Sizes of LAMMPS's internal tables: for pairs 2^16 rows spaced like floating-point numbers, interpolated
+linearly; for walls equal steps, interpolated by splines."""
 
 FACES = {"left": "xlo", "right": "xhi", "bottom": "ylo", "top": "yhi"}
 
 OPEN_MARGIN = 2.0
-"""Cut-off of pairs in diagonals of the cell, if a side is open."""
+"""Cut-off of pairs, in diagonals of the cell, if a side is open."""
 
 
-CARRIED = ("dipole", "walls", "gravity", "drag", "shaking")
-"""Effects that a deck has."""
+EXPORTED_EFFECTS = ("dipole", "walls", "gravity", "drag", "shaking")
+"""Effects that can be exported."""
 _REASONS = {
-    "friction": ": LAMMPS has no dry friction that lets grains stick under this load",
-    "contact": ": the dashpot of a contact is no function of the distance alone",
+    "friction": ": LAMMPS has no dry friction with sticking under this load",
+    "contact": ": the dashpot of a contact does not depend on distance only",
 }
 
 
 def check_exportable_scene(scene: Scene) -> None:
-    """Refuse a scene that a LAMMPS deck cannot carry."""
+    """Raise an error for a scene that a LAMMPS deck cannot represent."""
     effects, walls = scene.effects, scene.effects.walls
     if scene.grains.count == 0:
-        raise InputError("grains.count = 0; LAMMPS needs at least 1 grain")
+        raise InputError("grains.count = 0; LAMMPS needs 1 grain or more")
     for effect in effects.acting:
-        if effect.key not in CARRIED:
+        if effect.key not in EXPORTED_EFFECTS:
             raise InputError(
-                f"effects.{effect.key} cannot be exported to LAMMPS{_REASONS.get(effect.key, '')}; leave it "
-                f"out (--set effects.{effect.key}=none) or run the scene here"
+                f"effects.{effect.key} cannot be exported to LAMMPS{_REASONS.get(effect.key, '')}; "
+                f"remove it (--set effects.{effect.key}=none) or run the scene with this toolkit"
             )
     if scene.grains.spread > 0.0:
         raise InputError(
-            "grains.spread cannot be exported to LAMMPS, whose tables are of species; set it to 0"
+            "grains.spread cannot be exported to LAMMPS, whose tables hold for whole species; set it to 0"
         )
     if scene.cell.is_polygon:
         raise InputError(
-            "cell.sides cannot be exported to LAMMPS, whose walls by tables are upright or level; write "
-            "the frames as extended XYZ, GSD or VTK, or give cell.width"
+            "cell.sides cannot be exported to LAMMPS, whose tabulated walls are vertical or "
+            "horizontal; write the frames as extended XYZ, GSD or VTK, or give cell.width"
         )
     for side, wall in () if walls is None else walls.present_walls:
         if wall.law not in WALLS:
-            why = "it depends on two coordinates" if wall.own is None else "no deck has its law"
+            reason = "it depends on two coordinates" if wall.own is None else "its law has no table"
             raise InputError(
-                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: {why}; take "
+                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: {reason}; take "
                 f"{' or '.join(map(repr, WALLS))}"
             )
     if scene.cell.periods is not None:
         raise InputError(
-            "cell.sides = 'periodic': the script for LAMMPS has walls alone; write the frames as "
+            "cell.sides = 'periodic': the LAMMPS script supports walls only; write the frames as "
             "extended XYZ, whose lattice is periodic"
         )
     if scene.pair_method == "verlet-list":
         raise InputError(
-            "pairs.method = 'verlet-list' cannot be exported to LAMMPS, whose lists miss no pair; "
-            "take 'cut-off' with the same radius"
+            "pairs.method = 'verlet-list' cannot be exported to LAMMPS, whose neighbour lists "
+            "are always complete; take 'cut-off' with the same radius"
         )
 
 
 class DeckStart(NamedTuple):
-    """State in which the deck begins, in SI, and the stages from there on."""
+    """Initial state of the deck, in SI, and its stages."""
 
     time: float
-    height: float | None  # of the piston; None without one
+    height: float | None  # height of the piston; None without a piston
     grains: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
@@ -161,15 +162,15 @@ class LammpsDeck(NamedTuple):
 
     scene: Scene
     scales: Scales
-    moment_ratios: tuple[float, ...]  # of each species over the first
-    mass_ratios: tuple[float, ...]  # likewise
+    moment_ratios: tuple[float, ...]  # moment of each species relative to the first
+    mass_ratios: tuple[float, ...]  # mass of each species relative to the first
     start: DeckStart
-    highest: float  # largest height of the piston, or of the bed without one [m]
+    highest: float  # largest height of the piston, or of the bed without a piston [m]
     longest_step: float  # [s]
 
     @property
     def wall_laws(self) -> dict[str, str]:
-        """Law of each wall that acts, by its side: left, right, bottom or top (the piston)."""
+        """Laws of the active walls by side: left, right, bottom or top (the piston)."""
         walls = self.scene.effects.walls
         if walls is None:
             return {}
@@ -180,7 +181,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def decay_rate_groups(self) -> list[tuple[str, str, int]]:
-        """Grains of one decay rate: suffix of their variables, their name in LAMMPS, a species."""
+        """Groups of grains with one decay rate: suffix of their variables, LAMMPS name, a species."""
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]
@@ -191,7 +192,7 @@ class LammpsDeck(NamedTuple):
         """Distance beyond which two grains exert no force [D]; None without magnetic forces."""
         if self.scene.effects.dipole is None:
             return None
-        # What a mesh adds to its near part is the rest of all pairs.
+        # A mesh adds all remaining pairs to the near part.
         method = "direct" if self.scene.pair_method == "mesh" else self.scene.pair_method
         radius = self.scene.pairs.near_pair_radius(method, self.scales.length)
         diagonal = math.hypot(self.scene.cell.width, self.highest) / self.scales.length
@@ -202,25 +203,25 @@ class LammpsDeck(NamedTuple):
     def wall_cutoff(self) -> float:
         """Distance beyond which a wall exerts no force [D]."""
         longest = max(self.scene.cell.width, self.highest) / self.scales.length
-        return min(FARTHEST_WALL, longest * OPEN_MARGIN)
+        return min(MAXIMUM_WALL_DISTANCE, longest * OPEN_MARGIN)
 
     def species_pairs(self) -> list[tuple[int, int]]:
-        """List the unordered pairs of species (first <= second), counted from 1 as LAMMPS does."""
+        """List the unordered pairs of species (first <= second), numbered from 1 as in LAMMPS."""
         return list(itertools.combinations_with_replacement(range(1, len(self.moment_ratios) + 1), 2))
 
 
 def pair_table_name(first: int, second: int) -> str:
-    """Name the table of the repulsion of two species."""
+    """Name of the repulsion table of two species."""
     return f"PAIR_{first}_{second}"
 
 
 def wall_table_name(law: str, species: int) -> str:
-    """Name the table of the repulsion of a species from a wall."""
+    """Name of the repulsion table of a species and a wall."""
     return f"WALL_{law.upper()}_{species}"
 
 
 def input_script_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Yield the lines of the LAMMPS input script, in SI and without line ends."""
+    """Yield the lines of the LAMMPS input script, in SI and without line endings."""
     yield from _initialization_lines(deck)
     yield from _pair_style_lines(deck)
     yield from _wall_force_lines(deck)
@@ -262,9 +263,9 @@ def _pair_style_lines(deck: LammpsDeck) -> Iterator[str]:
             name = pair_table_name(first, second)
             yield f"pair_coeff {first} {second} pairs.table {name} {deck.pair_cutoff * length!r}"
     yield f"neighbor {length!r} bin"
-    # With all pairs summed, every other grain is a neighbour.
+    # If all pairs are summed, every other grain is a neighbour.
     most = max(2000, count)
-    # Neither is below its default in LAMMPS, and page has to be ten times one at least (neigh_modify).
+    # Neither value is below its LAMMPS default; page must be ten times one or more (neigh_modify).
     yield f"neigh_modify every 1 delay 0 check yes one {most} page {max(100_000, 10 * most)}"
     yield ""
 
@@ -286,14 +287,14 @@ def _wall_force_lines(deck: LammpsDeck) -> Iterator[str]:
         yield f"fix_modify walls{number} energy yes"
     for position, side in enumerate(deck.wall_laws, start=1):
         terms = "+".join(f"f_walls{k}[{position}]" for k in range(1, len(deck.moment_ratios) + 1))
-        # LAMMPS counts forces along the axes, the record outwards.
+        # LAMMPS gives forces along the axes, the record outward forces.
         outwards = "" if side in ("right", "top") else "-"
         yield f"variable force_{side} equal {outwards}({terms})"
     yield ""
 
 
 def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Drag, and the masses that make its step exact."""
+    """Drag, and the modified masses that make its step exact."""
     drag = deck.scene.effects.drag
     moving = drag is not None and drag.coefficient > 0.0
     if drag is not None and moving:
@@ -318,7 +319,7 @@ def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def _gravity_and_shaking_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Gravity and shaking: accelerations, of the forces on the true masses."""
+    """Gravity and shaking as accelerations, from the forces on the true masses."""
     gravity, shaking = deck.scene.effects.gravity, deck.scene.effects.shaking
     for suffix, group, _ in deck.decay_rate_groups:
         if gravity is not None:
@@ -328,14 +329,14 @@ def _gravity_and_shaking_lines(deck: LammpsDeck) -> Iterator[str]:
         if shaking is not None:
             omega = 2.0 * math.pi * shaking.frequency
             size = shaking.amplitude * omega**2
-            swing = f"{size!r}*sin({omega!r}*time)/v_stretch{suffix}"
-            yield f"variable swing{suffix} equal {swing}"
-            along = f"{math.cos(shaking.angle)!r} {math.sin(shaking.angle)!r} 0"
-            yield f"fix swing{suffix} {group} gravity v_swing{suffix} vector {along}"
+            shaking_formula = f"{size!r}*sin({omega!r}*time)/v_stretch{suffix}"
+            yield f"variable swing{suffix} equal {shaking_formula}"
+            direction = f"{math.cos(shaking.angle)!r} {math.sin(shaking.angle)!r} 0"
+            yield f"fix swing{suffix} {group} gravity v_swing{suffix} vector {direction}"
 
 
 def _output_intervals(deck: LammpsDeck) -> tuple[int, int]:
-    """Return the steps from record to record, and records from frame to frame."""
+    """Return the number of steps per record, and of records per frame."""
     output = deck.scene.output
     return max(1, math.ceil(output.scalars / deck.longest_step - 1e-9)), output.records_per_frame
 
@@ -358,8 +359,8 @@ def _output_lines(deck: LammpsDeck) -> Iterator[str]:
     yield from _mass_lines(deck)
     yield "run 0"
     yield f'print "{",".join(columns)}" file piston.csv screen no'
-    # With a number in place of v_next, records would come twice where two stages meet; the title
-    # is the record of the start.
+    # With a constant instead of v_next, records would be repeated at the boundary of two stages; the title is
+    # the initial record.
     yield f"variable next equal step+{every}"
     yield f'fix record all print v_next "{values}" append piston.csv screen no title {values}'
     yield ""
@@ -371,7 +372,7 @@ def _mass_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def _step_dividing_record_interval(deck: LammpsDeck) -> float:
-    """Longest step that divides the distance of the records [s]."""
+    """Longest step that divides the record interval [s]."""
     return deck.scene.output.scalars / _output_intervals(deck)[0]
 
 

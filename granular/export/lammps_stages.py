@@ -1,4 +1,4 @@
-"""The stages of a protocol as formulas of LAMMPS, and those that it cannot carry."""
+"""The stages of a protocol as LAMMPS formulas; stages that LAMMPS cannot represent are refused."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class PistonPath(NamedTuple):
     """Prescribed motion of the piston in a stage."""
 
     formula: str  # formula of its height [m] in ``v_t``, the time since the stage's start [s]
-    lowest: float  # bounds of the height [m]
+    lowest: float  # minimum height [m]
     highest: float  # [m]
-    end: float  # height at the stage's end [m]
+    end: float  # height at the end of the stage [m]
     speed: float  # largest speed [m/s]
 
 
 class RemainingStage(NamedTuple):
-    """A stage of a protocol that LAMMPS runs from its start, or from a later time on."""
+    """A stage of a protocol that LAMMPS runs from its start or from a later time."""
 
     name: str
     kind: str
@@ -33,21 +33,21 @@ class RemainingStage(NamedTuple):
 
     @property
     def remaining_duration(self) -> float:
-        """Time from now to the stage's end [s]."""
+        """Time from now to the end of the stage [s]."""
         return max(0.0, self.total_duration - self.elapsed)
 
 
 def remaining_stage(stage: Stage, height: float | None, elapsed: float = 0.0) -> RemainingStage:
-    """Turn a stage of a protocol into one that LAMMPS can run; height [m], elapsed [s]."""
-    why = None
+    """Convert a stage of a protocol to a form that LAMMPS can run; height [m], elapsed [s]."""
+    reason = None
     if stage.needs_piston_mass:
-        why = "its piston is free, LAMMPS takes a prescribed one; drive it (follow) or hold it"
+        reason = "its piston is free, but LAMMPS needs a prescribed motion; drive it (follow) or hold it"
     elif isinstance(stage, TimedStage) and stage.until is not None:
-        why = f"it ends at {stage.until}, at no known time; give it a duration instead of 'until'"
+        reason = f"it ends at {stage.until}, at an unknown time; give it a duration instead of 'until'"
     elif stage.ends_at_force:
-        why = "it ends at a force, at no known time; leave until_force out"
-    if why is not None:
-        raise InputError(f"stage {stage.name!r} cannot be exported to LAMMPS: {why}")
+        reason = "it ends at a force, at an unknown time; remove until_force"
+    if reason is not None:
+        raise InputError(f"stage {stage.name!r} cannot be exported to LAMMPS: {reason}")
     kind = type(stage).__name__.lower()
     duration = stage.total_duration(0.0 if height is None else height)
     if duration is None:
@@ -82,7 +82,7 @@ def _piston_path_of_stage(stage: Stage, height: float, duration: float) -> Pisto
 
 
 def _piston_path_of_follow(stage: Follow) -> PistonPath:
-    """Sum over the rows: from each on, the slope changes."""
+    """Sum over the rows, at each of which the slope changes."""
     times, heights = stage.times, stage.heights
     slopes = (np.diff(heights) / np.diff(times)).tolist()
     changes = np.diff([0.0, *slopes]).tolist()

@@ -1,4 +1,4 @@
-"""Runs as tables: each variable of the dataset in time, and chosen columns of the grains of every frame."""
+"""Export of runs as tables: time series of the dataset, and columns of the grains in every frame."""
 
 from __future__ import annotations
 
@@ -28,30 +28,29 @@ def to_tables(
     overwrite: bool = False,
     progress: bool = False,
 ) -> tuple[Path, ...]:
-    """Write ``scalars`` and ``grains`` as tables, in SI and to the last bit.
+    """Write ``scalars`` and ``grains`` as tables, in SI and with full precision.
 
-    ``scalars`` has a row a record: the time, heights, forces and energies. ``grains`` has a row a
-    grain of each frame: frame, time, grain and species (their indices in the scene), position,
-    velocity and force (magnetic, weight and contact). A column's name holds its unit. Grains that
-    have left the cell are left out.
+    ``scalars`` has one row per record: time, heights, forces and energies. ``grains`` has one row per grain
+    and frame: frame, time, grain and species (indices in the scene), position, velocity and force (magnetic,
+    weight and contact). Column names include units. Grains that have left the cell are omitted.
 
     Parameters
     ----------
     run : Trajectory or path
         A run, or its directory.
     directory : path
-        Is made if it does not exist.
+        Directory of the tables; created if missing.
     kind : str
         ``"csv"`` or ``"parquet"``.
     overwrite : bool
-        Whether files of these names may be replaced.
+        Whether existing files may be replaced.
     progress : bool
-        Whether to show a bar.
+        Whether to show a progress bar.
 
     Returns
     -------
     tuple of Path
-        The two files.
+        Paths of the two files.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""VTK files, which ParaView reads: one of each frame, and a list of them with their times."""
+"""Export to VTK files for ParaView: one file per frame, and a list of them with their times."""
 
 from __future__ import annotations
 
@@ -22,27 +22,26 @@ def to_vtk(
 ) -> tuple[Path, ...]:
     """Write the frames of a run as VTK files, in SI and double precision.
 
-    Open ``bed.pvd`` in ParaView, and draw the points as spheres scaled by ``radius``. Each frame is
-    an unstructured grid of points at z = 0 (``bed_00000.vtu``, ...) with ``velocity`` [m/s] and
-    ``force`` [N] (magnetic, weight and contact), both (k, 3), ``radius`` [m], ``mass`` [kg],
-    ``species`` and ``grain`` (their indices in the scene). Grains that have left the cell are left
-    out.
+    Open ``bed.pvd`` in ParaView, and show the points as spheres scaled by ``radius``. Each frame is an
+    unstructured grid of points at z = 0 (``bed_00000.vtu``, ...) with ``velocity`` [m/s] and ``force`` [N]
+    (magnetic, weight and contact), both (k, 3), ``radius`` [m], ``mass`` [kg], ``species`` and ``grain``
+    (indices in the scene). Grains that have left the cell are omitted.
 
     Parameters
     ----------
     run : Trajectory or path
         A run, or its directory.
     directory : path
-        Is made if it does not exist.
+        Directory of the files; created if missing.
     overwrite : bool
-        Whether files of these names may be replaced.
+        Whether existing files may be replaced.
     progress : bool
-        Whether to show a bar.
+        Whether to show a progress bar.
 
     Returns
     -------
     tuple of Path
-        The list, and the files of the frames.
+        Path of the list, followed by the files of the frames.
 
     Raises
     ------
@@ -81,7 +80,7 @@ def _mesh_of_frame(meshio: Any, frame: Frame) -> Any:
 
 
 def _paraview_series(names: list[str], times: np.ndarray) -> str:
-    """List of files that ParaView opens."""
+    """List of files with their times, to be opened in ParaView."""
     lines = [
         f'    <DataSet timestep="{time:.17g}" file="{name}"/>'
         for name, time in zip(names, times, strict=True)

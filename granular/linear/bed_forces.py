@@ -178,7 +178,7 @@ def matrices_of_chain(
 DISPLACEMENT = 5e-4
 """Largest displacement of a coordinate in a finite difference of forces [D]."""
 
-OF_OVERLAP, SMALLEST = 0.025, 1e-7
+OVERLAP_FRACTION, MINIMUM_DISPLACEMENT = 0.025, 1e-7
 """Maximum of this displacement relative to the overlap or gap of two grains, because contact forces are
 nonlinear: the error of the Hertzian stiffness of two separating grains is then 1e-6. Second, its minimum
 [D]."""
@@ -301,8 +301,8 @@ class BedForces:
         if self.scene.effects.contact is None and grains.magnets != "cylinders":
             return DISPLACEMENT
         if self._displacement[0] is not q:
-            smallest = OF_OVERLAP * self._smallest_overlap(q) / self.length
-            self._displacement = q, min(DISPLACEMENT, max(smallest, SMALLEST))
+            smallest = OVERLAP_FRACTION * self._smallest_overlap(q) / self.length
+            self._displacement = q, min(DISPLACEMENT, max(smallest, MINIMUM_DISPLACEMENT))
         return self._displacement[1]
 
     def _smallest_overlap(self, q: Float[np.ndarray, "q"]) -> float:

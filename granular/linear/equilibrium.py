@@ -27,7 +27,7 @@ from granular.schema.cell import Heights
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 
-_STEP, _LONGEST_STEP, _MIXING, _LATENCY, _MOST_STEPS = 0.1, 1.0, 0.1, 5, 20_000
+_STEP, _LONGEST_STEP, _MIXING, _LATENCY, _MAXIMUM_STEPS = 0.1, 1.0, 0.1, 5, 20_000
 _LONGEST_MOVE = 0.05
 """Maximum displacement of a grain in a step [D], so that it cannot pass through another grain or a wall."""
 
@@ -53,7 +53,7 @@ def relax(
     scaling = 1.0 / np.sqrt(np.maximum(sizes, SOFTEST * sizes.max()))
     at, velocity, step = start, np.zeros_like(start), _STEP
     mixing, downhill, first = _MIXING, 0, 0.0
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAXIMUM_STEPS):
         force = scaling * bed.forces(at)
         force[list(held)] = 0.0
         size = float(np.linalg.norm(force))
@@ -81,15 +81,15 @@ SETTLED = 1e-7
 force above `REST` [D]; the tables of discs and the mesh have jumps of 1e-7 of the pair force at one
 diameter."""
 
-MOST_HALVINGS = 12
+MAXIMUM_HALVINGS = 12
 """Maximum number of halvings of a step that does not reduce the largest force."""
 
-MOST_ITERATIONS, MOST_MATRICES = 60, 4
+MAXIMUM_ITERATIONS, MAXIMUM_MATRICES = 60, 4
 """Maximum numbers of Newton steps and of matrices; further matrices are allowed as long as each halves the
 largest force. A settled bed of 368 grains takes three steps and two matrices; if an equilibrium has just
 vanished, the force is not halved."""
 
-FURTHER = (1e-2, 1e-2)
+FURTHER_REDUCTIONS = (1e-2, 1e-2)
 """Force reductions of further relaxations, if Newton's method still fails; in a bed whose softest mode has
 0.0026 N/m it failed from 1e-9 N but not from 1e-11 N."""
 
@@ -281,7 +281,7 @@ def find_equilibrium(
     except InputError as error:
         with contextlib.suppress(InputError):  # for example, a bed without a floor falls out of its cell
             at = start
-            for reduction in (RELAXED, *FURTHER):
+            for reduction in (RELAXED, *FURTHER_REDUCTIONS):
                 at = relax(bed, at, held, first.stiffness.diagonal(), reduction)
                 with contextlib.suppress(InputError):
                     return _newton(bed, at, held, make_pencil(bed, at), fresh=True)
@@ -299,14 +299,14 @@ def _newton(
     force = bed.forces(at)
     scale = max(bed.scales.force, bed.weight)
     matrices, before = 0, np.inf
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MAXIMUM_ITERATIONS):
         size = _norm(force[free])
         if size <= REST * scale:
             return pencil if fresh else make_pencil(bed, at)
         step = pencil.solve(0.0, force[:, None], held)[:, 0]
         step *= min(1.0, LONGEST_STEP * bed.length / float(np.abs(step).max()))
         settled = float(np.abs(step).max()) <= SETTLED * bed.length
-        for halving in range(MOST_HALVINGS):
+        for halving in range(MAXIMUM_HALVINGS):
             trial = at + 0.5**halving * step
             moved = _forces_or_infinite(bed, trial)
             if _norm(moved[free]) < size:
@@ -320,7 +320,7 @@ def _newton(
         fresh = False
         if _norm(force[free]) > 0.1 * size:
             matrices += 1
-            if matrices > MOST_MATRICES and _norm(force[free]) > 0.5 * before:
+            if matrices > MAXIMUM_MATRICES and _norm(force[free]) > 0.5 * before:
                 if settled:
                     return make_pencil(bed, at)
                 break

@@ -33,7 +33,7 @@ from granular.shared.errors import InputError
 if TYPE_CHECKING:
     from granular.linear.roots import Root
 
-DYNAMIC = 0.75
+DYNAMIC_RATIO = 0.75
 """Ratio mu_d/mu_s used if only mu_s is given; the value for glass in [D, Table 4.3]."""
 
 STICKS = 7.0
@@ -239,7 +239,7 @@ def motion_friction(
     """
     scene, pencil, piston = rest.scene, rest.pencil, require_free_piston(rest)
     if static is not None:
-        effect = {"static": static, "dynamic": DYNAMIC * static}
+        effect = {"static": static, "dynamic": DYNAMIC_RATIO * static}
         scene = scene.replace(**{f"effects.friction.{name}": value for name, value in effect.items()})
     assert scene.piston is not None
     friction = scene.effects.friction

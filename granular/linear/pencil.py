@@ -29,7 +29,7 @@ DENSE = 4000
 NEIGHBOURS = 18
 """Number of neighbours in the matrix of near pairs: three shells of a triangular lattice."""
 
-CYCLE, MOST_CYCLES = 100, 3
+CYCLE, MAXIMUM_CYCLES = 100, 3
 """Maximum numbers of steps and cycles of GMRES; settled beds of 368 to 1,472 dipoles take one cycle of about
 35 steps."""
 
@@ -106,7 +106,7 @@ class Pencil:
             column, u = right[free, k].astype(result.dtype), None
             size = float(np.linalg.norm(column))
             before = np.inf
-            for _ in range(MOST_CYCLES):
+            for _ in range(MAXIMUM_CYCLES):
                 u, _ = gmres(operator, column, u, rtol=PRECISION, restart=CYCLE, maxiter=1, M=conditioner)
                 noise = NOISE * largest * float(np.abs(u).max())
                 left = float(np.linalg.norm(column - product(u)))

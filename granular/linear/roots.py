@@ -36,7 +36,7 @@ from granular.shared.errors import InputError
 LOWEST = 40
 """Default number of modes of a bed without full matrices."""
 
-BELOW = 1e-3
+MODE_SHIFT = 1e-3
 """Shift of the search for modes, below zero, relative to the largest stiffness of a coordinate over its
 mass."""
 
@@ -94,7 +94,7 @@ def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
     undamped = dataclasses.replace(pencil, damping=csc_matrix(shape), damping_is_diagonal=True)
     scale = float(np.abs(pencil.stiffness.diagonal()).max() / pencil.mass.diagonal().max())
     # Below zero, because uniform shifts in a periodic cell have no stiffness.
-    sigma = -BELOW * scale
+    sigma = -MODE_SHIFT * scale
     inverse = LinearOperator(shape, lambda u: undamped.solve(math.sqrt(-sigma), u.reshape(-1, 1))[:, 0])
     product = LinearOperator(shape, lambda u: pencil.times(0.0, u.ravel()))
     return NormalModes(*eigsh(product, count or LOWEST, M=pencil.mass, sigma=sigma, OPinv=inverse, tol=1e-8))
@@ -103,13 +103,13 @@ def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
 MASS_FRACTION = 0.05
 """Minimum residue, relative to the largest one, of a root of the piston."""
 
-MOST_ROOTS = 8
+MAXIMUM_ROOTS = 8
 """Number of undamped modes used as starting points for roots."""
 
 SMALLEST_FRACTION = 0.5
 """Sum of the oscillatory roots' fractions below which the piston creeps more than it oscillates."""
 
-REAL = 1e-6
+REAL_TOLERANCE = 1e-6
 """Im s over |s| below which a root is complex only by rounding: two merging real roots separate as the square
 root."""
 
@@ -117,7 +117,7 @@ ROUNDED = 1e-9
 """Relative step below which a step of more than half the previous one is due to rounding: 5e-11 in a mesh of
 23,552 grains."""
 
-MOST_STEPS = 30
+MAXIMUM_STEPS = 30
 """Maximum number of Newton steps to a root; five are needed from the oscillator with the static shape."""
 
 
@@ -213,7 +213,7 @@ def require_free_piston(rest: Equilibrium) -> int:
 def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
     """Refine a root by Newton's method on the piston's dynamic stiffness; None if it fails [1/s]."""
     before = math.inf
-    for _ in range(MOST_STEPS):
+    for _ in range(MAXIMUM_STEPS):
         shape = _shape_at(pencil, piston, s, ())
         value = complex(shape @ pencil.times(s, shape))
         slope = complex(shape @ stiffness_derivative_times(pencil, s, shape))
@@ -222,7 +222,7 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
         size = abs(change / s)
         if size < 1e-11 or 0.5 * before < size < ROUNDED:
             mass_fraction = 2.0 * (s / slope).real * pencil.mass_at(piston)
-            return Root(s, shape, 1.0 / slope, mass_fraction) if s.imag > REAL * abs(s) else None
+            return Root(s, shape, 1.0 / slope, mass_fraction) if s.imag > REAL_TOLERANCE * abs(s) else None
         before = size
     return None
 
@@ -275,7 +275,7 @@ def _mode_starts(rest: Equilibrium, piston: int) -> list[complex]:
     """Approximate roots of the modes in which the piston participates most, with modal damping [1/s]."""
     pencil, modes = rest.pencil, normal_modes(rest)
     fractions = modes.shapes[piston] ** 2
-    chosen = np.argsort(-fractions)[:MOST_ROOTS]
+    chosen = np.argsort(-fractions)[:MAXIMUM_ROOTS]
     starts = []
     for k in chosen[fractions[chosen] >= 0.5 * MASS_FRACTION * fractions.max()]:
         shape = modes.shapes[:, k]

@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 
-FARTHEST = 10.0
+MAXIMUM_SPACINGS = 10.0
 """Default maximum distance, in mean spacings; larger values are slow in large beds."""
 
-# With `FARTHEST`, a bin is a tenth of a spacing wide.
+# With `MAXIMUM_SPACINGS`, a bin is a tenth of a spacing wide.
 BINS = 100
 
 
@@ -105,14 +105,14 @@ def check_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1"]
 
 
 def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "BINS+1"]:
-    """Choose bins up to half the box's shorter side or `FARTHEST` spacings [m]; positions (n, 2) [m]."""
+    """Choose bins up to half the box's shorter side or `MAXIMUM_SPACINGS` [m]; positions (n, 2) [m]."""
     low, high = bounding_box(positions)
     sides = high - low
     if not (sides > 0.0).all():
         raise InputError("the grains do not span a box; give 2 or more grains that are not in a row")
     count = int(is_present(positions).sum())
     spacing = float(np.sqrt(np.prod(sides) / count))
-    return np.linspace(0.0, min(0.5 * float(sides.min()), FARTHEST * spacing), BINS + 1)
+    return np.linspace(0.0, min(0.5 * float(sides.min()), MAXIMUM_SPACINGS * spacing), BINS + 1)
 
 
 def box_spanning_frames(frames: Float[np.ndarray, "f n 2"]) -> list[np.ndarray]:

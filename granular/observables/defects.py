@@ -12,7 +12,7 @@ from granular.observables.voronoi import VoronoiCells, check_cells, circumcentre
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
-SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
+NEAREST_NEIGHBOURS = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 """Nearest neighbours in the lattice, counter-clockwise from a1."""
 
 
@@ -22,7 +22,7 @@ def nearest_lattice_bonds(arms: Float[np.ndarray, "k 2"], angle: float) -> Int[n
     back = (arms[:, 1] < 0.0) | ((arms[:, 1] == 0.0) & (arms[:, 0] < 0.0))
     x, y = np.where(back[:, None], -arms, arms).T
     index = np.round((np.arctan2(y, x) - angle) / (np.pi / 3.0)).astype(int) % 6
-    return np.where(back[:, None], -SIX[index], SIX[index])
+    return np.where(back[:, None], -NEAREST_NEIGHBOURS[index], NEAREST_NEIGHBOURS[index])
 
 
 def lattice_to_plane(vectors: np.ndarray, angle: float, spacing: float) -> Float[np.ndarray, "... 2"]:

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 BLOCK = 512
 """Number of grains whose pairs are held in memory at the same time."""
 
-FARTHEST = 20.0
+SERIES_DISTANCE = 20.0
 """Distance, over the contact distance, beyond which only the first term of a disc's field series is kept."""
 
 KNOWN = ("dipole", "contact", "walls")
@@ -174,7 +174,7 @@ def _make_disc_to_dipole_ratio(first: Disc, second: Disc) -> Callable[[np.ndarra
 
     contact, shift = contact_distance(first, second), pair_squared_distance_shift(first, second)
     # The singular part at contact is smooth in the square root of the gap.
-    root_gaps = np.linspace(0.0, np.sqrt((FARTHEST - 1.0) * contact), 400)
+    root_gaps = np.linspace(0.0, np.sqrt((SERIES_DISTANCE - 1.0) * contact), 400)
     distances = contact + root_gaps**2
     spline = CubicSpline(root_gaps, disc_energy_and_force(distances, first, second)[1] * distances**4 / 3.0)
     slope = force_slope_at_contact(first, second) / 3.0

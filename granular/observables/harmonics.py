@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 # The errors come from the scatter between periods: two periods leave one degree of freedom.
-LEAST_PERIODS = 3
+MINIMUM_PERIODS = 3
 """Minimum number of whole periods after the transient."""
 
 
@@ -74,7 +74,7 @@ def harmonic_response(
     ------
     InputError
         If the shapes differ or are not (n,), there is no sample, a value, ``frequency``, ``harmonics`` or
-        ``discard`` is out of its limits, fewer than `LEAST_PERIODS` whole periods remain, there are fewer
+        ``discard`` is out of its limits, fewer than `MINIMUM_PERIODS` whole periods remain, there are fewer
         than 2 K + 3 samples per period, or the drive has no amplitude at the frequency.
 
     Examples
@@ -202,9 +202,9 @@ def _count_whole_periods(time: np.ndarray, frequency: float, discard: float | No
     # A period ends one sample interval after its last sample.
     remaining += duration / max(len(time) - 1, 1)
     periods = int(remaining * frequency + 1e-6)
-    if periods < LEAST_PERIODS:
+    if periods < MINIMUM_PERIODS:
         raise InputError(
-            f"{max(periods, 0)} whole periods remain after the transient; {LEAST_PERIODS} or "
+            f"{max(periods, 0)} whole periods remain after the transient; {MINIMUM_PERIODS} or "
             "more are needed: give a longer record, or a smaller discard"
         )
     return periods
@@ -295,7 +295,7 @@ def _drive_and_response(
     return record.time, record.height, record.force, "N/m"
 
 
-LEAST_STROKE = 0.01
+MINIMUM_STROKE = 0.01
 """Minimum reversal of the piston that counts as a cycle, as a fraction of its whole range."""
 
 
@@ -352,7 +352,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
 def cycle_bounds(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
     """Cycles of a motion, from each maximum of the height to the next; height [m]."""
     height = np.asarray(height, dtype=np.float64)
-    turns = _turning_points(height, LEAST_STROKE * np.ptp(height) if len(height) else 0.0)
+    turns = _turning_points(height, MINIMUM_STROKE * np.ptp(height) if len(height) else 0.0)
     return [
         CompressionCycle(_last_sample_of_turn(height, a, b), b, c)
         for a, b, c in zip(turns, turns[1:], turns[2:], strict=False)
@@ -363,8 +363,8 @@ def cycle_bounds(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
 def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     """Hysteresis of every cycle of compression and expansion of a run [D, Fig. 3.4].
 
-    Energies are computed by `hysteresis_energy`. Reversals by less than `LEAST_STROKE` of the piston's whole
-    range do not count as cycles.
+    Energies are computed by `hysteresis_energy`. Reversals by less than `MINIMUM_STROKE` of the piston's
+    whole range do not count as cycles.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 
-EVEN = 1e-6
+MAXIMUM_UNEVENNESS = 1e-6
 """Maximum difference between the time steps of frames, relative to their mean."""
 
 
@@ -70,7 +70,7 @@ def per_lag(
     chosen = select_frames(run, start, stop)
     frames = check_frames(run.dataset["position"].values[chosen], minimum_count=2)
     steps = np.diff(run.dataset["frame_time"].values[chosen])
-    if np.ptp(steps) > EVEN * len(steps) * steps.mean():
+    if np.ptp(steps) > MAXIMUM_UNEVENNESS * len(steps) * steps.mean():
         raise InputError(
             f"frames lie {steps.min():.3g} to {steps.max():.3g} s apart; choose start and stop "
             "within one stage of evenly spaced frames"
@@ -318,7 +318,7 @@ def fluctuation_energies(
 
 
 KNOWN = ("bath", "dipole", "drag", "eddy", "walls")
-STRAIGHT = ("friction", "gravity", "shaking")
+WITHOUT_LAPLACIAN = ("friction", "gravity", "shaking")
 """Effects that do not contribute to the Laplacian of the potential."""
 # In diameters: central differences then have truncation errors of 1e-10 and rounding errors of 1e-11.
 _STEP = 1e-5
@@ -358,7 +358,7 @@ def configurational_temperature(
     InputError
         If a shape does not match, there is no frame, the scene has no dipoles or has discs instead
         (``grains.magnets = "cylinders"``), or it has an effect other than `KNOWN` (with ``forces``: other
-        than `KNOWN` and `STRAIGHT`).
+        than `KNOWN` and `WITHOUT_LAPLACIAN`).
 
     Examples
     --------
@@ -381,7 +381,7 @@ def configurational_temperature(
     if forces is not None:
         if np.shape(forces) != array.shape:
             raise InputError(f"forces have the shape {np.shape(forces)}; give {array.shape}")
-        known = (*KNOWN, *STRAIGHT)
+        known = (*KNOWN, *WITHOUT_LAPLACIAN)
     _check_effects_known(scene, known)
     squared_gradient = total_laplacian = 0.0
     for positions, height in zip(array, heights, strict=True):

@@ -121,11 +121,11 @@ def _rayleigh_p_value(order: float, count: int) -> float:
 
 
 # The dip of any three different values is 1/6.
-LEAST_VALUES = 4
+MINIMUM_VALUES = 4
 # The standard error of the p-value is sqrt(p/2000): 0.005 at 5 %.
 DRAWS = 2000
 """Number of uniform samples with which a dip is compared."""
-LARGEST_DRAWN = 200
+LARGEST_SAMPLE = 200
 """Maximum size of such a sample; for larger sizes the dip scales as one over the square root of the size."""
 
 
@@ -139,8 +139,9 @@ class DipTest(NamedTuple):
 def dip_test(values: np.ndarray) -> DipTest:
     """Test whether values have more than one mode (Hartigan and Hartigan 1985, doi:10.1214/aos/1176346577).
 
-    The p-value comes from the dips of `DRAWS` uniform samples of the same size. For more than `LARGEST_DRAWN`
-    values, samples of that size are used, and the dip is scaled by the square root of the size.
+    The p-value comes from the dips of `DRAWS` uniform samples of the same size. For more than
+    `LARGEST_SAMPLE` values, samples of that size are used, and the dip is scaled by the square root of the
+    size.
 
     Parameters
     ----------
@@ -155,7 +156,7 @@ def dip_test(values: np.ndarray) -> DipTest:
     Raises
     ------
     InputError
-        If there are fewer than `LEAST_VALUES` finite values.
+        If there are fewer than `MINIMUM_VALUES` finite values.
 
     Examples
     --------
@@ -168,10 +169,10 @@ def dip_test(values: np.ndarray) -> DipTest:
     known = np.asarray(values, dtype=np.float64).ravel()
     known = np.sort(known[np.isfinite(known)])
     count = len(known)
-    if count < LEAST_VALUES:
-        raise InputError(f"{count} values; the dip test needs {LEAST_VALUES} or more")
+    if count < MINIMUM_VALUES:
+        raise InputError(f"{count} values; the dip test needs {MINIMUM_VALUES} or more")
     result = dip_statistic(known)
-    drawn = min(count, LARGEST_DRAWN)
+    drawn = min(count, LARGEST_SAMPLE)
     null = _dips_of_uniform_samples(drawn) * np.sqrt(drawn / count)
     return DipTest(result, float((1 + (null >= result).sum()) / (1 + len(null))))
 
@@ -229,7 +230,7 @@ def _dips_of_uniform_samples(count: int) -> np.ndarray:
     return np.array([dip_statistic(np.sort(random.random(count))) for _ in range(DRAWS)])
 
 
-MOST_BINS = 1000
+MAXIMUM_BINS = 1000
 
 
 class Histogram(NamedTuple):
@@ -249,7 +250,7 @@ def knuth_bin_count(values: Float[np.ndarray, "n"]) -> int:
     if low == high:
         return 1
     # Every number is tried, because the posterior has local maxima.
-    bins = np.arange(1, min(count, MOST_BINS) + 1)
+    bins = np.arange(1, min(count, MAXIMUM_BINS) + 1)
     counts = (np.histogram(values, np.linspace(low, high, m + 1))[0] for m in bins)
     filled = np.array([gammaln(filling + 0.5).sum() for filling in counts])
     # Logarithm of the posterior, [D, eq. 4.33] (K. H. Knuth, Digital Signal Processing 95, 102581, 2019).

@@ -1,10 +1,10 @@
-"""Stills and movies of the bed: grains at their true size, walls and piston.
+"""Stills and movies of a bed, with grains to scale, walls and piston.
 
 >>> from granular.render import movie, save_picture, still
 >>> save_picture(still("runs/light-piston", colour="force"), "bed.png")
 >>> movie("runs/light-piston", "bed.mp4", colour="sides")
 
-The colours are those of `granular.render.picture.COLOURINGS`.
+The available colourings are listed in `granular.render.picture.COLOURINGS`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The bed in motion."""
+"""Movies of a bed."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from granular.shared.files import check_output_file, write_atomically
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
 
 WIDTH = 960
-"""Pixels of a movie; it may be narrower, not wider."""
-NARROWEST = 760
-"""A narrower movie has no room for its letters."""
+"""Maximum and default width of a movie [pixels]."""
+MINIMUM_WIDTH = 760
+"""Minimum width of a movie [pixels], which leaves enough room for the text."""
 
 
 def movie(
@@ -48,64 +48,65 @@ def movie(
     overwrite: bool = False,
     progress: bool = True,
 ) -> Path:
-    """Write a movie of the run, in real time if not told otherwise, as MP4 (H.264) or GIF by the path's end.
+    """Write a movie of a run, by default in real time, as MP4 (H.264) or GIF depending on the suffix.
 
-    Between two frames grains go on the cubic paths that have their positions and velocities there;
-    the piston is where it was recorded, and its height over time stands below the bed.
-    The scale of the bed and the colours are the same all along; the colours end at the 99th
-    percentile of all values. Ctrl-C ends the movie after the picture at hand: the file holds what
-    was made until then.
+    Between two frames grains follow cubic paths through their positions and velocities in both frames. The
+    piston is drawn at its recorded height, and its height over time is plotted below the bed. The scale of
+    the bed and the colours are constant; the colour scale ends at the 99th percentile of all values. Ctrl-C
+    ends the movie after the current picture, and the file contains all pictures made so far.
 
     Parameters
     ----------
     run : Trajectory or path
         A run, or its directory.
     path : path
-        A name that ends in .mp4 or .gif.
+        Path of the file, with the suffix .mp4 or .gif.
     colour : str
-        Quantity that the colours show: a name of `granular.render.picture.COLOURINGS`.
+        Quantity shown by the colours: a name in `granular.render.picture.COLOURINGS`.
     fps : float
-        Pictures a second [1/s], above 0; at most 50 in a GIF and 240 in an MP4.
+        Pictures per second [1/s], above 0; up to 50 in a GIF and 240 in an MP4.
     speed : float or None
-        Seconds of the run that a second of the movie shows, above 0: 1 is real time, 0.1 ten times slower.
-        None for a picture a frame of the run, with nothing in between.
+        Seconds of the run shown in one second of the movie, above 0: 1 is real time, 0.1 is ten times slower.
+        None for one picture per frame of the run, without interpolation.
     stage : str, optional
-        Only the frames of this stage.
+        Show only the frames of this stage.
     width : int
-        Width of the movie [pixels], from 760 to 960; letters keep their size, and the bed takes what is left.
+        Width of the movie [pixels], from 760 to 960; text keeps its size, and the bed fills the remaining
+        width.
     overwrite : bool
-        Whether a file of that name may be replaced.
+        Whether an existing file may be replaced.
     progress : bool
-        Whether to show a bar.
+        Whether to show a progress bar.
 
     Returns
     -------
     Path
-        The file.
+        Path of the written file.
 
     Raises
     ------
     InputError
-        If the run cannot be read, has no such stage or no frame in it, the colour or the format is
-        unknown, ``fps``, ``speed`` or ``width`` is not possible, the file exists or cannot be written,
-        or the library ``imageio-ffmpeg`` that an MP4 needs is missing.
+        If the run cannot be read, has no such stage or no frame in it, the colour or the format is unknown,
+        ``fps``, ``speed`` or ``width`` is out of its limits, the file exists or cannot be written, or the
+        library ``imageio-ffmpeg`` that an MP4 needs is missing.
     KeyboardInterrupt
         After Ctrl-C, when the file is complete.
 
     Warns
     -----
     UserWarning
-        If frames lie so far apart that the paths between them are guesses, or Ctrl-C ended the movie.
+        If frames are so far apart in time that the paths between them are unreliable, or Ctrl-C ended the
+        movie.
     """
     colouring_by_name(colour)
     path = Path(path)
     write = _movie_writer(path, fps)
     if speed is not None and not 0.0 < speed < math.inf:
         raise InputError(
-            f"speed {speed:g} is not above 0; give 1 for real time, or None for a picture a frame"
+            f"speed {speed:g} is not above 0; give 1 for real time, or None for one picture per frame"
         )
-    if not NARROWEST <= width <= WIDTH:
-        raise InputError(f"width {width} is not within {NARROWEST} to {WIDTH} pixels")
+    if not MINIMUM_WIDTH <= width <= WIDTH:
+        raise InputError(f"width {width} is not within {MINIMUM_WIDTH} to {WIDTH} pixels")
     run = open_run(run)
     numbers = stage_frame_indices(run, stage)
     check_output_file(path, overwrite)
@@ -122,7 +123,7 @@ def movie(
         with write_atomically(path, overwrite) as part:
             made = write(part, _render_images(picture, beds, stop), fps)
         if made < len(times):
-            warnings.warn(f"{path} holds the {made} pictures of {len(times)} made", stacklevel=2)
+            warnings.warn(f"{path} has {made} of {len(times)} pictures", stacklevel=2)
     return path
 
 
@@ -135,14 +136,14 @@ def stage_frame_indices(run: Trajectory, stage: str | None) -> list[int]:
     inside = np.flatnonzero((times >= chosen.start) & (times <= chosen.end))
     if not len(inside):
         raise InputError(
-            f"stage {stage!r} lasts {chosen.end - chosen.start:g} s and has no frame; lower "
-            "output.frames, or leave the stage out"
+            f"stage {stage!r} lasts {chosen.end - chosen.start:g} s and has no frame; reduce "
+            "output.frames, or omit the stage"
         )
-    return [int(effect) for effect in inside]
+    return [int(index) for index in inside]
 
 
 def _render_images(picture: BedPicture, beds: Iterator[Frame], stop: StopRequest) -> Iterator[np.ndarray]:
-    """Pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
+    """Pictures as bytes (height, width, 3), until the last one or Ctrl-C."""
     for frame in beds:
         picture.show_frame(frame)
         yield picture.pixels()
@@ -157,16 +158,16 @@ def _movie_writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.ndarray
         )
     write, fastest = WRITERS[path.suffix.lower()]
     if not 0.0 < fps <= fastest:
-        raise InputError(f"fps {fps:g} is not above 0 and at most {fastest:g} for {path.suffix}")
+        raise InputError(f"fps {fps:g} is not in the range above 0 up to {fastest:g} for {path.suffix}")
     return write
 
 
 def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
-    """Write the pictures with the program ffmpeg; how many there were."""
+    """Write the pictures with the program ffmpeg; return their number."""
     imageio_ffmpeg = import_extra("imageio_ffmpeg", "an MP4", "movies")
     first = next(images)
     size = (first.shape[1], first.shape[0])
-    # H.264 wants even sizes; by default imageio-ffmpeg would stretch pictures to multiples of 16.
+    # H.264 requires even sizes; by default imageio-ffmpeg would stretch pictures to multiples of 16.
     file = imageio_ffmpeg.write_frames(
         str(path), size, fps=fps, codec="libx264", quality=8, macro_block_size=2
     )
@@ -180,14 +181,14 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
 
 
 def _write_gif(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
-    """Write the pictures with Pillow; how many there were."""
+    """Write the pictures with Pillow; return their number."""
     from PIL import Image
 
     made = 1
-    # The first picture has all colours already: they are in its bar or legend.
+    # The first picture contains all colours, in its colour bar or legend.
     first = Image.fromarray(next(images)).quantize(256, method=Image.Quantize.MAXCOVERAGE)
     palette = np.array(first.getpalette()).reshape(-1, 3)
-    palette[palette.min(axis=1) > 245] = 255  # the paper stays white
+    palette[palette.min(axis=1) > 245] = 255  # the background stays white
     first.putpalette(palette.ravel().tolist())
 
     def others() -> Iterator[Any]:
@@ -201,15 +202,16 @@ def _write_gif(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
 
 
 WRITERS = {".mp4": (_write_mp4, 240.0), ".gif": (_write_gif, 50.0)}
-"""Writer of each kind of movie, and the most pictures a second that it can hold."""
+"""Writer of each movie format, and its maximum number of pictures per second."""
 
 
-FARTHEST = 0.25
-"""Greatest distance [diameters] of a grain's path from a straight line between two frames."""
+MAXIMUM_DEVIATION = 0.25
+"""Maximum deviation [diameters] of a grain's path from a straight line between two frames before a
+warning."""
 
 
 def movie_picture_times(times: Float[np.ndarray, "m"], speed: float, fps: float) -> Float[np.ndarray, "n"]:
-    """Space the times of a movie's pictures evenly over the run [s]; times [s], fps [1/s]."""
+    """Return evenly spaced times of a movie's pictures over the run [s]; times [s], fps [1/s]."""
     start, length = float(times[0]), float(times[-1] - times[0])
     return start + speed / fps * np.arange(int(length * fps / speed * (1.0 + 1e-12)) + 1)
 
@@ -223,34 +225,35 @@ def interpolate_bed(
     data, heights = run.dataset, None
     if "piston_height" in data:
         heights = np.interp(times, data["time"].values, data["piston_height"].values)
-    bent = 0.0
+    deviation = 0.0
     for k, time in enumerate(times):
         while after.time < time:
             following = next(frames, None)
             if following is None:
                 break
             before, after = after, following
-            bent = max(bent, _largest_path_deviation(before, after))
+            deviation = max(deviation, _largest_path_deviation(before, after))
         frame = _interpolate_between(before, after, float(time))
         yield frame if heights is None else frame._replace(piston_height=float(heights[k]))
-    if bent > FARTHEST * run.scene.grains.diameters().max(initial=0.0):
+    if deviation > MAXIMUM_DEVIATION * run.scene.grains.diameters().max(initial=0.0):
         warnings.warn(
-            f"between two frames a grain leaves the straight line by {1e3 * bent:.2g} mm, so the "
-            "paths that the movie shows there are guesses; lower output.frames for true ones",
+            f"between two frames a grain deviates from a straight line by {1e3 * deviation:.2g} mm, "
+            "so that the paths in the movie are unreliable there; reduce output.frames for "
+            "accurate paths",
             stacklevel=2,
         )
 
 
 def _largest_path_deviation(before: Frame, after: Frame) -> float:
-    """Most by which a cubic path is off the straight line midway [m]."""
-    change = before.velocities - after.velocities
-    # Halfway, a cubic path is off the straight line by T (v_1 - v_2)/8.
-    off = (after.time - before.time) / 8.0 * np.hypot(*change.T)
-    return float(np.fmax.reduce(off, initial=0.0))
+    """Maximum deviation of a cubic path from the straight line at its midpoint [m]."""
+    velocity_change = before.velocities - after.velocities
+    # At its midpoint a cubic path deviates from the straight line by T (v_1 - v_2)/8.
+    deviations = (after.time - before.time) / 8.0 * np.hypot(*velocity_change.T)
+    return float(np.fmax.reduce(deviations, initial=0.0))
 
 
 def _interpolate_between(before: Frame, after: Frame, time: float) -> Frame:
-    """Bed at a time between two frames, with the grains that are in both; time [s]."""
+    """Bed at a time between two frames, with the grains present in both; time [s]."""
     duration = after.time - before.time
     fraction = min(max((time - before.time) / duration, 0.0), 1.0) if duration > 0.0 else 0.0
     if fraction in (0.0, 1.0):
@@ -264,7 +267,7 @@ def _interpolate_between(before: Frame, after: Frame, time: float) -> Frame:
         + fraction * fraction * (3.0 - 2.0 * fraction) * end
         + fraction * rest * (rest * leaving - fraction * arriving)
     )
-    # Inertia in a shaken cell turns faster than frames follow each other.
+    # Inertia in a shaken cell changes faster than the interval between frames.
     inertia = before.masses[:, None] * outer_acceleration(before.scene, time)
     return before._replace(
         time=time,

@@ -1,10 +1,8 @@
-"""A picture of the bed: drawn once, then brought up to date from frame to frame.
+"""A picture of the bed, drawn once and then updated from frame to frame.
 
-Colourings of a picture, in one table.
-
-Continuous colours are matplotlib's perceptually uniform maps; the discrete ones are distinguished
-by colour-blind eyes too: the species after Okabe and Ito (https://jfly.uni-koeln.de/color/), the
-numbers of sides between orange and purple.
+The colourings are defined in one table. Continuous colours are matplotlib's perceptually uniform maps.
+Discrete colours are also distinguishable for colour-blind readers: the species use the palette of Okabe and
+Ito (https://jfly.uni-koeln.de/color/), the numbers of sides range from orange to purple.
 """
 
 from __future__ import annotations
@@ -40,15 +38,15 @@ SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f
 
 
 class Colouring(NamedTuple):
-    """Quantity that the colours show."""
+    """Quantity shown by the colours."""
 
-    label: str  # title of bar or legend, with the unit
-    values: Callable[[Frame], np.ndarray]  # (n,), in that unit; NaN: none; of classes the index
-    map: str = ""  # of matplotlib; empty: classes
-    needs_cells: bool = False  # values follow from the Voronoi cells, which are drawn
-    on_cells: bool = False  # cells are coloured, grains are dark discs
-    lower: float | None = 0.0  # end of the colours; None: 1st percentile
-    upper: float | None = None  # None: 99th percentile
+    label: str  # title of the colour bar or legend, with unit
+    values: Callable[[Frame], np.ndarray]  # (n,), in that unit, or class indices; NaN if undefined
+    map: str = ""  # matplotlib colour map; empty for classes
+    needs_cells: bool = False  # values come from the Voronoi cells, which are drawn
+    on_cells: bool = False  # cells are coloured and grains are dark discs
+    lower: float | None = 0.0  # lower end of the colour scale; None for the 1st percentile
+    upper: float | None = None  # upper end; None for the 99th percentile
 
 
 def _voronoi_side_counts(frame: Frame) -> np.ndarray:
@@ -92,14 +90,13 @@ COLOURINGS: Mapping[str, Colouring] = {
         needs_cells=True,
     ),
 }
-"""The colourings by name.
+"""Colourings by name.
 
-``species``; ``speed``; ``force``: magnitude of the resulting force of grains and walls;
-``compression``: sum of the magnitudes of the single ones; ``pressure`` of the grains with an
-interior cell, by their virials; ``sides``: number of sides of the interior Voronoi cells;
-``regularity`` of the hexagonal ones [D, eq. 4.25]; ``fluctuation``: |F_k - mean|/mean of the
-resulting force within the species, of the grains with an interior cell [D, eq. 4.35]. A cell is
-interior if it lies in the box of the outermost centres [D, 4.2.4].
+``species``; ``speed``; ``force``: magnitude of the resultant force of grains and walls; ``compression``: sum
+of the magnitudes of the individual forces; ``pressure`` of grains with an interior cell, from their virials;
+``sides``: number of sides of the interior Voronoi cells; ``regularity`` of the hexagonal cells [D, eq. 4.25];
+``fluctuation``: |F_k - mean|/mean of the resultant force within the species, for grains with an interior cell
+[D, eq. 4.35]. A cell is interior if it lies in the box of the outermost centres [D, 4.2.4].
 """
 
 
@@ -122,31 +119,31 @@ def colour_classes(name: str, scene: Scene) -> dict[str, str]:
 
 INK, WALL = "#22292f", "#8a949c"
 DPI = 120
-"""Pixels an inch of movies."""
+"""Pixels per inch in movies."""
 
 FALL = 5.0
-"""Room below an opening, where grains fall out [D]."""
+"""Space shown below an opening, through which grains fall out [D]."""
 
 WIDEST, TALLEST = 5.6, 6.6
-"""Greatest width and height of the bed in a picture [inch]."""
+"""Maximum width and height of the bed in a picture [inch]."""
 
 LEFT, RIGHT, BOTTOM, TOP = 0.65, 1.75, 0.55, 0.4
-"""Margins about the bed for labels, legend and title [inch]."""
+"""Margins around the bed for labels, legend and title [inch]."""
 
 
 def wall_thickness_mm(scene: Scene) -> float:
-    """Thickness of the drawn walls and piston, a fraction of the cell's width [mm]."""
+    """Thickness of the drawn walls and piston, proportional to the cell's width [mm]."""
     return 0.018 * 1e3 * scene.cell.width
 
 
 CURVE = 1.5
-"""Height of what stands below the bed in a movie, with its labels [inch]."""
+"""Height of the plot below the bed in a movie, with its labels [inch]."""
 
 
 def new_figure_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """Make axes to scale that hold the bed [mm], and axes next to them; top [m], below, widest [inch]."""
+    """Make axes to scale for the bed [mm], and axes beside them; top [m], below, widest [inch]."""
     from matplotlib.figure import Figure
 
     edge, walls = 1.5 * wall_thickness_mm(scene), scene.effects.walls
@@ -154,7 +151,7 @@ def new_figure_to_scale(
     width, height = 1e3 * scene.cell.width + 2.0 * edge, 1e3 * top + fall + 2.0 * edge
     inch = min(widest / width, TALLEST / height)
     size = [
-        # Even numbers of pixels, as H.264 wants them.
+        # H.264 requires even numbers of pixels.
         2.0 * round((start + length * inch + end) * DPI / 2.0) / DPI
         for start, length, end in ((LEFT, width, RIGHT), (BOTTOM + below, height, TOP))
     ]
@@ -173,7 +170,7 @@ def new_figure_to_scale(
 
 
 def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
-    """Draw walls as slabs outside of the cell [mm], and a side without one as a dotted line; top [m]."""
+    """Draw walls as slabs outside the cell [mm], and sides without a wall as dotted lines; top [m]."""
     from matplotlib.patches import Polygon
 
     pieces, thickness = list(side_pieces(scene, CELL, top)), wall_thickness_mm(scene)
@@ -192,28 +189,28 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
 def _outer_corner(
     piece: SidePiece, end: Point, pieces: list[SidePiece], thickness: float
 ) -> Float[np.ndarray, "2"]:
-    """Outer corner of a drawn wall at one of its ends, on the mitre with a wall that meets it there [mm]."""
-    normal, others = np.array(piece.line.normal), [np.array(piece.line.normal)]
+    """Outer corner of a drawn wall at one of its ends, on the mitre with an adjacent wall [mm]."""
+    normal, normals = np.array(piece.line.normal), [np.array(piece.line.normal)]
     for other in pieces:
         meets = min(math.dist(end, other.start), math.dist(end, other.end)) < ROUNDING
         if other.walled and meets and other.line is not piece.line:
-            others.append(np.array(other.line.normal))
-    both = np.sum(others, axis=0)
-    return 1e3 * np.array(end) - thickness * both / (both @ normal)
+            normals.append(np.array(other.line.normal))
+    normal_sum = np.sum(normals, axis=0)
+    return 1e3 * np.array(end) - thickness * normal_sum / (normal_sum @ normal)
 
 
-MOST = 4000
-"""Points of the curve: more than there are pixels."""
+MAXIMUM_CURVE_POINTS = 4000
+"""Maximum number of points of the curve, more than its pixels."""
 
 
 class PistonHeightCurve:
-    """The curve of the whole movie, and what of it has been so far."""
+    """The curve of the piston's height over the whole movie, with the past part marked."""
 
     def __init__(self, run: Trajectory, start: float, end: float, axes: Axes) -> None:
         data = run.dataset
         time = data["time"].values
         chosen = np.flatnonzero((time >= start) & (time <= end))
-        chosen = chosen[:: max(1, len(chosen) // MOST)]
+        chosen = chosen[:: max(1, len(chosen) // MAXIMUM_CURVE_POINTS)]
         self._time = time[chosen]
         self._height = 1e3 * data["piston_height"].values[chosen]
         axes.plot(self._time, self._height, color=GREY, linewidth=0.8)
@@ -225,7 +222,7 @@ class PistonHeightCurve:
         axes.tick_params(length=2.5, width=0.6, color=INK)
 
     def show_until(self, time: float) -> None:
-        """Mark the part of the curve up to a time, and the piston's height there; time [s]."""
+        """Mark the curve up to a time, and the piston's height at that time; time [s]."""
         past = self._time <= time
         self._past.set_data(self._time[past], self._height[past])
         if past.any():
@@ -233,15 +230,15 @@ class PistonHeightCurve:
 
 
 LONGEST_BAR = 3.0
-"""Longest colour bar [inch]."""
+"""Maximum length of the colour bar [inch]."""
 
 PISTON, ABSENT, DISC = "#3d4852", "#ffffff", "#2f3a44"
-ENDS = (1.0, 99.0)
-"""Percentiles at which the colours end: a few fast grains shall not darken all others."""
+COLOUR_PERCENTILES = (1.0, 99.0)
+"""Percentiles at the ends of the colour scale, so that a few fast grains do not darken all others."""
 
 
 class BedPicture:
-    """A figure of the bed, for one frame after the other."""
+    """A figure of the bed that shows successive frames."""
 
     def __init__(
         self,
@@ -353,12 +350,12 @@ class BedPicture:
         bar.outline.set_linewidth(0.6)
 
     def show_frame(self, frame: Frame) -> None:
-        """Bring the picture up to date with a frame: grains, cells, piston and title."""
+        """Update grains, cells, piston and title to a frame."""
         from matplotlib.colors import to_rgba
 
-        here = is_present(frame.positions)
-        diameters = 1e3 * frame.diameters[here]
-        self._grains.set_offsets(1e3 * frame.positions[here])
+        present = is_present(frame.positions)
+        diameters = 1e3 * frame.diameters[present]
+        self._grains.set_offsets(1e3 * frame.positions[present])
         self._grains.set_widths(diameters)
         self._grains.set_heights(diameters)
         self._grains.set_angles(np.zeros(len(diameters)))
@@ -373,7 +370,7 @@ class BedPicture:
             self._cells.set_edgecolor("#ffffff" if on_cells else "#c3c9ce")
             if on_cells:
                 colours = np.where(cells.interior[:, None], to_rgba(DISC), to_rgba(ABSENT))
-        self._grains.set_facecolor(colours[here])
+        self._grains.set_facecolor(colours[present])
         self._when.set_text(f"t = {frame.time:.3f} s" + figure_label(self._stage_label_at(frame.time)))
         self._where.set_text(self._piston_text(frame))
         for patch, shape, index in self._pistons:
@@ -390,7 +387,7 @@ class BedPicture:
         return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
     def _map_to_colours(self, values: np.ndarray) -> np.ndarray:
-        """Colours (k, 4) of values (k,)."""
+        """Colours (k, 4) for values (k,)."""
         from matplotlib.colors import to_rgba
 
         known = np.isfinite(values)
@@ -419,21 +416,21 @@ class BedPicture:
 
 
 def colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, float]:
-    """Choose the ends of a continuous colour scale: fixed ones, or percentiles of the values in frames."""
+    """Choose the ends of a continuous colour scale: fixed values, or percentiles of the values in frames."""
     used = colouring_by_name(colour)
     if not used.map:
         return 0.0, 1.0
     result = [used.values(frame) for frame in frames]
     values = np.concatenate(result) if result else np.empty(0)
     values = values[np.isfinite(values)]
-    low, high = np.percentile(values, ENDS) if len(values) else (0.0, 1.0)
+    low, high = np.percentile(values, COLOUR_PERCENTILES) if len(values) else (0.0, 1.0)
     low = low if used.lower is None else used.lower
     high = high if used.upper is None else used.upper
     return (float(low), float(high)) if high > low else (float(low), float(low) + 1.0)
 
 
 def highest_point_of_bed(run: Trajectory, frames: Iterable[Frame]) -> float:
-    """Height that holds the piston and the grains in all frames; that of a periodic cell [m]."""
+    """Height that contains the piston and the grains in all frames; the height of a periodic cell [m]."""
     if run.scene.cell.height is not None:
         return run.scene.cell.height
     radius = run.scene.grains.diameters().max(initial=0.0) / 2.0
@@ -451,7 +448,7 @@ STILL_DPI = 200
 def still(
     run: Trajectory | str | Path, frame: int = -1, *, time: float | None = None, colour: str = "species"
 ) -> Figure:
-    """Picture of the bed at one instant: grains at their true size, walls and piston.
+    """Draw the bed at one instant, with grains to scale, walls and piston.
 
     Grains that have left the cell are not drawn.
 
@@ -460,17 +457,17 @@ def still(
     run : Trajectory or path
         A run, or its directory.
     frame : int
-        Number of the frame, from 0; negative ones count from the end.
+        Index of the frame, from 0; negative indices count from the end.
     time : float, optional
-        Takes the frame nearest to this time [s] instead.
+        Use the frame nearest to this time [s] instead.
     colour : str
-        Quantity that the colours show: a name of `granular.render.picture.COLOURINGS`. The
-        colours end at the 99th percentile of the frame's values.
+        Quantity shown by the colours: a name in `granular.render.picture.COLOURINGS`. The colour scale ends
+        at the 99th percentile of the frame's values.
 
     Returns
     -------
     matplotlib Figure
-        Picture, which `save_picture` writes.
+        Picture, to be written by `save_picture`.
 
     Raises
     ------
@@ -495,28 +492,28 @@ def _nearest_frame_index(run: Trajectory, time: float) -> int:
 
 
 def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
-    """Write a picture as PNG (200 dots per inch), SVG or PDF, by the ending of the path.
+    """Write a picture as PNG (200 dots per inch), SVG or PDF, depending on the suffix of the path.
 
-    Without dates in it: the same picture is the same file.
+    The file contains no date, so that equal pictures give equal files.
 
     Parameters
     ----------
     figure : Figure
-        Picture, as `still` makes it.
+        Picture, as returned by `still`.
     path : str or Path
-        File to write.
+        Path of the file to write.
     overwrite : bool
-        Whether a file that is there may be replaced.
+        Whether an existing file may be replaced.
 
     Returns
     -------
     Path
-        The file that was written.
+        Path of the written file.
 
     Raises
     ------
     InputError
-        If the format is another, the file exists and may not be replaced, or it cannot be written.
+        If the format is unknown, the file exists and may not be replaced, or it cannot be written.
     """
     import matplotlib as mpl
 
@@ -526,7 +523,7 @@ def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -
             f"unknown format {quote(path.suffix)} of {path.name}; a still is one of "
             f"{', '.join(FORMATS)}, a movie .mp4 or .gif"
         )
-    # Without date and random names the same picture is the same file.
+    # Without dates and random names, equal pictures give equal files.
     undated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with write_atomically(path, overwrite) as part, mpl.rc_context({"svg.hashsalt": "granular"}):
         figure.savefig(part, dpi=STILL_DPI, metadata=undated[path.suffix.lower()])

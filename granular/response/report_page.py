@@ -257,7 +257,7 @@ def damper_section(response: FrequencyResponse) -> Iterator[Block]:
             "meaningful if the reactive power is almost zero."
         )
     for size in data.amplitude.values.tolist():
-        yield from _swing_table(response, size)
+        yield from _displacement_table(response, size)
     words = "Piston: amplitude of the piston relative to the cell"
     if "unsteady" in data:
         words += "; unsteady: change of the machine's amplitude during the measurement"
@@ -278,7 +278,7 @@ def _draw_equivalent_damping(response: FrequencyResponse) -> Figure:
         return drawing
 
 
-def _swing_table(response: FrequencyResponse, size: float) -> Iterator[Block]:
+def _displacement_table(response: FrequencyResponse, size: float) -> Iterator[Block]:
     part, diameter = response_at_table_frequencies(response, size), response.scene.grains.species[0].diameter
     columns = {
         "Hz": (part.frequency, 1.0, 4),
@@ -348,7 +348,7 @@ def energy_losses_per_period(part: xarray.Dataset) -> dict[str, np.ndarray]:
     return {name: column for name, column in known.items() if np.any(column != 0.0)}
 
 
-MOST_ROWS = 25
+MAXIMUM_ROWS = 25
 _NAMES = {
     "force": ("force [N]", "Under {size:g} N", 1.0),
     "acceleration": ("base [m/s²]", "On a base that accelerates with {size:g} m/s²", 1.0),
@@ -363,8 +363,8 @@ def amplitude_phrase(response: FrequencyResponse, amplitude: float) -> str:
 
 
 def table_frequency_count(response: FrequencyResponse) -> int:
-    """Count the frequencies shown in the page's tables, up to `MOST_ROWS`."""
-    return min(response.dataset.sizes["frequency"], MOST_ROWS)
+    """Count the frequencies shown in the page's tables, up to `MAXIMUM_ROWS`."""
+    return min(response.dataset.sizes["frequency"], MAXIMUM_ROWS)
 
 
 def response_at_table_frequencies(response: FrequencyResponse, amplitude: float) -> xarray.Dataset:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 FRACTION = 0.4
 """Final fraction of a sine's duration in which the oscillation is assumed steady."""
-LEAST_PERIODS = 4
+MINIMUM_PERIODS = 4
 
 
 def complex_amplitude(
@@ -49,7 +49,7 @@ def _amplitude_over_phase(phase: np.ndarray, moment: np.ndarray, values: np.ndar
 
 def last_whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
     """Range of the last whole periods within `FRACTION` of a drive [s]; start, end [s], frequency [Hz]."""
-    count = max(math.floor(FRACTION * (end - start) * frequency), LEAST_PERIODS)
+    count = max(math.floor(FRACTION * (end - start) * frequency), MINIMUM_PERIODS)
     return max(start, end - count / frequency), end
 
 
@@ -368,7 +368,7 @@ def _require_host_under_sine(scene: Scene, frequencies: Sequence[float], duratio
         )
     if not len(frequencies) or not all(f > 0.0 for f in frequencies):
         raise InputError(f"frequencies {list(frequencies)}: give one or more, each above 0 Hz")
-    # The last `FRACTION` of the run then has `LEAST_PERIODS`, from which amplitudes are determined.
+    # The last `FRACTION` of the run then has `MINIMUM_PERIODS`, from which amplitudes are determined.
     if duration * min(frequencies) < 10.0:
         raise InputError(
             f"duration = {duration:g} s is less than 10 periods of {min(frequencies):g} Hz; give "
@@ -439,7 +439,7 @@ def response_dataset(
 
 
 FILE = "response.json"
-MOST_BYTES = 64 * 2**20
+MAXIMUM_BYTES = 64 * 2**20
 
 
 def save_response(response: FrequencyResponse, directory: str | Path) -> Path:
@@ -499,7 +499,7 @@ def load_response(directory: str | Path) -> FrequencyResponse:
         raise InputError(
             f"{quote(str(directory))} has no {FILE}; create it by granular-damper response SCENE -o DIR"
         )
-    text = read_text(path, MOST_BYTES)
+    text = read_text(path, MAXIMUM_BYTES)
     try:
         return _response_from_plain(json.loads(text))
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:

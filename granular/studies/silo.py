@@ -2,7 +2,7 @@
 
 The bed settles over the closed opening, once for each random packing. Then the opening is opened and grains
 fall out. The flow rate is measured in the middle of the discharge, between the times at which a tenth and a
-half of the grains have left, or up to the last grain of the run. If no grain leaves for `STILL` seconds
+half of the grains have left, or up to the last grain of the run. If no grain leaves for `CLOG_TIME` seconds
 before that, the opening counts as clogged.
 
 The fitted law is Beverloo's law in two dimensions, Q = C sqrt(g/D) (b/D - k)^(3/2): grains fall freely from
@@ -35,7 +35,7 @@ __all__ = ["SiloFlow", "silo", "with_opening"]
 FIRST, LAST = 0.1, 0.5
 """Fractions of grains that have left at the start and end of the measured interval."""
 
-STILL = 1.0
+CLOG_TIME = 1.0
 """Time without a leaving grain after which an opening counts as clogged [s]."""
 
 STEP = "auto*4"
@@ -288,7 +288,7 @@ def _measured_flow(run: Trajectory) -> tuple[float, bool, int]:
     first, last = round(FIRST * count), round(LAST * count)
     end = float(run.dataset["time"].values[-1])
     pauses = np.diff([0.0, *times[:last], *([] if len(times) >= last else [end])])
-    clogged = bool(pauses.max() > STILL)
+    clogged = bool(pauses.max() > CLOG_TIME)
     last = min(last, len(times) - 1)
     rate = (last - first) / (times[last] - times[first]) if last > first + 5 else np.nan
     return float(rate), clogged, len(times)

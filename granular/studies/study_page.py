@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MOST_PANELS, MOST_LINES, MOST_ROWS = 6, 8, 200
+MAXIMUM_PANELS, MAXIMUM_LINES, MAXIMUM_ROWS = 6, 8, 200
 """Maximum numbers of plotted figures, lines in a panel and rows of the table, to keep the page readable."""
 _LAST = ("warning", "error", "key")
 _SEED = "arrangement.seed"
@@ -47,7 +47,7 @@ def _blocks(study: Study) -> Iterator[Block]:
     axis = max(axes, key=lambda name: values[name], default=None)
     if axis and figures:
         others = [name for name in varied if name not in (axis, _SEED)]
-        shown = figures[:MOST_PANELS]
+        shown = figures[:MAXIMUM_PANELS]
         left = f" The first {len(shown)} of {len(figures)}." if len(figures) > len(shown) else ""
         yield Picture(
             partial(_draw_figures, study, table, axis, others, shown),
@@ -59,10 +59,10 @@ def _blocks(study: Study) -> Iterator[Block]:
     columns = [name for name in table.columns if name not in _LAST[:2]]
     yield Table(
         ["case", *(_label_with_unit(study, name) for name in columns)],
-        [[k, *map(_cell_text, row)] for k, row in enumerate(table[columns].head(MOST_ROWS).to_numpy(), 1)],
+        [[k, *map(_cell_text, row)] for k, row in enumerate(table[columns].head(MAXIMUM_ROWS).to_numpy(), 1)],
     )
-    if len(table) > MOST_ROWS:
-        yield Text(f"The first {MOST_ROWS} of {len(table)} cases; table.csv has all of them.")
+    if len(table) > MAXIMUM_ROWS:
+        yield Text(f"The first {MAXIMUM_ROWS} of {len(table)} cases; table.csv has all of them.")
     for name, title in (("error", "Cases that failed"), ("warning", "Cases with warnings")):
         if name in table and table[name].notna().any():
             yield Heading(title)
@@ -84,7 +84,7 @@ def _repeated_cases(study: Study, figures: list[str]) -> Iterator[Block]:
         groups.setdefault(tuple(map(_cell_text, row)), []).append(index)
     rows = [
         [*values, str(len(indices)), *(_mean_text(table[name].iloc[indices].dropna()) for name in figures)]
-        for values, indices in list(groups.items())[:MOST_ROWS]
+        for values, indices in list(groups.items())[:MAXIMUM_ROWS]
     ]
     header = [*(_label_with_unit(study, name) for name in (*others, "starts", *figures))]
     yield Heading("Means over random packings")
@@ -116,7 +116,7 @@ def _draw_figures(
         for row in table[others].to_numpy()
     ]
     groups = list(table.groupby(labels, sort=False))
-    lines = len(groups) <= MOST_LINES
+    lines = len(groups) <= MAXIMUM_LINES
     rows = (len(shown) + 1) // 2
     with figure(rows, 2, height=2.8 * rows, squeeze=False) as (drawing, panels):
         for panel, name in zip(panels.flat, shown, strict=False):

@@ -182,7 +182,7 @@ REARRANGED = 0.2
 """Displacement of a grain, relative to a uniform strain, above which the bed counts as rearranged [D]; a
 grain that changes neighbours moves by about half a spacing."""
 
-CURVED = 0.05
+MAXIMUM_NONLINEARITY = 0.05
 """Fraction that nonlinearity may add to a standard deviation before slopes are reported as not enough."""
 
 ROUNDED = 1e-8
@@ -268,7 +268,9 @@ class Tolerances(Shown):
         # A change a x + c x^2 with standard normal x has the variance a^2 + 2 c^2.
         variance = np.maximum((by_slopes**2).mean(axis=0).sum(axis=0), ROUNDED**2)
         excess = np.sqrt(1.0 + 2.0 * (departures**2).mean(axis=(0, 2)) / variance) - 1.0
-        return tuple(part.key for part, row in zip(self.parts, excess, strict=True) if row.max() > CURVED)
+        return tuple(
+            part.key for part, row in zip(self.parts, excess, strict=True) if row.max() > MAXIMUM_NONLINEARITY
+        )
 
     def largest(self, count: int = 3) -> dict[str, tuple[str, ...]]:
         """Keys of the parts with the largest effect on each figure.

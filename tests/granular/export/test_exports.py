@@ -1,4 +1,4 @@
-"""Exported runs: to the last bit, opened by the programs that they are for, whole or not at all."""
+"""Exported runs are exact, readable by their target programs, and never partial."""
 
 import dataclasses
 import re
@@ -17,12 +17,12 @@ from granular.shared.errors import InputError
 
 FRAME = 50
 RADIUS = 0.021
-"""Within which neighbours are counted [m]: a few diameters."""
+"""Distance within which neighbours are counted [m]: a few diameters."""
 
 
 @pytest.fixture
 def spread(run: Trajectory) -> Trajectory:
-    """The run with its grains from wall to wall, so that a periodic box shows false neighbours."""
+    """The run with grains spread from wall to wall, so that a periodic box would give false neighbours."""
     data = run.dataset.load().copy(deep=True)
     width = run.scene.cell.width
     present = np.isfinite(data["position"].values[FRAME, :, 0])
@@ -42,7 +42,7 @@ def places(run: Trajectory) -> np.ndarray:
 
 
 def neighbours(positions: np.ndarray) -> int:
-    """Pairs within the radius, counted one by one."""
+    """Number of pairs within the radius, counted directly."""
     apart = np.linalg.norm(positions[:, None] - positions[None, :], axis=2)
     return int((apart[np.triu_indices(len(positions), 1)] < RADIUS).sum())
 
@@ -61,7 +61,7 @@ def test_ase_reads_extended_xyz(spread: Trajectory, tmp_path: Path) -> None:
 
 def test_mdanalysis_reads_extended_xyz(spread: Trajectory, tmp_path: Path) -> None:
     library = pytest.importorskip("MDAnalysis")
-    # One number of atoms for the whole trajectory.
+    # MDAnalysis requires the same number of atoms in the whole trajectory.
     later = dataclasses.replace(spread, dataset=spread.dataset.isel(frame=slice(FRAME, None)))
     path = to_extxyz(later, tmp_path / "bed.xyz")
     universe = library.Universe(str(path))
@@ -95,7 +95,7 @@ def test_freud_counts_the_same_neighbours(spread: Trajectory, tmp_path: Path) ->
     assert len(found) // 2 == neighbours(places(spread)) > 0
 
 
-def test_meshio_reads_what_paraview_opens(spread: Trajectory, tmp_path: Path) -> None:
+def test_meshio_reads_the_vtk_files_of_paraview(spread: Trajectory, tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
     import xml.etree.ElementTree as Xml
 
@@ -115,7 +115,7 @@ def test_pandas_reads_tables(spread: Trajectory, tmp_path: Path, kind: Any) -> N
     pandas = pytest.importorskip("pandas")
     if kind == "parquet":
         pytest.importorskip("pyarrow")
-    # Some of its versions read numbers of a text to within a rounding if not asked for more.
+    # By default some versions read numbers from text only to within rounding.
     exactly = {"float_precision": "round_trip"} if kind == "csv" else {}
     read = partial(getattr(pandas, f"read_{kind}"), **exactly)
     scalars, grains = map(read, to_tables(spread, tmp_path / "out", kind))
@@ -150,7 +150,7 @@ def parsed(path: Path) -> list[Frame]:
     return frames
 
 
-def test_everything_comes_back_to_the_last_bit(run: Trajectory, tmp_path: Path) -> None:
+def test_exported_values_are_exact(run: Trajectory, tmp_path: Path) -> None:
     frames = parsed(to_extxyz(run, tmp_path / "bed.xyz"))
     data, scene = run.dataset, run.scene
     assert len(frames) == 90
@@ -183,9 +183,7 @@ def frames(run: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> list[gs
         return list(file)
 
 
-def test_every_frame_is_there_with_its_time_and_height(
-    run: Trajectory, frames: list[gsd.hoomd.Frame]
-) -> None:
+def test_every_frame_has_its_time_and_piston_height(run: Trajectory, frames: list[gsd.hoomd.Frame]) -> None:
     assert [one.configuration.step for one in frames] == list(range(90))
     times = np.concatenate([one.log["time"] for one in frames])
     np.testing.assert_array_equal(times, run.dataset["frame_time"].values)
@@ -194,7 +192,7 @@ def test_every_frame_is_there_with_its_time_and_height(
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "force"])
-def test_fields_are_exact_and_absent_grains_left_out(
+def test_fields_are_exact_and_absent_grains_omitted(
     run: Trajectory, frames: list[gsd.hoomd.Frame], name: str
 ) -> None:
     wanted = run.dataset[name].values
@@ -208,7 +206,7 @@ def test_fields_are_exact_and_absent_grains_left_out(
         np.testing.assert_array_equal(frame.log["particles/grain"], np.arange(present))
 
 
-def test_particles_lie_in_one_centred_box_in_single_precision(
+def test_gsd_particles_lie_in_one_centred_box_in_single_precision(
     run: Trajectory, frames: list[gsd.hoomd.Frame]
 ) -> None:
     width, height = run.scene.cell.width, 0.03
@@ -224,7 +222,7 @@ def test_particles_lie_in_one_centred_box_in_single_precision(
         np.testing.assert_allclose(frame.particles.velocity[:, :2], speed, rtol=1e-6)
 
 
-def test_species_diameters_and_masses(run: Trajectory, frames: list[gsd.hoomd.Frame]) -> None:
+def test_gsd_has_species_diameters_and_masses(run: Trajectory, frames: list[gsd.hoomd.Frame]) -> None:
     species = run.scene.grains.species_indices()
     for frame in (frames[0], frames[-1]):
         particles, count = frame.particles, frame.particles.N
@@ -236,8 +234,8 @@ def test_species_diameters_and_masses(run: Trajectory, frames: list[gsd.hoomd.Fr
         np.testing.assert_allclose(particles.mass, mass, rtol=1e-6)
 
 
-def test_bed_without_piston(run: Trajectory, tmp_path: Path) -> None:
-    """The box then holds all grains of all frames twice over."""
+def test_gsd_box_of_a_bed_without_piston(run: Trajectory, tmp_path: Path) -> None:
+    """The box is twice as high as the grains of all frames."""
     scene = run.scene.replace(
         **{
             "piston": None,
@@ -256,7 +254,9 @@ Writer = Callable[..., object]
 
 
 @pytest.mark.parametrize(("name", "write"), WRITERS.items(), ids=WRITERS)
-def test_existing_files_stay_unless_told(run: Trajectory, tmp_path: Path, name: str, write: Writer) -> None:
+def test_existing_files_are_not_replaced_without_overwrite(
+    run: Trajectory, tmp_path: Path, name: str, write: Writer
+) -> None:
     write(run, tmp_path / name)
     first = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     longer = dataclasses.replace(run, dataset=run.dataset.isel(frame=slice(0, 50)))
@@ -270,7 +270,7 @@ def test_existing_files_stay_unless_told(run: Trajectory, tmp_path: Path, name: 
 
 
 @pytest.mark.parametrize(("name", "write"), WRITERS.items(), ids=WRITERS)
-def test_failure_half_way_leaves_no_file(
+def test_a_failed_export_leaves_no_file(
     run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, write: Writer
 ) -> None:
     from granular.export import frames
@@ -289,7 +289,7 @@ def test_failure_half_way_leaves_no_file(
 
 
 @pytest.mark.parametrize("write", [to_gsd, to_extxyz])
-def test_places_that_cannot_be_written(run: Trajectory, tmp_path: Path, write: Writer) -> None:
+def test_paths_that_cannot_be_written_are_refused(run: Trajectory, tmp_path: Path, write: Writer) -> None:
     with pytest.raises(InputError, match="there is no directory"):
         write(run, tmp_path / "missing" / "bed")
     with pytest.raises(InputError, match="is a directory"):
@@ -298,13 +298,13 @@ def test_places_that_cannot_be_written(run: Trajectory, tmp_path: Path, write: W
         write(run, tmp_path / ("x" * 300))
 
 
-def test_directory_that_cannot_be_made(run: Trajectory, tmp_path: Path) -> None:
+def test_a_directory_that_cannot_be_created_is_refused(run: Trajectory, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here")
     with pytest.raises(InputError, match="cannot be made"):
         to_tables(run, tmp_path / "file")
 
 
-def test_run_without_frames(run: Trajectory, tmp_path: Path) -> None:
+def test_a_run_without_frames_is_refused(run: Trajectory, tmp_path: Path) -> None:
     empty = dataclasses.replace(run, dataset=run.dataset.isel(frame=slice(0, 0)))
     with pytest.raises(InputError, match="no frames"):
         to_gsd(empty, tmp_path / "bed.gsd")

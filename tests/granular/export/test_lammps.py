@@ -34,7 +34,7 @@ installed = pytest.mark.skipif(
 )
 
 TABLE = 5e-7
-"""What the tables leave of a force, over the sum of the magnitudes that make it."""
+"""Error of a force by the tables, relative to the sum of the magnitudes of its contributions."""
 
 PROTOCOL = [
     {"kind": "hold", "name": "hold", "duration": 0.02},
@@ -49,7 +49,7 @@ PROTOCOL = [
     },
     {"kind": "descend", "name": "descend", "to": "5 D", "duration": 0.05},
 ]
-"""A stage of each kind that LAMMPS can carry."""
+"""One stage of each kind that LAMMPS can represent."""
 
 
 class Frame(NamedTuple):
@@ -61,7 +61,7 @@ class Frame(NamedTuple):
 
 
 def lammps(directory: Path, *, ranks: int = 1, script: str = "in.granular") -> list[Frame]:
-    """Run a deck; its frames."""
+    """Run a deck and return its frames."""
     programs = Path(sys.executable).parent
     parallel = [str(programs / "mpirun"), "-np", str(ranks)] if ranks > 1 else []
     done = subprocess.run(
@@ -88,13 +88,13 @@ def frames(path: Path) -> Iterator[Frame]:
 
 
 def static(scene: Scene) -> Scene:
-    """At rest, with nothing to run."""
+    """The scene at rest, without a protocol."""
     return scene.replace(**{"arrangement.speed": 0.0, "protocol": []})
 
 
 @pytest.fixture(scope="module")
 def mixed(bed: Scene) -> Scene:
-    """Three species, both laws of walls that depend on the distance alone."""
+    """Three species, and both wall laws that depend only on distance."""
     species = [
         {"name": name, "diameter": diameter, "share": fraction}
         for name, diameter, fraction in (("a", "5 mm", 0.5), ("b", "3 mm", 0.3), ("c", "7 mm", 0.2))
@@ -111,7 +111,7 @@ def mixed(bed: Scene) -> Scene:
 
 @pytest.fixture(scope="module")
 def unlike(mixed: Scene) -> Scene:
-    """The same, the small ones of another material and thickness."""
+    """The same scene, with another material and thickness of the small grains."""
     other = {"remanence": "0.9 T", "density": 5000.0, "thickness": "2 mm"}
     return mixed.replace(**{f"grains.species.b.{key}": value for key, value in other.items()})
 
@@ -130,7 +130,7 @@ def magnitudes(scene: Scene, positions: np.ndarray) -> np.ndarray:
 
 
 def contact_forces(scene: Scene) -> np.ndarray:
-    """Force of each two discs at contact [N]."""
+    """Force between all pairs of discs at contact [N]."""
     scales, species = Scales.from_grains(scene.grains), scene.grains.species_indices()
     discs, charges = discs_unless_dipoles(scene.grains, scales.length), scene.grains.moment_ratios()
     laws = [
@@ -143,9 +143,9 @@ def contact_forces(scene: Scene) -> np.ndarray:
 @installed
 @pytest.mark.parametrize("magnets", ["dipoles", "cylinders"])
 @pytest.mark.parametrize("name", ["bed", "mixed", "unlike"])
-def test_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str, magnets: str) -> None:
+def test_lammps_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str, magnets: str) -> None:
     scene = static(request.getfixturevalue(name))
-    # Of rows of discs LAMMPS has no wall.
+    # LAMMPS has no walls of rows of discs.
     named = {"effects.walls": scene.effects.walls.to_plain()}
     scene = scene.replace(**{"grains.magnets": magnets}, **named)
     to_lammps(scene, tmp_path)
@@ -164,7 +164,7 @@ def test_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str,
     np.testing.assert_allclose(record[2:], walls, rtol=1e-7)
 
 
-def test_tables_and_masses_are_those_of_the_material(unlike: Scene, tmp_path: Path) -> None:
+def test_tables_and_masses_follow_the_material(unlike: Scene, tmp_path: Path) -> None:
     to_lammps(static(unlike), tmp_path)
     grains, scales = unlike.grains, Scales.from_grains(unlike.grains)
     text = (tmp_path / "pairs.table").read_text(encoding="utf-8")
@@ -180,8 +180,8 @@ def test_tables_and_masses_are_those_of_the_material(unlike: Scene, tmp_path: Pa
     assert float(written[1]) == pytest.approx(mass, rel=1e-14)
 
 
-def test_tables_of_discs_are_their_law(unlike: Scene, tmp_path: Path) -> None:
-    """Also below contact, where the force goes on with its slope."""
+def test_disc_tables_follow_the_disc_law(unlike: Scene, tmp_path: Path) -> None:
+    """Also below contact, where the force continues linearly."""
     walls = unlike.effects.walls
     assert walls is not None
     scene = static(unlike).replace(**{"grains.magnets": "cylinders", "effects.walls": walls.to_plain()})
@@ -191,7 +191,7 @@ def test_tables_of_discs_are_their_law(unlike: Scene, tmp_path: Path) -> None:
     text = (tmp_path / "pairs.table").read_text(encoding="utf-8")
     header, rows = text.split("PAIR_1_2\n")[1].split("PAIR_")[0].split("\n\n")[:2]
     _, r, energy, force = np.loadtxt(rows.splitlines(), unpack=True)
-    some = np.unique([*range(0, len(r), 7), len(r) - 1])  # the law takes long
+    some = np.unique([*range(0, len(r), 7), len(r) - 1])  # evaluating the law takes long
     known = disc_law_continued_below_contact(r[some] / scales.length, (pair[0], pair[1]))
     charge = 0.25 * scene.grains.moment_ratios()[1]
     np.testing.assert_allclose(energy[some], charge * scales.energy * known[0], rtol=1e-9)
@@ -202,8 +202,8 @@ def test_tables_of_discs_are_their_law(unlike: Scene, tmp_path: Path) -> None:
         assert slope == pytest.approx((force[there] - force[here]) / (r[there] - r[here]), rel=0.01)
 
 
-def test_steps_of_discs_follow_their_stiffness(small_bed: Scene, tmp_path: Path) -> None:
-    """At a diameter and a half, the stiffest mode of discs is 1.2 times that of dipoles."""
+def test_automatic_step_of_discs_follows_their_stiffness(small_bed: Scene, tmp_path: Path) -> None:
+    """At 1.5 diameters, the stiffest mode of discs is 1.2 times stiffer than for dipoles."""
     position = 1.5 * np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.0]]) + 50.0
     alike = np.ones(3)
     rates = [
@@ -216,7 +216,7 @@ def test_steps_of_discs_follow_their_stiffness(small_bed: Scene, tmp_path: Path)
 
 
 WALLS = dict.fromkeys(("left", "right", "bottom", "top"), "experimental")
-"""Decks hold no rows of magnets, which beds of discs have."""
+"""Changes for beds of discs, because decks cannot contain walls of rows of magnets."""
 
 STIFFNESSES: dict[str, dict[str, object]] = {
     "dipoles": {},
@@ -232,8 +232,10 @@ STIFFNESSES: dict[str, dict[str, object]] = {
 
 @installed
 @pytest.mark.parametrize("name", STIFFNESSES)
-def test_stiffness_is_their_dynamical_matrix(tmp_path: Path, name: str) -> None:
-    """The piston is held. LAMMPS reads squared distances in single precision, which makes 1e-5 of this."""
+def test_dynamical_matrix_of_lammps_has_the_modes_of_small_motions(tmp_path: Path, name: str) -> None:
+    """The piston is held. LAMMPS reads squared distances in single precision, which gives an error of
+    1e-5.
+    """
     rest = at_rest(small_damper(**STIFFNESSES[name]))
     changes = {"piston.mass": None, "effects.drag": None, "protocol": [], "output.record": None}
     scene = moved(rest, **changes)
@@ -252,7 +254,7 @@ def test_stiffness_is_their_dynamical_matrix(tmp_path: Path, name: str) -> None:
 
 
 @installed
-def test_cut_off_is_kept(bed: Scene, tmp_path: Path) -> None:
+def test_cut_off_of_pairs_is_exported(bed: Scene, tmp_path: Path) -> None:
     scene = static(bed).replace(**{"pairs.method": "cut-off", "pairs.cut_off": "8 D"})
     to_lammps(scene, tmp_path)
     (frame,) = lammps(tmp_path)
@@ -262,8 +264,8 @@ def test_cut_off_is_kept(bed: Scene, tmp_path: Path) -> None:
 
 
 @installed
-def test_motion_agrees_on_two_ranks(small_bed: Scene, tmp_path: Path) -> None:
-    """Every kind of stage, with gravity and drag: the same steps but for the tables' rounding."""
+def test_lammps_motion_agrees_on_two_ranks(small_bed: Scene, tmp_path: Path) -> None:
+    """Every kind of stage, with gravity and drag: the same steps except for the tables' rounding."""
     scene = small_bed.replace(**{"protocol": PROTOCOL, "output.frames": 0.01})
     run = simulate(scene, dt=2.5e-5, progress=False)
     to_lammps(scene, tmp_path, dt=2.5e-5)
@@ -276,7 +278,7 @@ def test_motion_agrees_on_two_ranks(small_bed: Scene, tmp_path: Path) -> None:
         assert np.abs(data["position"].values[k] - one.position).max() < 3e-6 * diameter
     record, ours = PistonRecord.from_csv(tmp_path / "piston.csv"), run.piston()
     assert len(record.time) == 221
-    # At 0.08 s the piston is lifted: one record stands before that, the other behind.
+    # At 0.08 s the piston is lifted: one record is before the lift, the other after it.
     same = np.abs(record.time - 0.08) > 1e-4
     assert np.abs(record.height - np.interp(record.time, ours.time, ours.height))[same].max() < 1e-9
     off = np.abs(record.force - np.interp(record.time, ours.time, ours.force))
@@ -285,7 +287,7 @@ def test_motion_agrees_on_two_ranks(small_bed: Scene, tmp_path: Path) -> None:
 
 @installed
 def test_drag_is_exact_in_long_steps(tmp_path: Path) -> None:
-    """A lone grain falls under gravity and drag: after steps of 1/c, still the exact speed."""
+    """A single grain falls under gravity and drag: its speed is exact even with steps of 1/c."""
     scene = load_scene("single-particle").replace(
         **{
             "effects.walls": None,
@@ -303,7 +305,7 @@ def test_drag_is_exact_in_long_steps(tmp_path: Path) -> None:
 
 
 @installed
-def test_run_goes_on_from_its_last_frame(small_bed: Scene, tmp_path: Path) -> None:
+def test_an_exported_run_continues_from_its_last_frame(small_bed: Scene, tmp_path: Path) -> None:
     scene = small_bed.replace(**{"protocol": PROTOCOL[:2], "output.frames": 0.01})
     integer = simulate(scene, dt=2.5e-5, progress=False)
     simulate(scene, dt=2.5e-5, t_end=0.05, out=tmp_path / "run", progress=False)
@@ -315,7 +317,7 @@ def test_run_goes_on_from_its_last_frame(small_bed: Scene, tmp_path: Path) -> No
 
 
 @installed
-def test_shaking_agrees(small_bed: Scene, tmp_path: Path) -> None:
+def test_lammps_shaking_agrees(small_bed: Scene, tmp_path: Path) -> None:
     scene = small_bed.replace(
         **{
             "effects.shaking": {"amplitude": "1 mm", "frequency": 20.0, "angle": 1.0},
@@ -345,7 +347,7 @@ REFUSED: dict[str, tuple[dict[str, object], str]] = {
     "slab": ({"effects.walls.bottom": "slab"}, "effects.walls.bottom.law = 'slab'"),
     "formula": (
         {"effects.walls.bottom": {"energy": "a*(l/w)**3", "a": "1 uJ", "l": "6 mm"}},
-        "law = 'formula' cannot be exported to LAMMPS: no deck has its law; take 'experimental'",
+        "law = 'formula' cannot be exported to LAMMPS: its law has no table; take 'experimental'",
     ),
     "list": ({"pairs.method": "verlet-list"}, "pairs.method = 'verlet-list'"),
     "free": (
@@ -365,7 +367,7 @@ REFUSED: dict[str, tuple[dict[str, object], str]] = {
 
 
 @pytest.mark.parametrize(("changes", "words"), REFUSED.values(), ids=REFUSED)
-def test_what_lammps_cannot_carry_is_refused(
+def test_scenes_that_lammps_cannot_represent_are_refused(
     bed: Scene, tmp_path: Path, changes: dict[str, object], words: str
 ) -> None:
     with pytest.raises(InputError, match=words) as told:
@@ -374,7 +376,7 @@ def test_what_lammps_cannot_carry_is_refused(
     assert not (tmp_path / "deck").exists()
 
 
-def test_existing_deck_stays_unless_told(small_bed: Scene, tmp_path: Path) -> None:
+def test_an_existing_deck_is_not_replaced_without_overwrite(small_bed: Scene, tmp_path: Path) -> None:
     files = to_lammps(small_bed, tmp_path)
     before = (tmp_path / "bed.data").read_bytes()
     other = small_bed.replace(**{"arrangement.seed": 2})
@@ -386,7 +388,7 @@ def test_existing_deck_stays_unless_told(small_bed: Scene, tmp_path: Path) -> No
     assert sorted(tmp_path.iterdir()) == sorted(files)
 
 
-def test_steps_divide_every_stage(small_bed: Scene, tmp_path: Path) -> None:
+def test_time_steps_divide_every_stage(small_bed: Scene, tmp_path: Path) -> None:
     stage = {"kind": "move", "name": "move", "to": "5 D", "speed": "0.07 m/s"}
     to_lammps(small_bed.replace(**{"protocol": [stage]}), tmp_path, dt=3e-5)
     words = (tmp_path / "in.granular").read_text().split()
@@ -396,7 +398,7 @@ def test_steps_divide_every_stage(small_bed: Scene, tmp_path: Path) -> None:
     assert steps * step == pytest.approx(0.006 / 0.07, rel=1e-12)
 
 
-def test_automatic_step_is_shorter_for_a_squeezed_bed(small_bed: Scene, tmp_path: Path) -> None:
+def test_automatic_step_is_shorter_for_a_compressed_bed(small_bed: Scene, tmp_path: Path) -> None:
     def step(to: str) -> float:
         stage = {"kind": "move", "name": "move", "to": to, "speed": "0.01 m/s"}
         to_lammps(small_bed.replace(**{"protocol": [stage]}), tmp_path, overwrite=True)
@@ -406,7 +408,7 @@ def test_automatic_step_is_shorter_for_a_squeezed_bed(small_bed: Scene, tmp_path
     assert 0.0 < step("3 D") < 0.6 * step("5.9 D")
 
 
-def test_height_of_a_stage_under_way_is_that_of_its_start() -> None:
+def test_formula_of_a_partly_elapsed_stage_uses_its_initial_height() -> None:
     stage = Move(name="down", to=0.1, speed=0.01)
     one = remaining_stage(stage, 0.2, 4.0)
     assert one.remaining_duration == pytest.approx(6.0)
@@ -414,7 +416,9 @@ def test_height_of_a_stage_under_way_is_that_of_its_start() -> None:
     assert eval(one.path.formula, {"v_t": one.elapsed}) == pytest.approx(0.16)
 
 
-def test_command_line(tmp_path: Path, command: Callable[..., subprocess.CompletedProcess]) -> None:
+def test_the_export_command_writes_a_deck(
+    tmp_path: Path, command: Callable[..., subprocess.CompletedProcess]
+) -> None:
     deck = tmp_path / "deck"
     words = f"export bed --format lammps -o {deck} --set grains.count=92 --dt 1e-5 --json"
     done = command("granular", *words.split())

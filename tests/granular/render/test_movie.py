@@ -1,4 +1,4 @@
-"""Movies have a picture a frame, play in time, and lose nothing to Ctrl-C."""
+"""Movies have the right pictures and timing, and survive Ctrl-C."""
 
 import dataclasses
 import os
@@ -21,7 +21,7 @@ from granular.shared.errors import InputError
 
 @pytest.fixture(scope="module")
 def short(run: Trajectory) -> Trajectory:
-    """Seven frames, of which three lie in the second stage."""
+    """A run of seven frames, three of them in the second stage."""
     stages = (
         dataclasses.replace(run.stages[0], end=0.0019),
         dataclasses.replace(run.stages[1], start=0.0019, end=0.0031),
@@ -46,7 +46,7 @@ def pictures(path: Path) -> list[np.ndarray]:
 
 @pytest.fixture(scope="module")
 def made(short: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A movie of each ending, in a directory of its own."""
+    """A movie in each format, each in a separate directory."""
     return {
         ending: movie(
             short, tmp_path_factory.mktemp(ending) / f"bed.{ending}", fps=8.0, speed=None, progress=False
@@ -56,7 +56,9 @@ def made(short: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> dict[st
 
 
 @pytest.mark.parametrize("ending", ["mp4", "gif"])
-def test_a_picture_a_frame(short: Trajectory, made: dict[str, Path], ending: str) -> None:
+def test_without_speed_a_movie_has_one_picture_per_frame(
+    short: Trajectory, made: dict[str, Path], ending: str
+) -> None:
     path = made[ending]
     found = pictures(path)
     assert len(found) == 7
@@ -66,25 +68,25 @@ def test_a_picture_a_frame(short: Trajectory, made: dict[str, Path], ending: str
         picture.show_frame(frame)
         error = np.abs(image.astype(float) - picture.pixels())
         assert error.mean() < 4.0
-    assert min(one[:4].min() for one in found) >= (255 if ending == "gif" else 253)  # white paper
+    assert min(one[:4].min() for one in found) >= (255 if ending == "gif" else 253)  # white background
     assert [one.name for one in path.parent.iterdir()] == [path.name]
 
 
-def test_plays_in_the_wanted_time(made: dict[str, Path]) -> None:
+def test_movie_has_the_requested_duration(made: dict[str, Path]) -> None:
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(made["mp4"]))
     assert (count, seconds) == (7, pytest.approx(0.875, abs=0.02))
     with Image.open(made["gif"]) as file:
         assert file.info["duration"] == pytest.approx(125.0, abs=10.0)
 
 
-def test_width_in_pixels(short: Trajectory, tmp_path: Path) -> None:
-    """A wide bed becomes as narrow as is asked for, and keeps its proportions."""
+def test_movie_has_the_requested_width_in_pixels(short: Trajectory, tmp_path: Path) -> None:
+    """A wide bed is reduced to the requested width and keeps its proportions."""
     path = tmp_path / "bed.gif"
     movie(short, path, fps=10.0, speed=None, width=760, stage="compress", progress=False)
     assert pictures(path)[0].shape[1] == 760
 
 
-def test_stage_alone(short: Trajectory, tmp_path: Path) -> None:
+def test_movie_of_a_single_stage(short: Trajectory, tmp_path: Path) -> None:
     path = movie(short, tmp_path / "bed.gif", stage="compress", speed=None, progress=False)
     assert len(pictures(path)) == 3  # 0.002, 0.0025, 0.003 s
     with pytest.raises(InputError, match="unknown stage"):
@@ -93,7 +95,7 @@ def test_stage_alone(short: Trajectory, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("ending", ["mp4", "gif"])
-def test_ctrl_c_keeps_what_was_made(
+def test_ctrl_c_keeps_the_pictures_made_so_far(
     short: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
 ) -> None:
     shown, show = [], BedPicture.show_frame
@@ -106,14 +108,14 @@ def test_ctrl_c_keeps_what_was_made(
 
     monkeypatch.setattr(BedPicture, "show_frame", interrupted)
     path = tmp_path / f"bed.{ending}"
-    with pytest.warns(UserWarning, match="holds the 4 pictures of 7 made"), pytest.raises(KeyboardInterrupt):
+    with pytest.warns(UserWarning, match="has 4 of 7 pictures"), pytest.raises(KeyboardInterrupt):
         movie(short, path, speed=None, progress=False)
     assert len(pictures(path)) == 4
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_ctrl_c_after_the_last_picture_is_not_lost(
+def test_ctrl_c_after_the_last_picture_still_interrupts(
     short: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     replace = os.replace
@@ -129,8 +131,8 @@ def test_ctrl_c_after_the_last_picture_is_not_lost(
     assert len(pictures(path)) == 3
 
 
-def test_colours_are_the_same_all_along(short: Trajectory, tmp_path: Path) -> None:
-    """The bar at the side does not change from picture to picture."""
+def test_colour_scale_is_constant_in_a_movie(short: Trajectory, tmp_path: Path) -> None:
+    """The colour bar does not change between pictures."""
     path = movie(short, tmp_path / "bed.mp4", colour="speed", speed=None, progress=False)
     found = pictures(path)
     side = [one[:, int(0.83 * one.shape[1]) :].astype(float) for one in found]
@@ -142,8 +144,8 @@ def test_colours_are_the_same_all_along(short: Trajectory, tmp_path: Path) -> No
     ("name", "choice", "message"),
     [
         ("bed.avi", {}, "unknown format '.avi'"),
-        ("bed.mp4", {"fps": 0.0}, "fps 0 is not above 0"),
-        ("bed.gif", {"fps": 60.0}, "at most 50 for .gif"),
+        ("bed.mp4", {"fps": 0.0}, "fps 0 is not in the range above 0"),
+        ("bed.gif", {"fps": 60.0}, "up to 50 for .gif"),
         ("bed.mp4", {"fps": float("nan")}, "fps nan"),
         ("bed.mp4", {"speed": 0.0}, "speed 0 is not above 0"),
         ("bed.mp4", {"speed": float("nan")}, "speed nan"),
@@ -153,16 +155,18 @@ def test_colours_are_the_same_all_along(short: Trajectory, tmp_path: Path) -> No
         ("there.gif", {}, "exists"),
     ],
 )
-def test_bad_choices(short: Trajectory, tmp_path: Path, name: str, choice: dict, message: str) -> None:
+def test_invalid_options_are_refused(
+    short: Trajectory, tmp_path: Path, name: str, choice: dict, message: str
+) -> None:
     (tmp_path / "there.gif").touch()
     with pytest.raises(InputError, match=message):
         movie(short, tmp_path / name, progress=False, **choice)
     assert [one.name for one in tmp_path.iterdir()] == ["there.gif"]
 
 
-def test_real_time_is_the_default(swing: Trajectory, tmp_path: Path) -> None:
-    """A part of the run takes as long as it took, in 25 pictures a second, whatever its frames."""
-    part = dataclasses.replace(swing, dataset=swing.dataset.isel(frame=slice(0, 5)))  # 0.4 s
+def test_real_time_is_the_default(circling: Trajectory, tmp_path: Path) -> None:
+    """Part of the run is shown in real time at 25 pictures per second, independent of its frames."""
+    part = dataclasses.replace(circling, dataset=circling.dataset.isel(frame=slice(0, 5)))  # 0.4 s
     path = movie(part, tmp_path / "bed.mp4", progress=False)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
     assert (count, seconds) == (11, pytest.approx(0.44, abs=0.02))
@@ -170,28 +174,28 @@ def test_real_time_is_the_default(swing: Trajectory, tmp_path: Path) -> None:
     assert imageio_ffmpeg.count_frames_and_secs(str(slow))[0] == 5
 
 
-def test_grains_between_frames_are_where_they_swing(swing: Trajectory) -> None:
+def test_grains_between_frames_follow_their_circular_path(circling: Trajectory) -> None:
     times = np.linspace(0.0, 1.0, 101)
-    found = list(interpolate_bed(swing, range(11), times))
+    found = list(interpolate_bed(circling, range(11), times))
     place = np.array([one.positions[0] for one in found])
     true = PLACE + SIZE * np.array([np.cos(PACE * times), np.sin(PACE * times)]).T
-    assert np.abs(place - true).max() < 1e-3 * SIZE  # straight lines: 5e-2
+    assert np.abs(place - true).max() < 1e-3 * SIZE  # straight lines would give 5e-2
     heights = np.array([one.piston_height for one in found])
-    assert np.allclose(heights, np.interp(times, swing.dataset["time"], swing.dataset["piston_height"]))
+    assert np.allclose(heights, np.interp(times, circling.dataset["time"], circling.dataset["piston_height"]))
     assert [one.time for one in found] == list(times)
 
 
-def test_frames_that_lie_too_far_apart_are_told(swing: Trajectory) -> None:
-    with pytest.warns(UserWarning, match="lower output.frames for true ones"):
-        list(interpolate_bed(swing, [0, 5, 10], np.linspace(0.0, 1.0, 101)))
+def test_a_warning_is_given_if_frames_are_too_far_apart(circling: Trajectory) -> None:
+    with pytest.warns(UserWarning, match="reduce output.frames for accurate paths"):
+        list(interpolate_bed(circling, [0, 5, 10], np.linspace(0.0, 1.0, 101)))
 
 
 PLACE, SIZE, PACE = np.array([0.02, 0.01]), 0.004, 2.0 * np.pi
 
 
 @pytest.fixture(scope="module")
-def swing(run: Trajectory) -> Trajectory:
-    """Grains that go round once in a second, in eleven frames."""
+def circling(run: Trajectory) -> Trajectory:
+    """Grains on circles with a period of one second, in eleven frames."""
     time = np.linspace(0.0, 1.0, 11)[:, None, None]
     circle = np.concatenate([np.cos(PACE * time), np.sin(PACE * time)], axis=2)
     ahead = PACE * np.concatenate([-np.sin(PACE * time), np.cos(PACE * time)], axis=2)

@@ -1,4 +1,4 @@
-"""Stills show the bed to scale, in colours that colour-blind eyes tell apart."""
+"""Stills show the bed to scale, in colours that colour-blind readers can distinguish."""
 
 import dataclasses
 import itertools
@@ -38,7 +38,7 @@ def words(figure: Figure) -> str:
 
 @pytest.fixture(scope="module")
 def lattice(run: Trajectory) -> Trajectory:
-    """One frame of 120 grains in a hexagonal lattice, disordered."""
+    """One frame of 120 grains in a disordered hexagonal lattice."""
     k = np.arange(120)
     place = np.stack([0.008 + 0.006 * (k % 12 + 0.5 * (k // 12 % 2)), 0.006 + 0.0052 * (k // 12)], axis=1)
     place += np.random.default_rng(11).uniform(-0.0015, 0.0015, place.shape)
@@ -68,7 +68,7 @@ def lattice(run: Trajectory) -> Trajectory:
     return make_trajectory(scene, data, {}, {"stages": [], "complete": True, "figures": {}}, None)
 
 
-def test_grains_stand_where_they_are_at_their_size(run: Trajectory) -> None:
+def test_grains_are_drawn_at_their_position_and_size(run: Trajectory) -> None:
     figure = still(run, 3)
     place = run.dataset["position"].values[3]
     np.testing.assert_allclose(grains(figure).get_offsets(), 1e3 * place, rtol=1e-12)
@@ -77,8 +77,8 @@ def test_grains_stand_where_they_are_at_their_size(run: Trajectory) -> None:
     assert figure.axes[0].get_aspect() == 1.0
 
 
-def test_area_of_the_discs_in_pixels(lattice: Trajectory, tmp_path: Path) -> None:
-    """Counted in the picture itself: 120 discs of 3 mm cover 120 pi/4 9 mm^2."""
+def test_pixel_area_of_grains_is_to_scale(lattice: Trajectory, tmp_path: Path) -> None:
+    """Counted in the picture: 120 discs of 3 mm cover 120 pi/4 9 mm^2."""
     from matplotlib import image
 
     figure = still(lattice)
@@ -99,11 +99,11 @@ def test_absent_grains_are_not_drawn(run: Trajectory) -> None:
 
 
 def bars(figure: Any) -> list[Any]:
-    """Bounding boxes of the walls and the piston that are drawn [mm]."""
+    """Bounding boxes of the drawn walls and piston [mm]."""
     return [one.get_path().get_extents() for one in figure.axes[0].patches if isinstance(one, Polygon)]
 
 
-def test_piston_stands_at_its_height_and_is_stated(run: Trajectory) -> None:
+def test_piston_is_drawn_at_its_height_and_given_in_the_title(run: Trajectory) -> None:
     figure = still(run, time=0.0201)
     frame = 40
     height = 1e3 * run.dataset["frame_height"].values[frame]
@@ -115,7 +115,7 @@ def test_piston_stands_at_its_height_and_is_stated(run: Trajectory) -> None:
     assert "relax" in words(figure)
 
 
-def test_species_are_told_apart_and_named(run: Trajectory) -> None:
+def test_species_have_different_colours_and_a_legend(run: Trajectory) -> None:
     figure = still(run, 0)
     wanted = [to_rgba(SPECIES[k]) for k in run.scene.grains.species_indices()]
     np.testing.assert_array_equal(grains(figure).get_facecolor(), wanted)
@@ -123,7 +123,7 @@ def test_species_are_told_apart_and_named(run: Trajectory) -> None:
     assert [one.get_text() for one in legend.get_texts()] == ["big, 5 mm", "two words, 100 %, 3 mm"]
 
 
-def test_sides_are_those_of_the_cells(lattice: Trajectory) -> None:
+def test_cell_colours_show_the_number_of_sides(lattice: Trajectory) -> None:
     figure = still(lattice, colour="sides")
     found = voronoi_cells(lattice.dataset["position"].values[0])
     inner = np.flatnonzero(found.interior)
@@ -140,8 +140,8 @@ def test_sides_are_those_of_the_cells(lattice: Trajectory) -> None:
 
 
 @pytest.mark.parametrize("colour", ["speed", "force", "compression", "pressure", "regularity", "fluctuation"])
-def test_colour_bars(lattice: Trajectory, colour: str) -> None:
-    """A greater value lies higher on the bar, and the bar says what it is."""
+def test_colour_bar_matches_the_values(lattice: Trajectory, colour: str) -> None:
+    """A larger value is higher on the colour bar, whose label gives quantity and unit."""
     from matplotlib import colormaps
 
     figure = still(lattice, colour=colour)
@@ -177,7 +177,7 @@ def test_colour_bars(lattice: Trajectory, colour: str) -> None:
     np.testing.assert_allclose(places, np.floor(wanted), atol=1.0)
 
 
-def test_every_colour_works_with_three_grains_and_with_none(run: Trajectory) -> None:
+def test_every_colouring_works_with_three_grains_and_without_grains(run: Trajectory) -> None:
     few = dataclasses.replace(run, dataset=run.dataset.copy(deep=True))
     few.dataset["position"].values[0, 3:] = np.nan
     few.dataset["position"].values[1] = np.nan
@@ -186,7 +186,7 @@ def test_every_colour_works_with_three_grains_and_with_none(run: Trajectory) -> 
         assert len(grains(still(few, 1, colour=colour)).get_offsets()) == 0
 
 
-def test_walls_are_drawn_where_they_are(run: Trajectory) -> None:
+def test_walls_are_drawn_at_their_positions(run: Trajectory) -> None:
     scene = run.scene.replace(
         **{
             "effects.walls.left": None,
@@ -200,8 +200,8 @@ def test_walls_are_drawn_where_they_are(run: Trajectory) -> None:
     assert not any(one.x1 == pytest.approx(0.0) and one.y0 >= 0.0 for one in bars(figure))
 
 
-def test_inclined_walls_are_drawn_outside_of_the_cell(run: Trajectory) -> None:
-    """Their inner edges are the sides, and two that meet share the corner of their mitre."""
+def test_inclined_walls_are_drawn_outside_the_cell(run: Trajectory) -> None:
+    """Their inner edges are the sides, and adjacent walls share the corner of their mitre."""
     corners = [[0.0, 0.1], [0.06, 0.0], [0.12, 0.1]]
     ends = [{"name": name, "ends": corners[k : k + 2]} for k, name in enumerate(("left", "right"))]
     walls = {"left": "infinite", "right": "infinite"}
@@ -225,7 +225,7 @@ def test_inclined_walls_are_drawn_outside_of_the_cell(run: Trajectory) -> None:
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_same_picture_is_the_same_file(run: Trajectory, tmp_path: Path, ending: str) -> None:
+def test_equal_pictures_give_equal_files(run: Trajectory, tmp_path: Path, ending: str) -> None:
     first, again = (
         save_picture(still(run, 5, colour="sides"), tmp_path / f"{k}.{ending}").read_bytes() for k in "ab"
     )
@@ -243,12 +243,12 @@ def test_same_picture_is_the_same_file(run: Trajectory, tmp_path: Path, ending: 
         ({"colour": "forze"}, "did you mean 'force'"),
     ],
 )
-def test_bad_choices(run: Trajectory, choice: dict, message: str) -> None:
+def test_invalid_options_are_refused(run: Trajectory, choice: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         still(run, **choice)
 
 
-def test_bad_files(run: Trajectory, tmp_path: Path) -> None:
+def test_invalid_files_are_refused(run: Trajectory, tmp_path: Path) -> None:
     figure = still(run)
     with pytest.raises(InputError, match=r"unknown format '\.jpeg'"):
         save_picture(figure, tmp_path / "bed.jpeg")
@@ -269,18 +269,18 @@ EYES = {
         [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
     ),
 }
-"""What remains of linear red, green and blue: Machado, Oliveira and Fernandes 2009, Table 1."""
+"""Transformations of linear red, green and blue by Machado, Oliveira and Fernandes 2009, Table 1."""
 
 _XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
 
 APART = 15.0
-"""Least distance in CIELAB; 2.3 is what eyes just notice between patches that touch."""
+"""Minimum distance in CIELAB; 2.3 is just noticeable between adjacent patches."""
 
 
 def seen(colours: Sequence[str | tuple[float, ...]] | np.ndarray, eyes: str) -> np.ndarray:
-    """Colours in CIELAB (n, 3), as these eyes see them."""
+    """Colours in CIELAB (n, 3), as seen with the given colour vision."""
     given = np.array([to_rgb(one) for one in colours])
     linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
     linear = np.clip(linear @ EYES[eyes].T, 0.0, 1.0)
@@ -294,7 +294,7 @@ PALETTES = {"species": SPECIES, "sides": tuple(SIDES.values()), "lines": COLOURS
 
 @pytest.mark.parametrize("eyes", EYES)
 @pytest.mark.parametrize("name", PALETTES)
-def test_classes_are_told_apart(name: str, eyes: str) -> None:
+def test_classes_are_distinguishable_with_any_colour_vision(name: str, eyes: str) -> None:
     found = seen(PALETTES[name], eyes)
     least = min(float(np.linalg.norm(a - b)) for a, b in itertools.combinations(found, 2))
     assert least > APART
@@ -302,7 +302,7 @@ def test_classes_are_told_apart(name: str, eyes: str) -> None:
 
 @pytest.mark.parametrize("eyes", EYES)
 @pytest.mark.parametrize("name", sorted({one.map for one in COLOURINGS.values() if one.map}))
-def test_more_is_lighter(name: str, eyes: str) -> None:
+def test_larger_values_are_lighter_with_any_colour_vision(name: str, eyes: str) -> None:
     lightness = seen(colormaps[name](np.linspace(0.0, 1.0, 33)), eyes)[:, 0]
     assert (np.diff(lightness) > 0.0).all()
     assert np.ptp(lightness) > 60.0

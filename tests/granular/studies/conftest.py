@@ -34,7 +34,7 @@ def write_study(path: Path, cases: int) -> Path:
 
 
 @pytest.fixture(scope="module")
-def here() -> Iterator[Executor]:
+def thread_executor() -> Iterator[Executor]:
     """A thread executor, for tests that do not depend on the process that computes a case."""
     with ThreadPoolExecutor(1) as pool:
         yield pool

@@ -120,8 +120,14 @@ OTHER = Method("twin", 2, kicks=(0.5, 0.5), drifts=(1.0,))
 SCENE = load_scene("single-particle")
 
 
-def test_a_sweep_accepts_a_method_given_as_a_table(tmp_path: Path, here: Executor) -> None:
-    words: dict[str, Any] = {"dt": 1e-4, "t_end": 0.02, "progress": False, "executor": here, "out": tmp_path}
+def test_a_sweep_accepts_a_method_given_as_a_table(tmp_path: Path, thread_executor: Executor) -> None:
+    words: dict[str, Any] = {
+        "dt": 1e-4,
+        "t_end": 0.02,
+        "progress": False,
+        "executor": thread_executor,
+        "out": tmp_path,
+    }
     grid = {"method": [TWIN, "position-verlet", "stormer-verlet"]}
     table = sweep(SCENE, grid, **words).table
     assert list(table["method"]) == ["twin", "position-verlet", "stormer-verlet"]
@@ -132,7 +138,7 @@ def test_a_sweep_accepts_a_method_given_as_a_table(tmp_path: Path, here: Executo
     assert sweep(SCENE, {"method": [OTHER]}, **words).reused == 0
 
 
-def test_a_study_file_can_contain_a_method_table(tmp_path: Path, here: Executor) -> None:
+def test_a_study_file_can_contain_a_method_table(tmp_path: Path, thread_executor: Executor) -> None:
     (tmp_path / "study.toml").write_text(
         'scene = "single-particle"\ndt = 1e-4\nt_end = 0.02\n'
         "[method]\nname = 'in-a-file'\norder = 2\nkicks = [0, 1, 0]\ndrifts = [0.5, 0.5]\n"
@@ -140,6 +146,6 @@ def test_a_study_file_can_contain_a_method_table(tmp_path: Path, here: Executor)
         "[[cases]]\nmethod = { name = 'in-a-case', order = 2, kicks = [0.5, 0.5], drifts = [1] }\n"
     )
     study = load_study(tmp_path / "study.toml")
-    found = sweep(study.pop("scene"), executor=here, progress=False, **study)
+    found = sweep(study.pop("scene"), executor=thread_executor, progress=False, **study)
     assert [case.settings["method"]["name"] for case in found.cases] == ["in-a-file", "in-a-case"]
     assert not found.failed

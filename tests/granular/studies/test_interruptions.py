@@ -39,12 +39,12 @@ def swept_area(executor: Executor, out: Path | None, **more: Any) -> Study:
 
 
 @pytest.fixture(scope="module")
-def integer(here: Executor) -> pandas.DataFrame:
+def integer(thread_executor: Executor) -> pandas.DataFrame:
     """The table of an undisturbed sweep."""
-    return swept_area(here, None).table
+    return swept_area(thread_executor, None).table
 
 
-def alike(found: pandas.DataFrame, expected: pandas.DataFrame) -> None:
+def assert_same_table(found: pandas.DataFrame, expected: pandas.DataFrame) -> None:
     pandas.testing.assert_frame_equal(found, expected, check_exact=True)
 
 
@@ -75,30 +75,30 @@ OF_THE_MACHINE = [
 @pytest.mark.parametrize("error", OF_THE_MACHINE, ids=lambda error: type(error).__name__)
 def test_errors_of_the_machine_are_retried_and_never_stored(
     tmp_path: Path,
-    here: Executor,
+    thread_executor: Executor,
     integer: pandas.DataFrame,
     monkeypatch: pytest.MonkeyPatch,
     error: Exception,
 ) -> None:
     simulate = granular.run.simulation.simulate
     monkeypatch.setattr(granular.run.simulation, "simulate", Failing(simulate, error, 5))
-    alike(swept_area(here, tmp_path / "once").table, integer)
+    assert_same_table(swept_area(thread_executor, tmp_path / "once").table, integer)
 
     always = Failing(simulate, error, float("inf"))
     monkeypatch.setattr(granular.run.simulation, "simulate", always)
-    study = swept_area(here, tmp_path / "always")
+    study = swept_area(thread_executor, tmp_path / "always")
     assert always.calls == 2 * len(ACCELERATIONS)
     assert study.unfinished == study.failed == study.cases
     assert kept(tmp_path / "always") == []
 
     monkeypatch.setattr(granular.run.simulation, "simulate", simulate)
-    again = swept_area(here, tmp_path / "always")
+    again = swept_area(thread_executor, tmp_path / "always")
     assert (again.reused, again.unfinished) == (0, ())
-    alike(again.table, integer)
+    assert_same_table(again.table, integer)
 
 
 def test_an_outcome_that_cannot_be_written_is_written_again_later(
-    tmp_path: Path, here: Executor, integer: pandas.DataFrame, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, thread_executor: Executor, integer: pandas.DataFrame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The worker, the sweep and a final attempt may write it; only if all fail is the case unfinished."""
     simulate = Failing(granular.run.simulation.simulate, OSError(), 0)
@@ -108,26 +108,30 @@ def test_an_outcome_that_cannot_be_written_is_written_again_later(
         out = tmp_path / str(times)
         monkeypatch.setattr(granular.shared.files, "write_text", Failing(write, full, times))
         simulate.calls = 0
-        study = swept_area(here, out)
+        study = swept_area(thread_executor, out)
         assert simulate.calls == len(ACCELERATIONS)
         assert len(kept(out)) == len(ACCELERATIONS) - len(study.unfinished)
         assert len(study.unfinished) == max(0, times - 2 * len(ACCELERATIONS))
         assert "no space left" in study.outcomes[0].error if study.unfinished else True
-        alike(swept_area(here, out).table, integer)
+        assert_same_table(swept_area(thread_executor, out).table, integer)
         assert simulate.calls == len(ACCELERATIONS) + len(study.unfinished)
 
 
-def test_an_error_of_the_measure_is_reported_but_not_stored(tmp_path: Path, here: Executor) -> None:
+def test_an_error_of_the_measure_is_reported_but_not_stored(
+    tmp_path: Path, thread_executor: Executor
+) -> None:
     calls = []
 
     def faulty(run: Trajectory) -> dict[str, float]:
         calls.append(run)
         return {"a": 1.0 / (len(calls) > 1)}
 
-    study = swept_area(here, tmp_path, measure=faulty, values=[1.0])
+    study = swept_area(thread_executor, tmp_path, measure=faulty, values=[1.0])
     assert study.outcomes[0].error == "ZeroDivisionError: float division by zero"
     assert len(calls) == len(study.unfinished) == 1
-    assert swept_area(here, tmp_path, measure=faulty, values=[1.0]).outcomes[0].figures == {"a": 1.0}
+    assert swept_area(thread_executor, tmp_path, measure=faulty, values=[1.0]).outcomes[0].figures == {
+        "a": 1.0
+    }
 
 
 def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
@@ -148,8 +152,8 @@ def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
         tables = [study.result().table for study in studies]
         assert sorted(calls) == values
         assert len(kept(tmp_path)) == len(values)
-        alike(*tables)
-        alike(tables[0], swept_area(first, None, measure=counted, values=values).table)
+        assert_same_table(*tables)
+        assert_same_table(tables[0], swept_area(first, None, measure=counted, values=values).table)
 
 
 def test_the_command_reports_cases_that_failed_because_of_the_machine(
@@ -339,4 +343,4 @@ def test_a_sweep_survives_the_loss_of_a_dask_worker(tmp_path: Path) -> None:
             )
         killer.join()
     integer = sweep(**study, workers=1, progress=False)
-    alike(found.table, integer.table)
+    assert_same_table(found.table, integer.table)

@@ -32,14 +32,14 @@ def measured(run: Trajectory) -> dict[str, float]:
     return {"energy": float(run.dataset["kinetic_energy"][-1])}
 
 
-def test_grid_and_cases_make_a_tidy_table(here: Executor) -> None:
+def test_grid_and_cases_make_a_tidy_table(thread_executor: Executor) -> None:
     study = sweep(
         falling(),
         {"effects.gravity.acceleration": [1.0, 2.0], "cell.width": [0.4, 0.5]},
         cases=[{"grains.density": 7000.0}],
         measure=measured,
         dt=1e-4,
-        executor=here,
+        executor=thread_executor,
         progress=False,
     )
     table = study.table
@@ -55,7 +55,7 @@ def test_grid_and_cases_make_a_tidy_table(here: Executor) -> None:
     assert study.reused == 0
 
 
-def test_a_failing_case_does_not_affect_the_others(tmp_path: Path, here: Executor) -> None:
+def test_a_failing_case_does_not_affect_the_others(tmp_path: Path, thread_executor: Executor) -> None:
     # The second grain starts next to the wall; with too long a time step it penetrates the wall.
     scene = load_scene("single-particle").replace(
         **{
@@ -69,7 +69,7 @@ def test_a_failing_case_does_not_affect_the_others(tmp_path: Path, here: Executo
         cases=[{"arrangement.velocities": [[0.0, 0.0]]}, {"arrangement.velocities": [[0.0, -50.0]]}],
         dt=1e-3,
         out=tmp_path,
-        executor=here,
+        executor=thread_executor,
         progress=False,
     )
     assert [outcome.error is None for outcome in study.outcomes] == [True, False]
@@ -80,15 +80,20 @@ def test_a_failing_case_does_not_affect_the_others(tmp_path: Path, here: Executo
         cases=[{"arrangement.velocities": [[0.0, 0.0]]}, {"arrangement.velocities": [[0.0, -50.0]]}],
         dt=1e-3,
         out=tmp_path,
-        executor=here,
+        executor=thread_executor,
         progress=False,
     )
     assert again.reused == 2
     pandas.testing.assert_frame_equal(study.table, again.table, check_exact=True)
 
 
-def test_a_case_key_depends_on_measure_and_time_step(tmp_path: Path, here: Executor) -> None:
-    arguments: dict[str, Any] = {"cases": [{}], "out": tmp_path, "executor": here, "progress": False}
+def test_a_case_key_depends_on_measure_and_time_step(tmp_path: Path, thread_executor: Executor) -> None:
+    arguments: dict[str, Any] = {
+        "cases": [{}],
+        "out": tmp_path,
+        "executor": thread_executor,
+        "progress": False,
+    }
     keys = {
         sweep(falling(), dt=dt, measure=measure, **arguments).cases[0].key
         for dt in (1e-4, 2e-4)
@@ -98,9 +103,9 @@ def test_a_case_key_depends_on_measure_and_time_step(tmp_path: Path, here: Execu
     assert sweep(falling(), dt=1e-4, measure=measured, **arguments).reused == 1
 
 
-def test_cases_can_override_time_step_method_and_end(tmp_path: Path, here: Executor) -> None:
+def test_cases_can_override_time_step_method_and_end(tmp_path: Path, thread_executor: Executor) -> None:
     """They equal the cases of a sweep that has these settings for all cases."""
-    arguments: dict[str, Any] = {"out": tmp_path, "executor": here, "progress": False}
+    arguments: dict[str, Any] = {"out": tmp_path, "executor": thread_executor, "progress": False}
     mixed = sweep(
         falling(),
         {"dt": [1e-4, "auto/2"], "method": ["stormer-verlet", "pefrl"]},
@@ -134,8 +139,8 @@ def test_a_study_file_can_override_the_time_step_of_cases(tmp_path: Path) -> Non
     assert [case.scene.cell.width for case in made] == [usual, usual, 0.5, usual]
 
 
-def test_a_damaged_outcome_is_computed_again(tmp_path: Path, here: Executor) -> None:
-    arguments: dict[str, Any] = {"cases": [{}], "dt": 1e-4, "out": tmp_path, "executor": here}
+def test_a_damaged_outcome_is_computed_again(tmp_path: Path, thread_executor: Executor) -> None:
+    arguments: dict[str, Any] = {"cases": [{}], "dt": 1e-4, "out": tmp_path, "executor": thread_executor}
     first = sweep(falling(), **arguments, progress=False)
     (kept,) = (tmp_path / "cases").iterdir()
     integer = kept.read_bytes()
@@ -147,17 +152,19 @@ def test_a_damaged_outcome_is_computed_again(tmp_path: Path, here: Executor) -> 
     assert kept.read_bytes() == integer
 
 
-def test_older_outcome_files_can_still_be_read(tmp_path: Path, here: Executor) -> None:
+def test_older_outcome_files_can_still_be_read(tmp_path: Path, thread_executor: Executor) -> None:
     """Outcome files in the earlier plain format are read, and written in the present one."""
     sound = {"figures": {"energy": 1.5}, "error": None, "warning": "doubtful"}
     failed = {"figures": {}, "error": "EnergyError: step 3: off"}
     arguments: dict[str, Any] = {"cases": [{}, {"cell.width": 0.4}], "dt": 1e-4, "measure": measured}
-    keys = [case.key for case in sweep(falling(), **arguments, executor=here, progress=False).cases]
+    keys = [
+        case.key for case in sweep(falling(), **arguments, executor=thread_executor, progress=False).cases
+    ]
     cache = OutcomeCache(tmp_path)
     for key, plain in zip(keys, (sound, failed), strict=True):
         cache.files.keep(key, plain)
     with pytest.warns(UserWarning, match="1 of 2 cases raised warnings"):
-        study = sweep(falling(), **arguments, out=tmp_path, executor=here, progress=False)
+        study = sweep(falling(), **arguments, out=tmp_path, executor=thread_executor, progress=False)
     assert study.reused == 2
     assert study.outcomes == (
         CaseOutcome({"energy": 1.5}, warning="doubtful"),
@@ -181,10 +188,12 @@ def test_keys_of_stored_cases_are_unchanged(monkeypatch: pytest.MonkeyPatch) -> 
     assert measure_identity(measure_design_check) == "reduced_models.designs.study:check#2"
 
 
-def test_kept_runs_can_be_loaded(tmp_path: Path, here: Executor) -> None:
+def test_kept_runs_can_be_loaded(tmp_path: Path, thread_executor: Executor) -> None:
     from granular import load_trajectory
 
-    study = sweep(falling(), cases=[{}], dt=1e-4, out=tmp_path, keep_runs=True, executor=here, progress=False)
+    study = sweep(
+        falling(), cases=[{}], dt=1e-4, out=tmp_path, keep_runs=True, executor=thread_executor, progress=False
+    )
     run = load_trajectory(tmp_path / "runs" / study.cases[0].key)
     assert run.complete
 
@@ -221,15 +230,24 @@ def doubtful(run: Trajectory) -> dict[str, float]:
 
 @pytest.fixture(scope="module")
 def study() -> Study:
-    with ThreadPoolExecutor(1) as here, pytest.warns(UserWarning, match="cases raised warnings") as told:
+    with (
+        ThreadPoolExecutor(1) as thread_executor,
+        pytest.warns(UserWarning, match="cases raised warnings") as caught,
+    ):
         result = sweep(
-            load_scene("damper"), GRID, measure=doubtful, t_end=1e-3, dt=1e-5, executor=here, progress=False
+            load_scene("damper"),
+            GRID,
+            measure=doubtful,
+            t_end=1e-3,
+            dt=1e-5,
+            executor=thread_executor,
+            progress=False,
         )
-    (told_once,) = [one for one in told if "raised warnings" in str(one.message)]
-    assert str(told_once.message).startswith(
+    (summary,) = [one for one in caught if "raised warnings" in str(one.message)]
+    assert str(summary.message).startswith(
         "2 of 4 cases raised warnings (see the table), the first (piston.mass = 7.5, arrangement.seed = 1"
     )
-    assert "a piston of 7.5 kg is heavy" in str(told_once.message)
+    assert "a piston of 7.5 kg is heavy" in str(summary.message)
     return result
 
 
