@@ -171,7 +171,7 @@ class _Trial(NamedTuple):
         """Compare the result of a function with the slope of an energy."""
         slope = _numerical_derivative(energy, at)
         if not (math.isfinite(result) and math.isfinite(slope)):
-            return  # a position at which it cannot be evaluated is no evidence
+            return  # the functions cannot be compared at this position
         if abs(result - slope) > CLOSE * max(abs(slope), abs(result), size):
             raise self.refusal(
                 f"{name!r} gives {result:.6g}, but the energy requires {slope:.6g} (natural units); "

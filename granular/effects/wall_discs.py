@@ -3,7 +3,7 @@
 The centre line of the row lies one radius behind the wall's face, so that a grain in contact with the face
 touches a magnet. With W the distance from that line and x along it, the energy is the sum over the row
 of the energy of two discs (`granular.pairs.disc_law`), with a continuous force below contact. It is periodic
-with the pitch p, hence a Fourier series
+with the pitch p, so it is a Fourier series
 
     E(x, W) = A_0(W) + sum_m A_m(W) cos(2 pi m x / p),
 

@@ -3,7 +3,7 @@
 Let V and A be the velocity and acceleration of the cell relative to the base, and v_i the velocities of
 grains and other bodies in the frame of the cell. Every mass m in this frame is subject to the inertial force
 -m A. In terms of the momenta relative to the base, the energy is a sum of kinetic energies and a potential of
-relative positions and springs, hence separable. A symplectic method therefore still consists of kicks and
+relative positions and springs, so it is separable. A symplectic method therefore still consists of kicks and
 drifts. A kick keeps all positions and changes V by A dt with
 
     M A = (outer forces + forces of links to the base) - (forces on all masses that the cell carries),
