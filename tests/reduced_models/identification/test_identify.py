@@ -253,7 +253,7 @@ def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
     cut = dataclasses.replace(run, complete=False)
     with pytest.warns(UserWarning, match=r"the run was stopped at t = 1\.3 s, in stage 'release'"):
         found = identify(cut, laws=["linear"], starts=2, progress=False)
-    assert "was cut" in found.notes[0]
+    assert "was stopped" in found.notes[0]
     assert "step" not in found.figure("natural frequency").parts
 
 
