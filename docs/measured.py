@@ -16,7 +16,7 @@ from reduced_models.identification.elliptic_averaging import (
     OSCILLATORS,
     averaged_amplitude,
     averaged_frequency,
-    greatest_damping_over_rate,
+    maximum_damping_over_rate,
 )
 from reduced_models.records.envelope import envelope
 from validation import energy_change, head_on_collision
@@ -66,7 +66,7 @@ def averaged(name: str, law: str, values: Mapping[str, float], start: float) -> 
     amplitude = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), one)
     tone = averaged_frequency(amplitude, one)[-1]
     return (
-        f"| {name} | {greatest_damping_over_rate(float(cycles.amplitude[0]), one):.2g} | "
+        f"| {name} | {maximum_damping_over_rate(float(cycles.amplitude[0]), one):.2g} | "
         f"{cycles.amplitude[-1]:.3g} | {amplitude[-1]:.3g} | "
         f"{cycles.frequency[-1] / (2.0 * np.pi):.4f} Hz | {tone:.4f} Hz |"
     )

@@ -1,1 +1,1 @@
-"""The main job: from a scene, a run or a lab record to its equation, judged and written down."""
+"""The main job: from a scene, a run or a lab record to its equation, tested and reported."""

@@ -1,4 +1,4 @@
-"""The laws that an identification compares where nobody names any."""
+"""The laws that an identification compares by default."""
 
 from __future__ import annotations
 
@@ -38,21 +38,22 @@ CANDIDATES = (
     "viscous-coulomb",
     "duffing",
 )
-"""Laws that can win on a free swing; the others of the package are special cases or have memory."""
+"""Laws that can win on a free decay; the package's other laws are special cases or have memory."""
 _NODES_A_PERIOD = 32
 _LEAST_STROKE, _NOISES = 0.02, 10.0
-"""Strokes between turning points that are looked at, over the largest one and over the noise."""
+"""Smallest strokes between turning points to consider, relative to the largest one and to the noise."""
 _FASTER = 0.9
-"""Time of the last of them over the first one: a bed without friction changes it by 1 % at 1 D."""
+"""Maximum ratio of the last to the first stroke's duration for a rising frequency; without friction a
+bed's changes by 1 % at an amplitude of 1 D."""
 REFERENCE = "linear"
-"""Is fitted in any case: what a better law is better than."""
+"""Always fitted, as the reference for better laws."""
 LIKELY = (REFERENCE, "polynomial-spring")
-"""Laws that a glance leaves of the packaged damper's motion."""
-_SPREAD = 1.5  # of the logarithm of a gain's start values
+"""Laws that pass the screening for the packaged damper's motion."""
+_SPREAD = 1.5  # standard deviation of the logarithm of a gain's start values
 
 
 class CandidateLaws(NamedTuple):
-    """Laws to fit, and why others are not fitted."""
+    """Laws to fit, and the reasons for excluding others."""
 
     laws: tuple[Law, ...]
     screening: LawScreening
@@ -60,23 +61,23 @@ class CandidateLaws(NamedTuple):
 
     @property
     def exclusion_texts(self) -> tuple[str, ...]:
-        """Sentences, one a law that is not fitted, with its misfit over the least one."""
-        least, fitted = max(self.screening.least_misfit, 1.0), {law.name for law in self.laws}
+        """One sentence for each law that is not fitted, with its misfit relative to the smallest one."""
+        smallest, fitted = max(self.screening.smallest_misfit, 1.0), {law.name for law in self.laws}
         texts = []
         for name, misfit in self.screening.misfits.items():
-            excess = format_factor(misfit / least)
-            why = f"at a glance it leaves {excess} times what the best law leaves (limit {HOPELESS:g})"
-            if misfit / least > _BEYOND_WORDS:
+            excess = format_factor(misfit / smallest)
+            why = f"its screening residual is {excess} times that of the best law (limit {HOPELESS:g})"
+            if misfit / smallest > _UNDEFINED_MISFIT:
                 why = f"it cannot describe {'heights about zero' if self.contains_zero else 'such a motion'}"
             if name not in fitted:
-                texts.append(f"{name} was not fitted: {why}; --law {name} fits it all the same")
+                texts.append(f"{name} was not fitted: {why}; --law {name} fits it anyway")
         return tuple(texts)
 
 
 def choose_candidate_laws(
     record: PistonRecord, drive: str | None = None, known: MotionFriction | None = None
 ) -> CandidateLaws:
-    """Laws that can win on a record, driven by one of its columns where that is named; known dry friction."""
+    """Choose the laws that can win on a record, with a given drive column or known dry friction."""
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
         return CandidateLaws(tuple(driven_law(law, record, drive) for law in laws), LawScreening({}, 1.0))
@@ -88,13 +89,13 @@ def choose_candidate_laws(
 
 
 def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
-    """Laws of the package for a force on prescribed strokes, those of heights above 0 where all are."""
+    """Laws for a force on prescribed strokes; laws for heights > 0 are included if all heights are > 0."""
     above = all(record.height.min() > 0.0 for record in records)
     return [law for law in FORCE_LAWS.working().values() if above or not law.given]
 
 
 def frequency_rises(record: PistonRecord) -> bool:
-    """Return whether a free motion oscillates faster by a tenth or more as it dies, as if grains stick."""
+    """Return whether the frequency of a free decay rises by a tenth or more, as if grains stick."""
     try:
         guess = first_guesses(record.time, record.height)
         count = int(_NODES_A_PERIOD * float(np.ptp(record.time)) / guess.shortest_cycle_period)
@@ -103,7 +104,7 @@ def frequency_rises(record: PistonRecord) -> bool:
     except GranularError:
         return False
     turns = np.flatnonzero(speed[:-1] * speed[1:] < 0.0)
-    # The first one ends what a release stirs up; small ones are noise.
+    # The first stroke contains the transient of the release; the smallest ones are noise.
     strokes, times = np.abs(np.diff(z[turns])), np.diff(time[turns])
     small = strokes < max(
         _LEAST_STROKE * strokes.max(initial=0.0), _NOISES * noise_level(record.height, record.time)
@@ -114,22 +115,26 @@ def frequency_rises(record: PistonRecord) -> bool:
 
 
 def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
-    """Law of the package with a column of a record, times a gain that is fitted, added to z''."""
+    """Law of the package with a record's column times a fitted gain added to z''."""
     there = column_names(record)
     if drive not in there:
         others = ", ".join(map(quote, there)) or "none"
         raise InputError(f"the record has no column {quote(drive)}; further columns: {others}")
     if not _can_name_input(drive, law):
-        raise InputError(f"the column {quote(drive)} cannot be named in an equation; rename it, such as to u")
+        raise InputError(
+            f"the column name {quote(drive)} cannot be used in an equation; rename it, e.g. to u"
+        )
     size = float(np.abs(input_column(record, drive)).max())
     if not size > 0.0:
-        raise InputError(f"the column {quote(drive)} is zero everywhere; it drives nothing")
+        raise InputError(
+            f"the column {quote(drive)} is zero everywhere and cannot drive; give another column"
+        )
     own, gain = law_named(law.name).start, "gain"
 
     def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         assert own is not None
         draws = own(guesses, random, count)
-        # In the coordinate of the law's text.
+        # In the coordinate used by the law's text.
         strength = guesses.amplitude * guesses.frequency**2 / (size * draws.get("scale", 1.0))
         logarithm = random.uniform(-2.0 * _SPREAD, 0.0, count)
         sign = np.where(random.uniform(size=count) < 0.5, -1.0, 1.0)
@@ -150,7 +155,7 @@ def _can_name_input(column: str, law: Law) -> bool:
 
 
 def drive_option_text(column: str) -> str:
-    """Options of the command line by which a column drives all laws."""
+    """Command-line options that make a column drive all laws."""
     if all(_can_name_input(column, LAWS[name]) for name in CANDIDATES):
         return f"--input {column}"
     if {",", "="} & set(column):
@@ -159,7 +164,7 @@ def drive_option_text(column: str) -> str:
 
 
 def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]:
-    """Columns that change in the course of the record, may drive a law, and are named by none."""
+    """Columns that vary, could drive a law, and are not used by any law."""
     named = {name for law in laws for name in (*law.inputs, *law.observations)}
     return tuple(
         name
@@ -172,49 +177,49 @@ def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]
 
 
 HOPELESS = 4.0
-"""Misfit, over the least one, beyond which a law is left out."""
+"""Misfit relative to the smallest one above which a law is excluded."""
 CLEARLY_LESS = 0.7
-"""Misfit of all terms of a library, over that of the best law, below which discovery may help."""
-_BEYOND_WORDS = 1e6  # a misfit by which a law is not defined there
+"""Misfit of all terms of a library, relative to the best law's, below which discovery may help."""
+_UNDEFINED_MISFIT = 1e6  # a law with a larger relative misfit is not defined along the motion
 _STARTS = 4
 _LINEAR = (Term(0), Term(1), Term(0, 1, True))
-_DEGREE = 3  # of the library
+_DEGREE = 3  # degree of the library
 _EVALUATIONS = 60
-_LARGEST = 1e12  # of a rate, in amplitudes: more is as hopeless
-_FEWEST_ROWS = 12  # integrals beyond a law's parameters, that say something
+_MAXIMUM_RATE = 1e12  # in amplitudes; larger rates are clipped
+_MINIMUM_EXTRA_ROWS = 12  # integrals in excess of a law's parameters for a meaningful misfit
 
 
 @dataclasses.dataclass(frozen=True)
 class LawScreening:
-    """Misfits of some laws at a glance."""
+    """Misfits of some laws to the weak form, without fits of the differential equation."""
 
-    misfits: Mapping[str, float]  # in standard deviations of the noise: 1 if the law holds
-    library_misfit: float  # of all terms of a discovery together
+    misfits: Mapping[str, float]  # in standard deviations of the noise: 1 for the true law
+    library_misfit: float  # of all terms of discovery's library together
 
     @property
-    def least_misfit(self) -> float:
-        """Least misfit of the laws, in noise levels, without unit; infinite where none was screened."""
+    def smallest_misfit(self) -> float:
+        """Smallest misfit of the laws in noise levels; infinite if no law was screened."""
         return min(self.misfits.values(), default=math.inf)
 
     def is_hopeless(self, name: str) -> bool:
-        """Return whether a law cannot win."""
-        return self.misfits.get(name, 0.0) > HOPELESS * max(self.least_misfit, 1.0)
+        """Return whether a law's misfit is too large for it to win."""
+        return self.misfits.get(name, 0.0) > HOPELESS * max(self.smallest_misfit, 1.0)
 
     @property
     def other_terms_fit_better(self) -> bool:
-        """True where all terms of a discovery's library fit the record clearly better than any law."""
-        return max(self.library_misfit, 1.0) < CLEARLY_LESS * self.least_misfit < math.inf
+        """True if all terms of discovery's library together fit the record clearly better than any law."""
+        return max(self.library_misfit, 1.0) < CLEARLY_LESS * self.smallest_misfit < math.inf
 
 
 def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawScreening:
-    """Fit laws without hidden states and inputs to the weak form; of others it says nothing."""
-    # Bumps leave sums over the samples (Messenger & Bortz 2021, doi:10.1137/20M1343166): a second for all
-    # laws, when a fit through the differential equation takes ten.
+    """Fit laws without hidden states or inputs to the weak form; other laws are not screened."""
+    # The weak form needs only sums over samples (Messenger & Bortz 2021, doi:10.1137/20M1343166): one second
+    # for all laws, against ten for one fit through the differential equation.
     try:
         guess = first_guesses(record.time, record.height)
         line = normalising_line([record])
         weak = weak_form(estimate_motion(record, line))
-        # The noise of the integrals is that which the linear law makes of the record's.
+        # The noise of the integrals follows from the record's noise by the linear law.
         _, scorer = score_subsets(
             weak, physical_library_terms(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]]
         )
@@ -232,31 +237,31 @@ def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawSc
 def _law_misfit(
     law: Law, weak: WeakForm, whitening: np.ndarray, guess: FirstGuesses, line: HeightLine
 ) -> float:
-    """Misfit of a law that is fitted to the integrals; infinite where that fails."""
+    """Misfit of a law fitted to the integrals; infinite if the fit fails."""
     from scipy.optimize import least_squares
 
     (part,) = weak.parts
-    # The law holds for the height, and the integrals are of the displacement in amplitudes.
+    # The law uses the height, the integrals use the displacement in amplitudes.
     z, v = line.height(part.motion.z), line.scale * part.motion.velocity
     field = compile_rates(law.equation, (), "numpy")
     target = whitening @ weak.target
-    if law.start is None or len(target) < len(law.parameters) + _FEWEST_ROWS:
+    if law.start is None or len(target) < len(law.parameters) + _MINIMUM_EXTRA_ROWS:
         return math.inf
     starts = law.start(guess, np.random.default_rng(0), _STARTS)
-    bump = part.bump  # sparse, so it comes first: next to it the whitening is small
+    bump = part.bump  # applied first because it is sparse; the whitening matrix is small
     logarithmic = np.array([name in law.positive for name in law.parameters])
-    least = math.inf
+    smallest_misfit = math.inf
     for start in np.stack([starts[name] for name in law.parameters], axis=1):
         units = np.where(np.abs(start) > 0.0, start, 1.0)
 
-        def left(x: np.ndarray, units: np.ndarray = units) -> np.ndarray:
+        def residuals(x: np.ndarray, units: np.ndarray = units) -> np.ndarray:
             values = units * np.where(logarithmic, np.exp(np.clip(x, -50.0, 50.0)), 1.0 + x)
             with np.errstate(all="ignore"):
-                rates = np.nan_to_num(field(z, v, *values)[0] / line.scale, nan=_LARGEST)
-            limited = np.broadcast_to(np.clip(rates, -_LARGEST, _LARGEST), z.shape)
+                rates = np.nan_to_num(field(z, v, *values)[0] / line.scale, nan=_MAXIMUM_RATE)
+            limited = np.broadcast_to(np.clip(rates, -_MAXIMUM_RATE, _MAXIMUM_RATE), z.shape)
             return np.asarray(target - whitening @ (bump @ limited))
 
-        result = least_squares(left, np.zeros(len(units)), x_scale="jac", max_nfev=_EVALUATIONS)
+        result = least_squares(residuals, np.zeros(len(units)), x_scale="jac", max_nfev=_EVALUATIONS)
         freedom = max(1, len(target) - len(units))
-        least = min(least, math.sqrt(float(result.fun @ result.fun) / freedom))
-    return least
+        smallest_misfit = min(smallest_misfit, math.sqrt(float(result.fun @ result.fun) / freedom))
+    return smallest_misfit

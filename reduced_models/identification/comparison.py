@@ -1,10 +1,10 @@
-"""Comparison of laws: the one that the data speak for, if they can tell.
+"""Comparison of laws on held-out data.
 
-Laws are ranked by their errors on what they have not seen: simulations over test swings of each
-record, and over held-out records. Of laws within a standard error of the best one the simplest known
-one is first. Laws that are all down at the noise are told apart by the Bayesian information criterion of
-their fits (Schwarz 1978, doi:10.1214/aos/1176344136); those whose criteria do not differ strongly are
-equivalent, and the simplest known one is first.
+Laws are ranked by their prediction errors on held-out data: simulations over held-out cycles of each
+record and over held-out records. Among laws within one standard error of the best, the simplest law
+of the package wins. If the errors are at the noise level, the Bayesian information criterion of the
+fits decides (Schwarz 1978, doi:10.1214/aos/1176344136). Laws whose criteria do not differ strongly
+are equivalent, and the simplest law of the package wins.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ from reduced_models.models.model import ReducedModel
 from reduced_models.models.quantities import Quality, format_percent
 
 STRONG = 6.0
-"""Difference of information criteria from which evidence is strong (Kass & Raftery 1995,
+"""Difference of information criteria above which evidence is strong (Kass & Raftery 1995,
 doi:10.1080/01621459.1995.10476572); below it laws are equivalent."""
-# Twice the difference of two log-likelihoods below which the data cannot tell two laws apart: "very strong"
-# begins there (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
+# Twice the difference of two log-likelihoods below which the data cannot distinguish two laws: the threshold
+# of "very strong" evidence (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
 CLEAR = 10.0
-_LEAST = 1e-7  # of the swing: residuals below it are equal
+_MINIMUM_RESIDUAL = 1e-7  # relative to the rms displacement; smaller residuals count as equal
 _NO_BETTER = 0.9
 
 
@@ -64,45 +64,45 @@ def compare(
 ) -> Comparison:
     """Compare laws on held-out data.
 
-    Of laws within a standard error of the best one the simplest is first (Breiman et al. 1984,
-    Classification and Regression Trees, ch. 3.4); laws that are all down at the noise are told apart by
-    the Bayesian information criterion (Schwarz 1978, doi:10.1214/aos/1176344136).
+    Among laws within one standard error of the best, the simplest wins (Breiman et al. 1984,
+    Classification and Regression Trees, ch. 3.4). If the errors are at the noise level, the Bayesian
+    information criterion decides (Schwarz 1978, doi:10.1214/aos/1176344136).
 
     Parameters
     ----------
     record : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
         Records to train on, times [s] and heights [m].
     laws : str, Law or ReducedModel, or a sequence of them
-        Names, equations, laws, or models whose structure is fitted again, from their parameters;
-        also what `discover` gives, for its model.
+        Names, equations, laws, or models; a model's law is fitted again from the model's parameters.
+        A result of `discover` contributes its model.
     test_fraction : float
-        Fraction of each record's whole swings that is held out, from 0 to 0.9, as in `fit`. With 0
-        and no ``test_records`` laws are ranked by the residuals of their fits.
+        Fraction of each record's complete cycles that is held out, from 0 to 0.9, as in `fit`. With 0
+        and no ``test_records``, laws are ranked by the residuals of their fits.
     test_records : sequence of the same
-        Whole records that no fit sees; each is predicted from an initial state that its first
-        period tells.
+        Whole records held out of all fits. Each is predicted from the initial state estimated from
+        its first period.
     parameters : mapping of str to Parameter, float or str, optional
-        Values and limits of parameters by name, as in `fit`, for the laws that have them. None may
-        be a record's own together with ``test_records``, which would have no value of it.
+        Values and limits of parameters by name, as in `fit`, for the laws that have them. Parameters
+        with a separate value for each record exclude ``test_records``, which have no such value.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
 
     Returns
     -------
     Comparison
-        Table of the laws, best first, with a verdict; errors in rms swings, without unit. A law
-        that could not be fitted, or that cannot follow a held-out record, comes last, with the
-        reason.
+        Table of the laws, best first, with a verdict; errors are relative to the rms displacement,
+        without unit. A law that could not be fitted or cannot follow a held-out record comes last,
+        with the reason.
 
     Raises
     ------
     InputError
-        If no record or no law is given, there is no law of a name, an argument is out of its range,
-        what `discover` gave has no model, the laws observe different columns, no law has a parameter of a
-        name, one that is a record's own does not go together with ``test_records``, or no law can be
-        fitted, as to records that are too short or do not move.
+        If no record or law is given, a law's name is unknown, an argument is out of range, a discovery
+        has no model, the laws observe different columns, no law has a given parameter, a parameter with
+        a value for each record is combined with ``test_records``, or no law can be fitted, for example
+        to records that are too short or do not move.
     RecordError
-        If a table is no record, or a record holds no heights.
+        If a table is not a record, or a record holds no heights.
 
     Examples
     --------
@@ -120,10 +120,12 @@ def compare(
         laws = [laws]
     test_records = list_of_records(test_records) if len(test_records) else ()
     if not laws:
-        raise InputError("laws is empty; name at least one")
+        raise InputError("laws is empty; give one or more laws")
     known = as_parameters(parameters)
     if test_records and any(map(is_per_record, known.values())):
-        raise InputError("a record's own parameters do not carry over to test_records; leave one of them out")
+        raise InputError(
+            "test_records have no values of parameters that differ between records; remove one of the two"
+        )
     chosen = [_law_to_compare(law, records[0], tuple(known)) for law in laws]
     check_parameter_names(known, [*dict.fromkeys(name for law, _ in chosen for name in law.parameters)])
     _check_same_columns([law for law, _ in chosen], records[0])
@@ -135,8 +137,8 @@ def compare(
 
 
 def compare_on_further_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
-    """Comparison whose models are judged on further records that no fit has seen."""
-    # A law that diverges within the first period, which tells the initial state, is one that cannot predict.
+    """Comparison of the same models on further held-out records."""
+    # A law that diverges within the first period, which determines the initial state, cannot predict.
     rows = []
     for row in table.rows:
         if row.failure:
@@ -153,7 +155,7 @@ def compare_on_further_records(table: Comparison, test_records: Sequence[PistonR
 
 
 def _total_test_error(models: Sequence[ReducedModel], roll_outs: Sequence[RollOut]) -> tuple[float, float]:
-    """Test error over all that was held out, and its standard error; the residual without any."""
+    """Test error over all held-out data with its standard error; the residual if nothing was held out."""
     qualities = _qualities_of_observations(models)
     parts = [(quality.test_error, quality.test_standard_error) for quality in qualities]
     parts += [(candidate.relative, candidate.standard_error) for candidate in roll_outs]
@@ -181,7 +183,7 @@ def law_name(law: str | Law | ReducedModel) -> str:
 
 
 def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
-    """Refuse laws whose errors are of different columns."""
+    """Raise an error if the laws observe different columns."""
     columns = {law.name: sorted(law.observations or (record.measured,)) for law in laws}
     if len(set(map(tuple, columns.values()))) > 1:
         listed = "; ".join(f"{name}: {', '.join(seen)}" for name, seen in columns.items())
@@ -191,7 +193,7 @@ def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
 def _law_to_compare(
     law: Any, record: PistonRecord, declared: Sequence[str]
 ) -> tuple[Law, dict[str, Parameter]]:
-    """Law to compare, with the parameters of a given line to the height."""
+    """Law to compare, with fixed parameters of a given line from z to the height."""
     if isinstance(law, str | Law):
         return resolve_law(law, record, declared), {}
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)
@@ -237,48 +239,51 @@ def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) ->
             for quality in _qualities_of_observations(scored[0].models)
         ]
     )
-    least, limit = min(row.error for row in scored), largest_tied_error(scored, noise)
-    # Where all diverge, what their fits leave over is all that tells them apart.
-    at_noise = least <= NOISE_TIE * noise or math.isinf(least)
-    alike = simplest_known_first([row for row in scored if row.error <= limit], at_noise=at_noise)
+    smallest, limit = min(row.error for row in scored), largest_tied_error(scored, noise)
+    # If all laws diverge, only the residuals of their fits can rank them.
+    at_noise = smallest <= NOISE_TIE * noise or math.isinf(smallest)
+    tied = simplest_known_first([row for row in scored if row.error <= limit], at_noise=at_noise)
     worse = sorted((row for row in scored if row.error > limit), key=lambda row: row.error)
     at_rest = _test_error_at_rest(scored[0])
-    verdict = _ranking_text(alike, worse, at_rest, at_noise=at_noise)
+    verdict = _ranking_text(tied, worse, at_rest, at_noise=at_noise)
     failed = [row for row in rows if row.failure]
     for row in failed:
         verdict += f" {row.name} could not be fitted."
-    return Comparison((*alike, *worse, *failed), verdict, noise, at_rest)
+    return Comparison((*tied, *worse, *failed), verdict, noise, at_rest)
 
 
-def simplest_known_first(alike: Sequence[ComparisonRow], *, at_noise: bool) -> list[ComparisonRow]:
-    """Laws that predict as well, the simplest of the package first where the data do not tell them apart."""
-    least = min(row.bic for row in alike)
+def simplest_known_first(tied: Sequence[ComparisonRow], *, at_noise: bool) -> list[ComparisonRow]:
+    """Sort laws with equally good predictions: among equivalent ones the package's simplest law first."""
+    lowest_bic = min(row.bic for row in tied)
     known = list(LAWS)
 
     def rank(row: ComparisonRow) -> tuple[bool, int, int]:
-        there = row.name in known
-        return (not there, row.parameters, known.index(row.name) if there else 0)
+        is_known = row.name in known
+        return (not is_known, row.parameters, known.index(row.name) if is_known else 0)
 
-    equivalent = [row for row in alike if not at_noise or row.bic <= least + STRONG]
+    equivalent = [row for row in tied if not at_noise or row.bic <= lowest_bic + STRONG]
     equivalent.sort(key=lambda row: (rank(row)[:2], row.error))
     closest = [row for row in equivalent if row.error <= (1.0 + TIE) * equivalent[0].error]
     first = min(closest, key=rank)
-    others = sorted((row for row in alike if row not in equivalent), key=lambda row: row.bic)
+    others = sorted((row for row in tied if row not in equivalent), key=lambda row: row.bic)
     return [first, *(row for row in equivalent if row is not first), *others]
 
 
 def merge_comparisons(*tables: Comparison) -> Comparison:
-    """Comparison of all laws of some, which were fitted to the same records."""
+    """Merge comparisons of laws fitted to the same records."""
     rows = [row for table in tables for row in table.rows]
     return _rank_rows(rows, [row for row in rows if not row.failure])
 
 
 def _add_information_criteria(row: ComparisonRow, correlation: float) -> ComparisonRow:
-    """ComparisonRow with its information criteria, for samples that follow each other so far."""
+    """Add information criteria to a row; ``correlation`` is the residuals' correlation time in samples."""
     samples = [model.quality.samples for model in row.models]
     squares = sum(
         count
-        * max(model.quality.residual, _LEAST * (model.quality.residual / max(model.quality.relative, 1e-300)))
+        * max(
+            model.quality.residual,
+            _MINIMUM_RESIDUAL * (model.quality.residual / max(model.quality.relative, 1e-300)),
+        )
         ** 2
         for count, model in zip(samples, row.models, strict=True)
     )
@@ -301,17 +306,17 @@ def _test_error_at_rest(row: ComparisonRow) -> float:
 
 
 def _ranking_text(
-    alike: Sequence[ComparisonRow], worse: Sequence[ComparisonRow], at_rest: float, *, at_noise: bool
+    tied: Sequence[ComparisonRow], worse: Sequence[ComparisonRow], at_rest: float, *, at_noise: bool
 ) -> str:
-    best = alike[0]
-    still = "constant force" if best.models[0].law.prescribed else "motionless piston"
+    best = tied[0]
+    baseline = "constant force" if best.models[0].law.prescribed else "motionless piston"
     words = (
         f"{best.name} is first: its error on held-out data is {format_percent(best.error)} "
-        f"{best.models[0].rms_noun} (of a {still}: {format_percent(at_rest)})"
+        f"{best.models[0].rms_noun} ({baseline}: {format_percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
-        words += ", no better than rest, so only what the fits leave over judges the laws"
-    for row in alike[1:]:
+        words += f", not better than a {baseline}, so only the residuals of the fits can rank the laws"
+    for row in tied[1:]:
         words += f"; {_tie_text(row, best, at_noise=at_noise)}"
     for row in worse:
         if math.isinf(row.error):
@@ -322,16 +327,16 @@ def _ranking_text(
 
 
 def _tie_text(row: ComparisonRow, best: ComparisonRow, *, at_noise: bool) -> str:
-    """Words on a law that predicts as well as the first one."""
+    """Describe a law that predicts as well as the first one."""
     extra = row.parameters - best.parameters
     more = f"{extra} more parameter{'s' * (extra != 1)}"
     if not at_noise:
-        words = f"{row.name} ({format_percent(row.error)}) is no better by more than a standard error"
-        return words + (f" for its {more}" if extra else "")
+        words = f"{row.name} ({format_percent(row.error)}) is not better by more than one standard error"
+        return words + (f" despite its {more}" if extra > 0 else "")
     gain = row.deviance - best.deviance
     if abs(gain) < CLEAR:
-        words = f"the data cannot tell {row.name} from it ({format_percent(row.error)})"
+        words = f"the data cannot distinguish {row.name} from it ({format_percent(row.error)})"
         return words + (f", which has {more}" if extra > 0 else "")
     if gain > 0.0:
-        return f"{row.name} predicts as well, but describes the whole record less closely"
-    return f"{row.name} predicts no better for its {more}"
+        return f"{row.name} predicts as well, but fits the whole record less closely"
+    return f"{row.name} does not predict better despite its {more}"

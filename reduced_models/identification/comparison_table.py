@@ -1,4 +1,4 @@
-"""The table of a comparison: what each law is worth on data that it has not seen."""
+"""The table of a comparison: errors of each law on held-out data."""
 
 from __future__ import annotations
 
@@ -29,39 +29,44 @@ if TYPE_CHECKING:
 
 
 TIE = 0.05
-"""Held-out errors closer than this fraction are alike."""
+"""Held-out errors that differ by a smaller fraction count as equal."""
 NOISE_TIE = 1.25
-"""Held-out errors below so many noise levels are alike."""
+"""Held-out errors below this number of noise levels count as equal."""
 LINEAR = "linear"
-_LONGEST = 44  # characters of a law's name in a table
+_MAXIMUM_NAME_LENGTH = 44  # characters of a law's name in a table
+
+
+def _shorten_name(name: str) -> str:
+    return name if len(name) <= _MAXIMUM_NAME_LENGTH else f"{name[: _MAXIMUM_NAME_LENGTH - 3]}..."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ComparisonRow:
-    """One law.
+    """Errors and fits of one law.
 
     Attributes
     ----------
     name : str
     models : tuple of ReducedModel
-        One a record; empty where the fit failed.
+        One for each record; empty if the fit failed.
     parameters : int
-        Free numbers of the law, the initial states not counted.
+        Number of free parameters of the law, without the initial states.
     stretches : tuple of float
-        Error of the simulation over the test swings of each record, in rms swings of the record;
-        infinite where it diverges. Empty without any.
+        Prediction error over the held-out cycles of each record, relative to the record's rms
+        displacement; infinite if the simulation diverges. Empty without held-out cycles.
     records : tuple of RollOut
-        One a held-out record.
+        One for each held-out record.
     error : float
-        The test error: root mean square over all that was held out; the residual of the fit without
-        any.
+        Test error: root mean square over all held-out data; the residual of the fit if nothing was
+        held out.
     standard_error : float
-        Of the test error, from how it differs between the test swings; 0 where these are too few.
+        Standard error of the test error, from its scatter over the held-out cycles; 0 for too few
+        cycles.
     deviance, aic, bic : float
-        n log of the mean squared residual of the fit to all of the records (n the number of
-        independent samples), and with twice, or log n times, the number of parameters added.
+        n log of the mean squared residual of the fit to all records, where n is the number of
+        independent samples; for AIC plus twice, for BIC plus log n times the number of parameters.
     failure : str
-        Why there is no model; empty where there is one.
+        Reason for a missing model; empty if the law was fitted.
     """
 
     name: str
@@ -78,7 +83,7 @@ class ComparisonRow:
 
     @property
     def divergence_count(self) -> int:
-        """Number of test swings of a record, and of held-out records, over which the law diverges."""
+        """Number of records, trained on or held out, over whose held-out data the law diverges."""
         errors = (*self.stretches, *(record.relative for record in self.records))
         return sum(math.isinf(error) for error in errors)
 
@@ -101,20 +106,20 @@ class ComparisonRow:
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """Laws on the same data, the best first, as `compare` makes it.
+    """Laws compared on the same data by `compare`, the best first.
 
     Attributes
     ----------
     rows : tuple of ComparisonRow
-        One law each, with its models, errors and information criteria; one at least, and first
-        those that were fitted.
+        One row for each law, with its models, errors and information criteria; one row or more,
+        fitted laws first.
     verdict : str
-        Which laws predict best, in plain words.
+        Statement in plain words on the laws that predict best.
     noise : float
-        White noise of the records, in rms swings, without unit.
+        White noise of the records, relative to the rms displacement, without unit.
     at_rest : float
-        Test error of the baseline, a piston that stays at rest, in rms swings, without unit; 1
-        where nothing was held out.
+        Test error of the baseline, a motionless piston, relative to the rms displacement, without
+        unit; 1 if nothing was held out.
     """
 
     rows: tuple[ComparisonRow, ...]
@@ -124,15 +129,15 @@ class Comparison:
 
     @property
     def best(self) -> ReducedModel:
-        """The model of the law that is first, for the first of the records that it was fitted to."""
+        """Model of the first law, for the first of its records."""
         return self.rows[0].models[0]
 
     def model_tied_with_best(self, name: str) -> ReducedModel | None:
         """Model of a law that was fitted to one record and predicts as well as the best one.
 
-        That is one whose test error is at most a standard error above the least one (Breiman et al.
-        1984, Classification and Regression Trees, ch. 3.4), 5 % above it, or 1.25 times the noise,
-        whichever is greatest.
+        Its test error is at most one standard error above the smallest one (Breiman et al. 1984,
+        Classification and Regression Trees, ch. 3.4), 5 % above it, or 1.25 times the noise,
+        whichever is largest.
 
         Parameters
         ----------
@@ -142,8 +147,8 @@ class Comparison:
         Returns
         -------
         ReducedModel or None
-            Its model; None where it predicts less well, there is no law of that name, it could not
-            be fitted, or it was fitted to several records together.
+            Its model; None if it predicts less well, the name is unknown, the law could not be
+            fitted, or it was fitted to several records together.
         """
         limit = largest_tied_error([row for row in self.rows if not row.failure], self.noise)
         for row in self.rows:
@@ -152,13 +157,13 @@ class Comparison:
         return None
 
     def ranking_on_last_record(self) -> list[tuple[RollOut, str]]:
-        """Predictions of the last held-out record and names of the laws, the least error first.
+        """Predictions of the last held-out record with names of the laws, the smallest error first.
 
         Returns
         -------
         list of (RollOut, str)
-            Prediction of the record, with its errors, and name of each law that was fitted; empty
-            where no whole record was held out.
+            Prediction of the record, with its errors, and name of each fitted law; empty if no whole
+            record was held out.
         """
         scored = [(row.records[-1], row.name) for row in self.rows if row.records]
         return sorted(scored, key=lambda pair: pair[0].relative)
@@ -167,7 +172,7 @@ class Comparison:
     def header(self) -> tuple[str, ...]:
         """Names of the columns of `cells`: law, parameters, errors, criteria, divergences.
 
-        Test swings and a column for each held-out record are there where one was held out.
+        Columns for held-out cycles and for each held-out record appear only if some were held out.
         """
         held = len(self.rows[0].records)
         return (
@@ -182,14 +187,14 @@ class Comparison:
         )
 
     def cells(self) -> list[tuple[str, ...]]:
-        """Cells of the table as texts: errors in % of the rms swing, AIC and BIC above the least.
+        """Cells of the table as texts: errors in % of the rms displacement, AIC and BIC minus the lowest.
 
         Returns
         -------
         list of tuple of str
-            One row a law, the best first, with a text for each column of `header`. An error that is
-            infinite is ``"diverges"``; of a law that could not be fitted the second text says why,
-            and the others are empty.
+            One row for each law, the best first, with a text for each column of `header`. An infinite
+            error is ``"diverges"``. For a law that could not be fitted the second text gives the
+            reason, and the others are empty.
         """
         aic, bic = min(row.aic for row in self.rows), min(row.bic for row in self.rows)
         lines: list[tuple[str, ...]] = []
@@ -218,58 +223,59 @@ class Comparison:
     def law_lines(
         self, records: Sequence[str] = (), most: int | None = None, *, criteria: bool = False
     ) -> list[str]:
-        """Lines of the laws with their errors, the best first, and whether a linear one suffices.
+        """Lines of the laws with their errors, the best first, and a statement on the linear law.
 
         Parameters
         ----------
         records : sequence of str
-            Heads for the columns of held-out records; their numbers if not given.
+            Headings of the columns of held-out records; their numbers if not given.
         most : int, optional
-            Greatest number of laws; all if not given. The linear one is always among them.
+            Maximum number of laws; all if not given. The linear law is always included.
         criteria : bool
-            Also give AIC and BIC, above the least ones.
+            True to add AIC and BIC, minus the lowest ones.
 
         Returns
         -------
         list of str
-            Lines of at most a hundred characters.
+            Lines of at most 100 characters.
         """
         sound = [row for row in self.rows if not row.failure]
         shown = sound[:most]
         if most and len(sound) > most:
             shown[-1] = next((row for row in sound[most - 1 :] if row.name == LINEAR), shown[-1])
         count = len(sound[0].records)
-        heads = list(records) or [f"record {k + 1}" for k in range(count)]
+        headings = list(records) or [f"record {k + 1}" for k in range(count)]
         aic, bic = (min(getattr(row, name) for row in sound) for name in ("aic", "bic"))
         held = any(row.stretches or row.records for row in sound)
-        best = sound[0].name if len(sound[0].name) <= _LONGEST else f"{sound[0].name[: _LONGEST - 3]}..."
+        best = _shorten_name(sound[0].name)
         title = f"model: {best}, best of {len(sound)}" if len(sound) > 1 else f"model: {best}"
-        table = [[title, "held-out cycles" if held else "residual", *heads, *("AIC", "BIC") * criteria, ""]]
+        header = [title, "held-out cycles" if held else "residual", *headings, *("AIC", "BIC") * criteria, ""]
+        table = [header]
         for row in shown:
-            name = row.name if len(row.name) <= _LONGEST else f"{row.name[: _LONGEST - 3]}..."
+            name = _shorten_name(row.name)
             parameters = f"{row.parameters} parameter{'s' * (row.parameters != 1)}"
-            of = sound[0].models[0].rms_noun if row is shown[0] else ""
-            worse = [f"{row.aic - aic:+.1f}", f"{row.bic - bic:+.1f}"] if criteria else []
-            table.append([f"  {name} ({parameters})", *self._errors_by_part(row), *worse, of])
+            reference = sound[0].models[0].rms_noun if row is shown[0] else ""
+            differences = [f"{row.aic - aic:+.1f}", f"{row.bic - bic:+.1f}"] if criteria else []
+            table.append([f"  {name} ({parameters})", *self._errors_by_part(row), *differences, reference])
         linear = self._linear_text(records)
         return [*align_columns(table).splitlines(), *(wrap_words(linear) if linear else ())]
 
     def _linear_text(self, records: Sequence[str]) -> str:
-        """Sentence on whether a linear model suffices; empty where it was not compared with another."""
+        """Sentence on whether a linear model suffices; empty if it was not compared with other laws."""
         sound = [row for row in self.rows if not row.failure]
         linear = next((row for row in sound if row.name == LINEAR), None)
         if linear is None or len(sound) < 2:
             return ""
         if linear.error <= largest_tied_error(sound, self.noise):
-            return "a linear model suffices: more parameters predict no better"
+            return "a linear model suffices: more parameters do not predict better"
         error, *others = self._errors_by_part(linear)
-        heads = list(records) or [f"record {k + 1}" for k in range(len(others))]
-        further = "".join(f" ({head}: {other})" for head, other in zip(heads, others, strict=True))
-        # The best by the same errors as the first figure of the line.
-        own, best = (
+        headings = list(records) or [f"record {k + 1}" for k in range(len(others))]
+        further = "".join(f" ({heading}: {other})" for heading, other in zip(headings, others, strict=True))
+        # The ratio uses the same kind of error as the first number of the line.
+        linear_error, best_error = (
             root_mean_square(row.stretches) if row.stretches else row.error for row in (linear, sound[0])
         )
-        times = format_factor(own / max(best, 1e-300))
+        times = format_factor(linear_error / max(best_error, 1e-300))
         return f"a linear model suffices for an error of {error}{further}, {times} times the best"
 
     def __str__(self) -> str:
@@ -281,13 +287,14 @@ class Comparison:
         return "\n".join([*lines, *caution_lines(best.cautions)])
 
     def to_plain(self) -> dict[str, Any]:
-        """Table and verdict as plain data, such as JSON holds but for infinite errors.
+        """Table and verdict as plain data, as in JSON except for infinite errors.
 
         Returns
         -------
         dict of str to any
-            ``verdict``; ``best``, the name of the first law; ``noise`` and ``at_rest`` in rms
-            swings, without unit; and ``rows``, a dict for each law as by `ComparisonRow.to_plain`.
+            ``verdict``; ``best``, the name of the first law; ``noise`` and ``at_rest`` relative to the
+            rms displacement, without unit; and ``rows``, a dict for each law as from
+            `ComparisonRow.to_plain`.
         """
         return {
             "verdict": self.verdict,
@@ -312,17 +319,17 @@ class Comparison:
         return latex_array(self.table)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Make a table of the laws with numbers, where `cells` has texts.
+        """Make a table of the laws with numbers; `cells` gives texts.
 
         Returns
         -------
         pandas.DataFrame
-            One row a law, the best first: ``law``, ``parameters`` (how many), ``test error``,
-            ``standard error``, ``test swings`` and, for each held-out record, ``record 1`` and so
-            on, in rms swings, without unit; ``AIC``, ``BIC``, ``diverged`` (over how many) and
-            ``failure``. Errors are infinite where a law diverges. Of a law that was not fitted they
-            are infinite too, as AIC and BIC, and its test swings and records NaN; so are test
-            swings where none were held out.
+            One row for each law, the best first. ``law``; ``parameters``, their number; ``test error``,
+            ``standard error``, ``test swings`` (the held-out cycles) and, for each held-out record,
+            ``record 1`` and so on, all relative to the rms displacement, without unit; ``AIC``,
+            ``BIC``; ``diverged``, the number of divergences; and ``failure``. Errors are infinite if
+            a law diverges. For a law that was not fitted, errors, AIC and BIC are infinite, and
+            ``test swings`` and records are NaN. ``test swings`` is NaN without held-out cycles.
         """
         import pandas
 
@@ -344,21 +351,21 @@ class Comparison:
         return pandas.DataFrame(rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the test errors of the laws, next to the noise and a piston at rest.
+        """Draw the test errors of the laws, with the noise level and the error of a motionless piston.
 
-        Laws that could not be fitted are left out; the bar of one that diverges goes to ten times
-        the greatest error of the others and of a piston at rest. Noise and rest are not drawn where
-        they are below a thousandth of the least error.
+        Laws that could not be fitted are omitted. The bar of a law that diverges extends to ten times
+        the largest error of the others and of a motionless piston. Noise level and motionless piston
+        are not drawn if they are below a thousandth of the smallest error.
 
         Parameters
         ----------
         ax : Axes, optional
-            Axes to draw on; new ones if not given, `drawing_height` high.
+            Axes to draw on; by default new axes with a height of `drawing_height`.
 
         Returns
         -------
         Axes
-            Axes with a bar for each law, the best on top, its test error [% of the rms swing] on a
+            Axes with a bar for each law, the best on top: test error [% of the rms displacement] on a
             logarithmic scale.
         """
         from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure_label, label_log_axis_plainly
@@ -368,7 +375,7 @@ class Comparison:
         greatest = max([self.at_rest, *(row.error for row in sound if math.isfinite(row.error))])
         names = [row.name if len(row.name) < 30 else f"{row.name[:29]}…" for row in sound]
         values = [min(100.0 * row.error, 1e3 * greatest) for row in sound]
-        # By place, since names that are cut may be alike.
+        # Bars are placed by index, since shortened names may coincide.
         ax.barh(range(len(sound)), values, color=COLOURS[0])
         ax.set_yticks(range(len(sound)), [figure_label(name) for name in names])
         for level, words, style in ((self.at_rest, "motionless", "--"), (self.noise, "noise", ":")):
@@ -383,20 +390,20 @@ class Comparison:
 
     @property
     def drawing_height(self) -> float:
-        """Height of a drawing with a bar for each law that was fitted [inch]."""
+        """Height [inch] of a drawing with a bar for each fitted law."""
         return 1.8 + 0.45 * sum(not row.failure for row in self.rows)
 
 
 def largest_tied_error(rows: Sequence[ComparisonRow], noise: float) -> float:
-    """Return the greatest test error that is as good as the least one."""
-    # One standard error more (Breiman et al. 1984, Classification and Regression Trees, ch. 3.4; Hastie et
-    # al. 2009, The Elements of Statistical Learning, ch. 7.10), 5 %, or 1.25 times the noise.
-    least = min(rows, key=lambda row: row.error)
-    return max((1.0 + TIE) * least.error, least.error + least.standard_error, NOISE_TIE * noise)
+    """Return the largest test error that counts as equal to the smallest one."""
+    # One standard error above (Breiman et al. 1984, Classification and Regression Trees, ch. 3.4; Hastie et
+    # al. 2009, The Elements of Statistical Learning, ch. 7.10), 5 % above, or 1.25 times the noise.
+    best = min(rows, key=lambda row: row.error)
+    return max((1.0 + TIE) * best.error, best.error + best.standard_error, NOISE_TIE * noise)
 
 
 def root_mean_square(errors: Sequence[float]) -> float:
-    """Root mean square of some errors."""
+    """Root mean square of the errors."""
     return math.sqrt(sum(error**2 for error in errors) / len(errors))
 
 
@@ -409,23 +416,23 @@ _DERIVED = (
 
 
 class DerivedFigures(NamedTuple):
-    """Figures of small motions, derived from the stiffness of the bed at rest."""
+    """Figures of small oscillations, derived from the stiffness of the bed at equilibrium."""
 
-    level: float  # [m]
+    level: float  # equilibrium height [m]
     frequency: float  # [Hz]
     damping_ratio: float
     step_errors: tuple[float, float] | None
-    """Relative errors of frequency and damping ratio by the run's time step; None if it has no root."""
+    """Relative errors of frequency and damping ratio by the run's time step; None if not available."""
 
     def step_error(self, figure: QuantityWithError) -> float:
-        """Error of a figure by the time step: none at rest; a bound for other numbers of a law."""
+        """Error of a figure by the time step: zero for the equilibrium; a bound for a law's parameters."""
         assert self.step_errors is not None
         of_frequency, of_damping = self.step_errors
         relative = {FREQUENCY: of_frequency, DAMPING_RATIO: of_damping, LEVEL: 0.0, "rest": 0.0}
         return abs(figure.value) * relative.get(figure.name, 2.0 * of_frequency + of_damping)
 
     def text(self, figures: Sequence[QuantityWithError]) -> str:
-        """Figures in words, each with the relative difference of the fitted one, beyond its error or not."""
+        """Figures in words, with relative differences of the fitted ones, marked if beyond their errors."""
         fitted = {figure.name: figure for figure in figures}
         words, differences = [], []
         for field, name, symbol, unit, factor in _DERIVED:

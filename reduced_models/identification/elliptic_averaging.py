@@ -1,16 +1,16 @@
-"""The elliptic motion behind a fitted law, where it describes the record.
+"""Elliptic functions as solutions of fitted cubic laws, and averaging with them.
 
-Jacobi's functions of W t solve y'' = -k y - beta y^3: A cn(W t | m) where a spring stiffens or goes
-through both of two wells, A sn(W t | m) where it softens, and A dn(W t | m) within one of two wells
-(Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
+Jacobi's functions of W t solve y'' = -k y - beta y^3: A cn(W t | m) for a stiffening spring or a
+motion over both of two wells, A sn(W t | m) for a softening spring, and A dn(W t | m) within one of
+two wells (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
 
-Damping makes the amplitude drift. Averaged over a cycle of that motion, 2 (decay + tilt x +
-bend x^2) x' leaves
+Damping changes the amplitude slowly. Averaging 2 (decay + tilt x + bend x^2) x' over a cycle of that
+motion gives
 
     a' = -2 a <(decay + bend a^2 cn^2) sn^2 dn^2>,  W^2 = k + beta a^2,  m = beta a^2/(2 W^2),
 
-with an error of the order of the damping over the rate; what is odd in x averages out (the method
-of Krylov and Bogoliubov with elliptic functions: P. G. D. Barkham, A. C. Soudack 1969,
+with a relative error of the order of damping over rate. Terms odd in x average to zero (the method of
+Krylov and Bogoliubov with elliptic functions: P. G. D. Barkham, A. C. Soudack 1969,
 doi:10.1080/00207176908905886; V. T. Coppola, R. H. Rand, Acta Mechanica 81 (1990) 125).
 """
 
@@ -33,10 +33,10 @@ from reduced_models.models.prediction import errors_of_figures
 from reduced_models.models.quantities import QuantityWithError
 from reduced_models.records.envelope import envelope
 
-# Of a quarter period, for the means: the midpoint rule of a periodic function converges faster than any
-# power.
+# Midpoints in a quarter period for the averages: for a periodic function the midpoint rule converges
+# faster than any power.
 _PHASES = 32
-_ALONG = 101  # heights of a swing at which the damping is looked at
+_ALONG = 101  # heights of a cycle at which the damping is evaluated
 
 
 class EllipticMotion(NamedTuple):
@@ -49,7 +49,7 @@ class EllipticMotion(NamedTuple):
     m: float  # parameter k^2, from 0 to 1
 
     def text(self, digits: int = 4) -> str:
-        """Motion as a formula, at any phase."""
+        """Return the formula of the motion with a free phase."""
         numbers = (f"{value:.{digits}g}" for value in (self.amplitude, self.rate, self.m))
         amplitude, rate, m = numbers
         rest = f"{self.rest:.{digits}g} + " if abs(self.rest) > 1e-3 * abs(self.amplitude) else ""
@@ -58,7 +58,8 @@ class EllipticMotion(NamedTuple):
 
 def elliptic_motion(k: float, beta: float, rest: float, z0: float, v0: float) -> EllipticMotion | None:
     """Motion of z'' + k (z - rest) + beta (z - rest)^3 = 0 from z0 [m] and v0 [m/s]."""
-    # By energy: k [1/s^2], beta [1/(m^2 s^2)]. The squared amplitude solves k a^2/2 + beta a^4/4 = energy.
+    # Energy conservation: the squared amplitude solves k a^2/2 + beta a^4/4 = energy, with k [1/s^2] and
+    # beta [1/(m^2 s^2)].
     swing = z0 - rest
     energy = 0.5 * v0**2 + 0.5 * k * swing**2 + 0.25 * beta * swing**4
     square = k**2 + 4.0 * beta * energy
@@ -66,7 +67,7 @@ def elliptic_motion(k: float, beta: float, rest: float, z0: float, v0: float) ->
         return None
     root = math.sqrt(square)
     if k < 0.0 and energy < 0.0 < beta:
-        # Within a well: the outer turning point is the amplitude.
+        # Within one well the outer turning point is the amplitude.
         amplitude = math.copysign(math.sqrt((root - k) / beta), swing)
         rate2 = 0.5 * (root - k)
         return EllipticMotion("dn", rest, amplitude, math.sqrt(rate2), 2.0 + k / rate2)
@@ -78,13 +79,13 @@ def elliptic_motion(k: float, beta: float, rest: float, z0: float, v0: float) ->
         return EllipticMotion("cn", rest, math.sqrt(amplitude2), math.sqrt(root), m)
     rate2 = k + 0.5 * beta * amplitude2
     if not rate2 > 0.0 or swing**2 > amplitude2 * (1.0 + 1e-9):
-        return None  # beyond the barrier, or on it
+        return None  # on or beyond the barrier
     m = -0.5 * beta * amplitude2 / rate2
     return EllipticMotion("sn", rest, math.sqrt(amplitude2), math.sqrt(rate2), m)
 
 
 class DuffingVanDerPolOscillator(NamedTuple):
-    """x'' + 2 (decay + tilt x + bend x^2) x' + k x + beta x^3 = 0, x from a level of rest."""
+    """x'' + 2 (decay + tilt x + bend x^2) x' + k x + beta x^3 = 0, x measured from an equilibrium."""
 
     k: float  # [1/s^2]
     beta: float  # [1/(m^2 s^2)]
@@ -104,13 +105,13 @@ OSCILLATORS: Mapping[str, Callable[[Mapping[str, float]], DuffingVanDerPolOscill
     DUFFING.name: lambda values: DuffingVanDerPolOscillator(values["k"], values["beta"], values["lam"]),
     VAN_DER_POL_LIKE.name: _van_der_pol_like_oscillator,
 }
-"""Laws by name, which make an oscillator of their parameters."""
+"""Functions by the name of a law that map its parameters to an oscillator."""
 
 
 def averaged_amplitude(
     time: Float[np.ndarray, "n"], amplitude: float, oscillator: DuffingVanDerPolOscillator
 ) -> Float[np.ndarray, "n"]:
-    """Amplitudes [m] at increasing times [s], from that at the first."""
+    """Amplitudes [m] at increasing times [s], from the amplitude at the first time."""
     from scipy.integrate import solve_ivp
 
     ivp = solve_ivp(
@@ -127,22 +128,24 @@ def averaged_amplitude(
 def averaged_frequency(
     amplitude: Float[np.ndarray, "n"], oscillator: DuffingVanDerPolOscillator
 ) -> Float[np.ndarray, "n"]:
-    """Backbone [Hz] at amplitudes [m]."""
+    """Frequency [Hz] at amplitudes [m]: the backbone."""
     from scipy.special import ellipk
 
     rate, m = _elliptic_rate_and_parameter(amplitude, oscillator)
     return np.asarray(rate / (4.0 * ellipk(m)))
 
 
-def greatest_damping_over_rate(amplitude: float, oscillator: DuffingVanDerPolOscillator) -> float:
-    """Greatest damping within a swing over the rate of its elliptic function; amplitude [m]."""
+def maximum_damping_over_rate(amplitude: float, oscillator: DuffingVanDerPolOscillator) -> float:
+    """Maximum damping within a cycle relative to the rate of its elliptic function; amplitude [m]."""
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
     rate, _ = _elliptic_rate_and_parameter(np.array([amplitude]), oscillator)
     return float(np.abs(oscillator.decay + oscillator.tilt * x + oscillator.bend * x**2).max() / rate[0])
 
 
-def swings_through_rest(amplitude: Float[np.ndarray, "n"], oscillator: DuffingVanDerPolOscillator) -> bool:
-    """Tell whether swings of these amplitudes go through rest and turn back; amplitude [m]."""
+def oscillates_about_equilibrium(
+    amplitude: Float[np.ndarray, "n"], oscillator: DuffingVanDerPolOscillator
+) -> bool:
+    """Return whether motions of these amplitudes [m] cross the equilibrium and turn back."""
     stiffening = oscillator.beta * amplitude**2
     return bool((np.minimum(oscillator.k + 0.5 * stiffening, oscillator.k + stiffening) > 0.0).all())
 
@@ -151,14 +154,14 @@ def _elliptic_rate_and_parameter(
     amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator
 ) -> tuple[np.ndarray, np.ndarray]:
     stiffening = oscillator.beta * amplitude**2
-    # Not quite up to a hump or a barrier, where a cycle takes for ever.
+    # Slightly below a barrier, since the period diverges there.
     least = 0.5 * (1.0 + 1e-9) * stiffening if oscillator.beta > 0.0 else 1e-6 * oscillator.k
     square = np.maximum(oscillator.k + stiffening, least)
     return np.sqrt(square), 0.5 * stiffening / square
 
 
 def _amplitude_rate(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> np.ndarray:
-    """Da/dt (n,) at amplitudes (n,), by means over a quarter period."""
+    """Da/dt (n,) at amplitudes (n,), averaged over a quarter period."""
     from scipy.special import ellipk
 
     _, m = _elliptic_rate_and_parameter(amplitude, oscillator)
@@ -178,36 +181,36 @@ def _jacobi_functions(u: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndar
     return (np.where(below, s / (d * stretch), s), np.where(below, c / d, c), np.where(below, 1.0 / d, d))
 
 
-# Least m: below it the third harmonic of the motion, m/16 of the first, is less than 6e-4.
+# Minimum m: below it the third harmonic, m/16 of the first, is less than 6e-4.
 _BENT = 0.01
-# Largest force at the middle of a cubic spring, over that at the record's start, of a symmetric one.
+# Maximum force at the middle of a spring that counts as symmetric, relative to the force at the start.
 _SKEW = 1e-3
 _MOST_LOST = 0.5
-"""Fraction of the amplitude that drag may take in the record; with more, no function is given."""
+"""Maximum fraction of the amplitude lost to drag in the record for an elliptic function to be reported."""
 
 
 class SolvedMotion(NamedTuple):
-    """The elliptic motion with which a fitted cubic law starts."""
+    """The elliptic motion at the start of a fitted cubic law."""
 
     model: ReducedModel
     motion: EllipticMotion
-    lost: float  # fraction of the amplitude that drag takes in the record
+    lost: float  # fraction of the amplitude lost to drag in the record
 
     @property
     def text(self) -> str:
         """Sentence that the law and the elliptic function are one motion."""
-        start = "" if self.lost < 0.01 else f" at the start (drag takes {100 * self.lost:.2g} % of the swing)"
+        loss = f" at the start (drag takes {100 * self.lost:.2g} % of the amplitude)"
+        start = "" if self.lost < 0.01 else loss
         return (
             f"The motion of {self.model.law.name}{start} is {self.motion.text()}, with m = k^2: Jacobi's "
-            f"{self.motion.function} solves this law, so the elliptic motion and the law are one "
-            "motion, not two."
+            f"{self.motion.function} solves this law, so the elliptic function and the law describe the same "
+            "motion."
         )
 
 
 def solve_elliptic_motion(model: ReducedModel, duration: float) -> SolvedMotion | None:
-    """Elliptic motion with which a fitted cubic law starts, where drag takes little; duration [s]."""
-    # Jacobi's functions solve the law without drag (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch.
-    # 3).
+    """Elliptic motion at the start of a fitted cubic law, if drag is small; duration [s]."""
+    # Jacobi's functions solve the undamped law (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
     spring = _symmetric_cubic_spring(model)
     if spring is None or (lost := 1.0 - math.exp(-spring[0] * duration)) > _MOST_LOST:
         return None
@@ -216,7 +219,7 @@ def solve_elliptic_motion(model: ReducedModel, duration: float) -> SolvedMotion 
 
 
 def _symmetric_cubic_spring(model: ReducedModel) -> tuple[float, float, float, float] | None:
-    """Decay, k, beta and rest of a law z'' + 2 decay z' + k (z - rest) + beta (z - rest)^3 = 0."""
+    """Return decay, k, beta and rest of a law z'' + 2 decay z' + k (z - rest) + beta (z - rest)^3 = 0."""
     import sympy
 
     law = model.law
@@ -244,37 +247,37 @@ def _symmetric_cubic_spring(model: ReducedModel) -> tuple[float, float, float, f
 
 
 class EllipticAveraging(NamedTuple):
-    """The drift of a law's amplitude by elliptic averaging, next to that of its own solution."""
+    """Decay of a law's amplitude by elliptic averaging, compared with the numerical solution."""
 
     law: str
     unit: str
-    amplitudes: tuple[float, float]  # of the first and the last cycle [m, rad]
+    amplitudes: tuple[float, float]  # in the first and last cycle [m, rad]
     frequencies: tuple[float, float]  # [Hz]
     solved_amplitudes: tuple[float, float]  # [m, rad]
     solved_frequencies: tuple[float, float]  # [Hz]
-    critical: float  # damping over critical: averaging holds below 1
+    critical: float  # maximum damping over critical; averaging needs values below 1
 
     @property
     def text(self) -> str:
-        """Line with amplitude and frequency [Hz] of first and last cycle, by averaging and by solution."""
+        """Amplitude and frequency [Hz] of first and last cycle, by averaging and by numerical solution."""
         head = f"amplitude of {self.law} by elliptic averaging: "
         if not self.critical < 1.0:
             return (
-                f"{head}none, since its damping comes to {self.critical:.2g} of critical within "
-                "the swing and averaging holds below 1"
+                f"{head}not available, since the damping reaches {self.critical:.2g} of critical within "
+                "a cycle; averaging holds below 1"
             )
         (first, last), (fast, late) = self.amplitudes, self.frequencies
         solved, own = self.solved_amplitudes[1], self.solved_frequencies
         return (
             f"{head}{first:.4g} {self.unit} in the first cycle, {last:.4g} {self.unit} in the last "
-            f"({solved:.4g} {self.unit} by its own solution), at {fast:.4g} and {late:.4g} Hz "
+            f"({solved:.4g} {self.unit} by numerical solution), at {fast:.4g} and {late:.4g} Hz "
             f"({own[0]:.4g} and {own[1]:.4g} Hz)"
         )
 
 
 def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> EllipticAveraging | None:
-    """Amplitude and frequency of a fitted law by elliptic averaging, and by its own solution; time [s]."""
-    # Krylov and Bogoliubov's method with elliptic functions (Barkham & Soudack 1969,
+    """Amplitude and frequency of a fitted law by elliptic averaging and by numerical solution; time [s]."""
+    # Krylov-Bogoliubov averaging with elliptic functions (Barkham & Soudack 1969,
     # doi:10.1080/00207176908905886).
     make = OSCILLATORS.get(model.law.name)
     if make is None or model.law.inputs:
@@ -284,7 +287,7 @@ def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> E
         cycles = envelope(model.simulate(time))
     except (InputError, RecordError):
         return None
-    if not swings_through_rest(cycles.amplitude, oscillator):
+    if not oscillates_about_equilibrium(cycles.amplitude, oscillator):
         return None
     averaged = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), oscillator)
     return EllipticAveraging(
@@ -294,7 +297,7 @@ def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> E
         frequencies=_first_and_last(averaged_frequency(averaged, oscillator)),
         solved_amplitudes=_first_and_last(cycles.amplitude),
         solved_frequencies=_first_and_last(cycles.frequency / (2.0 * math.pi)),
-        critical=greatest_damping_over_rate(float(cycles.amplitude[0]), oscillator),
+        critical=maximum_damping_over_rate(float(cycles.amplitude[0]), oscillator),
     )
 
 
@@ -303,12 +306,12 @@ def _first_and_last(values: np.ndarray) -> tuple[float, float]:
 
 
 LOWER_WELL = "lower well"
-_POINTS = 401  # of the range of heights, between which equilibria are looked for
-_TRIES = 8  # doublings of the time in which the motion must come back
+_POINTS = 401  # grid of heights on which equilibria are bracketed
+_TRIES = 8  # doublings of the time within which the motion must return
 
 
 def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
-    """Two wells [mm or degrees], their frequencies, and that of a motion over both [Hz]; or nothing."""
+    """Positions of two wells [mm or degrees], their frequencies and the frequency over both [Hz], if any."""
     figures = _well_figures(model)
     errors = None if figures is None else errors_of_figures(model, _well_figures, figures)
     if figures is None or errors is None or not len(model.covariance):
@@ -329,7 +332,7 @@ def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
 
 
 def _well_figures(model: ReducedModel) -> np.ndarray | None:
-    """Heights [m] and undamped frequencies [Hz] of two wells, frequency [Hz] and amplitude [m] over both."""
+    """Heights [m], undamped frequencies [Hz] of two wells; frequency [Hz], amplitude [m] over both."""
     law = model.law
     if law.hidden or law.inputs or "height" not in model.domain:
         return None
@@ -362,7 +365,7 @@ def _well_figures(model: ReducedModel) -> np.ndarray | None:
 def _orbit_without_damping(
     force: Callable[[Any], np.ndarray], model: ReducedModel
 ) -> tuple[float, float, float] | None:
-    """Lowest and highest height [m] and frequency [Hz] of the motion from the record's start, undamped."""
+    """Minimum and maximum height [m] and frequency [Hz] of the undamped motion from the record's start."""
     from scipy.integrate import solve_ivp
 
     height, velocity = model.initial
@@ -379,7 +382,7 @@ def _orbit_without_damping(
             rtol=1e-10,
             atol=1e-12 * size,
         )
-        # A release at velocity zero is a turn too, or none, by rounding.
+        # By rounding, a release at zero velocity may or may not count as a turning point.
         turns = [k for k, time in enumerate(motion.t_events[0]) if time > 1e-6 * duration][:3]
         if len(turns) == 3:
             ends = motion.y_events[0][turns[:2], 0]

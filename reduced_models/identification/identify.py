@@ -1,4 +1,4 @@
-"""`identify`: from a scene, a run or a lab record to its equation, judged and written down."""
+"""`identify`: from a scene, a run or a lab record to its equation, tested and reported."""
 
 from __future__ import annotations
 
@@ -17,7 +17,11 @@ from granular.shared.errors import CautionWarning, InputError, quote
 from reduced_models.fitting.fit_data import record_from_table
 from reduced_models.fitting.problem import STARTS, check_fit_options
 from reduced_models.identification.comparison import compare_on_further_records
-from reduced_models.identification.laws_of_record import Stopwatch, compare_laws_of_record, measure_own_swing
+from reduced_models.identification.laws_of_record import (
+    Stopwatch,
+    compare_laws_of_record,
+    measure_record_if_possible,
+)
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import (
     RecordsOfRest,
@@ -37,34 +41,34 @@ from reduced_models.records.sensor_artefacts import without_clipped_samples
 from reduced_models.records.sources import DEFAULT_METHOD, make_directory, open_and_check_source, run_plan
 
 BUDGET = 300.0
-"""Processor time for discovery and fits [s], ten times what a damper's motion takes."""
+"""Processor time for discovery and fits [s], ten times the need of a damper's motion."""
 
 
 @dataclasses.dataclass(frozen=True)
 class IdentifyOptions:
-    """Rare options of `identify`: its time, and the checks of a simulated record.
+    """Rare options of `identify`: time budget, and checks of a simulated record.
 
     Parameters
     ----------
     budget : float
-        Processor time for discovery and fits [s], above 0. Laws that come later are not fitted, and a
-        note names them; half of the time is for a discovery.
+        Processor time for discovery and fits [s], above 0. Laws that would exceed it are not fitted and
+        are listed in a note; a discovery may use half of the time.
     checks : bool
-        Whether the scene also runs with another time step and from other random starts, which gives the
-        figures their step error and scatter, and with another lift, which all laws then have to predict.
-        If no laws are named and the scene begins with a fall, laws of the whole fall
-        (`reduced_models.falls.unseen_fall_scores.FALL_LAWS`) are fitted to it, and judged on falls from
-        other heights and random starts. A check that fails becomes a note.
+        Whether to run the scene again with another time step and from other random packings, for the
+        step error and spread of the figures, and with a higher lift, which all laws have to predict.
+        If no laws are given and the scene begins with a fall, laws of the whole fall
+        (`reduced_models.falls.unseen_fall_scores.FALL_LAWS`) are fitted to it and tested on falls from
+        other heights and random packings. A check that fails becomes a note.
     executor : concurrent.futures.Executor, optional
-        Where the checks run, as in `granular.sweep`; processes on this machine if not given.
+        Executor of the checks, as in `granular.sweep`; by default local processes.
     parts : mapping of str to str or float, optional
-        Tolerances of the scene's parts, as `granular.tolerances` takes them: the standard deviations that
-        they give the figures of small motions are printed apart from the errors of the figures.
+        Tolerances of the scene's parts, as in `granular.tolerances`. The resulting standard deviations
+        of the small-oscillation figures are printed separately from the errors of the figures.
 
     Raises
     ------
     InputError
-        If the budget is not a time above 0.
+        If the budget is not above 0.
 
     Examples
     --------
@@ -83,13 +87,13 @@ class IdentifyOptions:
 
 
 def check_budget(budget: object) -> None:
-    """Refuse a processor time [s] that is not above 0."""
+    """Raise an error if a processor time [s] is not above 0."""
     if not isinstance(budget, Real) or not float(budget) > 0.0:
         raise InputError(f"budget = {quote(budget)} s; give a time above 0")
 
 
 RUNS = 9
-"""Runs of a scene and of its checks, which share what is compiled."""
+"""Number of runs of a scene and its checks, which share compiled code."""
 
 if TYPE_CHECKING:
     from granular.run.plan import Plan
@@ -117,56 +121,57 @@ def identify(
     source : str, Path, Scene, Plan, Trajectory, PistonRecord or table
         A scene (its packaged name or TOML file), a run directory, a CSV file, or one of these as
         an object; or a table of a record, of pandas or xarray. Times are in s, heights in m. A scene
-        is simulated first: by the method, time step, sum over pairs and threads of a `granular.Plan`,
-        or else by the longest step whose errors random starts hide by the stored table of prices
-        (the automatic step for scenes that the table does not hold), and with the mesh as the sum over
-        pairs if that is faster and its errors are hidden too. A sum that the scene names is kept.
-        If the heights are a prescribed stroke, the laws are those of its force.
+        is simulated first. A `granular.Plan` gives method, time step, pair sum and threads. Otherwise the
+        stored work-precision table gives the coarsest step whose errors are below the spread between
+        random packings; scenes not in the table get the automatic step. The pair sum is then the mesh if
+        that is faster and its errors are below the spread too. A pair sum given by the scene is kept.
+        If the heights are a prescribed stroke, laws of the force are fitted.
     out : str or Path, optional
-        Directory for the report, the models, the record and the run. A run of the same scene and sum
-        in the directory is used, and continued if it was cut. Nothing is written if not given.
+        Directory for the report, the models, the record and the run. An existing run of the same scene
+        and pair sum in the directory is used, and continued if it was interrupted. Nothing is written if
+        not given.
     laws : sequence of str or Law, optional
-        Names, equations or laws. Without, those that can win: see
+        Names, equations or laws. By default the laws that can win: see
         `reduced_models.identification.candidate_laws`.
     discovery : str, optional
-        Also discover a law by this method, and compare it with the others. If no laws are named
+        Also discover a law by this method, and compare it with the others. If no laws are given
         and other terms explain the record clearly better, a law is discovered by ``"sindy"``.
     drive : str, optional
-        Column of the record that drives the motion: each of the laws has it as its input.
+        Column of the record that drives the motion; it becomes an input of every law.
     mass : float, optional
-        Mass of what moves [kg], above 0, for stiffness in N/m and damping in N s/m; a scene's piston
-        has its own. Not for a record of an angle.
+        Moving mass [kg], above 0, for stiffness in N/m and damping in N s/m; by default the mass of a
+        scene's piston. Not for a record of an angle.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
     options : IdentifyOptions, optional
-        Processor time, checks of a simulated record, and tolerances of parts. What was identified is
+        Processor time, checks of a simulated record, and tolerances of parts. The identification is
         saved before the checks.
     progress : bool or callable
-        Whether to show progress; or a function that is also given the identification before the checks.
+        Whether to show progress; or a function that is called with the identification before the checks.
 
     Returns
     -------
     Identification
-        Models, verdict, engineering figures (SI units, with errors) and checks. There are no figures
-        if no law has a small motion about an equilibrium.
+        Models, verdict, engineering figures (SI units, with errors) and checks. Figures are missing if
+        no law oscillates about an equilibrium.
 
     Raises
     ------
     InputError
-        If an argument is out of its range, the source is none of these, there is no law, method or
-        column of a name, a scene has no piston, tolerances are given for a record, or no law can be
-        fitted, as to a record that is too short or does not move, or within the budget.
+        If an argument is out of range, the source is of another type, a law, method or column is
+        unknown, a scene has no piston, tolerances are given for a record, or no law can be fitted, for
+        example to a record that is too short or does not move, or within the budget.
     RecordError
-        If a file or a table is no record, or the record holds no heights.
+        If a file or a table is not a record, or the record holds no heights.
     StoreError
-        If ``out`` cannot be made or written to, or a run directory cannot be read.
+        If ``out`` cannot be created or written to, or a run directory cannot be read.
     RunError
-        If the simulation cannot be trusted any more.
+        If the simulation becomes unreliable.
 
     Warns
     -----
     UserWarning
-        For each note: a run that was cut, a check that failed, and those of `fit`.
+        For each note: an interrupted run, a failed check, and the notes of `fit`.
     """
     _check_arguments(laws, mass)
     check_fit_options(starts=starts)
@@ -192,7 +197,7 @@ def identify(
                 if laws is None and isinstance(planned, Plan):
                     compile_fits_ahead(background, planned.scene, starts)
             lift = laws is None or len(laws) > 1
-            run, further = _run_beside_checks(planned, target, background, lift, bool(progress))
+            run, further = _run_with_checks(planned, target, background, lift, bool(progress))
             record = run.piston()
             if further is not None and laws is None:
                 further.begin_fall_fits(run)
@@ -207,8 +212,8 @@ def identify(
             of_parts = tolerances_at([rest_of(run)], parts, progress=bool(progress))
             result = dataclasses.replace(result, of_parts=of_parts)
             clock.lap("tolerances of the parts")
-        doubts = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
-        for note in (*result.notes, *doubts):
+        fit_notes = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
+        for note in (*result.notes, *fit_notes):
             warnings.warn(note, CautionWarning, stacklevel=2)
         checkable = further is not None and bool(result.figures)
         if checkable and callable(progress):
@@ -233,7 +238,7 @@ def plan_run(
     *,
     checks: bool = True,
 ) -> Plan:
-    """Plan the run of a scene; without a step [s], by the longest one whose errors random starts hide."""
+    """Plan a scene's run, by default with the coarsest step with errors below the spread of packings."""
     from granular.run.plan import SCATTER, plan
 
     accuracy = SCATTER if dt is None else None
@@ -241,14 +246,14 @@ def plan_run(
     return plan(scene, step, method, accuracy=accuracy, threads=threads, runs=RUNS if checks else 1)
 
 
-def _run_beside_checks(
+def _run_with_checks(
     planned: Plan | Trajectory,
     out: Path | None,
     background: BackgroundCaseRunner | None,
     lift: bool,
     progress: bool,
 ) -> tuple[Trajectory, SceneChecks | None]:
-    """Run of a plan, or one that is there; its checks, which are begun before it."""
+    """Start the checks, then run the plan unless it is already a run; return the run and its checks."""
     from granular.run.trajectory import Trajectory
 
     if not isinstance(planned, Trajectory):
@@ -266,20 +271,20 @@ def _run_beside_checks(
 
 def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:
     if laws is not None and not laws:
-        raise InputError("laws is empty; name at least one")
+        raise InputError("laws is empty; give one or more laws")
     if isinstance(laws, str) or (laws is not None and not isinstance(laws, Iterable)):
         raise InputError(f"laws = {quote(laws)}; give names, equations or laws in a list")
     for law in laws or ():
         if isinstance(law, str) and "'" not in law and "=" not in law and law not in FORCE_LAWS:
             law_named(law)
     if mass is not None and (not isinstance(mass, Real) or not 0.0 < float(mass) < math.inf):
-        raise InputError(f"mass = {quote(mass)} kg; give one above 0")
+        raise InputError(f"mass = {quote(mass)} kg; give a mass above 0")
 
 
 def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | None) -> float | None:
-    """Mass that moves [kg]: as given, else the piston of a scene."""
+    """Return the moving mass [kg]: as given, else the mass of a scene's piston."""
     if mass is not None and record.coordinate_unit == "rad":
-        raise InputError(f"mass = {mass:g} kg, and the record is one of an angle; leave it out")
+        raise InputError(f"mass = {mass:g} kg, but the record is an angle; remove mass")
     if mass is None and run is not None and run.scene.piston is not None:
         return run.scene.piston.mass
     return mass
@@ -288,19 +293,19 @@ def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | Non
 def _add_check_outcomes(
     result: Identification, run: Trajectory, further: SceneChecks, progress: bool
 ) -> Identification:
-    """Judge laws on another lift and other falls; give figures step errors and scatter."""
-    # Another lift is worth a run only if there are laws to choose from.
+    """Test the laws on another lift and other falls; add step errors and spread to the figures."""
+    # Another lift is useful only if there are several laws.
     checks = further.wait_for_outcomes(run, progress)
     comparison, model, figures = result.comparison, result.model_of_figures, result.figures
     own, no_own = result.own, result.no_own
     record, mass = result.record, result.mass
     if checks.lift is not None and len(result.models) > 1:
-        # The laws are ranked anew, and the best one now gives the figures.
+        # The new ranking may change the best law, which gives the figures.
         comparison = compare_on_further_records(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
         figures = swing_quantities(model, mass)
-        own, no_own = measure_own_swing(record, order[0])
+        own, no_own = measure_record_if_possible(record, order[0])
     duration = float(record.time[-1] - record.time[0])
     figures, parameters, own, failed = add_check_errors(figures, own, model, mass, duration, checks)
     notes = tuple(dict.fromkeys((*checks.failures, *failed)))

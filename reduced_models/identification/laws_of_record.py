@@ -1,4 +1,4 @@
-"""The laws of a record, fitted and compared, with notes and advice on what to try next."""
+"""Laws fitted to a record and compared, with notes and advice on next steps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from reduced_models.identification.candidate_laws import (
 from reduced_models.identification.comparison import compare, law_name, merge_comparisons
 from reduced_models.identification.comparison_table import FREQUENCY, Comparison
 from reduced_models.identification.elliptic_averaging import well_quantities
-from reduced_models.identification.measured_swing import MeasuredSwing, measure_swing
+from reduced_models.identification.measured_oscillation import MeasuredOscillation, measure_oscillation
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import friction_of
 from reduced_models.laws.catalogue import LAWS
@@ -41,25 +41,26 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 GLANCED = "sindy"
-"""Method of a discovery that nobody asked for: it needs nothing beyond what a fit needs."""
+"""Method of an automatic discovery: it needs no further package."""
 POOR = 0.05
-"""Held-out error, in rms swings, from which a law is poor where the noise is less than that."""
+"""Held-out error, relative to the rms displacement, above which a law is poor if the noise is smaller."""
 LEAVES = 0.1
-"""Held-out error, in rms swings, from which a law is discovered where the known ones leave more."""
+"""Held-out error of the best known law, relative to the rms displacement, above which one is discovered."""
 _NOISE_TIMES = 3.0
-_OPEN = 2.5e-3  # relative error of a frequency that is noted: 5 % of noise on 8 samples a cycle leaves less
-_USEFUL_TURNS = 4.0  # periods of a record, below which it says little of a law
+# A larger relative error of the frequency causes a note; 5 % noise with 8 samples per cycle gives less.
+_NOTED_FREQUENCY_ERROR = 2.5e-3
+_MINIMUM_PERIODS = 4.0  # a shorter record hardly determines a law
 
 
 class Stopwatch:
-    """Wall time of the parts of a job."""
+    """Stopwatch for the parts of a job."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._last = time.perf_counter()
 
     def lap(self, name: str) -> None:
-        """Add the time since the last lap to a part."""
+        """Add the wall time since the last lap to a part."""
         now = time.perf_counter()
         self.seconds[name] = self.seconds.get(name, 0.0) + now - self._last
         self._last = now
@@ -76,7 +77,7 @@ def compare_laws_of_record(
     budget: float,
     clock: Stopwatch,
 ) -> Identification:
-    """Laws of a record, fitted and compared; arguments as of `identify`."""
+    """Fit laws to a record and compare them; arguments as for `identify`."""
     friction = None if run is None else friction_of(run)
     along_stroke = record.measured == "force"
     wanted, left_out, glanced = _laws_to_fit(record, laws, drive, friction)
@@ -88,8 +89,8 @@ def compare_laws_of_record(
         if discovery is None:
             record, comparison = _compare_without_spikes(record, run, wanted, starts)
             clock.lap("fits and comparison")
-            least = max(LEAVES, _NOISE_TIMES * comparison.noise)
-            if laws is None and not along_stroke and comparison.rows[0].error > least:
+            limit = max(LEAVES, _NOISE_TIMES * comparison.noise)
+            if laws is None and not along_stroke and comparison.rows[0].error > limit:
                 discovery = GLANCED
         if discovery is not None:
             from reduced_models.discovery.discover import discover
@@ -106,7 +107,7 @@ def compare_laws_of_record(
                 if comparison is not None:
                     comparison = merge_comparisons(comparison, compare(record, wanted[-1], starts=starts))
             except InputError as cause:
-                if comparison is None and not isinstance(cause, TimeBudgetError):  # what was asked for
+                if comparison is None and not isinstance(cause, TimeBudgetError):  # the user requested it
                     raise
                 left_out += (f"discovery by {discovery}: {cause}",)
             clock.lap(f"discovery by {discovery}")
@@ -119,7 +120,7 @@ def compare_laws_of_record(
     best = comparison.best
     shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
     figures = swing_quantities(shown, mass)
-    own, no_own = measure_own_swing(record, best)
+    own, no_own = measure_record_if_possible(record, best)
     if run is None and (wells := well_quantities(best)):
         shown, figures = best, wells
     return Identification(
@@ -148,7 +149,7 @@ def compare_laws_of_record(
 def _laws_to_fit(
     record: PistonRecord, laws: Sequence[str | Law] | None, drive: str | None, friction: MotionFriction | None
 ) -> tuple[list[Any], tuple[str, ...], str | None]:
-    """Laws to fit, why others are not, and the method of a discovery that a glance calls for."""
+    """Laws to fit, reasons for excluding others, and the discovery method suggested by the screening."""
     if laws is not None:
         if drive is None:
             return list(laws), (), None
@@ -157,19 +158,21 @@ def _laws_to_fit(
     if record.measured == "force":
         fitting = candidate_force_laws([record])
         others = (law for law in FORCE_LAWS.working().values() if law not in fitting)
-        return fitting, tuple(f"{law.name} was not fitted: it is of heights above 0" for law in others), None
+        return fitting, tuple(f"{law.name} was not fitted: it needs heights > 0" for law in others), None
     chosen = choose_candidate_laws(record, drive, friction)
-    # Noise that was integrated is no measure of what terms leave.
+    # Residuals cannot be compared with integrated noise.
     discovers = chosen.screening.other_terms_fit_better and record.measured == "height"
     return list(chosen.laws), chosen.exclusion_texts, GLANCED if discovers else None
 
 
-def measure_own_swing(record: PistonRecord, model: ReducedModel) -> tuple[MeasuredSwing | None, str]:
-    """Frequency and damping of the record itself, or why it does not tell them."""
+def measure_record_if_possible(
+    record: PistonRecord, model: ReducedModel
+) -> tuple[MeasuredOscillation | None, str]:
+    """Frequency and damping measured from the record itself, or the reason why it is impossible."""
     if record.measured == "force":
         return None, "the record prescribes the motion"
     try:
-        return measure_swing(record, model), ""
+        return measure_oscillation(record, model), ""
     except GranularError as error:
         return None, str(error)
 
@@ -177,7 +180,7 @@ def measure_own_swing(record: PistonRecord, model: ReducedModel) -> tuple[Measur
 def _compare_without_spikes(
     record: PistonRecord, run: Trajectory | None, laws: Sequence[Any], starts: int
 ) -> tuple[PistonRecord, Comparison]:
-    """Comparison of laws, again without the spikes of a record if that can be finished within the budget."""
+    """Compare laws, and again without the record's spikes if that finishes within the budget."""
     comparison = compare(record, laws, starts=starts)
     if run is not None or record.measured == "force":
         return record, comparison
@@ -185,20 +188,20 @@ def _compare_without_spikes(
     if not spikes.any():
         return record, comparison
     words = (
-        f"single samples that stand far off the fitted motion (spikes: {int(spikes.sum())}, the first at "
+        f"single samples far from the fitted motion (spikes: {int(spikes.sum())}, the first at "
         f"{record.time[np.argmax(spikes)]:.4g} s)"
     )
-    sound = with_note(record.select(~spikes), f"{words} are left out; {keep_text(record)}")
+    sound = with_note(record.select(~spikes), f"{words} are excluded; {keep_text(record)}")
     done = {row.name for row in comparison.rows if row.models}
     try:
         second = compare(sound, laws, starts=starts)
         complete = done <= {row.name for row in second.rows if row.models}
-    except InputError:  # no law, as the budget is spent
+    except InputError:  # no law was fitted because the budget is spent
         complete = False
     if not complete:
         second = comparison
         reason = "not all laws could be fitted without them within the budget; raise --budget"
-        sound = with_note(record, f"{words} stay: {reason}")
+        sound = with_note(record, f"{words} are kept: {reason}")
     assert sound.source is not None
     warnings.warn(sound.source.notes[-1], RecordWarning, stacklevel=4)
     return sound, second
@@ -207,12 +210,12 @@ def _compare_without_spikes(
 def _collect_notes(
     record: PistonRecord, run: Trajectory | None, comparison: Comparison, models: Sequence[ReducedModel]
 ) -> tuple[str, ...]:
-    """Doubts about a run, fits that failed, and columns that were not used."""
+    """Collect notes on an interrupted run, failed fits, and unused columns."""
     notes = [] if run is None else list(incomplete_run_notes(run))
     notes += [f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows if row.failure]
     if run is None:
         notes += [
-            f"the column {sanitize(name)} was not used; as a drive of all laws: "
+            f"the column {sanitize(name)} was not used; to drive all laws by it: "
             f"{sanitize(drive_option_text(name))}"
             for name in unused_columns(record, [model.law for model in models])
         ]
@@ -220,14 +223,18 @@ def _collect_notes(
 
 
 def _frequency_error_notes(figures: Sequence[QuantityWithError]) -> tuple[str, ...]:
-    """Doubt of a frequency that a record tells worse than is usual in a laboratory."""
+    """Return a note if the frequency's error is larger than usual in a laboratory."""
     figure = next((item for item in figures if item.name == FREQUENCY), None)
-    if figure is None or not figure.value or not _OPEN < figure.total_error / figure.value < math.inf:
+    if (
+        figure is None
+        or not figure.value
+        or not _NOTED_FREQUENCY_ERROR < figure.total_error / figure.value < math.inf
+    ):
         return ()
     return (
-        f"noise and few swings leave the natural frequency uncertain by "
+        f"noise and too few cycles make the natural frequency uncertain by "
         f"{100.0 * figure.total_error / figure.value:.2g} %; "
-        "record a larger motion, more swings, or more samples of each",
+        "record a larger motion, more cycles, or more samples per cycle",
     )
 
 
@@ -238,32 +245,32 @@ def _suggest_next_steps(
     run: Trajectory | None,
     discovery: str | None,
 ) -> tuple[str, ...]:
-    """Sentences on what to try, the most promising first; nothing where the best law is good."""
+    """Suggestions for a poor best law, the most promising first; empty for a good one."""
     best = comparison.rows[0]
     if best.error < max(POOR, _NOISE_TIMES * comparison.noise):
         return ()
     words = [
-        f"even the best law, {best.name}, misses what it has not seen by "
-        f"{100 * best.error:.3g} % of the swing"
+        f"even the best law, {best.name}, has a prediction error on held-out data of "
+        f"{100 * best.error:.3g} % of the rms displacement"
     ]
     columns = unused_columns(record, [model.law for model in models])
     if run is None and columns:
-        words.append(f"drive the laws by a column that was not used: {drive_option_text(columns[0])}")
+        words.append(f"drive the laws by an unused column: {drive_option_text(columns[0])}")
     if record.measured == "force":
-        words.append("write down a law of your own: --law \"force = c*z' + k*z + friction*tanh(z'/creep)\"")
+        words.append("give a custom law: --law \"force = c*z' + k*z + friction*tanh(z'/creep)\"")
         return tuple(words)
     if comparison.best.at_rest is not None:
         turns = float(record.time[-1] - record.time[0]) / comparison.best.at_rest.period
-        if turns < _USEFUL_TURNS:
-            words.append(f"record longer: {turns:.2g} periods say little of a law")
+        if turns < _MINIMUM_PERIODS:
+            words.append(f"record longer: {turns:.2g} periods hardly determine a law")
     words.append(
-        "look at the record (granular-damper look FILE) and leave out its first moments, "
-        "or what lies in the noise: --between T:T"
+        "look at the record (granular-damper look FILE) and exclude its first moments "
+        "or its part below the noise: --between T:T"
     )
     if discovery is None:
-        words.append("let a law be discovered: --discover sindy")
+        words.append("discover a law: --discover sindy")
     words += [
-        "try a law with memory, as hysteresis has: --law bouc-wen, or --law rubbing-bed",
-        "write down a law of your own: --law \"z'' + c*z' + k*(z - r)**3 = 0\"",
+        "try a law with memory (hysteresis): --law bouc-wen, or --law rubbing-bed",
+        "give a custom law: --law \"z'' + c*z' + k*(z - r)**3 = 0\"",
     ]
     return tuple(words)

@@ -1,4 +1,4 @@
-"""Blocks of the report of an identification: the figures, what is left over, and each law."""
+"""Blocks of the report of an identification: the figures, the residuals, and each law."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from reduced_models.models.quantities import (
 __all__ = ["comparison_page"]
 
 LIBRARIES = ("scipy", "sympy", "jax", "jaxlib", "pandas", "matplotlib")
-"""Whose versions a page of fits names."""
+"""Libraries with versions given on a page of fits."""
 
 
 def comparison_page(table: Comparison) -> Page:
@@ -48,7 +48,7 @@ def comparison_page(table: Comparison) -> Page:
     Returns
     -------
     Page
-        Page with verdict, table and picture; a notebook shows it, and ``save`` writes it.
+        Page with verdict, table and plot; a notebook shows it, and ``save`` writes it.
     """
     blocks = [*comparison_section(table)]
     for row in table.rows:
@@ -58,7 +58,7 @@ def comparison_page(table: Comparison) -> Page:
 
 
 def capitalise(words: str) -> str:
-    """Return words with a capital in front."""
+    """Return the text with its first letter capitalised."""
     return words[:1].upper() + words[1:]
 
 
@@ -68,7 +68,7 @@ def answer(
     mass: float | None,
     parameters: Sequence[QuantityWithError],
 ) -> Iterator[Block]:
-    """Figures, equation and parameters as the print-out has them, for the first screen; mass [kg]."""
+    """Figures, equation and parameters as in the print-out, for the first screen; mass [kg]."""
     rows = figure_rows(figures, mass)
     if rows:
         yield Table(("", "", "value", ""), rows)
@@ -83,7 +83,7 @@ def answer(
         for item in (parameters or model.parameter_quantities())
     )
     yield Text(f"{model.law.name}: {', '.join(values)}")
-    if rows:  # behind the last ± that it is true of
+    if rows:  # the sentence follows the last ± to which it applies
         yield Text(f"{capitalise(error_sources_text(figures, model.confidence))}.")
 
 
@@ -95,23 +95,23 @@ def source_section(source: RecordSource | None) -> Iterator[Block]:
         rows += [("calibration", source.calibration), *(("samples", note) for note in source.notes)]
     rows = [row for row in rows if row[1]]
     if rows:
-        yield Heading("Where the record comes from")
+        yield Heading("Source of the record")
         yield Table(("", ""), rows)
 
 
-def swing_section(
+def oscillation_section(
     figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None, averaging: str
 ) -> Iterator[Block]:
-    """Level, frequency, damping and stiffness of the law's swing, and the parts of their errors."""
+    """Equilibrium, frequency, damping and stiffness by the law, and the parts of their errors."""
     if not figures:
         return
     yield Heading("Frequency, damping, stiffness and equilibrium by the model")
     rows = [(name_in_table(item), item.symbol, item.table_cell, item.unit) for item in figures]
     yield Table(("figure", "symbol", "value", "unit"), rows)
-    yield Text(_swing_explanation(figures, model, mass))
+    yield Text(_oscillation_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
     if len(known) > 1:
-        yield Text("The error behind ± is numerical, the root of the sum of squares of its sources:")
+        yield Text("The error after ± is numerical, the root of the sum of squares of its sources:")
         errors = [
             (
                 name_in_table(figure),
@@ -128,62 +128,64 @@ def swing_section(
 
 
 def name_in_table(figure: QuantityWithError) -> str:
-    """Name a figure as the print-out does."""
+    """Return the name of a figure as in the print-out."""
     return figure.label if figure.name == LEVEL else figure.name
 
 
 _FOLLOWING = ("fd", "delta", "Q")
-"""Symbols of figures whose errors are those of frequency and damping ratio over again."""
+"""Symbols of figures whose errors follow from those of frequency and damping ratio."""
 _MEANING_OF_PARTS = {
-    "fit": "Fit: half of the {:g} % interval by what the law leaves of the record, noise or misfit.",
-    "step": "Step: what twice the time step changes in the same fit (half of it, and the order of the "
-    "method, where twice is too coarse); where it is not below the part of the starts, it shows how the "
-    "bed packs, not the error of the step.",
-    "start": "Start: how far another random start of the bed may lie, with 95 %: the standard deviation "
-    "over those that were run, times Student's factor (4.3 for three).",
-    "calibration": "Calibration: what the uncertainty of the sensor's scale and zero leaves open.",
+    "fit": "Fit: half-width of the {:g} % interval from the residual of the law, noise or misfit.",
+    "step": "Step: change of the same fit by twice the time step (if twice is too coarse, from half the "
+    "step and the order of the method). If it is not smaller than the start part, it shows the spread "
+    "over packings, not the error of the step.",
+    "start": "Start: 95 % spread over random packings of the bed: the standard deviation over the packings "
+    "run, times Student's factor (4.3 for three).",
+    "calibration": "Calibration: uncertainty from the scale and zero of the sensor.",
 }
 
 
-def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None) -> str:
+def _oscillation_explanation(
+    figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None
+) -> str:
     if any(figure.name == LOWER_WELL for figure in figures):
         return (
-            f"From the fit of {model.law.name}, without damping: frequencies in the wells are those of small "
-            "motions, the other is that of the motion from the record's start."
+            f"From the fit of {model.law.name}, without damping. The frequencies in the wells are for small "
+            "oscillations, the frequency over both wells is for the motion from the record's start."
         )
     small = "small " * (model.at_rest is None or model.at_rest.equivalent is None)
-    words = f"Of the {small}swing about rest, from the fit of {model.law.name}. "
+    words = f"For {small}oscillations about equilibrium, from the fit of {model.law.name}. "
     names = {figure.name for figure in figures}
-    words += "The natural frequency is that without damping. "
+    words += "The natural frequency is the undamped frequency. "
     if DAMPING_RATIO in names:
         words += (
-            "The damping ratio is the damping over that at which nothing swings; the logarithmic decrement "
-            "is the logarithm of two amplitudes a period apart, and the quality factor the inverse of twice "
-            "the damping ratio. "
+            "The damping ratio is the fraction of critical damping; the logarithmic decrement is the "
+            "logarithm of the ratio of two amplitudes one period apart; the quality factor is the inverse "
+            "of twice the damping ratio. "
         )
     elif any(name.startswith(DAMPING_RATIO) for name in names):
         words += (
-            "A damping ratio at an amplitude is the energy that a harmonic cycle of it loses, over "
-            "4π times that of its swing. Friction is the coefficient of the velocity's sign in the law; "
-            "where it has none, an equivalent friction is the constant force that, next to a dashpot, "
-            "loses as much at both. "
+            "A damping ratio at an amplitude is the energy loss of a harmonic cycle of this amplitude, over "
+            "4π times its oscillation energy. Friction is the coefficient of the velocity's sign in the law. "
+            "If the law has no such term, the equivalent friction is the constant friction force that, "
+            "together with a dashpot, gives the same losses at both amplitudes. "
         )
     if model.coordinate_unit == "rad":
-        return words + "Stiffness and damping are over the moment of inertia."
+        return words + "Stiffness and damping are divided by the moment of inertia."
     if mass is None:
         return words + (
-            "Stiffness and damping are per kilogram of what moves; --mass gives them in N/m and N s/m."
+            "Stiffness and damping are per kilogram of moving mass; --mass gives them in N/m and N s/m."
         )
     return words + (
-        f"Stiffness and damping are those of a spring and a dashpot on which a mass of {mass:.6g} kg "
-        "swings alike."
+        f"Stiffness and damping are for a spring and a dashpot on which a mass of {mass:.6g} kg "
+        "oscillates in the same way."
     )
 
 
 def residual_tests_section(
     tests: Mapping[str, ResidualTests], measured: str, coordinate_unit: str
 ) -> Iterator[Block]:
-    """Residuals of each law, and whether they are noise."""
+    """Residuals of each law, and tests whether they are noise."""
     if not tests:
         return
     _, unit, scale = residual_axis(measured, coordinate_unit)
@@ -202,12 +204,12 @@ def residual_tests_section(
     yield Heading("Residuals of the laws")
     yield Table(("law", "verdict", "rms", "at f", "at 2f", "white", "signs"), rows)
     yield Text(
-        "White and signs: probabilities that white noise is correlated as much (Dalla, Giraitis and "
-        "Phillips), and that its signs change as seldom (Wald and Wolfowitz). At f and at 2f: power about "
-        "the swing's frequency, and about twice it, over that of the frequencies next to them; about 1 "
-        "where a law leaves no structure. A law that leaves structure misses something; the rms "
-        "says how much. What a release stirs up besides the swing, and which has faded within a period, is "
-        "named and left out of these tests; the rms is that of the whole record."
+        "White and signs: probabilities that white noise is as strongly correlated (Dalla, Giraitis and "
+        "Phillips), and that its sign changes as rarely (Wald and Wolfowitz). At f and at 2f: power near "
+        "the oscillation frequency and near twice it, relative to the power at neighbouring frequencies; "
+        "about 1 for residuals without structure. Structured residuals show that the law lacks an effect; "
+        "their rms gives its size. A transient of the release that decays within one period is "
+        "reported and excluded from these tests; the rms is for the whole record."
     )
 
 
@@ -221,12 +223,12 @@ def law_section(model: ReducedModel, remark: str) -> Iterator[Block]:
     yield from equations(model)
     meaning = f"z is the {model.coordinate} in {'radians' if model.coordinate_unit == 'rad' else 'metres'}"
     if model.law.parsed_equation.line is not None:
-        meaning = f"z a pure number, from which the {model.coordinate} follows"
-    yield Text(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
+        meaning = f"z is a pure number that determines the {model.coordinate}"
+    yield Text(f"Source of the law: {model.law.source or 'user-defined'}; t is in seconds, {meaning}.")
     yield Table(
         ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"), _parameter_rows(model)
     )
-    # Open directions have the signs of their parameters as formulas have them.
+    # Undetermined directions are written with the symbols of their parameters.
     directions = []
     for product in model.undetermined:
         named = {parameter_symbol(name): power for name, power in product.powers.items()}
@@ -236,7 +238,7 @@ def law_section(model: ReducedModel, remark: str) -> Iterator[Block]:
 
 
 def equations(model: ReducedModel) -> Iterator[Block]:
-    """Law with symbols and with its numbers, and those of its hidden states."""
+    """Law with symbols and with numbers, and the initial values of its hidden states."""
     symbols = {
         name: round_expression(rate, model.printed_digits) for name, rate in model.law.sympy_hidden().items()
     }
@@ -266,14 +268,14 @@ def _fit_quality_text(model: ReducedModel) -> str:
     )
     if quality.test_error is not None:
         words += (
-            f" Fitted without {quality.test_swings_text} it predicts them to "
+            f" Fitted without {quality.test_swings_text}, the law predicts them with an error of "
             f"{100 * quality.test_error:.3g} % {model.rms_noun}."
         )
     if quality.test_error_at_rest is not None and not model.law.prescribed:
         words += (
-            f" A motionless piston at equilibrium would score "
+            f" A motionless piston at equilibrium has an error of "
             f"{100 * quality.test_error_at_rest:.3g} % there; "
-            "only a smaller error speaks for the law."
+            "only a smaller error supports the law."
         )
     return words
 
@@ -283,7 +285,7 @@ def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
     for name, value in model.parameters.items():
         low, high = model.intervals[name]
         size = math.floor(math.log10(abs(value))) if value else 0
-        # As many digits as the interval is worth, and no fewer than the equation has.
+        # Digits follow the interval, but are not fewer than in the equation.
         digits = max(decimal_places_of_interval(value, low, high), model.printed_digits - 1 - size)
         interval = "open" if high - low > OPEN * abs(value) else format_interval(low, high, digits)
         rows.append(

@@ -1,4 +1,4 @@
-"""Sections of the report with pictures: the record with its laws, the laws compared, falls, the run."""
+"""Sections of the report with plots: the record with its laws, the laws compared, falls, the run."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from granular.run.trajectory import Trajectory
 
-_MOST_POINTS = 3000  # of a line; more cannot be seen
-_MOST_LIFT_LINES, _MOST_FALL_LINES = 4, 3  # of laws over a lift, a fall; more hide each other
+_MAXIMUM_POINTS = 3000  # of a line; more are not visible
+_MAXIMUM_LIFT_LINES, _MAXIMUM_FALL_LINES = 4, 3  # of laws over a lift, a fall; more would overlap
 _STACKED: dict[str, Any] = {"size": READABLE, "sharex": True, "height_ratios": (2, 1)}
 _ENERGIES = {
     "kinetic_energy": "grains, kinetic",
@@ -41,13 +41,13 @@ _ENERGIES = {
 
 
 def downsample(*columns: np.ndarray) -> list[np.ndarray]:
-    """Return columns with as many of their samples as can be seen in a picture."""
-    every = max(1, len(columns[0]) // _MOST_POINTS)
+    """Return columns with as many samples as are visible in a plot."""
+    every = max(1, len(columns[0]) // _MAXIMUM_POINTS)
     return [column[::every] for column in columns]
 
 
 class _DrawnCoordinate(NamedTuple):
-    """A coordinate as it is drawn: its name, unit, and what to multiply it by."""
+    """A coordinate for plots: its name, unit and scale factor."""
 
     name: str
     unit: str
@@ -65,7 +65,7 @@ def _coordinate_axis(record: PistonRecord) -> _DrawnCoordinate:
 
 
 def residual_axis(measured: str, coordinate_unit: str) -> _DrawnCoordinate:
-    """Axis of residuals: micrometres of a height, otherwise the unit of the measured quantity."""
+    """Axis of residuals: micrometres for heights, otherwise the unit of the measured quantity."""
     units = signal_units(measured, coordinate_unit)
     if units.length == "mm":
         return _DrawnCoordinate("residual", "µm", 1e6)
@@ -73,7 +73,7 @@ def residual_axis(measured: str, coordinate_unit: str) -> _DrawnCoordinate:
 
 
 def _break_at_gaps(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Put a NaN where samples are left out, as at a clipped crest: no line is drawn across."""
+    """Insert a NaN where samples are missing, as at a clipped crest, so that no line is drawn across."""
     steps = np.diff(time)
     behind = np.flatnonzero(steps > GAP_RATIO * np.median(steps)) + 1
     return np.insert(time, behind, np.nan), np.insert(values, behind, np.nan)
@@ -89,7 +89,7 @@ def _draw_curves_and_residuals(
     height: float = 6.2,
     legend: bool = True,
 ) -> Figure:
-    """Draw a record with curves over it, and below what each of them misses."""
+    """Draw a record with curves over it, and their residuals below."""
     shown, time = _coordinate_axis(record), record.time - record.time[0]
     with figure(2, 1, height=height, **_STACKED) as (drawing, (top, bottom)):
         signal = record.signal
@@ -130,8 +130,8 @@ def record_section(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
             height=6.0,
             legend=False,
         ),
-        "The record, the best law over it, and what it leaves over. The laws are judged on what is "
-        f"shaded, {best.quality.test_swings_text}, by fits that have not seen it.",
+        "The record, the best law, and its residual. The prediction error is measured on the shaded "
+        f"part ({best.quality.test_swings_text}), by fits from which it is held out.",
     )
 
 
@@ -144,14 +144,14 @@ def fits_section(record: PistonRecord, models: Sequence[ReducedModel], best: Red
     tested, height = best.quality.test_swings, 6.0 + 0.15 * len(models)
     yield Picture(
         partial(_draw_curves_and_residuals, record, curves, tested=tested, height=height),
-        "The fits of all laws, and what they leave over.",
+        "The fits of all laws, and their residuals.",
     )
 
 
 def phase_portrait(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
-    """Velocity over height, or force over stroke, of the record and of the best law."""
+    """Velocity against height, or force against stroke, of the record and of the best law."""
     if best.law.prescribed:
-        yield Picture(partial(_draw_loop, record, best), "Force over the stroke, with the best law.")
+        yield Picture(partial(_draw_loop, record, best), "Force against stroke, with the best law.")
     if record.measured == "height":
         yield Picture(partial(_draw_phases, record, best), "Phase portrait, with the best law.")
 
@@ -181,13 +181,13 @@ def _draw_phases(record: PistonRecord, best: ReducedModel) -> Figure:
 
 
 def higher_lift_section(lift: PistonRecord, table: Comparison) -> Iterator[Block]:
-    """Lift that no law has seen, and what the laws predict of it."""
+    """Show the held-out higher lift with the predictions of the laws."""
     ranked = table.ranking_on_last_record()
     best = ranked[0][0].relative
-    yield Heading("A lift that no law has seen")
+    yield Heading("A held-out higher lift")
     yield Text(
         "The same scene with a lift three times as high. Each law starts from height and velocity "
-        "that the first period tells; all the rest is its prediction."
+        "estimated from the first period; the rest is its prediction."
     )
     rows = []
     for score, name in ranked:
@@ -195,12 +195,12 @@ def higher_lift_section(lift: PistonRecord, table: Comparison) -> Iterator[Block
         finite = (format_number(error, 3), format_number(ratio, 3))
         rows.append((name, *(finite if math.isfinite(error) else ("diverges", ""))))
     yield Table(("law", "error [% of rms displacement]", "times the best"), rows)
-    best_ranked = ranked[:_MOST_LIFT_LINES]
+    best_ranked = ranked[:_MAXIMUM_LIFT_LINES]
     curves = [(name, score.motion.height, line_style(k)) for k, (score, name) in enumerate(best_ranked)]
     missed = _coordinate_axis(lift)._replace(name="missed")
     yield Picture(
         partial(_draw_curves_and_residuals, lift, curves, label="simulated", difference=missed),
-        "The other lift, and what the best laws predict of it.",
+        "The higher lift, and the predictions of the best laws.",
     )
 
 
@@ -208,18 +208,18 @@ def comparison_section(table: Comparison) -> Iterator[Block]:
     """Table of laws and their held-out errors."""
     yield Heading("The laws compared")
     header, cells = table.header, table.cells()
-    still = "constant force" if table.best.law.prescribed else "motionless piston"
+    baseline = "constant force" if table.best.law.prescribed else "motionless piston"
     if not any(row.divergence_count for row in table.rows):
         header, cells = header[:-1], [row[:-1] for row in cells]
     yield Table(header, cells)
     yield Text(
-        "Errors are root mean squares of record minus simulation over what the law has not seen, "
-        f"over {table.best.rms_noun.removeprefix('of ')}; the baseline, a {still}, has "
+        "Errors are root mean squares of record minus simulation over held-out data, "
+        f"divided by {table.best.rms_noun.removeprefix('of ')}; the baseline, a {baseline}, has "
         f"{100 * table.at_rest:.3g} %, and the "
-        f"noise is {100 * table.noise:.2g} %. AIC and BIC, the misfit of the fits to whole records with a "
-        "price for each parameter (Akaike's and the Bayesian information criterion), count from the least. "
-        "The held-out error is the root mean square over all that a law has not seen: "
-        "cycles of the record that a first fit does not see (held-out cycles), and records of their own "
+        f"noise is {100 * table.noise:.2g} %. AIC and BIC (Akaike's and the Bayesian information criterion) "
+        "are the misfit of the fits to whole records plus a penalty for each parameter, minus the lowest "
+        "value. The held-out error is the root mean square over all held-out data: "
+        "cycles held out of a first fit (held-out cycles), and whole records held out "
         "(record 1; '3x higher lift' on the terminal)."
     )
     yield Picture(partial(_draw_errors, table, table.drawing_height), "Held-out errors of the laws.")
@@ -232,20 +232,18 @@ def _draw_errors(scored: Comparison | DropScores, height: float) -> Figure:
 
 
 def falls_section(falls: DropScores) -> Iterator[Block]:
-    """Predictions of falls that no law has seen, and their errors."""
+    """Predictions of held-out falls, and their errors."""
     yield falls.table
     yield Text(
-        "Each law was fitted to the scene's own fall, and predicts the others from the height at "
-        "which the piston is released, without anything else of them. Errors are root mean squares "
-        "over the height of the drop. How far a bed from another random start falls otherwise is "
-        "what no law can tell."
+        "Each law was fitted to the scene's fall, and predicts the other falls from the height at "
+        "which the piston is released alone. Errors are root mean squares "
+        "divided by the height of the drop. No law can predict the difference between falls onto different "
+        "random packings."
     )
     yield Picture(
-        partial(_draw_far_fall, falls), "A fall from farther up, and what the best laws predict of it."
+        partial(_draw_far_fall, falls), "A fall from a larger height, and the predictions of the best laws."
     )
-    yield Picture(
-        partial(_draw_errors, falls, 4.4), "Errors of the laws over the height that the piston fell from."
-    )
+    yield Picture(partial(_draw_errors, falls, 4.4), "Errors of the laws relative to the height of the drop.")
 
 
 def _draw_far_fall(falls: DropScores) -> Figure:
@@ -254,7 +252,7 @@ def _draw_far_fall(falls: DropScores) -> Figure:
     with figure(height=4.4, size=READABLE) as (drawing, axes):
         axes.plot(*downsample(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated")
         sound = [row for row in falls.rows if row.model is not None and np.isfinite(row.median_error)]
-        for k, row in enumerate(sound[:_MOST_FALL_LINES]):
+        for k, row in enumerate(sound[:_MAXIMUM_FALL_LINES]):
             assert row.model is not None
             motion = row.model.simulate(far.time, z0=float(far.height[0]), v0=0.0)
             axes.plot(
@@ -269,7 +267,7 @@ def _draw_far_fall(falls: DropScores) -> Figure:
 
 
 def run_sections(run: Trajectory, frequency: QuantityWithError | None) -> Iterator[Block]:
-    """Bed before and after, energy ledger, and settings."""
+    """Bed before and after the run, energy ledger, and settings."""
     yield from _bed_section(run)
     yield from _energy_ledger_section(run)
     yield from _settings_section(run, frequency)
@@ -290,11 +288,11 @@ def _bed_section(run: Trajectory) -> Iterator[Block]:
     ]
     yield Table(("stage", "from [s]", "to [s]", "ended by", "piston height [mm]"), lines)
     closest = run.settings().get("closest_distance")
-    least = min(species.diameter for species in run.scene.grains.species)
-    if closest is not None and closest < least and run.scene.effects.contact is None:
+    diameter = min(species.diameter for species in run.scene.grains.species)
+    if closest is not None and closest < diameter and run.scene.effects.contact is None:
         yield Caution(
-            f"At the closest, two grains were {1e3 * closest:.3g} mm apart, less than a diameter "
-            f"({1e3 * least:g} mm): in reality they would have touched. The scene has no contact."
+            f"The minimum distance of two grains was {1e3 * closest:.3g} mm, less than a diameter "
+            f"({1e3 * diameter:g} mm): in reality they would have touched. The scene has no contact."
         )
 
 
@@ -318,10 +316,10 @@ def _energy_ledger_section(run: Trajectory) -> Iterator[Block]:
     yield Heading("Energy ledger")
     yield Picture(
         partial(_draw_energies, run),
-        "Where the energy is (the weights' relative to the start), and what the ledger misses.",
+        "Parts of the energy (gravitational energy relative to the start), and the residual of the ledger.",
     )
     worst = run.settings()["ledger_residual"]
-    words = f"The ledger closes to {worst:.1e} of the energy turned over."
+    words = f"The energy ledger closes to {worst:.1e} of the energy turned over."
     yield Caution(words) if worst > degraded_residual_limit(run.scene) else Text(words)
 
 
@@ -354,7 +352,7 @@ def _settings_section(run: Trajectory, frequency: QuantityWithError | None) -> I
             ("time step", time_step_text(run)),
             ("steps", settings["steps"]),
             (
-                "greatest step times highest frequency (stable below 2)",
+                "largest step times highest frequency (stable below 2)",
                 format_number(settings["step_times_highest_frequency"], 3),
             ),
             ("seconds of the run", format_number(settings["seconds"], 3)),
@@ -365,8 +363,8 @@ def _settings_section(run: Trajectory, frequency: QuantityWithError | None) -> I
 
 
 def checked_work_precision_text(run: Trajectory, frequency: QuantityWithError | None) -> str:
-    """Time and error of a run whose frequency was checked; without a check, `work_precision_text`."""
-    # Fits alone need nothing of the simulation.
+    """Time and error of a run with a checked frequency; without a check, `work_precision_text`."""
+    # Imported here, since fits alone do not need the simulation.
     from granular.run.work_precision import price_text, work_precision_text
 
     if frequency is None or "step" not in frequency.parts or not frequency.value > 0.0:

@@ -1,4 +1,4 @@
-"""The result of an identification: data, what it says in words, and its files."""
+"""The result of an identification: its data, verdict, print-out, report and files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from reduced_models.identification.elliptic_averaging import (
     average_elliptically,
     solve_elliptic_motion,
 )
-from reduced_models.identification.measured_swing import MeasuredSwing
+from reduced_models.identification.measured_oscillation import MeasuredOscillation
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.models.model import ReducedModel
@@ -47,50 +47,50 @@ if TYPE_CHECKING:
     from granular.studies.tolerances import Tolerances
 
 LINES = 24
-"""Most lines above the one that names the report, so that a cold run writes at most thirty."""
+"""Maximum number of lines above the line with the report's path; a first run then prints at most 30."""
 _FEWEST = 3
-"""Lines of laws, and of cautions, that are printed in any case."""
+"""Lines of laws, and of cautions, that are always printed."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Identification:
-    """The laws of a motion, judged.
+    """The laws of a motion, with their test errors and the figures of the best one.
 
     Attributes
     ----------
     record : PistonRecord
     models : tuple of ReducedModel
-        One a law, in the order asked for.
+        One for each fitted law, in the given order.
     comparison : Comparison
         Table of the laws, and the verdict.
     run : Trajectory or None
-        Where the record comes from a simulation.
+        The run, for a simulated record.
     figures : tuple of QuantityWithError
-        Rest, frequency, damping, stiffness of the swing about rest, with their errors.
+        Equilibrium height, frequency, damping, stiffness of the oscillation about equilibrium, with errors.
     figures_law : str
-        The law whose fit they come from.
+        The law whose fit gives the figures.
     notes : tuple of str
-        What is to be doubted in the run or its checks, and what was not used.
+        Cautions about the run and its checks, and unused columns.
     seconds : mapping of str to float
         Wall time of each part.
     mass : float or None
-        Of what moves [kg], where it is known.
+        Moving mass [kg], if known.
     left_out : tuple of str
-        Laws that were not fitted, and why.
+        Laws that were not fitted, with reasons.
     residuals : mapping of str to ResidualTests
-        Of each law, what it leaves over of the record.
+        Tests of the residual of each law.
     advice : tuple of str
-        What to try where even the best law is poor.
+        Suggestions if even the best law is poor.
     lift : PistonRecord or None
-        A lift that no law has seen.
+        The held-out higher lift.
     falls : DropScores or None
-        Laws of the whole fall, judged on falls that no law has seen.
-    own : MeasuredSwing or None
-        Frequency and damping against amplitude of the record itself, without a law.
+        Laws of the whole fall, tested on held-out falls.
+    own : MeasuredOscillation or None
+        Frequency and damping against amplitude measured from the record (model-free).
     friction : MotionFriction or None
-        Dry friction along the piston's motion, by the bed at its first rest, of a scene that names it.
+        Dry friction along the piston's motion, from the bed at its first equilibrium, if the scene has it.
     of_parts : Tolerances or None
-        Standard deviations of the figures of small motions by the tolerances of parts, if these are named.
+        Standard deviations of the small-oscillation figures by the tolerances of parts, if given.
     """
 
     record: PistonRecord
@@ -107,27 +107,27 @@ class Identification:
     advice: tuple[str, ...] = ()
     lift: PistonRecord | None = None
     falls: DropScores | None = None
-    own: MeasuredSwing | None = None
-    parameters: tuple[QuantityWithError, ...] = ()  # of the best law, with errors of further runs
-    derived: DerivedFigures | None = None  # of a simulated bed, without a fit
+    own: MeasuredOscillation | None = None
+    parameters: tuple[QuantityWithError, ...] = ()  # of the best law, with errors from further runs
+    derived: DerivedFigures | None = None  # for a simulated bed, without a fit
     no_own: str = ""
     friction: MotionFriction | None = None
     of_parts: Tolerances | None = None
 
     @property
     def best(self) -> ReducedModel:
-        """The model of the law that the comparison puts first."""
+        """Model of the first law of the comparison."""
         first = self.comparison.rows[0].name
         return next(model for model in self.models if model.law.name == first)
 
     @property
     def model_of_figures(self) -> ReducedModel:
-        """The model that the figures come from: the best one with a level of rest."""
+        """Model that gives the figures: the best one with an equilibrium."""
         return next((model for model in self.models if model.law.name == self.figures_law), self.best)
 
     @property
     def elliptic_motion(self) -> EllipticMotion | None:
-        """The elliptic motion of the best law, or of one as good, that is a symmetric cubic spring."""
+        """Elliptic motion of the best law, or of an equally good one, with a symmetric cubic spring."""
         return None if self._solved_motion is None else self._solved_motion.motion
 
     @functools.cached_property
@@ -139,23 +139,23 @@ class Identification:
 
     @functools.cached_property
     def elliptic_averaging(self) -> EllipticAveraging | None:
-        """Elliptic averaging of the best law, where that is Duffing's or the Van der Pol-like."""
+        """Elliptic averaging of the best law, if it is the Duffing or the Van der Pol-like law."""
         return average_elliptically(self.best, self.record.time)
 
     def figure(self, name: str) -> QuantityWithError | None:
-        """Figure of the law's swing by its name."""
+        """Figure of the law's oscillation by its name; None if there is none."""
         return next((figure for figure in self.figures if figure.name == name), None)
 
     @property
     def figures_to_print(self) -> tuple[QuantityWithError, ...]:
-        """Figures to print: a damping ratio that names its amplitude is the record's own, if it tells one."""
+        """Figures to print, without damping ratios at an amplitude if the record gives measured ones."""
         if self.own is None:
             return self.figures
         return tuple(figure for figure in self.figures if not figure.name.startswith(f"{DAMPING_RATIO} at "))
 
     @property
     def verdict(self) -> str:
-        """Sentences of the verdict: on unseen falls, the comparison, an unseen lift and the residuals."""
+        """Sentences of the verdict: held-out falls, the comparison, the held-out lift and the residuals."""
         return " ".join([*self._falls_verdict, self.verdict_on_laws])
 
     @property
@@ -164,7 +164,7 @@ class Identification:
 
     @property
     def verdict_on_laws(self) -> str:
-        """Sentences of the verdict without falls: on the comparison, an unseen lift and the residuals."""
+        """Sentences of the verdict without falls: the comparison, the held-out lift and the residuals."""
         words = [self.comparison.verdict]
         if self._solved_motion is not None:
             words.append(self._solved_motion.text)
@@ -173,8 +173,8 @@ class Identification:
         tests = self.residuals.get(self.best.law.name)
         if tests is not None and tests.has_structure:
             words.append(
-                f"What {self.best.law.name} leaves of the record is {100 * tests.relative:.2g} % "
-                f"of its swing ({tests.verdict})."
+                f"The residual of {self.best.law.name} is {100 * tests.relative:.2g} % "
+                f"{self.best.rms_noun} ({tests.verdict})."
             )
         return " ".join(words)
 
@@ -205,7 +205,7 @@ class Identification:
 
     @property
     def line_before_checks(self) -> str:
-        """Equilibrium, frequency and damping ratio, rounded, while their uncertainties are computed."""
+        """Equilibrium, frequency and damping ratio, rounded, for display before their uncertainties."""
         level, frequency = self.figure(LEVEL), self.figure("natural frequency")
         ratio = next((item for item in self.figures if item.name.startswith(DAMPING_RATIO)), None)
         words = [
@@ -216,12 +216,12 @@ class Identification:
         return f"{', '.join(words)}; uncertainties follow"
 
     def printout(self, most: int | None = LINES) -> str:
-        """Record, figures, model and cautions as text, in at most so many lines; all of them for None."""
+        """Record, figures, model and cautions as text, in at most ``most`` lines; in full for None."""
         model, contradiction = self.best, []
         if self.own is not None and not self.own.law_agrees:
             contradiction = wrap_words(f"caution: {self.own.agreement_text}", "", "  ")
         start = [*record_lines(self._record_texts), *contradiction]
-        amplitude = f"peaks do not tell: {self.no_own}" if self.own is None else self.own.range_text
+        amplitude = f"not measurable from peaks: {self.no_own}" if self.own is None else self.own.range_text
         figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
         if model.law.prescribed:
             figures = cycle_lines(model)
@@ -230,7 +230,7 @@ class Identification:
             start += [part for line in words.splitlines() for part in wrap_words(line, "")]
         end = model.equation_lines(self.parameters or None)
         if self.elliptic_motion is not None:
-            end += wrap_words(f"starts as {self.elliptic_motion.text()}, m = k^2")
+            end += wrap_words(f"initial motion {self.elliptic_motion.text()}, m = k^2")
         end += self._fall_lines
         free = None if most is None else max(most - len(start) - len(end), 2 * _FEWEST)
         said = caution_lines(self.cautions, None if free is None else max(_FEWEST, free - 2 * _FEWEST))
@@ -242,7 +242,7 @@ class Identification:
 
     @property
     def _derived_texts(self) -> list[str]:
-        """Figures that the bed's stiffness and load give without a fit."""
+        """Figures from the bed's stiffness and load without a fit."""
         texts = [] if self.friction is None else [str(self.friction)]
         if self.derived is not None:
             texts.append(f"  derived without a fit: {self.derived.text(self.figures)}")
@@ -255,7 +255,7 @@ class Identification:
 
     @property
     def _fall_lines(self) -> list[str]:
-        """Error of the law that predicts other falls best."""
+        """Error of the best law on held-out falls."""
         if self.falls is None or self.falls.best.model is None:
             return []
         height, best = 1e3 * float(self.falls.record.height[0]), self.falls.best
@@ -265,17 +265,17 @@ class Identification:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Cautions, the gravest first."""
+        """Cautions, the most serious first."""
         words = [*self.notes, *self.best.cautions, *self.advice]
         if self.figures and self.figures_law != self.best.law.name:
-            words.append(f"frequency, damping and stiffness are those of {self.figures_law}")
+            words.append(f"frequency, damping and stiffness come from {self.figures_law}")
         return tuple(dict.fromkeys(words))
 
     def __str__(self) -> str:
         return f"{self.printout(None)}\n{blocks_text(self._details())}"
 
     def page(self) -> Page:
-        """Make the report: the answer in an engineer's words, the record, then the rest."""
+        """Make the report: the figures and the equation, the record, then the details."""
         title = self._record_texts[0]
         name = f"The equation of {title.partition(':')[0]}"
         return Page(name, title, tuple(self._blocks()), made_with(page.LIBRARIES), self)
@@ -293,7 +293,7 @@ class Identification:
         yield from self._details()
 
     def _details(self) -> Iterator[Block]:
-        """Blocks behind the answer."""
+        """Blocks after the figures and the equation."""
         if self.own is not None:
             yield from self.own.blocks()
         if self.of_parts is not None:
@@ -301,18 +301,20 @@ class Identification:
 
             yield from tolerance_blocks(self.of_parts)
         averaging = "" if self.elliptic_averaging is None else self.elliptic_averaging.text
-        yield from page.swing_section(self.figures_to_print, self.model_of_figures, self.mass, averaging)
+        yield from page.oscillation_section(
+            self.figures_to_print, self.model_of_figures, self.mass, averaging
+        )
         yield from pictures.record_section(self.record, self.best)
         if self.falls is not None:
             yield Heading("The whole fall")
             if self.falls.best.model is not None:
                 yield from page.equations(self.falls.best.model)
             yield from pictures.falls_section(self.falls)
-        yield Heading("Which law")
+        yield Heading("Choice of the law")
         yield Text(self.verdict_on_laws)
         yield from pictures.comparison_section(self.comparison)
         if self.left_out:
-            yield Text("Laws that cannot win were not fitted:")
+            yield Text("Laws that were not fitted:")
             yield Items([f"{page.capitalise(words)}." for words in self.left_out])
         if self.lift is not None:
             yield from pictures.higher_lift_section(self.lift, self.comparison)
@@ -326,7 +328,7 @@ class Identification:
         if self.run is not None:
             yield from pictures.run_sections(self.run, self.figure(FREQUENCY))
         yield from page.source_section(self.record.source)
-        yield Heading("What it took")
+        yield Heading("Computing time")
         yield Table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
 
     def save(self, out: str | Path) -> None:
@@ -337,7 +339,7 @@ class Identification:
         self.best.save(out / "model.json")
         write_text(out / "equations.txt", self.best.text)
         for index, model in enumerate(self.models):
-            # The name of a law that was given as an equation is no file name.
+            # A law given as an equation has its text as a name, which cannot be a file name.
             name = model.law.name if model.law.name in LAWS else f"own-{index + 1}"
             model.save(out / "models" / f"{name}.json")
         if self.falls is not None and self.falls.best.model is not None:
@@ -347,13 +349,13 @@ class Identification:
 
 
 def higher_lift_verdict(table: Comparison) -> str:
-    """Return the law that predicts the last held-out record best, and by how much."""
+    """Return a sentence on the law that best predicts the last held-out record."""
     (best, name), *others = table.ranking_on_last_record()
     if math.isinf(best.relative):
-        return "No law follows a lift three times as high, which none has seen."
+        return "No law can follow the held-out lift, which is three times as high."
     words = (
-        f"A lift three times as high, which no law has seen, is predicted best by {name}, to "
-        f"{100 * best.relative:.2g} % of its rms swing"
+        f"The held-out lift, three times as high, is predicted best by {name}, with an error of "
+        f"{100 * best.relative:.2g} % of its rms displacement"
     )
     if others:
         worse = [

@@ -1,4 +1,4 @@
-"""Further runs of a scene: step error and scatter of its figures, another lift, other falls."""
+"""Further runs of a scene: step error and spread of its figures, another lift, other falls."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from reduced_models.fitting.parameter import given_line_parameters
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.identification.candidate_laws import LIKELY
 from reduced_models.identification.comparison_table import DerivedFigures
-from reduced_models.identification.measured_swing import MeasuredSwing, quantities_at_amplitudes
+from reduced_models.identification.measured_oscillation import MeasuredOscillation, quantities_at_amplitudes
 from reduced_models.laws.catalogue import law_named
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import swing_quantities
@@ -42,36 +42,35 @@ if TYPE_CHECKING:
     from granular.studies.tolerances import Part
 
 CHECK_SEEDS = 2
-"""Further random starts of the bed that are run to see the scatter."""
+"""Number of further random packings for the spread."""
 LIFT_TIMES = 3.0
-"""Height of a lift that no law sees, over that of the scene: far enough that a law's shape counts.
-"""
+"""Height of the held-out lift relative to the scene's, large enough to distinguish laws."""
 DROPS = (0.4, 0.6, 1.4, 1.8)
-"""Heights, over that of the scene's drop, from which the piston falls instead."""
+"""Heights of the other drops relative to the scene's."""
 PERIODS = 10.0
-"""Periods of the small swing for which falls are followed: by then they have died out, or swing small."""
+"""Duration of falls in periods of small oscillations, after which the motion has decayed or is small."""
 FEWEST = 100
-"""Samples of a fall."""
+"""Number of samples of a fall."""
 STARTS = 8
-"""Starts of each fit: a fall is without noise, few starts find it, and the scene says where to begin."""
+"""Starts of each fit: few suffice, since falls have no noise and the scene gives start values."""
 TITLE = "checks of step, random starts, lift and falls"
-_STILL = 0.05  # of the drop: what falls less far is a nudge
+_MINIMUM_FALL = 0.05  # relative to the height after it; a shorter motion does not count as a fall
 
 
 class RunCheck(NamedTuple):
     """A further run of a scene."""
 
-    what: str
+    label: str
     changes: Mapping[str, Any]
-    factor: float = 0.0  # of another time step: error of the step used, over the change by the other one
+    factor: float = 0.0  # for another time step: error of the step used over the change by the other step
 
 
 class CheckOutcomes(NamedTuple):
-    """Records of further runs of a scene, and laws judged on its falls."""
+    """Records of further runs of a scene, and scores of laws on its falls."""
 
     step_check: RunCheck | None
-    derived: DerivedFigures | None  # without a run by another step
-    runs: tuple[tuple[str, PistonRecord | None], ...]  # by another step, then from other starts
+    derived: DerivedFigures | None  # replaces a run with another step
+    runs: tuple[tuple[str, PistonRecord | None], ...]  # with another step, then from other packings
     lift: PistonRecord | None
     falls: DropScores | None
     failures: tuple[str, ...]
@@ -79,9 +78,9 @@ class CheckOutcomes(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class RecordsOfRest:
-    """Records of a further run: a bed that has come to rest is released from its equilibrium.
+    """Records of a further run in which a settled bed is released from its equilibrium.
 
-    The stages of the release are plain data, as of a scene.
+    The stages of the release are plain data, as in a scene.
     """
 
     release: tuple[Mapping[str, Any], ...]
@@ -102,7 +101,7 @@ class RecordsOfRest:
 
 
 def release_from(rest: Equilibrium, stages: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
-    """Return the changes of a scene that begin its run at an equilibrium."""
+    """Return the changes of a scene that start its run at an equilibrium."""
     return {
         "arrangement.positions": rest.positions.tolist(),
         "piston.height": rest.piston_height,
@@ -111,7 +110,7 @@ def release_from(rest: Equilibrium, stages: tuple[Mapping[str, Any], ...]) -> di
 
 
 def is_rest(scene: Scene, index: int) -> bool:
-    """Return whether a stage leaves the piston free until it rests."""
+    """Return whether a stage leaves the piston free until it comes to rest."""
     from granular.protocol.stages import Free
 
     stage = scene.protocol[index]
@@ -119,7 +118,7 @@ def is_rest(scene: Scene, index: int) -> bool:
 
 
 def release_stages(scene: Scene) -> tuple[Mapping[str, Any], ...]:
-    """Stages behind the rest that a scene begins with, as plain data; none where a run decides the rest."""
+    """Stages after the scene's initial rest, as plain data; empty if the rest must be simulated."""
     from granular.linear.bed_forces import has_dry_friction
 
     moves = {"host", "shaking", "bath"} & {effect.key for effect in scene.effects.acting}
@@ -132,7 +131,7 @@ def release_stages(scene: Scene) -> tuple[Mapping[str, Any], ...]:
 
 
 def rest_of(run: Trajectory) -> Equilibrium:
-    """Equilibrium next to the end of a run's first stage."""
+    """Equilibrium nearest to the end of a run's first stage."""
     from granular.linear.equilibrium import equilibrium_from
     from granular.run.trajectory import frame_heights
 
@@ -145,42 +144,42 @@ def rest_of(run: Trajectory) -> Equilibrium:
 def read_parts_of_source(
     source: Scene | Plan | Trajectory | PistonRecord, parts: Mapping[str, str | float]
 ) -> tuple[Part, ...]:
-    """Read the tolerances of parts of a scene, or of a run's, that begins with a rest."""
+    """Read tolerances of the parts of a scene, or of a run's scene, that begins with a rest stage."""
     from granular.linear.bed_forces import check_free_piston
     from granular.studies.tolerances import read_parts
 
     if isinstance(source, PistonRecord):
-        raise InputError("a record has no parts whose tolerances could be followed; give a scene or a run")
+        raise InputError("a record has no parts with tolerances; give a scene or a run")
     given: Any = source
     scene: Scene = getattr(given, "scene", given)
     check_free_piston(scene)
     if not is_rest(scene, 0):
         raise InputError(
-            f"the scene {scene.name!r} does not begin with a rest about which its parts could be moved; give "
-            "its first stage until = 'rest', or use the command tolerances"
+            f"the scene {scene.name!r} does not begin with a rest stage, which tolerances of parts need; "
+            "give its first stage until = 'rest', or use the command tolerances"
         )
     return read_parts(scene, parts)
 
 
 def friction_of(run: Trajectory) -> MotionFriction | None:
-    """Dry friction along the piston's motion, by the bed at its first rest; None if nothing tells it."""
+    """Dry friction along the piston's motion, from the bed at its first rest; None if unknown."""
     from granular.linear.friction import has_friction, motion_friction
 
     if not has_friction(run.scene) or not is_rest(run.scene, 0):
         return None
     try:
         return motion_friction(rest_of(run))
-    except GranularError:  # no equilibrium is near, or the piston does not oscillate
+    except GranularError:  # no equilibrium nearby, or no oscillation of the piston
         return None
 
 
 def derive_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:
-    """Derive the figures of a bed's small motions, and the error of the run's time step in them."""
+    """Derive the figures of a bed's small oscillations, and their error by the run's time step."""
     from granular.linear import piston_roots, root_of_steps
 
     exact = piston_roots(rest)[0]
     errors = None
-    with contextlib.suppress(InputError):  # steps of varying length have no root
+    with contextlib.suppress(InputError):  # variable steps have no discrete root
         root = root_of_steps(rest, exact, run.settings()["longest_step"], run.method)
         ratio = -root.real / abs(root)
         of_damping = ratio / exact.damping_ratio - 1.0 if exact.damping_ratio > 0.0 else 0.0
@@ -190,14 +189,14 @@ def derive_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:
 
 
 def compile_fits_ahead(background: BackgroundCaseRunner, scene: Scene, starts: int) -> None:
-    """Compile the likely fits while this process compiles the simulation, for which all runs wait."""
+    """Compile the likely fits in parallel with the simulation, for which all runs wait."""
     falls = FALL_LAWS if begins_with_fall(scene) else ()
     for name, count in [*((name, starts) for name in LIKELY), *((name, STARTS) for name in falls)]:
         background.submit_call(compile_fit_ahead, law_named(name), count)
 
 
 class SceneChecks:
-    """Checks of a scene's run, begun before it and computed beside it."""
+    """Checks of a scene's run, started before it and computed in parallel."""
 
     def __init__(
         self, background: BackgroundCaseRunner, scene: Scene, settings: Mapping[str, Any], lift: bool
@@ -212,7 +211,7 @@ class SceneChecks:
 
     def _start_lift(self, begin: Mapping[str, Any]) -> list[tuple[RunCheck, BackgroundCase]]:
         check = self._higher_lift
-        return [] if check is None else self._start_runs([RunCheck(check.what, {**begin, **check.changes})])
+        return [] if check is None else self._start_runs([RunCheck(check.label, {**begin, **check.changes})])
 
     def _start_runs(self, checks: Sequence[RunCheck]) -> list[tuple[RunCheck, BackgroundCase]]:
         cases = [check.changes for check in checks]
@@ -220,7 +219,7 @@ class SceneChecks:
         return list(zip(checks, started, strict=True))
 
     def _derive_figures(self, run: Trajectory) -> tuple[DerivedFigures | None, list[str]]:
-        """Derive the figures of the bed at rest, and start the other lift from there."""
+        """Derive the figures of the bed at equilibrium, and start the other lift from there."""
         begin, derived, failures = {}, None, []
         if self._release:
             try:
@@ -233,11 +232,11 @@ class SceneChecks:
         return derived, failures
 
     def begin_fall_fits(self, run: Trajectory) -> None:
-        """Begin to fit laws of the whole fall to the one of the run."""
+        """Start the fits of laws of the whole fall to the run's fall."""
         self._fall = first_fall(run)
         if self._fall is not None:
             fits = [(law, self._fall, self._scene, STARTS) for law in FALL_LAWS]
-            # The caller makes the others; a process takes its calls before it comes to them.
+            # A background process finishes these calls before the caller starts the other falls.
             half = len(fits) // 2
             self._fall_fits = [
                 self._background.submit_call(fit_law_to_fall, *args, in_caller=k >= half)
@@ -245,7 +244,7 @@ class SceneChecks:
             ]
 
     def wait_for_outcomes(self, run: Trajectory, progress: bool) -> CheckOutcomes:
-        """Run what depends on the scene's own run, wait for all, and score the laws of its fall."""
+        """Start the checks that depend on the scene's run, wait for all, and score the laws of its fall."""
         derived, failures = self._derive_figures(run)
         step_check = choose_step_check(run) if derived is None or derived.step_errors is None else None
         other = [] if step_check is None else self._start_runs([step_check])
@@ -263,7 +262,7 @@ class SceneChecks:
                 every.append({name: PistonRecord.from_columns(values) for name, values in columns})
             except RecordError as cause:
                 every.append({})
-                failures.append(_failure_text(check.what, str(cause)))
+                failures.append(_failure_text(check.label, str(cause)))
         motions = iter(every)
         changed, starts, lifts, others = (
             [next(motions) for _ in group] for group in (other, self._starts, self._lift, drops)
@@ -272,12 +271,14 @@ class SceneChecks:
         if fall is not None:
             duration = float(fall.time[-1] - fall.time[0])
             unseen = {
-                check.what: motion[RECORD] for (check, _), motion in zip(drops, others, strict=True) if motion
+                check.label: motion[RECORD]
+                for (check, _), motion in zip(drops, others, strict=True)
+                if motion
             }
             for (check, _), motion in zip(self._starts, starts, strict=True):
                 if motion:
                     again = motion.get(FALL, motion[RECORD])
-                    unseen[check.what.removeprefix("random ")] = _cut_to_duration(again, duration)
+                    unseen[check.label.removeprefix("random ")] = _cut_to_duration(again, duration)
             try:
                 scores = score_fitted_laws(fall, fits, unseen, _height_after_fall(run))
             except InputError as cause:
@@ -286,7 +287,7 @@ class SceneChecks:
             step_check=step_check,
             derived=derived,
             runs=tuple(
-                (check.what, motion.get(RECORD))
+                (check.label, motion.get(RECORD))
                 for (check, _), motion in zip([*other, *self._starts], [*changed, *starts], strict=True)
             ),
             lift=next((motion[RECORD] for motion in lifts if motion), None),
@@ -295,20 +296,22 @@ class SceneChecks:
         )
 
 
-def _failure_text(what: str, cause: str) -> str:
-    return f"the check with {what} failed: {cause}"
+def _failure_text(label: str, cause: str) -> str:
+    return f"the check with {label} failed: {cause}"
 
 
 def add_check_errors(
     figures: Sequence[QuantityWithError],
-    measured: MeasuredSwing | None,
+    measured: MeasuredOscillation | None,
     model: ReducedModel,
     mass: float | None,
     duration: float,
     outcomes: CheckOutcomes,
-) -> tuple[tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], MeasuredSwing | None, list[str]]:
-    """Return figures, parameters and own swing with errors of step and start, as far as there are runs."""
-    # By the same law over the same duration [s], so that what differs is the run.
+) -> tuple[
+    tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], MeasuredOscillation | None, list[str]
+]:
+    """Add errors of step and start, if runs give them, to figures, parameters and measured oscillation."""
+    # The same law over the same duration [s], so that only the run differs.
     check, derived = outcomes.step_check, outcomes.derived
     every = (*figures, *model.parameter_quantities())
     refitted: list[Sequence[QuantityWithError] | None] = []
@@ -349,7 +352,7 @@ def _cut_to_duration(record: PistonRecord, duration: float) -> PistonRecord:
 def _quantities_by_law(
     record: PistonRecord, model: ReducedModel, mass: float | None, reference: Sequence[QuantityWithError]
 ) -> tuple[QuantityWithError, ...]:
-    """Figures of a further run's record, by the law of a model."""
+    """Figures of a further run's record, from a fit of the model's law."""
     with warnings.catch_warnings(action="ignore"):
         again = fit(
             record,
@@ -360,15 +363,15 @@ def _quantities_by_law(
         )
     figures = (*swing_quantities(again, mass), *again.parameter_quantities())
     if [figure.symbol for figure in figures] != [figure.symbol for figure in reference]:
-        raise InputError("its fit has no such figures")
+        raise InputError("the fit does not give these figures")
     return figures
 
 
 def choose_step_check(run: Trajectory) -> RunCheck:
-    """Check of a run by twice its time step, or half of it if twice is too coarse."""
+    """Check of a run by twice its time step, or by half of it if twice is too coarse."""
     # Richardson extrapolation (Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, sec.
-    # II.4): half the step changes 1 - 2^-p of the error; of twice the step all of the change is taken, a
-    # bound also for a bed that packs otherwise and follows no order.
+    # II.4): halving the step changes the result by 1 - 2^-p of the error. For twice the step the full change
+    # is taken as the error, a bound also if the bed packs differently and no order holds.
     from granular.run.plan import can_run, multiply_time_step
     from granular.run.work_precision import RESOLVED
 
@@ -381,7 +384,7 @@ def choose_step_check(run: Trajectory) -> RunCheck:
 
 
 def random_start_checks(scene: Scene) -> list[RunCheck]:
-    """Give the checks of a scene from other random starts; beds that come to rest are released from there."""
+    """Make checks from other random packings; beds that settle are released from equilibrium."""
     from granular.linear.equilibrium import COARSE_REST, settling_changes
 
     first = scene.arrangement.seed + 1
@@ -393,7 +396,7 @@ def random_start_checks(scene: Scene) -> list[RunCheck]:
 
 
 def higher_lift_check(scene: Scene) -> RunCheck | None:
-    """Check of a scene with a lift three times as high."""
+    """Check of a scene with a lift three times as high; None unless it has exactly one lift."""
     from granular.protocol.stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
@@ -403,7 +406,7 @@ def higher_lift_check(scene: Scene) -> RunCheck | None:
 
 
 def end_time_of_open_run(run: Trajectory) -> float | None:
-    """End of a run whose last stage has no end of its own [s]."""
+    """End time [s] of a run whose last stage has no end condition; None otherwise."""
     height = 1.0 if run.scene.piston is None else run.scene.piston.height
     if run.scene.protocol[-1].total_duration(height) is not None:
         return None
@@ -411,7 +414,7 @@ def end_time_of_open_run(run: Trajectory) -> float | None:
 
 
 def begins_with_fall(scene: Scene) -> bool:
-    """Return whether a scene's first stage leaves the piston to gravity."""
+    """Return whether the piston falls freely in a scene's first stage."""
     from granular.protocol.stages import Free
 
     falls = scene.piston is not None and scene.effects.gravity is not None
@@ -419,7 +422,7 @@ def begins_with_fall(scene: Scene) -> bool:
 
 
 def first_fall(run: Trajectory) -> PistonRecord | None:
-    """Record of the fall with which a run begins."""
+    """Record of the fall at the start of a run; None without a fall."""
     if not begins_with_fall(run.scene):
         return None
     try:
@@ -431,7 +434,7 @@ def first_fall(run: Trajectory) -> PistonRecord | None:
     start = float(record.time[0])
     record = record.between(start, min(float(record.time[-1]), start + PERIODS * period))
     rest = _height_after_fall(run)
-    falls = record.height[0] - rest > _STILL * rest
+    falls = record.height[0] - rest > _MINIMUM_FALL * rest
     return record if falls and len(record) >= FEWEST else None
 
 
@@ -441,7 +444,7 @@ def _height_after_fall(run: Trajectory) -> float:
 
 
 def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
-    """Give the checks by the fall alone, from other heights that the grains fit under."""
+    """Make checks of the fall alone, from other heights under which the grains fit."""
     scene = run.scene
     assert scene.piston is not None
     first = scene.protocol[0]
@@ -454,7 +457,7 @@ def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
         other = rest + ratio * (height - rest)
         below = None if grid is None else other - (height - grid)
         changes = {**alone, "piston.height": other, "arrangement.height": below}
-        with contextlib.suppress(GranularError):  # a lower piston may leave no space
+        with contextlib.suppress(GranularError):  # grains may not fit under a lower piston
             scene.replace(**changes)
             drops.append(RunCheck(f"from {1e3 * other:.0f} mm", changes))
     return drops

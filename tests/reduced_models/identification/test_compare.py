@@ -1,4 +1,4 @@
-"""Laws ranked on held-out data, with an honest verdict."""
+"""Laws ranked on held-out data, and the verdict on them."""
 
 import dataclasses
 import math
@@ -32,7 +32,7 @@ def test_the_true_law_is_first(made: Any) -> None:
     assert [row.name for row in table.rows] == ["duffing", "polynomial-spring", "linear"]
     assert (best.error, best.records[0].relative, table.noise) == pytest.approx(3 * (0.01,), rel=0.1)
     assert last.error > 0.2
-    for words in ("the data cannot tell polynomial-spring from it", "linear is", "times worse"):
+    for words in ("the data cannot distinguish polynomial-spring from it", "linear is", "times worse"):
         assert words in table.verdict
     (linear,) = (line for line in str(table).splitlines() if "a linear model " in line)
     assert linear.startswith("  a linear model suffices for an error of ")
@@ -50,8 +50,7 @@ def test_the_true_law_is_first(made: Any) -> None:
     assert table.best.parameters["beta"] == pytest.approx(0.8, rel=0.01)
 
 
-def test_a_law_that_cannot_be_fitted_is_listed(made: Any) -> None:
-    """It does not stop the others."""
+def test_a_law_that_cannot_be_fitted_is_listed_with_the_others(made: Any) -> None:
     law = Law("pushed", "z'' + k*z = push", positive=("k",), inputs=("push",))
     table = compare(made("linear"), [law, "linear"], starts=2)
     assert table.rows[0].name == "linear"
@@ -62,12 +61,12 @@ def test_a_law_that_cannot_be_fitted_is_listed(made: Any) -> None:
     assert table.to_dataframe()["failure"][1] == table.rows[1].failure
     with pytest.raises(InputError, match="no law could be fitted"):
         compare(made("linear"), [law])
-    with pytest.raises(InputError, match="name at least one"):
+    with pytest.raises(InputError, match="give one or more laws"):
         compare(made("linear"), [])
 
 
-def test_a_blow_up_is_an_infinite_error(made: Any) -> None:
-    """A spring that softens runs away from a large swing."""
+def test_a_diverging_simulation_has_an_infinite_error(made: Any) -> None:
+    """A softening spring diverges at a large amplitude."""
     model = fit(made("duffing"), "duffing", starts=2)
     softening = dataclasses.replace(model, parameters={**model.parameters, "beta": -0.8})
     found = roll_out(softening, made("duffing"))
@@ -76,15 +75,15 @@ def test_a_blow_up_is_an_infinite_error(made: Any) -> None:
     assert ComparisonRow("softening", (softening,), records=(found,)).divergence_count == 1
 
 
-def test_models_are_compared_by_their_structure(made: Any) -> None:
+def test_a_model_is_fitted_again_with_its_law(made: Any) -> None:
     model = fit(made("linear"), "z'' + 2*d*z' + k*z = g", starts=2)
     table = compare(made("linear", seed=1), [model, "linear"], starts=2)
     assert {row.name for row in table.rows} == {model.law.name, "linear"}
     assert all(row.error == pytest.approx(0.01, rel=0.1) for row in table.rows)
 
 
-def test_roll_out_predicts_from_the_first_period_alone(made: Any) -> None:
-    """What comes later does not move the prediction."""
+def test_a_roll_out_uses_only_the_first_period(made: Any) -> None:
+    """Later samples do not change the prediction."""
     model = fit(made("duffing"), "duffing", starts=2)
     record = made("duffing", seed=3)
     late = record.time > 12.0
@@ -97,12 +96,16 @@ def test_roll_out_predicts_from_the_first_period_alone(made: Any) -> None:
     assert math.isfinite(first.error)
 
 
-def test_the_simplest_within_a_standard_error_is_first(made: Any) -> None:
-    """Eight numbers do not win over three for 1.12 times, unless the swings are surer than that."""
-    models = (fit(made("duffing"), "linear", starts=2),)  # which misses far more than the noise
+def test_the_simplest_law_within_one_standard_error_is_first(made: Any) -> None:
+    """Eight parameters with a 1.12 times smaller error win over three only if its standard error is small."""
+    models = (fit(made("duffing"), "linear", starts=2),)  # its error is far above the noise
     small = ComparisonRow("small", models, 3, error=0.56, standard_error=0.05)
     for sure, first, words in (
-        (0.08, "small", "large (50 %) is no better by more than a standard error for its 5 more parameters"),
+        (
+            0.08,
+            "small",
+            "large (50 %) is not better by more than one standard error despite its 5 more param",
+        ),
         (0.02, "large", "small is 1.12 times worse"),
     ):
         large = ComparisonRow("large", models, 8, error=0.5, standard_error=sure)
@@ -111,8 +114,8 @@ def test_the_simplest_within_a_standard_error_is_first(made: Any) -> None:
         assert words in table.verdict
 
 
-def test_what_exceeds_the_budget_is_left_out_and_named(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The laws before it are fitted; where none is, the error names the option."""
+def test_laws_beyond_the_budget_are_skipped_and_listed(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Earlier laws are fitted; if none could be, the error gives the option."""
     spent, make_row = [0.0], comparison._fit_law_to_row
 
     def make_slowly(*arguments: Any) -> ComparisonRow:
@@ -132,7 +135,7 @@ def test_what_exceeds_the_budget_is_left_out_and_named(made: Any, monkeypatch: p
         identify(made("linear"), laws=laws, options=IdentifyOptions(budget=5.0), progress=False)
 
 
-def test_the_command_compare_keeps_a_budget(
+def test_the_command_compare_respects_the_budget(
     made: Any, command: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     made("linear").to_csv(tmp_path / "lab.csv")
@@ -146,8 +149,8 @@ def test_the_command_compare_keeps_a_budget(
     assert done.stderr == "error: budget = 0.0 s; give a time above 0\n"
 
 
-def resting_early(name: str, seed: int) -> PistonRecord:
-    """A decay that is lost in 1 % of noise at a third of the record."""
+def decaying_early(name: str, seed: int) -> PistonRecord:
+    """Record of a decay that falls below 1 % noise after a third of the record."""
     random = np.random.default_rng([seed, len(name)])
     time, third = np.linspace(0.0, 60.0, 2000), 20.0
     omega, rest = random.uniform(3.0, 6.0), random.uniform(-2.0, 2.0)
@@ -163,9 +166,9 @@ def resting_early(name: str, seed: int) -> PistonRecord:
     return PistonRecord(time, motion.z + random.normal(0.0, 0.01, len(time)))
 
 
-def test_a_decay_that_rests_early_tells_its_law() -> None:
-    # As many samples as other records have: their code is compiled already.
-    table = compare(resting_early("coulomb", 0), ["linear", "coulomb"], starts=2)
+def test_the_law_is_found_from_a_record_that_is_mostly_noise() -> None:
+    # As many samples as other records, for which code is already compiled.
+    table = compare(decaying_early("coulomb", 0), ["linear", "coulomb"], starts=2)
     assert table.rows[0].name == "coulomb"
     (model,) = table.rows[0].models
     assert len(model.quality.test_swings) > 2
@@ -175,16 +178,16 @@ def test_a_decay_that_rests_early_tells_its_law() -> None:
 
 @pytest.mark.long
 def test_the_true_law_is_first_in_most_trials(made: Any) -> None:
-    """Of laws that hold one another in part, at 1 % noise; also where the motion is lost early."""
+    """Among nested laws, at 1 % noise, also if the motion falls below the noise early."""
     laws = ["polynomial-spring", "duffing", "coulomb", "linear"]
     records = [(name, made(name, seed)) for name in laws[1:] for seed in range(5)]
-    records += [(name, resting_early(name, seed)) for name in laws[1:] for seed in range(5)]
+    records += [(name, decaying_early(name, seed)) for name in laws[1:] for seed in range(5)]
     assert sum(compare(record, laws).rows[0].name == name for name, record in records) >= 27
 
 
 @pytest.mark.parametrize("at_noise", [True, False])
-def test_of_equivalent_laws_the_simplest_known_one_is_first(at_noise: bool) -> None:
-    """Information criteria that differ by 1.6 tell nothing, nor does an order in which laws were named."""
+def test_among_equivalent_laws_the_simplest_of_the_package_is_first(at_noise: bool) -> None:
+    """A difference of 1.6 in the information criterion and the order of the arguments do not matter."""
     rows = [
         ComparisonRow("van-der-pol-like", parameters=3, error=0.02, bic=-101.6),
         ComparisonRow("z'' + a*z = 0", parameters=1, error=0.02, bic=-101.0),

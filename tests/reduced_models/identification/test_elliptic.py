@@ -1,4 +1,4 @@
-"""Elliptic motions, the Duffing law that they solve, and two wells that a motion goes over."""
+"""Elliptic motions, the Duffing law that they solve, and motions over two wells."""
 
 import dataclasses
 import functools
@@ -24,8 +24,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
 
-def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
-    time = np.linspace(0.0, 40.0, 2000)  # as in other tests: fits of one shape are compiled once
+def test_an_elliptic_motion_is_recognised_as_a_solution_of_the_duffing_law() -> None:
+    time = np.linspace(0.0, 40.0, 2000)  # as in other tests, since fits of one shape are compiled once
     z = 1.2 * ellipj(1.1 * time, 0.6)[1]
     record = noisy(time, z, 0.01 * z.std())
     found = identify(record, laws=["linear", "duffing"], starts=2, progress=False)
@@ -34,7 +34,7 @@ def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
     assert motion[2:] == pytest.approx((1.2, 1.1, 0.6), rel=0.01)
     assert found.best.law.name == "duffing"
     assert found.best.parameters["k"] == pytest.approx((1.0 - 2.0 * 0.6) * 1.1**2, rel=0.05)
-    assert "one motion" in found.verdict
+    assert "describe the same motion" in found.verdict
     assert found.to_plain()["elliptic"]["m"] == motion.m
     drift = found.elliptic_averaging
     assert drift.amplitudes == pytest.approx((1.2, 1.2), rel=0.02)
@@ -45,7 +45,7 @@ def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
     assert found.to_plain()["averaging"]["critical"] == drift.critical < 0.01
 
 
-def test_a_cosine_is_no_elliptic_motion() -> None:
+def test_a_cosine_is_not_reported_as_an_elliptic_motion() -> None:
     time = np.linspace(0.0, 40.0, 2000)
     record = noisy(time, np.cos(1.1 * time), 0.005)
     found = identify(record, laws=["linear", "duffing"], starts=2, progress=False)
@@ -55,8 +55,8 @@ def test_a_cosine_is_no_elliptic_motion() -> None:
 
 
 @pytest.mark.parametrize(("alpha", "held"), [(0.02, True), (1.0, False)])
-def test_averaging_says_where_it_does_not_hold(alpha: float, held: bool) -> None:
-    """The Van der Pol-like law about z = 1 has a limit cycle of 2, a smooth one or a jerky one."""
+def test_averaging_reports_when_the_damping_is_too_large(alpha: float, held: bool) -> None:
+    """The Van der Pol-like law about z = 1 has a limit cycle of amplitude 2, smooth or with jumps."""
     model = dataclasses.replace(
         load_model(SAVED),
         law=law_named("van-der-pol-like"),
@@ -76,13 +76,13 @@ def test_averaging_says_where_it_does_not_hold(alpha: float, held: bool) -> None
 TIME = np.linspace(0.0, 30.0, 1500)
 AMPLITUDE, RATE, M = 1.2, 1.1, 0.6
 BETA = 2.0 * M * RATE**2 / AMPLITUDE**2
-K = RATE**2 - BETA * AMPLITUDE**2  # below zero: a hump between two wells
+K = RATE**2 - BETA * AMPLITUDE**2  # negative: a barrier between two wells
 WELL = math.sqrt(-K / BETA)
 
 
 @functools.cache
 def fitted(law: str, amplitude: float = AMPLITUDE) -> ReducedModel:
-    """Fit to z = 1.2 cn(1.1 t | 0.6) m, or to a motion within one of the wells."""
+    """Fit to z = 1.2 cn(1.1 t | 0.6) m, or to a motion within one well."""
     if amplitude == AMPLITUDE:
         height = AMPLITUDE * ellipj(RATE * TIME, M)[1]
     else:
@@ -93,7 +93,7 @@ def fitted(law: str, amplitude: float = AMPLITUDE) -> ReducedModel:
 
 
 @pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])
-def test_the_wells_and_their_frequencies(law: str) -> None:
+def test_positions_and_frequencies_of_two_wells(law: str) -> None:
     found = {item.name: item for item in well_quantities(fitted(law))}
     truth = {
         "lower well": -1e3 * WELL,
@@ -113,7 +113,7 @@ def test_the_wells_and_their_frequencies(law: str) -> None:
     assert len(lines) == len(truth) + 1
 
 
-def test_a_motion_in_one_well_or_with_one_equilibrium_has_no_two() -> None:
+def test_a_motion_in_one_well_or_with_one_equilibrium_gives_no_well_figures() -> None:
     assert well_quantities(fitted("duffing", 0.6)) == ()
     time = np.linspace(0.0, 2.0, 500)
     swing = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
@@ -121,7 +121,7 @@ def test_a_motion_in_one_well_or_with_one_equilibrium_has_no_two() -> None:
 
 
 @pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])
-def test_a_cubic_law_names_its_closed_form(law: str) -> None:
+def test_a_cubic_law_reports_its_closed_form(law: str) -> None:
     model = fitted(law)
     solved = solve_elliptic_motion(model, 30.0)
     motion = solved.motion
@@ -131,6 +131,6 @@ def test_a_cubic_law_names_its_closed_form(law: str) -> None:
     assert "z(t) = 1.2 cn(1.1 t + phase | " in solved.text
 
 
-def test_a_motion_within_a_well_is_a_dn() -> None:
+def test_a_motion_within_one_well_is_a_dn_function() -> None:
     solved = solve_elliptic_motion(fitted("duffing", 0.6), 30.0)
     assert solved.motion.function == "dn"

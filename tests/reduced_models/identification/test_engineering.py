@@ -1,4 +1,4 @@
-"""A law in an engineer's words: textbook numbers, and digits that follow the intervals."""
+"""Engineering figures of a law: textbook numbers, error parts, digits, and residual tests."""
 
 import dataclasses
 import math
@@ -18,7 +18,7 @@ from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
     residual_tests,
 )
-from reduced_models.identification.measured_swing import measure_swing
+from reduced_models.identification.measured_oscillation import measure_oscillation
 from reduced_models.laws.law import law_from_text
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.printed_model import swing_quantities
@@ -36,7 +36,7 @@ SAVED = Path(__file__).parents[2] / "data" / "model.json"
 INTERVALS = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153)}
 
 
-def test_a_textbook_oscillator() -> None:
+def test_figures_of_a_textbook_oscillator() -> None:
     """7.5 kg, 3000 N/m, 30 N s/m: omega = 20 rad/s, ratio = 0.1."""
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, INTERVALS | {"damping_ratio": (0.09, 0.11)})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
@@ -63,7 +63,7 @@ def test_a_textbook_oscillator() -> None:
     assert swing_quantities(dataclasses.replace(model, at_rest=None), None) == ()
 
 
-def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
+def test_dry_friction_is_a_force_and_its_damping_ratios_have_amplitudes() -> None:
     others = {"tenth_ratio": (0.12, 0.14), "friction": (0.12, 0.13)}
     equivalent = EquivalentDamping(0.005, 0.13, 0.125, others, own=True)
     intervals = INTERVALS | {"damping_ratio": (0.025, 0.027)}
@@ -82,7 +82,7 @@ def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
 
 
 def test_parts_of_an_error_add_up_in_quadrature() -> None:
-    """A calibration that is half of the interval, a step and three starts."""
+    """Parts: a calibration of half the interval, a step, and three starts."""
     intervals = INTERVALS | {"damping_ratio": (0.09, 0.11)}
     rest = AtRest(0.0591, 0.31415, 0.1, intervals, calibration={"height": 0.0001})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
@@ -104,26 +104,26 @@ def test_parts_of_an_error_add_up_in_quadrature() -> None:
     assert level.to_plain()["parts"]["step"] is None
 
 
-def test_the_record_s_own_peaks_overrule_a_damping_ratio() -> None:
-    """Whatever law it comes from: 3 % in the record, 10 % at rest by the law."""
+def test_a_damping_ratio_contradicted_by_the_peaks_of_the_record_is_not_shown() -> None:
+    """For example 3 % in the record and 10 % at equilibrium by the law."""
     time = np.linspace(0.0, 3.0, 2000)
-    swing = np.exp(-0.6 * time) * np.cos(20.0 * time) + 1e-3 * np.sin(317.0 * time)
-    seen = envelope(PistonRecord(time, 0.0591 + 1.2e-3 * swing)).peak_damping
+    decay = np.exp(-0.6 * time) * np.cos(20.0 * time) + 1e-3 * np.sin(317.0 * time)
+    seen = envelope(PistonRecord(time, 0.0591 + 1.2e-3 * decay)).peak_damping
     assert seen.mean == pytest.approx(0.03, rel=0.02)
-    for ratio, stands in ((0.1, False), (10.0, False), (-0.03, False), (0.028, True), (0.05, True)):
+    for ratio, consistent in ((0.1, False), (10.0, False), (-0.03, False), (0.028, True), (0.05, True)):
         intervals = INTERVALS | {"damping_ratio": (ratio - 1e-3, ratio + 1e-3)}
         peaks = seen if seen.contradicts(ratio) else None
-        assert (peaks is None) == stands
+        assert (peaks is None) == consistent
         rest = AtRest(0.0591, 2.0 * math.pi / 20.0, ratio, intervals, peaks=peaks)
-        assert ("record's peaks" in str(rest)) == (not stands)
+        assert ("record's peaks" in str(rest)) == (not consistent)
         model = dataclasses.replace(load_model(SAVED), at_rest=rest)
         known = {one.name: one for one in swing_quantities(model, 8.0)}
-        assert ("damping ratio" in known, "damping" in known) == (stands, stands)
-        assert ("quality factor" in known) == stands
+        assert ("damping ratio" in known, "damping" in known) == (consistent, consistent)
+        assert ("quality factor" in known) == consistent
 
 
-def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) -> None:
-    """In the table, on the page and in the plain data: no figure of swings that none saw."""
+def test_damping_by_friction_is_reported_at_measured_amplitudes(made: Callable[..., PistonRecord]) -> None:
+    """In print-out, report and plain data; no figures at amplitudes outside the record."""
     found = identify(made("coulomb"), laws=["coulomb"], starts=2, progress=False)
     own = {size: found.own.figures[2 * place + 1].value for place, size in enumerate(found.own.amplitudes)}
     friction, omega = (
@@ -134,18 +134,16 @@ def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) ->
         assert ratio == pytest.approx(200.0 * friction / (math.pi * omega**2 * amplitude), rel=0.1)
     assert found.own.law_agrees
     assert not any(one.name.startswith("damping ratio") for one in found.figures_to_print)
-    for told in (str(found), found.printout()):
-        assert "damping ratio" in told.lower()
-        assert "friction" in told
-        assert "1000" not in told
+    for text in (str(found), found.printout()):
+        assert "damping ratio" in text.lower()
+        assert "friction" in text
+        assert "1000" not in text
     assert found.to_plain()["figures"]["friction"]["value"] == pytest.approx(friction, rel=0.01)
     assert "of critical at " in str(found)
 
 
-def test_a_law_that_contradicts_the_record_is_said_to_before_anything_else(
-    made: Callable[..., PistonRecord],
-) -> None:
-    """A dashpot for dry friction: its damping ratio is one, the record's grows as the swing shrinks."""
+def test_the_first_caution_is_that_the_law_contradicts_the_record(made: Callable[..., PistonRecord]) -> None:
+    """A dashpot fitted to dry friction: the record's damping ratio grows with decreasing amplitude."""
     found = identify(made("coulomb"), laws=["linear"], starts=2, progress=False)
     assert not found.own.law_agrees
     words = "the law, linear, contradicts the record: at "
@@ -155,8 +153,8 @@ def test_a_law_that_contradicts_the_record_is_said_to_before_anything_else(
     assert found.to_plain()["own"]["agrees"] is False
 
 
-def test_the_own_swing_of_a_driven_record() -> None:
-    """By its restoring force, with the gain of the drive that the law has."""
+def test_frequency_and_damping_are_measured_from_a_driven_record() -> None:
+    """From its restoring force, with the law's gain of the drive."""
     time = np.linspace(0.0, 10.0, 2001)
 
     def push(t: Any) -> Any:
@@ -169,7 +167,7 @@ def test_the_own_swing_of_a_driven_record() -> None:
         parameters={"c": 1.6, "k": 400.0, "b": 0.5},
         initial=(0.0, 0.0),
     )
-    found = measure_swing(noisy(time, swing, 1e-7, extra={"push": push(time)}), model)
+    found = measure_oscillation(noisy(time, swing, 1e-7, extra={"push": push(time)}), model)
     assert found.record.method == "restoring force"
     assert found.law_agrees
     frequency, damping = found.quantities_at(0)
@@ -192,7 +190,7 @@ def test_the_own_swing_of_a_driven_record() -> None:
         (5.0, -math.inf, math.inf, "5.000"),
     ],
 )
-def test_digits_follow_the_interval(value: float, low: float, high: float, text: str) -> None:
+def test_printed_digits_follow_the_interval(value: float, low: float, high: float, text: str) -> None:
     assert format_fixed(value, decimal_places_of_interval(value, low, high)) == text
     assert low <= float(text) <= high
 
@@ -207,7 +205,9 @@ def test_digits_follow_the_interval(value: float, low: float, high: float, text:
         (12004.0, 12696.0, -1, "12000 to 12700"),
     ],
 )
-def test_a_printed_interval_holds_the_whole(low: float, high: float, digits: int, text: str) -> None:
+def test_a_printed_interval_contains_the_full_interval(
+    low: float, high: float, digits: int, text: str
+) -> None:
     assert format_interval(low, high, digits) == text
 
 
@@ -221,10 +221,10 @@ def test_a_printed_interval_holds_the_whole(low: float, high: float, digits: int
         (lambda t: 1e-5 * np.cos(2.0 * t), "not white"),
     ],
 )
-def test_structure_is_called_wrong_though_it_is_small(
+def test_small_structured_residuals_are_reported_as_a_wrong_law(
     error: Callable[[np.ndarray], np.ndarray], words: str, textbook: ReducedModel
 ) -> None:
-    """One per cent of the swing at the right places."""
+    """One per cent of the amplitude, at the oscillation frequency or twice it."""
     swing = damped_cosine(LONG_TIME, 1.2e-3, 0.05, 21.0)
     moved_record = PistonRecord(LONG_TIME, 0.059 + swing + error(LONG_TIME))
     followed = textbook.simulate_record(moved_record).height
@@ -240,13 +240,13 @@ LONG_TIME = np.linspace(0.0, 6.0, 2000)
 
 @pytest.fixture(scope="module")
 def textbook() -> ReducedModel:
-    """Fit of a swing without noise."""
+    """Fit of a decay without noise."""
     swing = damped_cosine(LONG_TIME, 1.2e-3, 0.05, 21.0)
     return fit(PistonRecord(LONG_TIME, 0.059 + swing), "linear", starts=2)
 
 
-def test_what_a_release_stirs_up_is_told_from_a_wrong_law() -> None:
-    """A fast wave that fades within a tenth of a second, and a misfit that fades with the swing."""
+def test_a_release_transient_is_distinguished_from_a_wrong_law() -> None:
+    """The transient decays within a tenth of a second, the misfit together with the oscillation."""
     time = np.linspace(0.0, 4.0, 2001)
     noise = np.random.default_rng(0).normal(0.0, 1e-8, len(time))
     wave = 1e-5 * np.exp(-time / 0.015) * np.cos(300.0 * time)
@@ -256,14 +256,14 @@ def test_what_a_release_stirs_up_is_told_from_a_wrong_law() -> None:
     misfit = 1e-5 * np.exp(-0.8 * time) * np.cos(21.6 * time)
     assert count_release_transient_samples(time, misfit + noise, 0.29) == 0
     assert count_release_transient_samples(time, noise, 0.29) == 0
-    assert count_release_transient_samples(time[:300], wave[:300], 0.29) == 0  # two periods tell nothing
+    assert count_release_transient_samples(time[:300], wave[:300], 0.29) == 0  # two periods are too few
 
 
 @pytest.mark.parametrize(
     ("after", "words"),
     [(2e-4, "so the law holds there"), (2e-3, "wrong: the residual oscillates"), (1e-6, "rounding")],
 )
-def test_a_verdict_names_the_release(after: float, words: str) -> None:
+def test_the_verdict_excludes_the_release_transient(after: float, words: str) -> None:
     tests = ResidualTests(1e-6, 0.01, 0.0, 0.0, 10.0, 1.0, transient=0.05, after=after)
     assert tests.verdict.startswith(f"after the first 50 ms from release {100 * after:.2g} %")
     assert words in tests.verdict

@@ -1,4 +1,4 @@
-"""The way from a scene, a run or a CSV file to a report."""
+"""Identification from a scene, a run or a CSV file to the report."""
 
 import dataclasses
 import hashlib
@@ -28,7 +28,7 @@ UNCHECKED = IdentifyOptions(checks=False)
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    time = np.linspace(0.0, 2.0, 2000)  # as in other tests: fits of one shape are compiled once
+    time = np.linspace(0.0, 2.0, 2000)  # as in other tests, since fits of one shape are compiled once
     path = tmp_path_factory.mktemp("lab") / "lab.csv"
     noisy(time, 0.059 + damped_cosine(time, 0.0012), 3e-6, 3).to_csv(path)
     return path
@@ -38,13 +38,13 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def spring(
     made: Callable[..., PistonRecord], tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Identification, Path]:
-    """Identification of a record that few laws may describe, and the directory that holds it."""
+    """Identification of a record that few laws can describe, and its directory."""
     out = tmp_path_factory.mktemp("spring")
     made("duffing").to_csv(out / "lab.csv")
     return identify(out / "lab.csv", out, starts=2, progress=False), out
 
 
-def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> None:
+def test_a_csv_file_is_identified_by_command(command: Callable, lab: Path, tmp_path: Path) -> None:
     words = ("--law", "linear", "--starts", "2", "-o", str(tmp_path / "out"), "--quiet")
     done = command("reduced_models", "identify", str(lab), *words)
     assert done.returncode == 0, done.stderr
@@ -57,11 +57,11 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
     assert np.array_equal(back.height, PistonRecord.from_csv(lab).height)
 
 
-def test_a_spring_by_the_laws_that_may_be_its(spring: tuple[Identification, Path]) -> None:
+def test_a_nonlinear_spring_is_identified_by_the_default_laws(spring: tuple[Identification, Path]) -> None:
     found, out = spring
     assert found.best.law.name == "duffing"
     assert {row.name for row in found.comparison.rows} == {"linear", "polynomial-spring", "duffing"}
-    assert "the data cannot tell polynomial-spring from it" in found.verdict
+    assert "the data cannot distinguish polynomial-spring from it" in found.verdict
     for name in ("coulomb", "quadratic-drag"):
         assert any(f"{name} was not fitted" in words for words in found.left_out)
     assert found.residuals["duffing"].verdict == "noise"
@@ -85,7 +85,7 @@ def test_a_spring_by_the_laws_that_may_be_its(spring: tuple[Identification, Path
 
 
 def fits_a_screen(found: Identification, words: str) -> None:
-    """At most twenty-four lines of a hundred columns, before that of the report."""
+    """Assert at most 24 lines of 100 columns above the line with the report's path."""
     text = found.printout()
     lines = text.splitlines()
     assert len(lines) <= 24
@@ -104,8 +104,10 @@ def fits_a_screen(found: Identification, words: str) -> None:
         assert f"{parameter.name} {parameter.text_with_error}" in " ".join(text.split())
 
 
-@pytest.mark.long  # quick: from a run, one law of a file by command, a check that fails, falls
-def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.long  # quick tests cover a run, one law of a file by command, a failed check, and falls
+def test_a_scene_is_identified_with_all_checks(
+    small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(scene_checks, "FALL_LAWS", ("power-law-spring", "linear"))  # quick to compile
     scene = small_damper.replace(
         **{
@@ -118,7 +120,7 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch
         found = identify(scene, tmp_path / "out", options=IdentifyOptions(executor=here), progress=False)
     assert (tmp_path / "out" / "run" / "checkpoint.npz").is_file()
     page = (tmp_path / "out" / "report.html").read_text()
-    for words in ("The bed before and after", "Energy ledger", "Settings", "What it took"):
+    for words in ("The bed before and after", "Energy ledger", "Settings", "Computing time"):
         assert words in page
     for figure in (*found.figures, *found.own.figures):
         assert np.isfinite(figure.value)
@@ -128,13 +130,13 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch
     assert "linear" in {model.law.name for model in found.models}
     assert found.lift is not None
     assert all(len(row.records) == 1 for row in found.comparison.rows if not row.failure)
-    assert "which no law has seen, is predicted best by" in found.verdict
-    assert "A lift that no law has seen" in page
+    assert "The held-out lift, three times as high, is predicted best by" in found.verdict
+    assert "A held-out higher lift" in page
     assert found.falls.labels[-2:] == ("start 2", "start 3")
     assert len(found.falls.labels) >= 4  # grains may not fit under a lower piston
     assert found.falls.verdict in page
     fits_a_screen(found, "whole fall from ")
-    assert "Falls that no law has seen are predicted best by" in found.verdict
+    assert "Held-out falls are predicted best by" in found.verdict
     assert (tmp_path / "out" / "fall.json").is_file()
     assert found.mass == scene.piston.mass
     assert any(one.unit == "N/m" for one in found.figures)
@@ -145,14 +147,14 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch
 
 @pytest.fixture(scope="module")
 def run(small_damper: Scene, tmp_path_factory: pytest.TempPathFactory) -> Trajectory:
-    """A short run with twice the automatic step, in a directory."""
+    """A short saved run with twice the automatic step."""
     scene = small_damper.replace(
         **{"protocol.drop.until": None, "protocol.drop.duration": 0.3, "protocol.release.duration": 1.0}
     )
     return simulate(scene, "auto*2", out=tmp_path_factory.mktemp("run") / "run", progress=False)
 
 
-def test_from_run(run: Trajectory) -> None:
+def test_a_run_is_identified(run: Trajectory) -> None:
     found = identify(run.path, laws=["linear"], starts=2, options=UNCHECKED, progress=False)
     assert np.array_equal(found.record.height, run.piston().height)
     assert "auto*2: " in str(found)
@@ -168,7 +170,7 @@ def test_from_run(run: Trajectory) -> None:
         ("auto*8", 0.1, "auto*4", 4 / 3),
     ],
 )
-def test_the_step_is_doubled_where_that_resolves_the_motion(
+def test_the_step_check_doubles_the_step_if_that_resolves_the_motion(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch, dt: Any, phase: float, other: Any, factor: float
 ) -> None:
     settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
@@ -178,8 +180,8 @@ def test_the_step_is_doubled_where_that_resolves_the_motion(
     assert check.factor == pytest.approx(factor)
 
 
-class Told(Future[Any]):
-    """A future that does something before it tells its result."""
+class CallbackFuture(Future[Any]):
+    """A future that calls a function before it returns its result."""
 
     def __init__(self, before: Callable[[], None]) -> None:
         super().__init__()
@@ -190,8 +192,8 @@ class Told(Future[Any]):
         return super().result(timeout)
 
 
-class MadeUp(Executor):
-    """Answers each case with an outcome that is made up beforehand, and keeps what was asked."""
+class FakeExecutor(Executor):
+    """Returns prepared outcomes and stores the submitted cases."""
 
     def __init__(self, *outcomes: PistonRecord | str, before: Callable[[], None] = list) -> None:
         self.outcomes, self.before = list(outcomes), before
@@ -200,7 +202,7 @@ class MadeUp(Executor):
     def submit(self, _: Callable[..., Any], case: Case, *__: Any) -> Future[Any]:
         one = self.outcomes[len(self.asked)]
         self.asked.append(case)
-        future = Told(self.before)
+        future = CallbackFuture(self.before)
         if isinstance(one, str):
             future.set_result(CaseOutcome(error=one))
         else:
@@ -209,13 +211,13 @@ class MadeUp(Executor):
         return future
 
 
-def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
+def test_checks_use_the_step_of_the_run_and_the_law_of_the_figures(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     time = np.linspace(0.0, 1.0, 2000)
     swing = PistonRecord(time, 0.02 + damped_cosine(time, 1e-3, 2.0, 40.0))
     monkeypatch.setattr(Trajectory, "piston", lambda _: swing)
-    made_up = MadeUp(*(PistonRecord(time / faster, swing.height) for faster in (1.01, 0.99, 1.03)))
+    made_up = FakeExecutor(*(PistonRecord(time / faster, swing.height) for faster in (1.01, 0.99, 1.03)))
     options = IdentifyOptions(executor=made_up)
     found = identify(run.path, laws=["linear"], starts=2, options=options, progress=False)
     assert [case.settings["dt"] for case in made_up.asked] == ["auto*2", "auto*2", "auto*4"]
@@ -224,19 +226,19 @@ def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
     assert seeds == [run.scene.arrangement.seed + more for more in (1, 2, 0)]
     assert found.figures_law == "linear"
     for figure in (found.figure("natural frequency"), found.own.figures[0]):
-        # All of what twice the step changes.
+        # The full change by twice the step.
         assert figure.parts["step"] == pytest.approx(0.03 * figure.value, rel=1e-3)
         # Student's factor for three starts.
         assert figure.parts["start"] == pytest.approx(4.303 * 0.01 * figure.value, rel=0.02)
 
 
-def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -> None:
+def test_a_failed_check_gives_a_note_and_keeps_the_other_results(run: Trajectory, tmp_path: Path) -> None:
     def saved() -> None:
         assert (tmp_path / "model.json").is_file()
         assert (tmp_path / "report.html").is_file()
 
     options = IdentifyOptions(
-        executor=MadeUp(run.piston(), run.piston(), "EnergyError: step 3", before=saved)
+        executor=FakeExecutor(run.piston(), run.piston(), "EnergyError: step 3", before=saved)
     )
     with pytest.warns(UserWarning, match="check with twice the time step failed: EnergyError"):
         found = identify(run.path, tmp_path, laws=["linear"], starts=2, options=options, progress=False)
@@ -249,7 +251,7 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
     assert words.replace("the check", "The check") in (tmp_path / "report.html").read_text()
 
 
-def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
+def test_a_note_warns_of_an_interrupted_run(run: Trajectory) -> None:
     cut = dataclasses.replace(run, complete=False)
     with pytest.warns(UserWarning, match=r"the run was stopped at t = 1\.3 s, in stage 'release'"):
         found = identify(cut, laws=["linear"], starts=2, progress=False)
@@ -259,7 +261,7 @@ def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
 
 @pytest.fixture(scope="module")
 def accelerated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Acceleration of a linear decay, 3.4697 Hz and 3.667 % of critical, in units of gravity."""
+    """Acceleration in g of a linear decay with 3.4697 Hz and 3.667 % of critical damping."""
     time, root = np.linspace(0.0, 4.0, 2000), -0.8 + 21.8j
     acceleration = np.real(root**2 * 1.2e-3 * np.exp(root * time)) / 9.80665 + noise(2000, 2e-4, 1)
     path = tmp_path_factory.mktemp("accelerated") / "acc.csv"
@@ -271,7 +273,7 @@ def accelerated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 AS_ACCELERATION = ("--columns", "acceleration=acceleration")
 
 
-def test_an_acceleration_is_looked_at_in_its_unit(accelerated: Path, command: Callable) -> None:
+def test_an_acceleration_is_described_in_its_unit(accelerated: Path, command: Callable) -> None:
     done = command("reduced_models", "look", str(accelerated), *AS_ACCELERATION)
     assert re.search(r"^acceleration from -?0\.\d+ to 0\.\d+ m/s\^2, noise 0\.0\d+ m/s\^2", done.stdout, re.M)
     done = command("reduced_models", "look", str(accelerated), *AS_ACCELERATION, "--json")
@@ -279,7 +281,7 @@ def test_an_acceleration_is_looked_at_in_its_unit(accelerated: Path, command: Ca
 
 
 def test_an_acceleration_is_identified(accelerated: Path, command: Callable, tmp_path: Path) -> None:
-    """Figures, held-out cycles, amplitudes and pictures are of the acceleration itself."""
+    """Figures, held-out cycles, amplitudes and plots refer to the acceleration itself."""
     words = (*AS_ACCELERATION, "--law", "linear", "--starts", "1", "-o", str(tmp_path))
     done = command("reduced_models", "identify", str(accelerated), *words, "--quiet")
     assert done.returncode == 0, done.stderr
@@ -312,7 +314,7 @@ def test_an_acceleration_is_compared_and_predicted(accelerated: Path) -> None:
 
 
 @pytest.mark.parametrize("measured", ["acceleration", pytest.param("velocity", marks=pytest.mark.long)])
-def test_a_law_is_discovered_in_what_was_measured(accelerated: Path, measured: str) -> None:
+def test_a_law_is_discovered_from_velocity_or_acceleration(accelerated: Path, measured: str) -> None:
     given = PistonRecord.from_file(accelerated, columns={"acceleration": "acceleration"})
     record = PistonRecord.from_columns({"time": given.time, measured: given.signal})
     found = discover(record, "sindy", library="physical", degree=1)
@@ -322,14 +324,14 @@ def test_a_law_is_discovered_in_what_was_measured(accelerated: Path, measured: s
     assert any(f"from the integrated {measured}" in note for note in found.notes)
 
 
-def test_a_force_that_discovery_does_not_use_is_named() -> None:
+def test_a_note_lists_columns_that_discovery_does_not_use() -> None:
     time = np.linspace(0.0, 2.0, 2000)
     record = PistonRecord(time, damped_cosine(time), force=np.sin(5.0 * time))
     found = discover(record, "sindy", library="physical", degree=1, options=DiscoveryOptions(polish=0))
     assert "columns not used as an input: force; input=NAME (--input NAME) takes one" in str(found)
 
 
-def test_one_line_while_checks_run_has_no_uncertain_digit(spring: tuple[Identification, Path]) -> None:
+def test_the_line_before_the_checks_has_no_uncertain_digit(spring: tuple[Identification, Path]) -> None:
     words = spring[0].line_before_checks
     assert words.endswith("; uncertainties follow")
     assert "±" not in words

@@ -1,4 +1,4 @@
-"""Laws that are tried on a record: a glance at all, a discovery where they fail, spikes that are left out."""
+"""Laws tried on a record: screening, discovery if they fail, exclusion of spikes."""
 
 import dataclasses
 import functools
@@ -41,7 +41,7 @@ from tests.reduced_models.made import damped_cosine, moved, noise, noisy
 
 @functools.cache
 def clean(name: str) -> np.ndarray:
-    """The motion of a law by a solver of another house, that compiles nothing."""
+    """Motion of a law by SciPy's solver, which needs no compilation."""
     law, (values, start) = LAWS[name], TRUE[name]
     field = compile_rates(law.equation, (), "math")
     numbers = [values[key] for key in law.parameters]
@@ -56,14 +56,14 @@ def clean(name: str) -> np.ndarray:
 
 @pytest.mark.parametrize("level", [0.01, pytest.param(0.1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", CANDIDATES)
-def test_the_true_law_is_never_left_out(name: str, level: float) -> None:
+def test_screening_never_excludes_the_true_law(name: str, level: float) -> None:
     record = noisy(TIME, clean(name), level * clean(name).std())
     found = screen_laws_by_weak_form(record, [LAWS[each] for each in CANDIDATES])
     assert not found.is_hopeless(name)
     assert found.misfits[name] < 3.0 * max(found.least_misfit, 1.0)
 
 
-def test_laws_that_are_far_off_are_left_out_and_said_to_be(made: Any) -> None:
+def test_screening_excludes_laws_with_a_large_misfit_and_lists_them(made: Any) -> None:
     found = choose_candidate_laws(made("duffing"))
     names = [law.name for law in found.laws]
     assert names == ["linear", "polynomial-spring", "duffing"]
@@ -71,30 +71,30 @@ def test_laws_that_are_far_off_are_left_out_and_said_to_be(made: Any) -> None:
     assert any("--law coulomb" in words for words in found.exclusion_texts)
 
 
-def test_a_record_that_sticks_gets_the_law_of_rubbing_beds() -> None:
+def test_a_rising_frequency_adds_the_rubbing_bed_law() -> None:
     assert choose_candidate_laws(PistonRecord(TIME, clean("rubbing-bed"))).laws[-1].name == "rubbing-bed"
     for name in ("linear", "viscous-coulomb", "quadratic-drag"):
         assert not frequency_rises(PistonRecord(TIME, clean(name))), name
 
 
-def test_a_record_without_its_law_asks_for_a_discovery(made: Any) -> None:
-    """Hysteresis is none of the laws, and more terms explain it better; a linear swing is one."""
+def test_screening_suggests_discovery_for_a_record_of_an_unknown_law(made: Any) -> None:
+    """More terms explain hysteresis better than any screened law; not so a linear decay."""
     assert choose_candidate_laws(made("bouc-wen", level=0.0)).screening.other_terms_fit_better
     assert not choose_candidate_laws(made("linear")).screening.other_terms_fit_better
 
 
-def test_what_cannot_be_looked_at_is_fitted() -> None:
-    """A record of half a swing tells nothing at a glance."""
+def test_a_record_too_short_for_screening_is_fitted_with_all_laws() -> None:
+    """Half a cycle is too short."""
     time = np.linspace(0.0, 1.0, 24)
     found = choose_candidate_laws(PistonRecord(time, 0.06 + 0.001 * np.cos(3.0 * time)))
     assert len(found.laws) >= 1
     assert found.laws[0].name == "linear"
 
 
-def test_a_column_that_drives() -> None:
+def test_a_column_can_drive_a_law_and_unused_columns_are_listed() -> None:
     time = np.linspace(0.0, 6.0, 600)
     swing = np.cos(20.0 * time)
-    # of the motion itself, as Tracker writes them
+    # columns derived from the motion, as in files of Tracker
     columns = dict.fromkeys(("x", "vx", "k", "px", "kinetic energy", "frame"), swing)
     columns |= {"u": np.sin(3.0 * time), "still": np.zeros(600), "load cell": time}
     record = PistonRecord(time, 0.06 + 0.001 * swing, extra=columns)
@@ -113,7 +113,7 @@ def test_a_column_that_drives() -> None:
 
 
 @pytest.mark.parametrize("name", ["pump", "angvel/rad/s", "pump/V DC", "lam"])
-def test_the_advice_to_drive_by_a_column_can_be_followed(name: str, tmp_path: Path) -> None:
+def test_the_suggested_options_to_drive_by_a_column_work(name: str, tmp_path: Path) -> None:
     time, path = np.linspace(0.0, 4.0, 400), tmp_path / "lab.csv"
     table, header = np.column_stack([time, 0.2 * np.cos(7.0 * time), np.sin(3.0 * time)]), "time/s,angle/rad,"
     np.savetxt(path, table, "%.6f", ",", header=header + name, comments="")
@@ -125,7 +125,7 @@ def test_the_advice_to_drive_by_a_column_can_be_followed(name: str, tmp_path: Pa
         assert driven_law(LAWS[law], record, options[-1]).inputs == (options[-1],)
 
 
-def test_heights_about_zero_are_the_reason_why_a_law_was_not_fitted() -> None:
+def test_heights_about_zero_exclude_laws_for_positive_heights() -> None:
     time = np.linspace(0.0, 2.0, 1000)
     words = choose_candidate_laws(noisy(time, damped_cosine(time), 1e-6)).exclusion_texts
     reason = "power-law-spring was not fitted: it cannot describe heights about zero"
@@ -136,8 +136,8 @@ def test_heights_about_zero_are_the_reason_why_a_law_was_not_fitted() -> None:
 QUADRATIC = "z'' + c*abs(z')*z' + w*z + b*z**3 = 0"
 
 
-def test_dry_friction_with_drag_is_tried() -> None:
-    """On a spring with dry friction of 0.15 m/s^2 and 1 % of critical damping, at 2 Hz."""
+def test_the_law_of_dry_friction_with_drag_is_tried() -> None:
+    """For a spring with dry friction of 0.15 m/s^2 and 1 % of critical damping, at 2 Hz."""
     time, omega = np.linspace(0.0, 3.5, 700), 4.0 * math.pi
     motion = moved(
         lambda t, z, v: -(omega**2) * z - 0.02 * omega * v - 0.15 * math.tanh(v / 1e-4),
@@ -149,14 +149,14 @@ def test_dry_friction_with_drag_is_tried() -> None:
 
 @pytest.fixture
 def poor(monkeypatch: pytest.MonkeyPatch) -> PistonRecord:
-    """Record that no known law but one that is hardly right is tried on, and no library explains better."""
+    """Record with one poor candidate law that no library explains better."""
     chosen = CandidateLaws((LAWS["linear"],), LawScreening({}, 1.0))
     monkeypatch.setattr(identification, "choose_candidate_laws", lambda *_: chosen)
     time = np.linspace(0.0, 20.0, 1000)
     return noisy(time, moved(lambda t, z, v: -0.1 * abs(v) * v - 4.0 * z - 3.0 * z**3, time), 1e-3)
 
 
-def test_a_discovery_is_begun_where_the_best_law_leaves_more_than_a_tenth(
+def test_discovery_starts_if_the_best_law_has_an_error_above_a_tenth(
     poor: PistonRecord, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     law = Law("found", QUADRATIC)
@@ -169,7 +169,7 @@ def test_a_discovery_is_begun_where_the_best_law_leaves_more_than_a_tenth(
     assert found.advice == ()
 
 
-def test_a_discovery_that_fails_is_said_and_stops_nothing(
+def test_a_failed_automatic_discovery_is_only_noted(
     poor: PistonRecord, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: Any, **__: Any) -> Any:
@@ -187,7 +187,7 @@ identifying = importlib.import_module("reduced_models.identification.laws_of_rec
 
 
 def spiked() -> PistonRecord:
-    """Sixteen samples a cycle of a linear motion, one of them far off."""
+    """A linear decay with 16 samples per cycle, one of them an outlier."""
     time = np.arange(0.0, 10.0, 1.0 / 16.0)
     height = 0.06 + damped_cosine(time, 1e-3, 0.1, 2.0 * np.pi) + noise(len(time), 1e-5)
     height[80] -= 4e-4
@@ -195,25 +195,25 @@ def spiked() -> PistonRecord:
 
 
 def identified(record: PistonRecord) -> Identification:
-    """Linear and Coulomb laws of a record."""
+    """Identification of a record by the linear and the Coulomb law."""
     return identify(record, laws=["linear", "coulomb"], starts=2, progress=False)
 
 
-def test_a_spike_is_left_out_and_noted_unless_the_record_is_complete() -> None:
+def test_a_spike_is_excluded_with_a_note_unless_the_record_is_complete() -> None:
     record = spiked()
     with pytest.warns(RecordWarning, match="spikes"):
         found = identified(record)
     assert len(found.record) == len(record) - 1
-    words = "single samples that stand far off the fitted motion (spikes: 1, the first at 5 s) are left out; "
+    words = "single samples far from the fitted motion (spikes: 1, the first at 5 s) are excluded; "
     assert f"{words}to keep them: complete=True of the PistonRecord" in " ".join(str(found).split())
     assert len(identified(dataclasses.replace(record, complete=True)).record) == len(record)
 
 
 @pytest.mark.parametrize("fitted", [1, 0])
-def test_the_finished_comparison_stays_where_the_second_has_no_time(
+def test_the_first_comparison_is_kept_if_the_second_exceeds_the_budget(
     monkeypatch: pytest.MonkeyPatch, fitted: int
 ) -> None:
-    """No law that was fitted is lost to a budget that ends in the second comparison."""
+    """Fitted laws are not lost if the budget ends during the comparison without spikes."""
     record = spiked()
 
     def compare_in_time(samples: PistonRecord, laws: Any, **how: Any) -> Comparison:
@@ -226,7 +226,7 @@ def test_the_finished_comparison_stays_where_the_second_has_no_time(
         return dataclasses.replace(table, rows=(*table.rows[:fitted], *spent))
 
     monkeypatch.setattr(identifying, "compare", compare_in_time)
-    with pytest.warns(RecordWarning, match="stay: not all laws"):
+    with pytest.warns(RecordWarning, match="are kept: not all laws"):
         found = identified(record)
     assert len(found.record) == len(record)
     assert {row.name for row in found.comparison.rows if row.models} == {"linear", "coulomb"}

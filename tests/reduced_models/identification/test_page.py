@@ -1,4 +1,4 @@
-"""Reports of any number of laws, by any name that a stranger's file may give them."""
+"""Reports of any number of laws with arbitrary names from untrusted files."""
 
 import dataclasses
 from pathlib import Path
@@ -51,27 +51,27 @@ def found(names: tuple[str, ...]) -> Identification:
     return Identification(record, models, table, None, figures, names[0], names, {"fits": 1.0})
 
 
-def test_no_name_breaks_a_report_or_lets_anything_through() -> None:
-    """Each of them stands in titles, tables, notes, legends and labels."""
+def test_malicious_names_are_escaped_in_a_report() -> None:
+    """Names appear in titles, tables, notes, legends and labels."""
     for make in (Identification.page, lambda one: comparison_page(one.comparison)):
         page = make(found(HOSTILE)).to_html()
         page.encode("utf-8")
-        assert page.count("<script") == 1  # its own, that sorts tables
+        assert page.count("<script") == 1  # the report's script that sorts tables
         assert "<img src=x" not in page
         assert all(sign.isprintable() or sign in "\n\t\xa0" for sign in page)
         assert "&lt;script&gt;" in page
         assert "\\x1b[31mred" in page
 
 
-def test_no_name_steers_a_terminal() -> None:
+def test_names_cannot_send_control_characters_to_a_terminal() -> None:
     from granular.shared.errors import printable
 
     text = printable(str(found(HOSTILE)))
     assert all(sign.isprintable() or sign in "\n\t" for sign in text)
 
 
-def test_tolerances_of_parts_stand_apart_from_the_errors() -> None:
-    """On the print-out below the figures, and with their bars on the page."""
+def test_tolerances_of_parts_are_shown_separately_from_errors() -> None:
+    """In the print-out below the figures, and in the report with bars."""
     part = Part("piston.mass", 7.5, "kg", 0.0375, True)
     changes = np.array([[[0.02, 0.01, 0.05]]])
     figures = np.array([[0.06, 3.5, 0.04]])
@@ -88,15 +88,15 @@ def test_tolerances_of_parts_stand_apart_from_the_errors() -> None:
     assert named.to_plain()["of_parts"]["totals"] == {"rest": 0.02, "f0": 0.01, "zeta": 0.05}
 
 
-def test_errors_are_said_to_be_intervals_below_the_last_of_them() -> None:
-    """The parameters have such errors, and tolerances of parts, further down, have none."""
+def test_the_sentence_on_intervals_follows_the_last_error_in_the_report() -> None:
+    """The errors of parameters are intervals, the tolerances further down are not."""
     page = found(("linear",)).page().to_html()
     assert page.index("<p>linear: ") < page.index("<p>These ± are 95 % intervals: fit")
 
 
 @pytest.mark.long
-def test_grains_that_come_close_are_doubted_without_contact_alone(small_damper: Scene) -> None:
-    """Grains in contact are pressed together by a little."""
+def test_overlapping_grains_cause_a_caution_only_without_contact(small_damper: Scene) -> None:
+    """Grains in contact overlap slightly."""
     near, shot = [[0.03, 0.004], [0.0361, 0.004]], [[5.0, 0.0], [-5.0, 0.0]]
     begin = {"arrangement.positions": near, "arrangement.velocities": shot, "output.scalars": 1e-5}
     scene = small_damper.replace(**{"grains.count": 2, **begin})
@@ -107,14 +107,14 @@ def test_grains_that_come_close_are_doubted_without_contact_alone(small_damper: 
         assert ("The scene has no contact" in page) == (one is scene)
 
 
-def test_a_record_has_no_parts() -> None:
+def test_tolerances_of_parts_are_refused_for_a_record() -> None:
     with pytest.raises(InputError, match="a record has no parts"):
         identify(found(("linear",)).record, options=IdentifyOptions(parts={"piston.mass": "1%"}))
 
 
-def test_parts_are_read_before_a_run(small_damper: Scene) -> None:
+def test_invalid_parts_are_refused_before_a_run(small_damper: Scene) -> None:
     with pytest.raises(InputError, match=r"'piston\.colour' is not a number of a part"):
         identify(small_damper, options=IdentifyOptions(parts={"piston.colour": "1%"}))
     held = small_damper.replace(**{"protocol.drop.until": None, "protocol.drop.duration": 1.0})
-    with pytest.raises(InputError, match="does not begin with a rest"):
+    with pytest.raises(InputError, match="does not begin with a rest stage"):
         identify(held, options=IdentifyOptions(parts={"piston.mass": "1%"}))

@@ -1,4 +1,4 @@
-"""Checks of a simulated bed: from its rest, by the fastest sum over pairs, and the line on what they cost."""
+"""Checks of a simulated bed: release from equilibrium, choice of pair sum and step, their cost."""
 
 import importlib
 from concurrent.futures import Executor, Future
@@ -36,8 +36,8 @@ def run(scene: Scene) -> Trajectory:
     return simulate(scene, progress=False)
 
 
-def test_a_release_from_equilibrium_is_the_release_of_the_run(scene: Scene, run: Trajectory) -> None:
-    """The run has come to rest within 1e-4 D, the other release starts from rest: they agree as closely."""
+def test_a_release_from_equilibrium_agrees_with_the_release_of_the_run(scene: Scene, run: Trajectory) -> None:
+    """The run settles to within 1e-4 D of equilibrium, and the releases agree as closely."""
     stages = release_stages(scene)
     settled = simulate(scene.replace(**settling_changes(scene, COARSE_REST)), progress=False)
     assert settled.stages[-1].end < run.stages[0].end
@@ -50,7 +50,7 @@ def test_a_release_from_equilibrium_is_the_release_of_the_run(scene: Scene, run:
     assert np.abs(later - own.height).max() < 2e-4 * scene.grains.species[0].diameter
 
 
-def test_derived_figures_are_those_of_a_fit_to_a_small_release(scene: Scene, run: Trajectory) -> None:
+def test_derived_figures_equal_a_fit_to_a_small_release(scene: Scene, run: Trajectory) -> None:
     rest = rest_of(run)
     derived = derive_figures(run, rest)
     stages = [dict(stage) for stage in release_stages(scene)]
@@ -69,8 +69,8 @@ def test_derived_figures_are_those_of_a_fit_to_a_small_release(scene: Scene, run
     assert text.startswith(f"f0 {derived.frequency:.5g} Hz, zeta ")
 
 
-def test_the_root_of_a_step_is_that_of_the_motion_by_the_step(run: Trajectory) -> None:
-    """Two runs from the mode itself, whose step is not small, against the map of one step."""
+def test_the_step_error_is_predicted_by_the_discrete_root(run: Trajectory) -> None:
+    """Two runs started in the mode, with coarse steps, are compared with the map of one step."""
     rest = rest_of(run)
     exact = piston_roots(rest)[0]
     longest = run.settings()["longest_step"]
@@ -81,8 +81,8 @@ def test_the_root_of_a_step_is_that_of_the_motion_by_the_step(run: Trajectory) -
 IDENTIFY = importlib.import_module("reduced_models.identification.identify")
 
 
-class Asked(Executor):
-    """Keeps what was asked, and computes nothing."""
+class RecordingExecutor(Executor):
+    """Stores the submitted scenes without computing."""
 
     def __init__(self) -> None:
         self.scenes: list[Scene] = []
@@ -93,14 +93,14 @@ class Asked(Executor):
 
 
 class StoppedError(RuntimeError):
-    """Ends what would simulate."""
+    """Raised in place of a simulation."""
 
 
 def summed(
     monkeypatch: pytest.MonkeyPatch, scene: Scene | Plan, checks: bool = True
 ) -> tuple[str, str, set[str]]:
-    """Method of summing pairs and step of the scene's own run, and the methods of its checks."""
-    ran, asked = [], Asked()
+    """Pair sum and step of the scene's run, and the pair sums of its checks."""
+    ran, asked = [], RecordingExecutor()
 
     def run(chosen: Plan, *_: Any) -> None:
         ran.append((chosen.pair_sum, str(chosen.dt)))
@@ -112,8 +112,8 @@ def summed(
     return *ran[0], {one.pair_method for one in asked.scenes}
 
 
-def test_a_scene_and_its_checks_are_summed_alike(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A single run does not pay for the mesh; what is asked for is taken."""
+def test_a_scene_and_its_checks_use_the_same_pair_sum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a single run the mesh is not worth its set-up; a given pair sum is used."""
     direct = damper().replace(**{"pairs.method": "direct"})
     for scene, checks, wanted in (
         (damper(), True, ("mesh", "auto*4", {"mesh"})),
@@ -127,7 +127,7 @@ def test_a_scene_and_its_checks_are_summed_alike(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize(("grains", "pairs", "dt"), [(368, "direct", "auto*4"), (184, "direct", "auto*1.41")])
-def test_a_proposal_is_simulated_by_the_fastest_sum_and_step_that_starts_hide(
+def test_a_proposal_uses_the_fastest_pair_sum_and_step_with_errors_below_the_spread(
     monkeypatch: pytest.MonkeyPatch, grains: int, pairs: str, dt: str
 ) -> None:
     asked: list[tuple[str, str]] = []
@@ -138,15 +138,15 @@ def test_a_proposal_is_simulated_by_the_fastest_sum_and_step_that_starts_hide(
 
     monkeypatch.setattr(importlib.import_module("reduced_models.designs.design"), "sweep", sweep)
     with pytest.raises(StoppedError):
-        design(3.6, 0.15, grains=grains, small_share=0.3, executor=Asked(), progress=False)
+        design(3.6, 0.15, grains=grains, small_share=0.3, executor=RecordingExecutor(), progress=False)
     assert asked == [(pairs, dt)]
 
 
-def test_the_step_check_is_told_where_there_was_one() -> None:
+def test_the_settings_report_the_step_check_if_there_was_one() -> None:
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     rest = QuantityWithError("natural frequency", "f0", "Hz", 60.0, {"fit": 0.0})
-    told = checked_work_precision_text(run, rest._replace(parts={"step": 1.2e-3}))
-    assert "natural frequency to 2e-05 by the step check; half the step: " in told
+    text = checked_work_precision_text(run, rest._replace(parts={"step": 1.2e-3}))
+    assert "natural frequency to 2e-05 by the step check; half the step: " in text
     scattered = checked_work_precision_text(run, rest._replace(parts={"step": 1.2e-3, "start": 6e-2}))
     assert "spread over packings 0.001" in scattered
     assert "no better because of the spread" in scattered

@@ -11,8 +11,8 @@ from reduced_models.identification.elliptic_averaging import (
     averaged_amplitude,
     averaged_frequency,
     elliptic_motion,
-    greatest_damping_over_rate,
-    swings_through_rest,
+    maximum_damping_over_rate,
+    oscillates_about_equilibrium,
 )
 from reduced_models.records.envelope import Envelope, envelope
 from tests.reduced_models.made import moved
@@ -147,10 +147,10 @@ def test_averaged_van_der_pol_like_oscillation_agrees_with_simulation() -> None:
     ],
 )
 def test_barriers_limit_the_amplitude(k: float, beta: float, amplitude: float, turns: bool) -> None:
-    assert swings_through_rest(np.array([amplitude]), DuffingVanDerPolOscillator(k, beta, 0.0)) == turns
+    assert oscillates_about_equilibrium(np.array([amplitude]), DuffingVanDerPolOscillator(k, beta, 0.0)) == turns
 
 
 def test_critical_share_covers_the_whole_oscillation() -> None:
-    assert greatest_damping_over_rate(
+    assert maximum_damping_over_rate(
         2.0, DuffingVanDerPolOscillator(4.0, 0.0, 0.1, -0.2, 0.3)
     ) == pytest.approx(0.85)
