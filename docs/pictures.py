@@ -39,7 +39,7 @@ from granular.studies.silo import silo
 from reduced_models import Parameter, fit, predict, whole_fall
 from reduced_models.falls.predicted_law import lattice_at_rest
 from reduced_models.machines import design_for, predicted_response
-from reduced_models.machines.response import CoupledSystem, LinearSwing, solve_host_response
+from reduced_models.machines.response import CoupledSystem, LinearOscillator, solve_host_response
 from reduced_models.records.backbone import free_backbone
 from reduced_models.records.example_records import PLATFORM, platform_decay
 from research.published.judging import judged
@@ -570,7 +570,7 @@ def write_machine_law() -> None:
         for seed in (1, 2, 3)
     ]
     numbers = fit(damper_run().piston(), "linear").parameters
-    fitted = LinearSwing(numbers["omega"], numbers["lam"])
+    fitted = LinearOscillator(numbers["omega"], numbers["lam"])
     law = CoupledSystem.from_host_scene(scene)
     rows = [
         "| force | amplitude of the piston | simulated, three packings | law | linearised "

@@ -14,7 +14,7 @@ from granular.shared.errors import InputError, quote
 from reduced_models.commands.records import Reading, print_result_and_report_path
 
 OutputDirectory = Annotated[
-    str | None, Option("directory for report, scene and simulations; the same one again goes on", "DIR", "-o")
+    str | None, Option("directory for report, scene and simulations; continues an existing one", "DIR", "-o")
 ]
 
 
@@ -27,10 +27,10 @@ examples:
   %(prog)s heavy.csv damper --set 'piston.mass=9.47 kg' \\
       --parameter effects.drag.coefficient --parameter grains.remanence -o out/heavy
 
-rest and frequency know remanence and mass only together, so weigh the piston; if two
-weighed masses give two remanences, the zero of the height is off""")
+equilibrium and frequency depend only on a combination of remanence and mass, so weigh the
+piston; if two weighed masses give two remanences, the zero of the height is wrong""")
 def calibrate(
-    record: Annotated[str, Option("a record as an instrument wrote it, or a run directory", "RECORD")],
+    record: Annotated[str, Option("a record from an instrument, or a run directory", "RECORD")],
     scene: SceneName,
     *,
     changes: Changes,
@@ -38,14 +38,14 @@ def calibrate(
         tuple[str, ...],
         Option(
             "number of the scene to fit, such as piston.mass, effects.drag.coefficient or "
-            "grains.remanence; the first two without (repeatable)",
+            "grains.remanence; by default the first two (repeatable)",
             "KEY",
             name="--parameter",
         ),
     ] = (),
-    seeds: Annotated[int, Option("random starts of the bed")] = 4,
+    seeds: Annotated[int, Option("number of random packings of the bed")] = 4,
     law: Annotated[
-        str, Option("law whose rest, period and damping are compared: name or equation", "LAW")
+        str, Option("law whose equilibrium, period and damping are compared: name or equation", "LAW")
     ] = "polynomial-spring",
     no_checks: Annotated[bool, Option("skip the run with half the step")] = False,
     out: OutputDirectory = None,
@@ -65,7 +65,7 @@ def calibrate(
     if isinstance(source, Scene):
         raise InputError(f"{quote(record)} is a scene; give a record, a CSV or Parquet file")
     settings: dict[str, Any] = given(parameters=parameters or None)
-    with _say_where_results_are(out):
+    with _report_directory_on_stop(out):
         result = calibrate_scene(
             source if isinstance(source, PistonRecord) else source.piston(),
             changes.load(scene),
@@ -89,12 +89,12 @@ examples:
   %(prog)s --frequency 3.2 --damping 0.1 --usual""")
 def design(
     *,
-    frequency: Annotated[Hertz, Option("of the undamped small swing about rest [Hz]", "F")],
-    damping: Annotated[Fraction, Option("damping ratio, as 0.04 or '4 %%'", "R")],
+    frequency: Annotated[Hertz, Option("undamped frequency of small oscillations [Hz]", "F")],
+    damping: Annotated[Fraction, Option("damping ratio, such as 0.04 or '4 %%'", "R")],
     grains: Annotated[int | None, Option("number of grains; chosen if not given", "N")] = None,
     mass: Annotated[Kilograms | None, Option("mass of the piston [kg]; chosen if not given", "M")] = None,
-    small_share: Annotated[Fraction, Option("fraction of grains of 0.6 D (0)", "S")] = 0.0,
-    magnets: Annotated[Literal["dipoles", "cylinders"], Option("what repels (dipoles)")] = "dipoles",
+    small_share: Annotated[Fraction, Option("fraction of small grains of diameter 0.6 D (0)", "S")] = 0.0,
+    magnets: Annotated[Literal["dipoles", "cylinders"], Option("kind of magnets (dipoles)")] = "dipoles",
     parts: Parts,
     out: OutputDirectory = None,
     workers: WorkerCount = None,
@@ -110,11 +110,11 @@ def design(
 
     tolerances = None
     if parts:
-        # Every design has these keys: wrong ones are refused before it.
+        # Every design has these keys, so wrong ones are refused before the search.
         scene = DamperCandidate(7.5, 368, 0.1, small_share, magnets).scene()
         tolerances = parts.of_scene(scene)
         read_parts(scene, tolerances)
-    with _say_where_results_are(out):
+    with _report_directory_on_stop(out):
         result = design_damper(
             frequency,
             damping,
@@ -139,13 +139,13 @@ def design(
 
 
 @contextlib.contextmanager
-def _say_where_results_are(out: str | None) -> Iterator[None]:
-    """Let the message of a stop say where the finished simulations are."""
+def _report_directory_on_stop(out: str | None) -> Iterator[None]:
+    """Add the directory of the finished simulations to the message of an interrupt."""
     try:
         yield
     except KeyboardInterrupt as stop:
         if out is not None:
-            stop.saved = f"finished simulations are kept in {out}; the same command goes on"  # type: ignore[attr-defined]
+            stop.saved = f"finished simulations are kept in {out}; the same command continues"  # type: ignore[attr-defined]
         raise
 
 
@@ -157,10 +157,8 @@ def fall(
     scene: SceneName,
     *,
     changes: Changes,
-    height: Annotated[Metres | None, Option("of the start [m]; the scene's without", "H")] = None,
-    law_only: Annotated[
-        bool, Option("do not simulate the fall where the law was compared with nothing")
-    ] = False,
+    height: Annotated[Metres | None, Option("initial height [m]; by default the scene's", "H")] = None,
+    law_only: Annotated[bool, Option("do not simulate the fall outside the tested range of the law")] = False,
     output: Output,
 ) -> None:
     """Predict a whole fall from the scene alone."""
@@ -185,13 +183,15 @@ def derive(
     changes: Changes,
     reach: Annotated[
         Metres | None,
-        Option("range to both sides of the equilibrium [m]; the scene's lift without, or 0.2 D", "R"),
+        Option("range on both sides of the equilibrium [m]; by default the scene's lift or 0.2 D", "R"),
     ] = None,
-    order: Annotated[int | None, Option("order of the force; the lowest that suffices without", "N")] = None,
+    order: Annotated[
+        int | None, Option("order of the force; by default the lowest sufficient one", "N")
+    ] = None,
     against: Annotated[
         str | None,
         Option(
-            "a free oscillation to compare with, a run directory or a record; the release of SOURCE without",
+            "free oscillation for comparison, a run directory or a record; by default the release of SOURCE",
             "RECORD",
         ),
     ] = None,

@@ -1,4 +1,4 @@
-"""Forms of commands that rooms of their own bring: without its room, a form is refused."""
+"""Forms of commands from other packages: without its package, a form is refused."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from granular.shared.registry import Registry
 
 FORMS = Registry[Callable[..., Any]](
     "form of a command",
-    "",  # these two alone: no package brings one
+    "",  # only these two: packages cannot add forms
     {
         "compare --response": "reduced_models.machines.command:compare_response_with_law",
         "export-model SCENE": "reduced_models.machines.design:export_bed",
@@ -17,4 +17,4 @@ FORMS = Registry[Callable[..., Any]](
     lambda _, form: callable(form),
     "a function",
 )
-"""Functions by the command and what is given to it."""
+"""Functions by the command and its argument."""

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 LawNames = Annotated[
     tuple[str, ...],
     Option(
-        "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable); if "
-        "not given, all that a quick first fit does not rule out",
+        "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable); by "
+        "default all laws that a quick first fit does not exclude",
         "LAW",
         name="--law",
     ),
@@ -36,20 +36,20 @@ LawNames = Annotated[
 Drive = Annotated[
     str | None,
     Option(
-        "column of the records that drives the motion: all laws have it as their input",
+        "column of the records that drives the motion; it becomes an input of all laws",
         "COLUMN",
         name="--input",
     ),
 ]
 TestFraction = Annotated[
     Fraction,
-    Option("fraction of the swings that judge the laws, by fits without them: 0.3 (default) or '30 %%'", "S"),
+    Option("fraction of the cycles held out for the prediction error: 0.3 (default) or '30 %%'", "S"),
 ]
 Budget = Annotated[
     Seconds,
-    Option("processor time for fits and discovery [s]; what comes later is left out, and said (300)", "T"),
+    Option("processor time for fits and discovery [s]; later laws are skipped with a note (300)", "T"),
 ]
-StartCount = Annotated[int, Option("how many starting points each fit tries (16)")]
+StartCount = Annotated[int, Option("number of random starts of each fit (16)")]
 
 
 @command("""\
@@ -72,22 +72,22 @@ def identify(
     drive: Drive = None,
     mass: Annotated[
         Kilograms | None,
-        Option("mass of what moves [kg], for stiffness and damping (a scene has its own)", "M"),
+        Option("moving mass [kg], for stiffness and damping (by default a scene's piston)", "M"),
     ] = None,
     starts: StartCount = 16,
     budget: Budget = 300.0,
-    no_checks: Annotated[bool, Option("skip the runs that show step error and scatter")] = False,
+    no_checks: Annotated[bool, Option("skip the runs for step error and spread over packings")] = False,
     dt: Annotated[
         TimeStep | None,
         Option(
-            "time step [s], 'auto', or a multiple such as auto/2; if not given, the longest step and the "
-            "fastest sum over pairs whose errors random starts hide"
+            "time step [s], 'auto', or a multiple such as auto/2; by default the coarsest step and the "
+            "fastest pair sum whose errors are below the spread between random packings"
         ),
     ] = None,
     method: MethodName = "stormer-verlet",
     threads: ThreadCount = None,
     reading: Reading,
-    verbose: Annotated[bool, Option("print all of the result, not its main lines")] = False,
+    verbose: Annotated[bool, Option("print the full result, not only its main lines")] = False,
     output: Output,
 ) -> None:
     """Simulate or read a motion, compare laws, and write a report."""
@@ -106,7 +106,7 @@ def identify(
         named_method = None if method == DEFAULT_METHOD else method
         of_scene = {"dt": dt, "method": named_method, "threads": threads, "set": changes.changes or None}
         for name in given(**of_scene):
-            raise InputError(f"--{name} applies to a scene only; this is a run or a record: leave it out")
+            raise InputError(f"--{name} applies to a scene only; this is a run or a record: remove it")
     tolerances = parts.of_scene(getattr(opened, "scene", None)) if parts else None
     records = [opened] if isinstance(opened, PistonRecord) else []
     result = identify_source(
@@ -138,14 +138,14 @@ def fit(
     sources: Sources = (),
     *,
     law: Annotated[str, Option("name or equation", "LAW")] = "linear",
-    laws: Annotated[bool, Option("list the laws that can be fitted by their names")] = False,
+    laws: Annotated[bool, Option("list the laws that can be fitted by name")] = False,
     own: Annotated[
-        tuple[str, ...], Option("parameter that each record has for itself (repeatable)", "NAME")
+        tuple[str, ...], Option("parameter with a separate value for each record (repeatable)", "NAME")
     ] = (),
     bounds: Annotated[
         tuple[str, ...],
         Option(
-            "lowest and highest value of a parameter, in SI or as '0.1 m:20 cm' (repeatable)",
+            "lower and upper bound of a parameter, in SI or such as '0.1 m:20 cm' (repeatable)",
             "NAME=LOW:HIGH",
             name="--bound",
         ),
@@ -153,13 +153,13 @@ def fit(
     fixed: Annotated[
         tuple[str, ...],
         Option(
-            "parameter that keeps its value, in SI or as '12 cm' (repeatable)", "NAME=VALUE", name="--fix"
+            "parameter with a fixed value, in SI or such as '12 cm' (repeatable)", "NAME=VALUE", name="--fix"
         ),
     ] = (),
     start_values: Annotated[
         tuple[str, ...],
         Option(
-            "value about which a parameter is looked for first, in SI or as '12 cm' (repeatable)",
+            "start value of a parameter in the search, in SI or such as '12 cm' (repeatable)",
             "NAME=VALUE",
             name="--start",
         ),
@@ -169,18 +169,19 @@ def fit(
     intervals: Annotated[
         Literal["linear", "profile"],
         Option(
-            "linear (default) or profile (right also where parameters are bounded or trade places)", "HOW"
+            "linear (default) or profile (also valid for bounded or strongly correlated parameters)", "HOW"
         ),
     ] = "linear",
     drift: Annotated[
-        bool | None, Option("let the records' zero drift slowly, or not; by the residuals if not given")
+        bool | None,
+        Option("fit a slow drift of the records' zero, or not; by default if the residuals need it"),
     ] = None,
     measured: Annotated[
         str | None,
         Option(
-            "what is compared, where it is not the height: velocity, acceleration, base_force, or force "
-            "(along a prescribed height), and gain, offset (a number, LOW:HIGH or free), low_pass, high_pass "
-            "(in Hz), damping_ratio, column, absolute behind it; by the file's columns if not given",
+            "measured quantity other than the height: velocity, acceleration, base_force, or force "
+            "(along a prescribed height), followed by gain, offset (a number, LOW:HIGH or free), low_pass, "
+            "high_pass (in Hz), damping_ratio, column, absolute; by default from the file's columns",
             "SENSOR",
         ),
     ] = None,
@@ -220,7 +221,7 @@ def fit(
 def parse_parameters(
     bounds: Sequence[str], own: Sequence[str], fixed: Sequence[str] = (), start_values: Sequence[str] = ()
 ) -> dict[str, Parameter]:
-    """Read limits ``NAME=LOW:HIGH``, names that each record has for itself, and values ``NAME=VALUE``."""
+    """Read bounds ``NAME=LOW:HIGH``, names of parameters per record, and values ``NAME=VALUE``."""
     from reduced_models.fitting.parameter import Parameter
 
     parameters: dict[str, Parameter] = {}
@@ -256,50 +257,50 @@ def discover(
     *,
     method: Annotated[
         Literal["auto", "sindy", "pysindy", "operon", "pysr"],
-        Option("auto (sindy and operon side by side), sindy, pysindy, operon, pysr"),
+        Option("auto (sindy and operon together), sindy, pysindy, operon, pysr"),
     ] = "auto",
     library: Annotated[
         tuple[str, ...],
         Option(
-            "terms to choose from: auto (default: those that the record speaks for), physical, polynomial, "
-            "trigonometric, rational, dry friction, contact, driven (repeatable); memory: with a hidden "
-            "state, for beds that yield or relax",
+            "terms to choose from: auto (default: the library that fits the record best), physical, "
+            "polynomial, trigonometric, rational, dry friction, contact, driven (repeatable); memory: with a "
+            "hidden state, for beds that yield or relax",
             "NAME",
         ),
     ] = (),
     terms: Annotated[
         tuple[str, ...],
         Option(
-            "a term of your own in z, z', the input and the time t, as 'sin(z)' or 'sin(w*t)' (repeatable)",
+            "custom term in z, z', the input and the time t, such as 'sin(z)' or 'sin(w*t)' (repeatable)",
             "TERM",
         ),
     ] = (),
     functions: Annotated[
         tuple[str, ...],
         Option(
-            "what symbolic regression may use next to sums and products: sin, exp, max, / (repeatable)",
+            "function for symbolic regression, besides sums and products: sin, exp, max, / (repeatable)",
             "NAME",
         ),
     ] = (),
-    degree: Annotated[int, Option("of the physical library's powers of z")] = 3,
+    degree: Annotated[int, Option("highest power of z in the physical library")] = 3,
     drive: Drive = None,
     target: Annotated[
         Literal["acceleration", "height", "force"],
-        Option("acceleration (default); height for a formula of the time; force, along a prescribed stroke"),
+        Option("acceleration (default); height: a formula of the time; force: along a prescribed stroke"),
     ] = "acceleration",
     height: Annotated[
         str,
         Option(
-            "height as a straight line in z [m], as '0.06 + 0.01*z'; by default chosen by the record", "LINE"
+            "height as a straight line in z [m], such as '0.06 + 0.01*z'; by default from the record", "LINE"
         ),
     ] = "auto",
-    effort: Annotated[Fraction, Option("times the usual length of a symbolic regression", "X")] = 1.0,
-    seed: Annotated[int, Option("of random searches")] = 0,
-    out: Annotated[str | None, Option("the chosen model, as JSON", "FILE", "-o")] = None,
+    effort: Annotated[Fraction, Option("length of a symbolic regression relative to the default", "X")] = 1.0,
+    seed: Annotated[int, Option("seed of random searches")] = 0,
+    out: Annotated[str | None, Option("JSON file of the chosen model", "FILE", "-o")] = None,
     reading: Reading,
     output: Output,
 ) -> None:
-    """Find the structure of the law in a record, or in several."""
+    """Find the structure of the law of one record, or of several."""
     from reduced_models.discovery.discover import DiscoveryOptions
     from reduced_models.discovery.discover import discover as discover_law
     from reduced_models.discovery.term_libraries import AUTO
@@ -341,7 +342,9 @@ def compare(
     sources: Sources = (),
     *,
     laws: LawNames = (),
-    test_records: Annotated[tuple[str, ...], Option("record that no fit sees (repeatable)", "SOURCE")] = (),
+    test_records: Annotated[
+        tuple[str, ...], Option("record held out of all fits (repeatable)", "SOURCE")
+    ] = (),
     test_fraction: TestFraction = 0.3,
     starts: StartCount = 16,
     budget: Budget = 300.0,
@@ -349,15 +352,15 @@ def compare(
     response: Annotated[
         str | None,
         Option(
-            "in place of records, set the law of the bed next to a machine's simulated response, which "
-            "'response -o DIR' wrote; its report.html is renewed",
+            "instead of records, compare the law of the bed with a machine's simulated response from "
+            "'response -o DIR'; its report.html is rewritten",
             "DIR",
         ),
     ] = None,
     reading: Reading,
     output: Output,
 ) -> None:
-    """Judge laws by their test errors."""
+    """Compare laws by their prediction errors on held-out data."""
     if response is not None:
         refuse_options("--response", out=out, SOURCE=sources, law=laws, test_records=test_records)
         FORMS.find("compare --response")(response, output)
@@ -389,7 +392,7 @@ def compare(
 
 
 def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tuple[str, ...]:
-    """Names of the laws to fit, each once; "all" stands for those of the package for such records."""
+    """Distinct names of the laws to fit; "all" means all laws of the package for such records."""
     from reduced_models.identification.candidate_laws import candidate_force_laws
     from reduced_models.laws.catalogue import LAWS
 
@@ -403,5 +406,5 @@ def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tu
 
 
 def _are_of_force(records: Sequence[PistonRecord]) -> bool:
-    """Return whether records are of a force along a prescribed stroke."""
+    """Return whether the records are forces along prescribed strokes."""
     return bool(records) and records[0].measured == "force"

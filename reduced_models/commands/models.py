@@ -1,4 +1,4 @@
-"""The commands ``simulate`` and ``export-model``: what a saved model is used for."""
+"""The commands ``simulate`` and ``export-model`` for saved models."""
 
 from __future__ import annotations
 
@@ -25,14 +25,15 @@ def simulate(
     *,
     until: Annotated[Seconds, Option("end of the motion [s]", "T")],
     samples: Annotated[int, Option("number of samples")] = 1000,
-    height: Annotated[Metres | None, Option("at the start [m]; the record's without", "H")] = None,
+    height: Annotated[Metres | None, Option("initial height [m]; by default the record's", "H")] = None,
     velocity: Annotated[
-        Annotated[float, quantity("m/s")] | None, Option("at the start [m/s]; the record's without", "V")
+        Annotated[float, quantity("m/s")] | None,
+        Option("initial velocity [m/s]; by default the record's", "V"),
     ] = None,
     out: Annotated[str | None, Option("CSV file", "FILE", "-o")] = None,
     output: Output,
 ) -> None:
-    """Predict a motion by a model that was saved."""
+    """Predict a motion by a saved model."""
     import numpy as np
 
     from reduced_models.models.model import load_model
@@ -44,7 +45,7 @@ def simulate(
         raise InputError(f"--samples {samples}; give from 2 to {MOST_SAMPLES}")
     if loaded.law.inputs:
         names = ", ".join(loaded.law.inputs)
-        raise InputError(f"the law has the inputs {names}; simulate it from Python, with them")
+        raise InputError(f"the law has the inputs {names}; simulate it in Python with these inputs")
     motion = loaded.simulate(np.linspace(0.0, until, samples), height, velocity)
     if note := loaded.outside_range_text(motion):
         warnings.warn(note, stacklevel=1)
@@ -65,22 +66,24 @@ examples:
   %(prog)s out/model.json -o bed.fmu --port force --mass '7.5 kg' --fmi 3
   %(prog)s damper -o Bed.mo --port force         # from the scene alone""")
 def export_model(
-    model: Annotated[str, Option("JSON file of a model; for a port, a scene too", "MODEL")],
+    model: Annotated[str, Option("JSON file of a model; for a port also a scene", "MODEL")],
     *,
     out: Annotated[
-        str, Option("file to write; its ending says the language: .py, .c, .m, .mo or .fmu", "FILE", "-o")
+        str, Option("file to write; its ending selects the language: .py, .c, .m, .mo, .fmu", "FILE", "-o")
     ],
     port: Annotated[
         Literal["force"] | None,
         Option(
-            "write an element between two bodies in place of the record's motion: inputs height [m] and "
-            "velocity [m/s] of the piston over the cell, output force [N]"
+            "write an element between two bodies instead of the record's motion: inputs height [m] and "
+            "velocity [m/s] of the piston relative to the cell, output force [N]"
         ),
     ] = None,
     mass: Annotated[
-        Kilograms | None, Option("of the piston that was recorded, for a port of a record's model [kg]", "M")
+        Kilograms | None, Option("mass of the recorded piston, for a port of a record's model [kg]", "M")
     ] = None,
-    gravity: Annotated[Annotated[float, quantity("m/s^2")] | None, Option("there [m/s^2] (9.8)", "G")] = None,
+    gravity: Annotated[
+        Annotated[float, quantity("m/s^2")] | None, Option("gravity of the record [m/s^2] (9.8)", "G")
+    ] = None,
     fmi: Annotated[int, Option("version of FMI of an .fmu, 2 or 3 (2)")] = 2,
     output: Output,
 ) -> None:

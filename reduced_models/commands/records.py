@@ -1,4 +1,4 @@
-"""The commands ``look`` and ``example``, and options and sources of all commands that take a record."""
+"""The commands ``look`` and ``example``, and options of all commands that take a record."""
 
 from __future__ import annotations
 
@@ -21,41 +21,39 @@ if TYPE_CHECKING:
     from granular.records.record import PistonRecord
 
 
-_A_SOURCE = Option(
-    "a scene (name or TOML file), a run directory, or a record as an instrument wrote it", "SOURCE"
-)
+_A_SOURCE = Option("a scene (name or TOML file), a run directory, or a record from an instrument", "SOURCE")
 Source = Annotated[str, _A_SOURCE]
 Sources = Annotated[tuple[str, ...], _A_SOURCE]
 
 _PAIRS = re.compile(r",(?=[^,=]+=)")
-"""Commas between pairs, and not in a heading as it stands in a file."""
+"""Commas between pairs, but not commas within a column's heading."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """Options of reading a record's file, as they were typed."""
+    """Options of reading a record's file, as typed."""
 
-    title: ClassVar[str] = "how a record's file is read, where it is not to be guessed"
+    title: ClassVar[str] = "reading of a record's file, if it should not be guessed"
 
     columns: Annotated[
         tuple[str, ...],
         Option(
-            "which column is time, height (or angle; or stroke, where it is prescribed and the force is "
-            "measured), velocity, force, acceleration, base_height, base_acceleration, or an input that is "
-            "called so: by name, or by number from 1",
+            "column of time, height (or angle; or stroke, if it is prescribed and the force is "
+            "measured), velocity, force, acceleration, base_height, base_acceleration, or an input of the "
+            "given name: by name, or by number from 1",
             "ROLE=NAME,...",
         ),
     ] = ()
     units: Annotated[tuple[str, ...], Option("such as height=mm", "NAME=UNIT,...")] = ()
-    decimal: Annotated[str | None, Option("sign of the decimals, . or ,", "SIGN")] = None
-    skip: Annotated[int, Option("leave N lines at the head", "N")] = 0
-    sheet: Annotated[str | None, Option("of a workbook, a group, or a variable", "NAME")] = None
-    flip: Annotated[bool, Option("the coordinate grows downwards")] = False
+    decimal: Annotated[str | None, Option("decimal sign, . or ,", "SIGN")] = None
+    skip: Annotated[int, Option("skip N lines at the start", "N")] = 0
+    sheet: Annotated[str | None, Option("sheet of a workbook, group, or variable", "NAME")] = None
+    flip: Annotated[bool, Option("the coordinate increases downwards")] = False
     between: Annotated[
         str | None,
         Option(
-            "only the samples between these times [s]; ':' for all, also those before a release, which are "
-            "left out otherwise",
+            "only the samples between these times [s]; ':' for all, including samples before a release, "
+            "which are excluded by default",
             "T:T",
         ),
     ] = None
@@ -67,29 +65,26 @@ class Reading:
         ),
     ] = ()
     zero: Annotated[
-        tuple[str, ...],
-        Option("the column's number at the height 0: '2.513 V' (repeatable)", "[COLUMN=]VALUE"),
+        tuple[str, ...], Option("reading of the column at height 0: '2.513 V' (repeatable)", "[COLUMN=]VALUE")
     ] = ()
     calibration: Annotated[
         tuple[str, ...],
         Option(
-            "instead of a scale, a file of points with the columns raw, value and uncertainty, through which "
-            "a straight line is laid (repeatable)",
+            "instead of a scale, a file of calibration points with the columns raw, value and uncertainty, "
+            "to which a straight line is fitted (repeatable)",
             "[COLUMN=]FILE",
         ),
     ] = ()
     release: Annotated[
         str | None,
         Option(
-            "which of several releases in a file: its number, or 'all' of them together (for fit, compare "
-            "and discover); the first if not given",
+            "one of several releases in a file: its number, or 'all' together (for fit, compare "
+            "and discover); by default the first",
             "N",
         ),
     ] = None
     rate: Annotated[str | None, Option("sampling rate of a file without times: '610.35 Hz'", "RATE")] = None
-    sort: Annotated[
-        bool, Option("put the rows in the order of their times, those of one time as their mean")
-    ] = False
+    sort: Annotated[bool, Option("sort the rows by time, and average rows of equal time")] = False
 
     def parse(self) -> ReadOptions:
         """Read the texts."""
@@ -107,7 +102,7 @@ class Reading:
         )
 
     def load(self, sources: Sequence[str], output: Output) -> list[PistonRecord]:
-        """Load the records of some sources, scenes simulated first; all releases of a file if asked."""
+        """Load the records of some sources; scenes are simulated first; optionally all releases of a file."""
         from reduced_models.records.sources import (
             is_record_file,
             load_record,
@@ -131,7 +126,7 @@ _AS_TYPED = ("decimal", "skip", "sheet", "flip", "release", "rate", "sort")
 
 
 def _parse_time_range(text: str | None) -> tuple[float, float] | None:
-    """Read two times [s]; infinite where one is missing."""
+    """Read two times [s]; a missing one is infinite."""
     if text is None:
         return None
     start, colon, stop = text.partition(":")
@@ -144,7 +139,7 @@ def _parse_time_range(text: str | None) -> tuple[float, float] | None:
 
 
 def _parse_by_column(option: str, items: Sequence[str]) -> dict[str, str] | None:
-    """Read texts with a column's name before them, or that of the height without."""
+    """Read texts with a column's name in front; the height's name is the default."""
     result: dict[str, str] = {}
     for item in items:
         column, equals, text = item.rpartition("=")
@@ -152,7 +147,7 @@ def _parse_by_column(option: str, items: Sequence[str]) -> dict[str, str] | None
         if not name:
             raise InputError(f"{option} {quote(item)} is not COLUMN=VALUE; write height=...")
         if name in result:
-            raise InputError(f"{option}: {quote(name)} is given twice; leave one out")
+            raise InputError(f"{option}: {quote(name)} is given twice; remove one")
         result[name] = text.strip()
     return result or None
 
@@ -176,7 +171,7 @@ def _parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
 
 
 def leave_cautions_to_print_out(output: Output) -> None:
-    """Silence the warnings that a print-out for people repeats."""
+    """Silence warnings that the text print-out repeats."""
     if not output.json:
         warnings.simplefilter("ignore", CautionWarning)
 
@@ -184,7 +179,7 @@ def leave_cautions_to_print_out(output: Output) -> None:
 def print_result_and_report_path(
     result: Any, out: str | None, output: Output, text: str | None = None
 ) -> None:
-    """Print a result, in other words than its own if these are given; and its report's place."""
+    """Print a result, or the given text in its place, and the path of its report."""
     text = str(result) if text is None else text
     if out is not None:
         text += f"\nreport: {out}/report.html"
@@ -197,17 +192,17 @@ examples:
   %(prog)s lab.csv --columns time=t,height=dist --units height=mm --flip --between 0.5:6
   %(prog)s lab.csv --decimal , --skip 12 --write record.toml    # then: identify record.toml""")
 def look(
-    file: Annotated[str, Option("a record as an instrument wrote it", "FILE")],
+    file: Annotated[str, Option("a record from an instrument", "FILE")],
     *,
     plot: Annotated[str | None, Option("draw the motion to this file (.png, .svg)", "FILE")] = None,
     write: Annotated[
         str | None,
-        Option("write what was understood to this TOML file, which every command takes as a record", "FILE"),
+        Option("write the interpretation to this TOML file, which every command takes as a record", "FILE"),
     ] = None,
     reading: Reading,
     output: Output,
 ) -> None:
-    """Show what is understood of a record's file, before anything is fitted."""
+    """Show the interpretation of a record's file, without a fit."""
     from granular.records.options import (
         ReadOptions,
         is_record_description,
@@ -241,13 +236,13 @@ examples:
   %(prog)s -o somewhere        # then: identify somewhere/lvdt.toml --law linear""")
 def example(
     *,
-    out: Annotated[str, Option("directory for them (lab); nothing is overwritten", "DIR", "-o")] = "lab",
+    out: Annotated[str, Option("directory of the files (lab); nothing is overwritten", "DIR", "-o")] = "lab",
     output: Output,
 ) -> None:
-    """Write records as instruments write them, made ones and a real one, to try the other commands on."""
+    """Write example records in the formats of instruments, synthetic and one real, for the other commands."""
     from reduced_models.records.example_records import write_example_records
 
     truths = write_example_records(out)
-    lines = [f"written to {out}, each with a .toml that says how it is read:"]
+    lines = [f"written to {out}, each with a .toml for its reading:"]
     lines += [f"  {name:18} {truth}" for name, truth in truths.items()]
     print_result({"directory": out, "records": truths}, "\n".join(lines), output.json)

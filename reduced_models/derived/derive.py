@@ -1,12 +1,12 @@
 """`derive`: the piston's law from the equilibria and complex roots of its bed; nothing is fitted to a motion.
 
-With the piston held at a height z, the bed pulls it down by F(z), and small motions about that have the
-complex root s. Mass and damping follow from it by (M + m) s^2 + c s + F' = 0, so
+With the piston held at a height z, the bed pulls it down by F(z), and small oscillations about this state
+have the complex root s. Mass and damping follow from (M + m) s^2 + c s + F' = 0, so that
 
     (M + m(z)) z'' + m'(z)/2 z'^2 + c(z) z' + F(z) = 0
 
-has the exact root at rest, and loses energy by c alone. The heights end at an instability: if the lowest
-eigenvalue of the bed's stiffness goes through zero, grains rearrange and the piston's force jumps.
+has the exact root at equilibrium, and loses energy only by c. The range of heights ends at an instability:
+when the lowest eigenvalue of the bed's stiffness passes zero, grains rearrange and the force jumps.
 """
 
 from __future__ import annotations
@@ -54,17 +54,17 @@ from reduced_models.records.envelope import find_extremes
 from reduced_models.records.sources import open_source
 
 RESOLUTION = 1e-4
-"""Shortest step of the piston [D], and so the error of an instability's height."""
+"""Shortest step of the piston [D], which is the error of an instability's height."""
 
-_KICK = 1e-2  # displacement along the unstable mode [D]: beyond what a saddle holds at the shortest step
-_MOVED = 0.25  # of the largest displacement, from which on a grain is said to rearrange
+_KICK = 1e-2  # displacement along the unstable mode [D], large enough to leave a saddle at the shortest step
+_MOVED = 0.25  # of the largest displacement; grains that move farther count as rearranged
 
 
 class HeldState(NamedTuple):
     """An equilibrium with the piston held, and its oscillator (M + m) s^2 + c s + k = 0."""
 
     height: float  # [m]
-    force: float  # F, that pulls the piston down over its own weight [N]
+    force: float  # F: downward force on the piston including its weight [N]
     stiffness: float  # k = dF/dz [N/m]
     mass: float  # M + m [kg]
     damping: float  # c [N s/m]
@@ -81,8 +81,8 @@ class Instability(NamedTuple):
     grains : tuple of int
         Grains that move by a quarter of the largest displacement or more.
     force_drop : float
-        Bed's force on the piston before grains rearrange, minus the one behind, at this height [N]; 0 if they
-        move away gradually.
+        Force of the bed on the piston before minus after the rearrangement, at this height [N]; 0 for a
+        gradual one.
     """
 
     height: float
@@ -91,7 +91,7 @@ class Instability(NamedTuple):
 
 
 def held_state(pencil: Pencil, piston: int, s: complex) -> HeldState:
-    """Oscillator of a held equilibrium, whose root is next to s [1/s]."""
+    """Oscillator of a held equilibrium, with the root closest to s [1/s]."""
     root, shape, height = refine_root(pencil, piston, s), static_shape(pencil, piston), pencil.at[piston]
     if root is None:
         raise InputError(
@@ -119,7 +119,7 @@ def follow_piston(
 
 
 def _advance(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
-    """Matrices at the goal [m], or at the last height before an instability; which of both."""
+    """Return the matrices at the goal [m] or at the last height before an instability, and a flag."""
     size = goal - pencil.at[piston]
     while (left := goal - pencil.at[piston]) != 0.0:
         height = goal if abs(left) <= abs(size) else float(pencil.at[piston] + size)
@@ -142,7 +142,7 @@ def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | No
         result = find_equilibrium(pencil.bed, start, held, pencil)
     except InputError:
         return None
-    # Another branch is farther from the extrapolation than the piston's step, which the curvature is not.
+    # Another branch differs from the extrapolation by more than the piston's step, the curvature by less.
     if np.abs(result.at - start).max() > abs(step) or not result.is_stable(held):
         return None
     return result
@@ -153,7 +153,7 @@ def _held(bed: BedForces, piston: int) -> tuple[int, ...]:
 
 
 def _instability(pencil: Pencil, piston: int, direction: float) -> Instability:
-    """Find what happens beyond the last height before an instability."""
+    """Find the rearrangement beyond the last height before an instability."""
     bed, held = pencil.bed, _held(pencil.bed, piston)
     at, mode = pencil.at.copy(), pencil.lowest_modes(1, held)[1][:, 0]
     at[piston] += direction * RESOLUTION * bed.length
@@ -173,12 +173,12 @@ def _instability(pencil: Pencil, piston: int, direction: float) -> Instability:
 
 
 RESIDUAL = 1e-5
-"""Residual of a polynomial over its largest value (of the force and of its slope) that ends its growth."""
+"""Relative residual of a polynomial (of the force and of its slope) at which its order stops growing."""
 
 HIGHEST_ORDER = 9
 
 LARGEST_RESIDUAL = 0.01
-"""Residual of a polynomial over its largest value from which on a law is refused: it would be as wrong."""
+"""Relative residual of a polynomial above which a law is refused, since its error would be as large."""
 
 # Of a half cycle: the midpoint rule of a smooth periodic function converges faster than any power.
 _NODES = 64
@@ -188,7 +188,7 @@ _MOST_STEPS = 50
 def polynomial_law(
     states: Sequence[HeldState], middle: int, order: int | None
 ) -> tuple[Law, dict[str, float], str]:
-    """Law with its values, and the orders and residuals of its polynomials in words."""
+    """Law with its parameter values, and the orders and residuals of its polynomials in words."""
     heights, at = np.array([state.height for state in states]), states[middle]
     distances = np.abs(heights - at.height)
     fits = _fits(states, at, order)
@@ -199,7 +199,7 @@ def polynomial_law(
             if max(residual for _, residual in _fits(near, at, order).values()) <= LARGEST_RESIDUAL:
                 break
         raise InputError(
-            f"no polynomial of the height follows the {worst} from {1e3 * heights[0]:.4g} to "
+            f"no polynomial of the height fits the {worst} from {1e3 * heights[0]:.4g} to "
             f"{1e3 * heights[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}: the bed nearly "
             f"rearranges there; give a reach of {0.995e3 * reach:.3g} mm"
         )
@@ -252,7 +252,7 @@ def _fit_polynomial(
     order: int | None,
     slopes: Float[np.ndarray, "n"] | None = None,
 ) -> tuple[Float[np.ndarray, "p"], float]:
-    """Coefficients of a polynomial of known lowest ones, and its largest residual over the largest value."""
+    """Coefficients of a polynomial with known lowest ones, and its relative maximum residual."""
     reach = float(np.abs(x).max())
     u = x / reach
     target = values if slopes is None else np.concatenate([values, reach * slopes])
@@ -266,7 +266,7 @@ def _fit_polynomial(
         coefficients[: len(known)] = np.array(known) * reach ** powers[: len(known)]
         left = target - columns @ coefficients
         coefficients[len(known) :] = np.linalg.lstsq(columns[:, len(known) :], left, rcond=None)[0]
-        # A bed without drag has no damping anywhere.
+        # Without drag the damping is zero at all heights.
         largest = float(np.abs(target).max()) or 1.0
         residual = float(np.abs(target - columns @ coefficients).max()) / largest
         if residual <= RESIDUAL:
@@ -276,7 +276,7 @@ def _fit_polynomial(
 
 def energy_backbone(values: Mapping[str, float], amplitudes: Sequence[float]) -> Backbone:
     """Backbone [m, rad/s] of the undamped law, and damping by the energy lost along its cycles."""
-    # The lowest coefficients of inertia and force by the height over rest are no parameters.
+    # The lowest coefficients of inertia and force in z - rest are fixed and not parameters.
     laws = tuple(
         np.polynomial.Polynomial([*lowest, *(value for name, value in values.items() if name[0] == kind)])
         for kind, lowest in (("m", [1.0]), ("c", []), ("k", [0.0]))
@@ -304,38 +304,36 @@ def _cycle(laws: tuple[np.polynomial.Polynomial, ...], amplitude: float) -> tupl
     angles = math.pi * ((np.arange(_NODES) + 0.5) / _NODES - 0.5)
     x = centre + amplitude * np.sin(angles)
     if not (force(high) > 0.0 > force(low) and (quotient(x) > 0.0).all() and (inertia(x) > 0.0).all()):
-        raise InputError(
-            f"the force pulls no cycle of an amplitude of {amplitude:g} m back; give a smaller one"
-        )
-    pace = np.sqrt(2.0 * quotient(x) / inertia(x))  # speed over amplitude cos(angle)
+        raise InputError(f"the force is not restoring at an amplitude of {amplitude:g} m; give a smaller one")
+    pace = np.sqrt(2.0 * quotient(x) / inertia(x))  # speed / (amplitude cos(angle))
     omega = 1.0 / float((1.0 / pace).mean())
     loss = 2.0 * math.pi * float((damping(x) * pace * np.cos(angles) ** 2).mean())
     return omega, loss / (2.0 * math.pi * omega**2)
 
 
 REACH = 0.2
-"""Range to both sides of the equilibrium [D], if the scene has no lift."""
+"""Range on both sides of the equilibrium [D], if the scene has no lift."""
 
 STEP = 0.025
 """Longest step of the piston [D]."""
 
 FEWEST_STEPS = 4
-"""Fewest steps to each side."""
+"""Minimum number of steps to each side."""
 
 CYCLES = 10
-"""Cycles of a run that the law is compared with, from the second extreme."""
+"""Number of cycles of a run for comparison, from the second extreme."""
 
 FRACTIONS = (1.0, 0.5, 0.1)
-"""Amplitudes of the printed backbone, over the shorter side of the range."""
+"""Amplitudes of the printed backbone, relative to the shorter side of the range."""
 
 REARRANGED = 0.5
-"""Displacement of a grain [D] from which on a state is of another packing, and has no part of its roots."""
+"""Displacement of a grain [D] above which a state belongs to another packing with other roots."""
 
 NAMED = 8
-"""Most grains of an instability that are printed."""
+"""Maximum number of printed grains of an instability."""
 
 GRADUAL = 1e-9
-"""Drop of the force over the piston's weight, below which it is rounding."""
+"""Drop of the force relative to the piston's weight below which it is rounding."""
 
 
 class MotionError(NamedTuple):
@@ -346,11 +344,11 @@ class MotionError(NamedTuple):
     relative : float
         Rms difference of the heights over the run's rms displacement from the law's equilibrium.
     mean_shift : float
-        Mean height of the law's motion less that of the run's [m].
+        Mean height of the law's motion minus the run's mean height [m].
     rms : float
         Rms difference of the heights [m].
     samples : int
-        Samples compared.
+        Number of samples compared.
     """
 
     relative: float
@@ -361,9 +359,9 @@ class MotionError(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class DerivedModel(ReducedModel):
-    """A law from a bed's equilibria and roots; `ReducedModel` has all other attributes and the methods.
+    """A law from a bed's equilibria and roots; see `ReducedModel` for all other attributes and methods.
 
-    A file keeps the law and the print-out; the attributes below are those of `derive` alone.
+    A file stores the law and the print-out, but not the attributes below.
 
     Attributes
     ----------
@@ -373,7 +371,7 @@ class DerivedModel(ReducedModel):
     instabilities : tuple of Instability
         Instabilities that end the range below or above.
     error : MotionError or None
-        Error against a run; None if it was compared with none.
+        Error against a run; None without a comparison.
     """
 
     states: tuple[HeldState, ...] = ()
@@ -381,7 +379,7 @@ class DerivedModel(ReducedModel):
     error: MotionError | None = None
 
     def backbone(self, amplitudes: Sequence[float]) -> Backbone:
-        """Frequency and damping ratio over amplitude, by the energy of the undamped cycle and its loss.
+        """Frequency and damping ratio against amplitude, by the energy of the undamped cycle and its loss.
 
         Parameters
         ----------
@@ -396,7 +394,7 @@ class DerivedModel(ReducedModel):
         Raises
         ------
         InputError
-            If an amplitude is not above zero, or the force does not pull back from its cycle's extremes.
+            If an amplitude is not above zero, or the force is not restoring at the cycle's extremes.
         """
         return energy_backbone(self.parameters, amplitudes)
 
@@ -412,33 +410,35 @@ def derive(
 
     The piston is held at heights about its equilibrium, up to the first instability on each side, if there is
     one. The law is (M + m) z'' + m'/2 z'^2 + c z' + F = 0 with polynomials F, m and c of the height, over the
-    mass M + m at equilibrium. Drives, thermal motion and dry friction of the scene are not in it.
+    mass M + m at equilibrium. It does not include drives, thermal motion and dry friction of the scene.
 
     Parameters
     ----------
     source : Scene, Trajectory, str or Path
-        A run, or its directory, whose last frame is taken for the settled bed; or a scene, whose protocol is
-        run up to the first rest.
+        A run, or its directory, whose last frame is the settled bed; or a scene, whose protocol is run up to
+        the first rest.
     reach : float, optional
-        Range to both sides of the equilibrium [m]; without, the scene's lift, or 0.2 D.
+        Range on both sides of the equilibrium [m]; by default the scene's lift, or 0.2 D.
     order : int, optional
-        Order of F, from 1 to 9; m and c have one less. Without, the lowest for a residual of 1e-5.
+        Order of F, from 1 to 9; the order of m and c is lower by one. By default the lowest order with a
+        residual of 1e-5.
     against : Trajectory, PistonRecord, str or Path, optional
-        Free oscillation that the law is compared with, from its second extreme on over ten cycles; without,
-        the release of a run that is the source.
+        Free oscillation for comparison, over ten cycles from its second extreme; by default the release of
+        the source, if it is a run.
 
     Returns
     -------
     DerivedModel
-        Model whose motion starts at the run's release, if the source has one: as the projection of its state
-        on the root, or as it is if grains have rearranged since. Otherwise at rest at the top of the range.
+        Model whose motion starts at the run's release, if the source has one: from the projection of its
+        state on the root, or from the state itself if grains have rearranged since. Otherwise it starts from
+        rest at the top of the range.
 
     Raises
     ------
     InputError
-        If the bed has no free piston, no equilibrium or no oscillation, or a machine carries it, the reach is
-        not above 0 and below the piston's height, the order is another one, nothing is left of the range, or
-        no polynomial of any order follows mass, damping and force there within a hundredth.
+        If the bed has no free piston, no equilibrium or no oscillation, a machine carries it, the reach is
+        not above 0 and below the piston's height, the order is out of range, the range is empty, or no
+        polynomial fits mass, damping and force there within 1 %.
     RecordError
         If ``against`` has fewer than two extremes.
 
@@ -452,11 +452,11 @@ def derive(
     """
     opened = open_source(source) if isinstance(source, str | Path) else source
     if not isinstance(opened, Scene | Trajectory):
-        raise InputError(f"{type(opened).__name__} is no bed; give a scene or a run")
+        raise InputError(f"{type(opened).__name__} is not a bed; give a scene or a run")
     rest = equilibrium(opened)
     bed, piston = rest.pencil.bed, require_free_piston(rest)
     if bed.machine is not None:
-        raise InputError("a piston on a machine has no law of its height alone; take effects.host away")
+        raise InputError("the law of a piston on a machine needs more than its height; remove effects.host")
     if reach is None:
         lifts = [abs(stage.by) for stage in rest.scene.protocol if isinstance(stage, Lift)]
         reach = lifts[-1] if lifts else REACH * bed.length
@@ -473,7 +473,7 @@ def derive(
     states = (*reversed(below[0]), held_state(rest.pencil, piston, root.s), *above[0])
     instabilities = tuple(end for _, end in (below, above) if end is not None)
     if len(states) < 3:
-        raise InputError(f"the bed is not stable {1e3 * reach / count:.2g} mm off; give a smaller reach")
+        raise InputError(f"the bed is unstable {1e3 * reach / count:.2g} mm off rest; give a smaller reach")
     small = {"height": height, "period": 1.0 / root.frequency, "damping_ratio": root.damping_ratio}
     law, values, accuracy = polynomial_law(states, len(below[0]), order)
     model = DerivedModel(
@@ -504,7 +504,7 @@ def derive(
     lines = [
         f"derived from the scene {rest.scene.name}: nothing is fitted to a motion",
         f"piston held at {len(states)} heights, from {low:.5g} to {high:.5g} mm{ending}",
-        f"polynomials: {accuracy}; mass that moves {states[len(below[0])].mass:.5g} kg",
+        f"polynomials: {accuracy}; moving mass {states[len(below[0])].mass:.5g} kg",
         f"backbone: {_backbone_text(model)}",
     ]
     if model.error is not None:
@@ -520,15 +520,15 @@ def derive(
 def _open_motion(against: Trajectory | PistonRecord | str | Path | None) -> PistonRecord | None:
     opened = open_source(against) if isinstance(against, str | Path) else against
     if isinstance(opened, Scene):
-        raise InputError(f"the scene {opened.name} has no motion; run it, and give the run's directory")
+        raise InputError(f"the scene {opened.name} has no motion; simulate it and give the run's directory")
     return opened.piston() if isinstance(opened, Trajectory) else opened
 
 
 def motion_error(model: ReducedModel, record: PistonRecord) -> MotionError:
-    """Compare a model with a free oscillation from its second extreme on, over ten cycles."""
+    """Compare a model with a free oscillation over ten cycles from its second extreme."""
     extremes, rest = find_extremes(record), model.at_rest
     if rest is None or len(extremes) < 2:
-        raise RecordError(f"{len(extremes)} extremes of the height are seen; give a free oscillation")
+        raise RecordError(f"the height has {len(extremes)} extremes; give a free oscillation")
     start, height = float(extremes.time[1]), float(extremes.height[1])
     chosen = (record.time > start) & (record.time <= start + CYCLES * rest.period)
     seen = record.height[chosen]
@@ -539,7 +539,7 @@ def motion_error(model: ReducedModel, record: PistonRecord) -> MotionError:
 
 
 def _release(run: Trajectory) -> str | None:
-    """Name of the stage of a run behind its last lift, if it has one."""
+    """Name of the stage after a run's last lift, if there is one."""
     lifts = [stage.name for stage in run.scene.protocol if isinstance(stage, Lift)]
     names = [stage.name for stage in run.stages]
     behind = names[names.index(lifts[-1]) + 1 :] if lifts and lifts[-1] in names else []
@@ -547,7 +547,7 @@ def _release(run: Trajectory) -> str | None:
 
 
 def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root) -> tuple[float, float]:
-    """Height [m] and velocity [m/s] at the start of a stage, of the motion by the root alone."""
+    """Height [m] and velocity [m/s] at the start of a stage, projected on the root."""
     bed, data, start = rest.pencil.bed, run.dataset, run.stage(stage).start
     piston = require_free_piston(rest)
     frame = int(np.searchsorted(data["frame_time"].values, start + 1e-9, side="right")) - 1
@@ -566,7 +566,7 @@ def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root)
 
 
 def _exact(values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    """Intervals of values that have no error."""
+    """Intervals of values without an error."""
     return {name: (value, value) for name, value in values.items()}
 
 
@@ -574,17 +574,17 @@ def _notes(rest: Equilibrium, root: Root, instabilities: Sequence[Instability]) 
     notes = []
     if root.mass_fraction < 1.0 - MASS_FRACTION:
         part = f"{100.0 * root.mass_fraction:.2g} %"
-        notes.append(f"the law has {part} of the piston's small motions; other modes have the rest")
+        notes.append(f"the law describes {part} of the piston's small motions; other modes the remainder")
     for end in instabilities:
         grains = f"{', '.join(map(str, end.grains[:NAMED]))}{' ...' * (len(end.grains) > NAMED)}"
         drops = abs(end.force_drop) > GRADUAL * rest.pencil.bed.weight
         how = f"its force on the piston drops by {end.force_drop:.3g} N" if drops else "gradually"
         notes.append(
-            f"the range ends at {1e3 * end.height:.5g} mm, where the bed loses its equilibrium: grains "
+            f"the range ends at {1e3 * end.height:.5g} mm, at which the bed loses its equilibrium: grains "
             f"{grains} rearrange, {how}"
         )
     if rest.pencil.bed.scene is not rest.scene:
-        notes.append("the scene's drive, heat and dry friction are not in the law")
+        notes.append("the law does not include the scene's drive, heat and dry friction")
     return tuple(notes)
 
 

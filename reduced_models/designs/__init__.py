@@ -1,1 +1,1 @@
-"""Dampers for a wanted frequency and damping: maps from a study, proposals, checks."""
+"""Design of dampers for a given frequency and damping: scaling laws, proposals, checks."""

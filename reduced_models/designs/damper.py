@@ -1,4 +1,4 @@
-"""A damper as a designer sees it, and the figures that scaling laws expect of it."""
+"""A damper with its design parameters, and its figures by scaling laws."""
 
 from __future__ import annotations
 
@@ -18,57 +18,57 @@ DIAMETER = 0.006
 ASPECT = 0.6
 """Diameter of small grains over that of large ones."""
 REST_TOLERANCE = "1e-2 D"
-"""The piston is at rest when it stays within this height, a twentieth of the lift: figures are then those of
-1e-3 D within 0.1 %."""
-SWING = "3 s"
-"""Length of the recorded motion: at least seven swings."""
+"""The piston counts as settled when it stays within this height, a twentieth of the lift; figures then agree
+with those for 1e-3 D within 0.1 %."""
+RELEASE_DURATION = "3 s"
+"""Duration of the recorded motion: 7 cycles or more."""
 EXPONENT = 2.86
-"""The force of the published damper's bed falls with this power of the height at rest."""
+"""The force of the published damper's bed decreases with this power of the equilibrium height."""
 
 LOADS, COUNTS, DAMPINGS = (1.6, 10.0), (92, 368), (0.023, 0.27)
-"""Limits of the mass of the piston over the relative width of the cell [kg], of the number of grains and of
-the damping ratio, those of 144 simulated dampers, and of further falls from 1.6 to 2 kg. Under a lighter
-piston the bed keeps the disorder of its start, and one damper differs from the next; a heavier one presses
-small grains into contact. Less damping takes minutes to come to rest; with more of it grains lag behind the
-piston, and laws of second order no longer agree on frequency and damping."""
+"""Limits of the piston's mass over the relative width of the cell [kg], of the number of grains and of the
+damping ratio: the range of 144 simulated dampers and of further falls from 1.6 to 2 kg. Under a lighter
+piston the bed keeps its initial disorder, and dampers differ between packings; a heavier piston presses
+small grains into contact. With less damping the bed takes minutes to settle. With more damping the grains
+lag behind the piston, and second-order laws no longer agree on frequency and damping."""
 LARGEST_SHARE = 0.5
-"""Largest fraction of small grains of these dampers."""
+"""Maximum fraction of small grains in these dampers."""
 REFERENCE = np.log([7.5, REFERENCE_COUNT, 0.1, 1.0])
 """Logarithms of load [kg], number of grains, drag [kg/s] and mean grain mass ratio of the packaged damper."""
 REFERENCE_FIGURES = np.log([0.0602, 3.396, 0.0391])
 POWERS = np.array(
     [[-0.4, 0.185, -1.185], [0.5, -0.2406, 0.7406], [0.0, 0.0125, 0.9875], [0.8, -0.3825, 1.3825]]
 )
-"""Powers of rest height [m], frequency [Hz] and damping ratio in these numbers: those of a crystal of dipoles
-(pressure with the power 5/2 of the density) that follows its piston affinely, with a frequency that grows
-with the power 1/80 of the damping ratio. That power and the figures above are from 144 simulated dampers
-within these limits, from 2 kg on, whose figures the laws give with errors of 2.5, 1.4 and 7.1 % rms."""
+"""Exponents of equilibrium height [m], frequency [Hz] and damping ratio in these numbers. They hold for a
+crystal of dipoles (pressure proportional to density^(5/2)) that follows its piston affinely, with a
+frequency proportional to (damping ratio)^(1/80). The exponent 1/80 and the figures above come from 144
+simulated dampers within these limits, from 2 kg on; the rms errors of the laws are 2.5, 1.4 and 7.1 %."""
 ONE_SIZE = np.array([-0.020, 0.018, -0.055])
-"""Errors of the laws for beds of one size, in logarithms: medians of the first falls of fifteen dampers
-(`benchmarks.design_targets`), and those of the packaged damper."""
+"""Errors of the laws for beds of one grain size, in logarithms: medians of the first falls of 15 dampers
+(`benchmarks.design_targets`), including the packaged damper."""
 DISCS = np.log([1.08, 0.95, 1.05])
-"""Logarithms of the figures of discs over those of dipoles: the packaged ones between rows of discs rest at
-64.4 and 62.7 mm and have 3.25 and 3.33 Hz from two starts; damping ratios go with 1 over the frequency."""
+"""Logarithms of the figures of discs over the figures of dipoles. The packaged discs between rows of discs
+rest at 64.4 and 62.7 mm with 3.25 and 3.33 Hz from two packings; damping ratios scale as 1/frequency."""
 
 
 class DamperCandidate(NamedTuple):
-    """A damper, by the figures that a designer chooses.
+    """A damper, given by its design parameters.
 
-    They are not checked here: methods refuse what is out of its range.
+    They are not checked here; methods raise an error for a value out of range.
 
     Attributes
     ----------
     mass : float
         Mass of the piston [kg], above 0.
     grains : int
-        Number of grains, above 0; the cell is as wide as keeps the packing, 60 D sqrt(grains/368),
-        where D = 6 mm is the diameter of a large grain.
+        Number of grains, above 0. The cell's width, 60 D sqrt(grains/368), keeps the packing, where
+        D = 6 mm is the diameter of a large grain.
     drag : float
         Drag coefficient gamma of a large grain [kg/s], above 0.
     small_share : float
-        Fraction of the grains that are small, of the diameter 0.6 D, from 0 to 1.
+        Fraction of small grains of diameter 0.6 D, from 0 to 1.
     magnets : str
-        ``"dipoles"``: point dipoles; or ``"cylinders"``: discs, magnetized along their axes.
+        ``"dipoles"``: point dipoles; or ``"cylinders"``: discs magnetized along their axes.
 
     Examples
     --------
@@ -85,39 +85,39 @@ class DamperCandidate(NamedTuple):
 
     @property
     def cell_width_ratio(self) -> float:
-        """Width of the cell over that for 368 grains, sqrt(grains/368), without unit.
+        """Width of the cell relative to the width for 368 grains, sqrt(grains/368), without unit.
 
         Raises
         ------
         InputError
-            If ``grains`` is no number above 0.
+            If ``grains`` is not a number above 0.
         """
         check_above_zero("grains", self.grains)
         return math.sqrt(self.grains / REFERENCE_COUNT)
 
     @property
     def viscosity(self) -> float:
-        """Viscosity of the liquid that gives a large grain its drag, gamma/(3 pi D) [Pa s].
+        """Viscosity of the liquid for the drag of a large grain, gamma/(3 pi D) [Pa s].
 
-        By Stokes's law for a sphere of the diameter D = 6 mm.
+        From Stokes's law for a sphere of diameter D = 6 mm.
 
         Raises
         ------
         InputError
-            If ``drag`` is no number above 0.
+            If ``drag`` is not a number above 0.
         """
         check_above_zero("drag", self.drag, "kg/s")
         return self.drag / (3.0 * math.pi * DIAMETER)
 
     def scene(self, seed: int = 1) -> Scene:
-        """Scene of the damper that falls, comes to rest, is lifted by 0.2 D and released.
+        """Scene in which the damper falls, settles, is lifted by 0.2 D and released.
 
         The fall begins at 20 D sqrt(grains/368); D = 6 mm.
 
         Parameters
         ----------
         seed : int
-            Seed of the random start, from 0 on.
+            Seed of the random packing, 0 or more.
 
         Returns
         -------
@@ -127,8 +127,8 @@ class DamperCandidate(NamedTuple):
         Raises
         ------
         InputError
-            If a figure of the damper is out of its range, there are no such magnets, or ``seed`` is
-            no integer from 0 on.
+            If a parameter of the damper is out of range, ``magnets`` is unknown, or ``seed`` is not an
+            integer >= 0.
         """
         _check_figures(self)
         made = damper(
@@ -141,7 +141,7 @@ class DamperCandidate(NamedTuple):
         changes: dict[str, Any] = {
             "name": "design",
             "protocol.drop.tolerance": REST_TOLERANCE,
-            "protocol.release.duration": SWING,
+            "protocol.release.duration": RELEASE_DURATION,
         }
         if self.small_share > 0.0:
             changes["grains.species"] = [
@@ -152,19 +152,19 @@ class DamperCandidate(NamedTuple):
 
 
 def check_above_zero(name: str, value: Any, unit: str = "") -> None:
-    """Refuse what is no finite number above 0."""
+    """Raise an error unless a value is a finite number above 0."""
     if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) < math.inf:
         raise InputError(f"{name} = {quote(value)}; give a number above 0 {unit}".rstrip())
 
 
 def check_fraction(name: str, value: Any, largest: float) -> None:
-    """Refuse what is no number from 0 to the largest one."""
+    """Raise an error unless a value is a number from 0 to the largest one."""
     if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 <= float(value) <= largest:
         raise InputError(f"{name} = {quote(value)}; give a fraction from 0 to {largest:g}")
 
 
 def _check_figures(candidate: DamperCandidate) -> None:
-    """Refuse figures of a damper that are out of their ranges."""
+    """Raise an error if a parameter of a damper is out of range."""
     check_above_zero("mass", candidate.mass, "kg")
     check_above_zero("grains", candidate.grains)
     check_above_zero("drag", candidate.drag, "kg/s")
@@ -172,21 +172,21 @@ def _check_figures(candidate: DamperCandidate) -> None:
 
 
 class PredictedFigures(NamedTuple):
-    """Figures that are expected of a damper."""
+    """Figures of a damper by scaling laws."""
 
     rest_height: float  # [m]
     frequency: float  # [Hz]
     damping_ratio: float
     lam: float
-    k1: float  # of z'' + 2 lam z' + k1 x + k2 x^2 + k3 x^3 = 0, x from rest (SI)
+    k1: float  # of z'' + 2 lam z' + k1 x + k2 x^2 + k3 x^3 = 0, x = displacement from equilibrium (SI)
     k2: float
     k3: float
 
 
 def scaled_logarithms(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
-    """Logarithms of rest height [m], frequency [Hz] and damping ratio by the scaling laws."""
+    """Logarithms of equilibrium height [m], frequency [Hz] and damping ratio by the scaling laws."""
     _check_figures(candidate)
-    lighter = 1.0 - candidate.small_share * (1.0 - ASPECT**2)  # moment and drag go with a grain's mass
+    lighter = 1.0 - candidate.small_share * (1.0 - ASPECT**2)  # moment and drag scale with a grain's mass
     load = candidate.mass / candidate.cell_width_ratio
     numbers = np.log([load, candidate.grains, candidate.drag, lighter])
     discs = DISCS if candidate.magnets == "cylinders" else 0.0
@@ -195,7 +195,7 @@ def scaled_logarithms(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
 
 
 def figures_of(logarithms: np.ndarray) -> PredictedFigures:
-    """Complete figures by the law of a bed whose force falls with a power of its height."""
+    """Complete figures from the law of a bed whose force decreases with a power of its height."""
     height, frequency, ratio = np.exp(logarithms).tolist()
     k1 = (2.0 * math.pi * frequency) ** 2
     return PredictedFigures(

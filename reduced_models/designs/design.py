@@ -1,10 +1,10 @@
-"""`design`: a damper for a wanted frequency and damping, checked by simulation.
+"""`design`: a damper for a given frequency and damping, checked by simulation.
 
-Scaling laws propose a first damper, whose bed falls. If its figures are off, the laws propose the next damper
-with these errors taken off. Each fall packs the grains otherwise, so their median over all falls is taken.
-Small beds come to rest in few rows of grains, and a lighter or heavier piston changes how many: their
-frequency goes with the mass more steeply than by any law. So between a fall above and one below it, dampers
-are interpolated.
+Scaling laws propose a first damper, whose fall is simulated. If its figures miss the target, the laws
+corrected by the errors propose the next damper. Every fall gives another packing, so the errors are the
+median over all falls. Small beds settle into few rows of grains, and the piston's mass changes the number
+of rows: their frequency depends on the mass more steeply than any law predicts. Between a fall above and
+a fall below the target, dampers are therefore interpolated.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ from reduced_models.designs.damper import (
 from reduced_models.designs.result import Design, DesignCheck, DesignRound, DesignTarget
 
 LAW = "polynomial-spring"
-"""The law that predicts the damper's swings best among those whose z is the height; its
-coefficients are the spring's Taylor series about rest."""
+"""The law that predicts the damper's oscillations best among the laws with z = height; its
+coefficients are the Taylor series of the spring about equilibrium."""
 STARTS = 8
 SHOWN_EVERY = 5
-"""Every fifth sample of the motion is kept for its picture."""
+"""Every fifth sample of the motion is kept for the plot."""
 
 
-def _least_gap(run: Trajectory) -> float:
+def _smallest_gap(run: Trajectory) -> float:
     from scipy.spatial.distance import pdist
 
     positions = run.dataset["position"].values[_resting_frame(run)]
@@ -63,11 +63,11 @@ def _resting_frame(run: Trajectory) -> int:
 
 @keep_measure_name("reduced_models.designs.study:check#2")
 def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
-    """Heights and gaps [m], positions at rest [m], and the motion after the release as columns."""
+    """Heights and gaps [m], positions at equilibrium [m], and the motion after the release as columns."""
     columns, settings = run.piston("release").with_time_from_zero().columns, run.settings()
     return {
         "rest_height": run.stage("drop").height,
-        "rest_gap": _least_gap(run),
+        "rest_gap": _smallest_gap(run),
         "fall_gap": settings["closest_distance"] / run.scene.grains.species[0].diameter,
         "ledger": settings["ledger_residual"],
         "motion": {name: values.tolist() for name, values in columns.items()},
@@ -76,7 +76,7 @@ def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
 
 
 def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures of a run's check, and its motion, times [s] and heights [m], for a picture."""
+    """Figures of a check, and its motion (times [s], heights [m]) for a plot."""
     from reduced_models.fitting.fit import fit
 
     motion = PistonRecord.from_columns(columns["motion"])
@@ -95,35 +95,34 @@ def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
 
 
 MARGIN = 1.01
-"""Factor by which a frequency may lie beyond the limits: the scaling laws are off by 1.4 % rms."""
+"""Tolerance factor of a frequency beyond the limits: the scaling laws have an rms error of 1.4 %."""
 SMALLEST = 0.97
-"""Frequencies of 92 grains of one size under 8 to 10 kg over those by the laws: 0.95 to 0.99 in 8 falls."""
+"""Frequencies of 92 grains of one size under 8 to 10 kg relative to the laws: 0.95 to 0.99 in 8 falls."""
 
 HEAVY = 8.0
-"""Load [kg] from which on fewer grains are taken: heavier pistons press grains of 6 mm to 1.03 of their
-contact, and one bed differs from the next."""
+"""Load [kg] above which fewer grains are used: heavier pistons press grains of 6 mm to within 1.03 of
+contact, and beds differ between packings."""
 
 
 def propose_design(target: DesignTarget) -> DamperCandidate:
-    """Propose a damper that has the wanted figures by scaling laws; nothing is simulated.
+    """Propose a damper with the target figures by scaling laws, without a simulation.
 
     Parameters
     ----------
     target : DesignTarget
-        Wanted frequency [Hz] and damping ratio. With neither grains nor mass fixed, 368 grains are taken if
-        a piston of 1.6 to 8 kg does on them, else fewer, and on 92 grains heavier pistons.
+        Target frequency [Hz] and damping ratio. With neither grains nor mass fixed, 368 grains are used if
+        a piston of 1.6 to 8 kg meets the target; otherwise fewer grains, and with 92 grains heavier pistons.
 
     Returns
     -------
     DamperCandidate
-        Damper whose frequency and damping ratio are those of the target by the scaling laws, but for the
-        rounding of its number of grains.
+        Damper that meets the target by the scaling laws, up to the rounding of its number of grains.
 
     Raises
     ------
     InputError
-        If a value is out of its range, or no damper within the limits meets the target; the message says
-        what can be had.
+        If a value is out of range, or no damper within the limits meets the target; the message gives the
+        possible range.
     """
     target.check_ranges()
     low, high = reachable_frequencies(target)
@@ -131,14 +130,14 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
     fixed += "" if target.mass is None else f" with a piston of {target.mass:g} kg"
     if not DAMPINGS[0] <= target.damping <= DAMPINGS[1]:
         raise InputError(
-            f"damping = {target.damping:g}; dampers reach a damping ratio of {DAMPINGS[0]:g} to "
-            f"{DAMPINGS[1]:g}: give one from there"
+            f"damping = {target.damping:g}; dampers reach damping ratios from {DAMPINGS[0]:g} to "
+            f"{DAMPINGS[1]:g}: give a value in this range"
         )
     if not low <= target.frequency <= high:
-        more = ", or leave grains and mass free" if fixed else ""
+        more = ", do not fix grains or mass" if fixed else ""
         raise InputError(
             f"frequency = {target.frequency:g} Hz; dampers{fixed} with a damping ratio of {target.damping:g} "
-            f"reach {low:.3g} to {high:.3g} Hz: give one from there{more}, or another small_share"
+            f"reach {low:.3g} to {high:.3g} Hz: give a value in this range{more}, or another small_share"
         )
     return damper_by_laws(target)
 
@@ -146,10 +145,10 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
 def damper_by_laws(
     target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None, grains: int | None = None
 ) -> DamperCandidate:
-    """Damper with the wanted figures by scaling laws whose logarithms have these errors.
+    """Damper that meets the target by scaling laws corrected by errors of the logarithms.
 
-    The mass changes first on that number of grains, as far as any piston goes; without one, on 368 grains and
-    up to 8 kg. Then the number of grains changes, and at its limit the mass again.
+    First the mass is varied, for the given number of grains within all limits, otherwise for 368 grains up to
+    8 kg. Then the number of grains is varied, and at its limit the mass again.
     """
     damper = _limiting_dampers(target)[0]
     wanted = np.log([target.frequency, target.damping])
@@ -183,13 +182,13 @@ def damper_by_laws(
 
 
 def _meet_damping(damper: DamperCandidate, wanted: float) -> DamperCandidate:
-    """Change the drag to that with the wanted logarithm of the damping ratio by the scaling laws."""
+    """Change the drag so that the scaling laws give the target logarithm of the damping ratio."""
     change = (wanted - scaled_logarithms(damper)[2]) / POWERS[2, 2]
     return damper._replace(drag=damper.drag * math.exp(change))
 
 
 def reachable_frequencies(target: DesignTarget) -> tuple[float, float]:
-    """Lowest and highest frequency [Hz] of dampers with the damping ratio and the numbers of a target."""
+    """Minimum and maximum frequency [Hz] of dampers with a target's damping ratio and fixed numbers."""
     dampers = _limiting_dampers(target)
     low, high = (
         math.exp(scaled_logarithms(_meet_damping(damper, math.log(target.damping)))[1]) for damper in dampers
@@ -199,7 +198,7 @@ def reachable_frequencies(target: DesignTarget) -> tuple[float, float]:
 
 
 def _limiting_dampers(target: DesignTarget) -> tuple[DamperCandidate, DamperCandidate]:
-    """Dampers of the lowest and of the highest frequency within the limits."""
+    """Dampers with the minimum and the maximum frequency within the limits."""
     dampers = []
     for load, count in ((LOADS[0], COUNTS[1]), (LOADS[1], COUNTS[0])):
         grains: float = count if target.grains is None else target.grains
@@ -212,19 +211,19 @@ def _limiting_dampers(target: DesignTarget) -> tuple[DamperCandidate, DamperCand
     if target.mass is not None and not 0.99 * LOADS[0] <= target.mass / width <= 1.01 * LOADS[1]:
         least = LOADS[0] * math.sqrt(COUNTS[0] / COUNTS[1])
         raise InputError(
-            f"mass = {target.mass:g} kg; grains carry {least:.3g} to {LOADS[1]:g} kg: give one from there"
+            f"mass = {target.mass:g} kg; grains carry {least:.3g} to {LOADS[1]:g} kg: give a mass in between"
         )
     return dampers[0], dampers[1]
 
 
 SEEDS = (2,)
-"""Random starts of the checks; the simulations behind the scaling laws took the first."""
+"""Random packings of the checks; the simulations behind the scaling laws used the first one."""
 WANTED = 0.01
-"""Relative error of the mean frequency at which the search ends."""
+"""Relative error of the mean frequency that ends the search."""
 MOST = 12
-"""Proposals in all."""
+"""Maximum number of proposals."""
 ASIDE = 1.003
-"""Factor of the drag of a damper that fell before: its grains pack otherwise."""
+"""Factor on the drag of a damper that was already simulated, which gives another packing."""
 
 
 class DesignError(GranularError, RuntimeError):
@@ -249,10 +248,10 @@ def design(
     workers: int | None = None,
     progress: bool = True,
 ) -> Design:
-    """Design a magnetic granular damper whose piston swings as wanted.
+    """Design a magnetic granular damper with a given frequency and damping ratio of its piston.
 
-    Scaling laws propose a damper, which falls, comes to rest, is lifted and released. The laws are corrected
-    by the figures of all falls until one meets the target, up to twelve proposals in all.
+    Scaling laws propose a damper, which falls, settles, is lifted and released. The laws are corrected by the
+    figures of all falls until a proposal meets the target, for at most twelve proposals.
 
     Pistons of 1.6 to 10 kg on 368 grains (times sqrt(N/368) on N) and 92 to 368 grains reach 2.5 to 5.1 Hz
     with damping ratios of 0.023 to 0.27; with half of the grains small, 2.9 to 6.1 Hz.
@@ -260,70 +259,69 @@ def design(
     Parameters
     ----------
     frequency : float
-        Frequency of the undamped small swing about rest [Hz], above 0; that of the damped one is
-        sqrt(1 - damping^2) of it.
+        Undamped frequency of small oscillations about equilibrium [Hz], above 0; the damped frequency
+        is sqrt(1 - damping^2) of it.
     damping : float
         Damping ratio, a fraction of critical damping, above 0.
     grains : int, optional
         Number of grains, from 92 to 368. If neither it nor ``mass`` is given: 368, the published
-        number, if a piston of up to 8 kg does on them, and else fewer.
+        number, if a piston of up to 8 kg meets the target, otherwise fewer.
     mass : float, optional
-        Mass of the piston [kg], where the load is given; the number of grains is free then.
+        Mass of the piston [kg], for a given load; the number of grains is then free.
     small_share : float
-        Fraction of grains with 0.6 of the diameter, from 0 to 0.5, which makes the bed softer: the
-        piston rests lower, and swings faster.
+        Fraction of grains with 0.6 of the diameter, from 0 to 0.5. Small grains make the bed softer: the
+        equilibrium is lower, and the frequency higher.
     magnets : str
         ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``.
     seeds : sequence of int
-        Random starts of the checks, integers from 0 on, each of which must meet the target; three or
-        more show how far random packings scatter.
+        Random packings of the checks, integers >= 0, each of which must meet the target; three or
+        more show the spread over packings.
     out : str or Path, optional
-        Directory for simulations, scene.toml, design.json and report.html; called again, what was
-        simulated is used again. Nothing is written if not given.
+        Directory for simulations, scene.toml, design.json and report.html; a further call uses the
+        existing simulations. Nothing is written if not given.
     executor : concurrent.futures.Executor, optional
-        Where the cases run, as in `granular.sweep`.
+        Executor of the simulations, as in `granular.sweep`.
     workers : int, optional
-        Number of processes, from 1 on; as many as there are processors, but no more than
-        ``seeds``, if not given.
+        Number of processes, 1 or more; by default the number of processors, but at most the number of
+        ``seeds``.
     progress : bool
         Show a progress bar on standard error.
 
     Returns
     -------
     Design
-        Damper within 1 % of the frequency and 3 % of the damping ratio, in the mean over the checks, and
-        within 2 % and 5 % in every check. If no proposal does, the nearest one within 2 % and 5 % in every
-        check, discs within 3 % and 5 %; a note says so. It holds all proposals and their simulations.
+        Damper within 1 % of the frequency and 3 % of the damping ratio in the mean over the checks, and
+        within 2 % and 5 % in every check. If there is none, the closest proposal within 2 % and 5 % in
+        every check (discs: 3 % and 5 %), with a note. It holds all proposals and their simulations.
 
     Raises
     ------
     InputError
-        If an argument is out of its range, ``grains`` and ``mass`` are both given, ``seeds`` is
-        empty or holds something else than integers from 0 on, or the target is out of reach;
-        the message says what can be had.
+        If an argument is out of range, ``grains`` and ``mass`` are both given, ``seeds`` is empty or
+        not all integers >= 0, or the target is out of reach; the message gives the possible range.
     StoreError
-        If ``out`` cannot be made or written to.
+        If ``out`` cannot be created or written to.
     DesignError
         If all proposals missed the target, or a simulation failed before one met it; its ``design``
-        holds all proposals that were simulated, and is None where the first one failed.
+        holds all simulated proposals, and is None if the first one failed.
     KeyboardInterrupt
-        On Ctrl-C; ``out`` keeps what was simulated.
+        On Ctrl-C; ``out`` keeps the finished simulations.
 
     Warns
     -----
     UserWarning
-        Once for each proposal whose simulations warned, as `granular.sweep` does.
+        Once for each proposal with warnings in its simulations, as in `granular.sweep`.
     """
     target = DesignTarget(frequency, damping, grains, mass, small_share, magnets)
     if not isinstance(seeds, Sequence | np.ndarray) or any(
         not isinstance(seed, Integral) or seed < 0 for seed in seeds
     ):
-        raise InputError(f"seeds = {quote(seeds)}; give integers from 0 on")
+        raise InputError(f"seeds = {quote(seeds)}; give integers >= 0")
     if not len(seeds):
-        raise InputError("seeds is empty; give at least one random start")
+        raise InputError("seeds is empty; give one or more seeds of random packings")
     seeds = [int(seed) for seed in seeds]
     if workers is not None and (not isinstance(workers, int) or workers < 1):
-        raise InputError(f"workers = {quote(workers)}; give an integer from 1 on")
+        raise InputError(f"workers = {quote(workers)}; give an integer >= 1")
     first = propose_design(target)
     with case_executor(executor, min(len(seeds), workers or os.cpu_count() or 1)) as pool:
         result = _search_damper(target, first, seeds, out, pool, progress)
@@ -340,7 +338,7 @@ def _search_damper(
     executor: Executor,
     progress: bool,
 ) -> Design:
-    """Search a damper that meets the target by falls."""
+    """Search for a damper that meets the target in simulated falls."""
     rounds: list[DesignRound] = []
     errors = np.zeros(3)
     while len(rounds) < MOST:
@@ -356,7 +354,7 @@ def _search_damper(
         result = Design(target, tuple(rounds))
         if rounds[-1].meets_target(target) and rounds[-1].mean_miss(target) <= 1.0:
             break
-        # Medians, since some beds are about to rearrange.
+        # Medians, since a few beds are close to a rearrangement.
         errors = np.median([made.logarithms - scaled_logarithms(made.damper) for made in rounds], axis=0)
         candidate = _damper_between(target, rounds) or damper_by_laws(target, errors, candidate.grains)
         while any(candidate == made.damper for made in rounds):
@@ -369,9 +367,9 @@ def _search_damper(
 
 
 def _damper_between(target: DesignTarget, rounds: Sequence[DesignRound]) -> DamperCandidate | None:
-    """Damper between the nearest ones that miss the frequency upwards and downwards, if there are both.
+    """Interpolate between the closest dampers above and below the target frequency, if both exist.
 
-    Its drag is that of the nearest one, corrected, if there is a damper between them already.
+    If a damper between them was already simulated, its corrected drag is used.
     """
     wanted = np.log([target.frequency, target.damping])
     misses = [made.logarithms[1:] - wanted for made in rounds]
@@ -411,7 +409,7 @@ def _run_checks(
     for seed, outcome in zip(seeds, study.outcomes, strict=True):
         figures = {} if outcome.error is not None else figures_of_design_check(outcome.figures)
         if not math.isfinite(figures.get("frequency", math.nan)):
-            cause = outcome.error or "the motion has no level of rest"
+            cause = outcome.error or "the motion has no equilibrium"
             raise GranularError(
                 f"the simulation of {candidate.mass:.4g} kg on {candidate.grains} grains with a "
                 f"drag of {candidate.drag:.4g} kg/s failed: {cause}"
@@ -430,7 +428,7 @@ def _miss_text(attempt: Design) -> str:
     else:
         remedy = "ask for a heavier damping, or another frequency"
     return (
-        f"{len(attempt.rounds)} proposals missed the wish; the last has "
+        f"{len(attempt.rounds)} proposals missed the target; the last has "
         f"{attempt.frequency:.4g} Hz for {target.frequency:g} Hz and a damping ratio of "
-        f"{low:.3g} to {high:.3g}, by the random start, for {target.damping:g}: {remedy}"
+        f"{low:.3g} to {high:.3g}, depending on the random packing, for {target.damping:g}: {remedy}"
     )

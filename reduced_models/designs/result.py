@@ -1,4 +1,4 @@
-"""A design: the damper, the figures expected of it, and those of its simulations."""
+"""A design: the damper, its figures by scaling laws, and its figures by simulations."""
 
 from __future__ import annotations
 
@@ -48,20 +48,20 @@ if TYPE_CHECKING:
 
 
 class DesignTarget(NamedTuple):
-    """Figures that a damper shall have, and what of it is fixed.
+    """Target figures of a damper, and its fixed parameters.
 
-    They are not checked here: `check_ranges` refuses what is out of its range.
+    They are not checked here; `check_ranges` raises an error for a value out of range.
 
     Attributes
     ----------
     frequency : float
-        Frequency of the undamped small swing about rest [Hz], above 0.
+        Undamped frequency of small oscillations about equilibrium [Hz], above 0.
     damping : float
         Damping ratio, a fraction of critical damping, above 0.
     grains : int or None
-        Number of grains, from 92 to 368; None where it is free.
+        Number of grains, from 92 to 368; None if free.
     mass : float or None
-        Mass of the piston [kg], above 0; None where it is free. At most one of both is fixed.
+        Mass of the piston [kg], above 0; None if free. At most one of both is fixed.
     small_share : float
         Fraction of grains with 0.6 of the diameter, from 0 to 0.5.
     magnets : str
@@ -76,16 +76,16 @@ class DesignTarget(NamedTuple):
     magnets: str = "dipoles"
 
     def check_ranges(self) -> None:
-        """Refuse values out of their ranges.
+        """Raise an error for values out of range.
 
-        A target that passes may still be out of reach: see `propose_design`.
+        A valid target may still be out of reach: see `propose_design`.
 
         Raises
         ------
         InputError
-            If frequency, damping or mass is no finite number above 0, grains and mass are both
-            fixed, grains is no integer from 92 to 368, the fraction of small ones is not from 0 to
-            0.5, or there are no such magnets.
+            If frequency, damping or mass is not a finite number above 0, grains and mass are both
+            fixed, grains is not an integer from 92 to 368, the fraction of small grains is not from 0
+            to 0.5, or ``magnets`` is unknown.
         """
         check_above_zero("frequency", self.frequency, "Hz")
         check_above_zero("damping", self.damping)
@@ -93,7 +93,7 @@ class DesignTarget(NamedTuple):
             check_above_zero("mass", self.mass, "kg")
         if self.grains is not None and self.mass is not None:
             raise InputError(
-                f"grains = {quote(self.grains)} and mass = {quote(self.mass)} fix the frequency already; "
+                f"grains = {quote(self.grains)} and mass = {quote(self.mass)} together fix the frequency; "
                 "give one of them, or none"
             )
         low, high = COUNTS
@@ -105,12 +105,12 @@ class DesignTarget(NamedTuple):
 
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
-"""Relative errors that every check of a proposal may have."""
+"""Maximum relative errors of every check of a proposal."""
 DISC_FREQUENCY_TOLERANCE = 0.03
-"""Taken for discs if no proposal is nearer: their beds come to rest in one order or another, and of two
-neighbouring proposals for 4 Hz one has 3.90 and the other 4.09 Hz."""
+"""Used for discs if no proposal is closer: their beds settle into different orders, and of two similar
+proposals for 4 Hz one has 3.90 and the other 4.09 Hz."""
 _LISTS = ("times", "heights", "positions")
-"""Fields of a check that no table shows."""
+"""Fields of a check omitted from tables."""
 
 
 class DesignCheck(NamedTuple):
@@ -119,22 +119,22 @@ class DesignCheck(NamedTuple):
     Attributes
     ----------
     seed : int
-        Of its random start.
+        Seed of the random packing.
     rest_height, frequency, damping_ratio : float
-        [m]; [Hz], without damping; fraction of the critical damping.
+        Equilibrium height [m], undamped frequency [Hz], fraction of critical damping.
     lam, k1, k2, k3 : float
-        Of z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 = 0, h the rest height (SI).
+        Of z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 = 0, h = equilibrium height (SI).
     misfit : float
-        Rms error of the law over the rms swing.
+        Rms error of the law relative to the rms displacement.
     rest_gap, fall_gap : float
-        Least distance of two grains at rest over that of their contact, and in the whole run over
-        the large diameter.
+        Minimum distance of two grains at equilibrium relative to their contact distance, and in the
+        whole run relative to the large diameter.
     ledger : float
         Error of the energy ledger over the energy turned over.
     times, heights : list of float
         The motion after the release [s], [m].
     positions : list of pairs of float
-        Grains at rest [m].
+        Positions of the grains at equilibrium [m].
     """
 
     seed: int
@@ -154,12 +154,12 @@ class DesignCheck(NamedTuple):
     positions: Sequence[Sequence[float]]
 
     def equilibrium(self, damper: DamperCandidate) -> Equilibrium:
-        """Equilibrium next to the state of rest; refused if the bed has none nearby."""
+        """Equilibrium nearest to the settled state; an error if it has no equilibrium nearby."""
         return equilibrium_from(damper.scene(self.seed), np.array(self.positions), self.rest_height)
 
 
 class DesignRound(NamedTuple):
-    """A proposal with the figures that scaling laws expect of it, and its checks."""
+    """A proposal with its figures by scaling laws, and its checks."""
 
     damper: DamperCandidate
     promised_figures: PredictedFigures
@@ -171,7 +171,7 @@ class DesignRound(NamedTuple):
 
     @property
     def logarithms(self) -> Float[np.ndarray, "3"]:
-        """Logarithms of the mean rest height [m], frequency [Hz] and damping ratio."""
+        """Logarithms of the mean equilibrium height [m], frequency [Hz] and damping ratio."""
         return np.log([self.mean_figure(name) for name in ("rest_height", "frequency", "damping_ratio")])
 
     def meets_target(self, target: DesignTarget) -> bool:
@@ -184,7 +184,7 @@ class DesignRound(NamedTuple):
         )
 
     def mean_miss(self, target: DesignTarget) -> float:
-        """Larger error of the mean frequency and damping ratio, over the wanted 1 and 3 %."""
+        """Larger error of the mean frequency and damping ratio, relative to the tolerances 1 and 3 %."""
         return max(
             abs(self.mean_figure("frequency") / target.frequency - 1.0) / 0.01,
             abs(self.mean_figure("damping_ratio") / target.damping - 1.0) / 0.03,
@@ -193,24 +193,24 @@ class DesignRound(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Design:
-    """A damper for a target."""
+    """A damper designed for a target."""
 
     target: DesignTarget
     rounds: tuple[DesignRound, ...]
 
     @property
     def damper(self) -> DamperCandidate:
-        """Mass of the piston, number of grains, drag, mixture; ``viscosity`` of the liquid."""
+        """Damper: mass of the piston, number of grains, drag, mixture; ``viscosity`` of the liquid."""
         return self.rounds[-1].damper
 
     @property
     def promised_figures(self) -> PredictedFigures:
-        """Figures that scaling laws expect of it, less their errors in the falls before."""
+        """Figures by scaling laws, corrected by their errors in the preceding falls."""
         return self.rounds[-1].promised_figures
 
     @property
     def checks(self) -> tuple[DesignCheck, ...]:
-        """Its figures by the simulations."""
+        """Figures of the damper by simulations."""
         return self.rounds[-1].checks
 
     @property
@@ -220,49 +220,48 @@ class Design:
 
     @property
     def frequency(self) -> float:
-        """Frequency of the undamped small swing [Hz], mean over the checks."""
+        """Undamped frequency of small oscillations [Hz], mean over the checks."""
         return self.rounds[-1].mean_figure("frequency")
 
     @property
     def damping_ratio(self) -> float:
-        """Mean over the checks."""
+        """Damping ratio, mean over the checks."""
         return self.rounds[-1].mean_figure("damping_ratio")
 
     @property
     def rest_height(self) -> float:
-        """[m], mean over the checks."""
+        """Equilibrium height [m], mean over the checks."""
         return self.rounds[-1].mean_figure("rest_height")
 
     def range_over_seeds(self, name: str) -> tuple[float, float]:
-        """Least and greatest value of a figure over the random starts of the last round."""
+        """Minimum and maximum of a figure over the random packings of the last round."""
         values = [getattr(check, name) for check in self.checks]
         return min(values), max(values)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Doubts, in plain words."""
+        """Cautions in plain words."""
         notes = []
         gap = min(check.fall_gap for check in self.checks)
         contact = 1.0 if self.target.small_share == 0.0 else ASPECT
         if gap < contact and self.target.magnets == "dipoles":
             notes.append(
-                f"in the fall two grains came as near as {gap:.3g} of a grain's diameter, and the "
-                "scene has no contact between grains; drop the piston from lower down"
+                f"in the fall the minimum distance of two grains was {gap:.3g} of a grain's diameter, and "
+                "the scene has no contact between grains; drop the piston from a lower height"
             )
         if min(check.rest_gap for check in self.checks) < 1.0:
-            notes.append("at rest grains touch; ask for a lower frequency, or fewer small grains")
+            notes.append("grains touch at equilibrium; choose a lower frequency or fewer small grains")
         if self.rounds[-1].mean_miss(self.target) > 1.0:
             notes.append(
                 f"the frequency is off by {_deviation_text(self.frequency, self.target.frequency)}, the "
                 f"damping ratio by {_deviation_text(self.damping_ratio, self.target.damping)}, and "
-                f"{len(self.rounds) - 1} other proposals were no nearer: beds come to rest in one order or "
-                "another"
+                f"{len(self.rounds) - 1} other proposals were not closer: beds settle into different orders"
             )
         return tuple(notes)
 
     @property
     def figures(self) -> tuple[QuantityWithError, ...]:
-        """Natural frequency, damping ratio and equilibrium: means, with the scatter of random packings."""
+        """Natural frequency, damping ratio and equilibrium: means, with the spread over packings."""
         named = (
             ("natural frequency", "f0", "Hz", "frequency", 1.0),
             (DAMPING_RATIO, "zeta", "%", "damping_ratio", 100.0),
@@ -281,19 +280,19 @@ class Design:
         fraction = f" ({100.0 * chosen.small_share:.3g} % of them small)" if chosen.small_share else ""
         lines = wrap_words(
             f"design for f0 {target.frequency:g} Hz, zeta {100.0 * target.damping:g} %: {chosen.grains} "
-            f"magnets{fraction}, piston {chosen.mass:.4g} kg, drag {chosen.drag:.4g} kg/s a magnet "
-            f"(liquid of {chosen.viscosity:.3g} Pa s, by Stokes)",
+            f"magnets{fraction}, piston {chosen.mass:.4g} kg, drag {chosen.drag:.4g} kg/s per magnet "
+            f"(viscosity of the liquid {chosen.viscosity:.3g} Pa s, by Stokes)",
             "",
         )
         lines += figure_lines(self.figures)
         lines += [
             f"  random packing {check.seed}: {check.frequency:.4g} Hz "
             f"({_deviation_text(check.frequency, target.frequency)}), {100.0 * check.damping_ratio:.3g} % "
-            f"({_deviation_text(check.damping_ratio, target.damping)} of the wanted value)"
+            f"({_deviation_text(check.damping_ratio, target.damping)} from the target)"
             for check in self.checks
         ]
         lines.append(
-            f"  expected: {self.promised_figures.frequency:.4g} Hz, "
+            f"  by scaling laws: {self.promised_figures.frequency:.4g} Hz, "
             f"{100.0 * self.promised_figures.damping_ratio:.3g} %; dampers simulated: {len(self.rounds)}"
         )
         return "\n".join([*lines, *caution_lines(self.notes)])
@@ -329,7 +328,7 @@ class Design:
                     1e3 * np.array(check.heights),
                     color=colour,
                     linewidth=0.9,
-                    label=f"random start {check.seed}",
+                    label=f"random packing {check.seed}",
                 )
             axes.axhline(1e3 * self.rest_height, color=GREY, linestyle=":")
             axes.set(xlabel="time [s]", ylabel="height of the piston [mm]")
@@ -337,14 +336,14 @@ class Design:
             return drawing
 
     def page(self, of_parts: Tolerances | None = None) -> Page:
-        """Design as a page, with the tolerances of its parts if they are given."""
+        """Report page of the design, with the tolerances of its parts if given."""
         from granular.studies.study_page import tolerance_blocks
 
         chosen, target = self.damper, self.target
         return Page(
-            f"A damper of {target.frequency:g} Hz and damping ratio {target.damping:g}",
+            f"A damper with {target.frequency:g} Hz and damping ratio {target.damping:g}",
             f"A piston of {chosen.mass:.4g} kg on {chosen.grains} grains with a drag of "
-            f"{chosen.drag:.4g} kg/s each: simulated, it swings at {self.frequency:.4g} Hz with a "
+            f"{chosen.drag:.4g} kg/s each: in simulations it oscillates at {self.frequency:.4g} Hz with a "
             f"damping ratio of {self.damping_ratio:.4g}.",
             [
                 *cautions(self.notes),
@@ -365,16 +364,21 @@ class Design:
         rows = [
             (words, wanted, *(format_number(getattr(figures, name) / unit) for figures in shown))
             for words, wanted, name, unit in (
-                ("frequency of the undamped swing [Hz]", format_number(target.frequency), "frequency", 1.0),
+                ("undamped frequency [Hz]", format_number(target.frequency), "frequency", 1.0),
                 ("damping ratio", format_number(target.damping), "damping_ratio", 1.0),
-                ("height of rest [D]", "", "rest_height", DIAMETER),
+                ("equilibrium height [D]", "", "rest_height", DIAMETER),
             )
         ]
         rows += [
-            ("least gap at rest, over contact", "", "", *(format_number(c.rest_gap) for c in self.checks)),
+            (
+                "minimum distance at equilibrium / contact",
+                "",
+                "",
+                *(format_number(c.rest_gap) for c in self.checks),
+            ),
             ("error of the energy ledger", "", "", *(format_number(c.ledger, 2) for c in self.checks)),
         ]
-        starts = (f"random start {check.seed}" for check in self.checks)
+        starts = (f"random packing {check.seed}" for check in self.checks)
         return Table(("", "wanted", "expected", *starts), rows)
 
     @property
@@ -394,13 +398,13 @@ class Design:
         )
 
     def workshop_sheet_page(self) -> Page:
-        """Sheet to build the damper from."""
+        """Workshop sheet for building the damper."""
         scatter = [
-            f"{words}: {low:.4g} to {high:.4g}{unit}, random starts: {len(self.checks)}"
+            f"{words}: {low:.4g} to {high:.4g}{unit}, random packings: {len(self.checks)}"
             for words, name, unit in (
                 ("frequency", "frequency", " Hz"),
                 ("damping ratio", "damping_ratio", ""),
-                ("height of rest", "rest_height", " m"),
+                ("equilibrium height", "rest_height", " m"),
             )
             for low, high in [self.range_over_seeds(name)]
         ]
@@ -410,7 +414,7 @@ class Design:
             lambda: self.checks[0].equilibrium(self.damper),
             amplitude=0.2 * DIAMETER,
             title=f"Workshop sheet: {self.target.frequency:g} Hz, damping {self.target.damping:g}",
-            lead=f"The piston swings at {self.frequency:.4g} Hz with a damping ratio of "
+            lead=f"The piston oscillates at {self.frequency:.4g} Hz with a damping ratio of "
             f"{self.damping_ratio:.4g}; simulations: {len(self.checks)}.",
             scatter=scatter,
             notes=self.notes,

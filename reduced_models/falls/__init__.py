@@ -1,4 +1,4 @@
-"""Whole falls: laws fitted to one fall of a piston, judged on falls that no fit has seen.
+"""Whole falls: laws fitted to one fall of a piston and tested on held-out falls.
 
 >>> from reduced_models import score_drops, predict
 >>> law = predict(scene)  # from the scene alone

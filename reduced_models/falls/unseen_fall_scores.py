@@ -1,12 +1,9 @@
-"""Scores of laws on falls that they were not fitted to.
+"""Scores of laws on held-out falls, and figures of a whole fall from the scene alone, in milliseconds.
 
-Figures of a whole fall from the scene alone, in milliseconds.
-
-The law of a fall is multiplied by the mass that moves, m = WEIGHT M g/weight (`theory`), to tell
-where the energy goes: the piston's drop M g (height - rest) and what it does against the bed. Of
-grains without friction all of it leaves as drag. The fraction of grains that follow the piston
-affinely is m 2 lam z'^2; the work of the shear stress, -m weight (rest/z)^power w z', is what
-grains lose beyond that, as they rearrange.
+The law of a fall times the moving mass, m = WEIGHT M g/weight, gives the energy balance: the
+piston's potential energy M g (height - rest) becomes work on the bed. Without friction of the grains
+drag dissipates all of it. Grains that follow the piston affinely dissipate the power m 2 lam z'^2; the
+work of the shear stress, -m weight (rest/z)^power w z', is the additional loss as they rearrange.
 """
 
 from __future__ import annotations
@@ -48,18 +45,18 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DropScore:
-    """A law, fitted to one fall.
+    """Errors of a law fitted to one fall.
 
     Attributes
     ----------
     name : str
     model : ReducedModel or None
-        None where the fit failed.
+        None if the fit failed.
     errors : tuple of float
-        Of each unseen fall: rms difference of the heights over the height of the drop; infinite
-        where the law diverges.
+        Error for each held-out fall: rms difference of the heights over the height of the drop;
+        infinite if the law diverges.
     failure : str
-        Why the fit failed.
+        Reason for a failed fit.
     """
 
     name: str
@@ -74,28 +71,29 @@ class DropScore:
 
     @property
     def greatest_error(self) -> float:
-        """Greatest of the errors over the height of the drop; infinite without an error."""
+        """Maximum of the errors over the height of the drop; infinite without an error."""
         return max(self.errors, default=math.inf)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DropScores:
-    """Laws fitted to one fall, and judged on others.
+    """Laws fitted to one fall and tested on others.
 
     Attributes
     ----------
     record : PistonRecord
-        The fall that was fitted.
+        The fitted fall.
     rest : float
-        Where the piston comes to rest [m].
+        Height at which the piston comes to rest [m].
     labels : tuple of str
-        What each unseen fall differs by.
+        Difference of each held-out fall from the fitted one.
     unseen : tuple of PistonRecord
+        The held-out falls.
     rows : tuple of DropScore
-        The law with the least median first.
+        Scores of the laws, the smallest median first.
     scatter : tuple of float
-        Of unseen falls from the same height: rms difference from the fitted one over the height of
-        the drop. No law can be expected to do better.
+        Spread over packings: for each held-out fall from the same height, rms difference from the
+        fitted one over the height of the drop. No law can be expected to be more precise.
     """
 
     record: PistonRecord
@@ -107,16 +105,16 @@ class DropScores:
 
     @property
     def best(self) -> DropScore:
-        """Score of the law with the least median error."""
+        """Score of the law with the smallest median error."""
         return self.rows[0]
 
     @property
     def header(self) -> tuple[str, ...]:
-        """Headings of the table: law, numbers fitted, a label for each unseen fall, median."""
-        return ("law", "numbers fitted", *self.labels, "median")
+        """Headings of the table: law, fitted parameters, a label for each held-out fall, median."""
+        return ("law", "fitted parameters", *self.labels, "median")
 
     def cells(self) -> list[tuple[str, ...]]:
-        """Cells of the table, a law a row: errors in percent of the drop."""
+        """Cells of the table, one row for each law: errors in percent of the drop."""
         rows = []
         for row in self.rows:
             cells = ["", *("" for _ in self.labels), "not fitted"]
@@ -133,22 +131,23 @@ class DropScores:
 
     @property
     def verdict(self) -> str:
-        """Verdict in words: the law that predicts unseen falls best, and the errors of the others."""
+        """Verdict in words: the best law on held-out falls, and the errors of the others."""
         best, *others = [row for row in self.rows if row.model is not None]
         if math.isinf(best.median_error):
-            return "No law that was fitted to one fall follows the others."
+            return "No law fitted to one fall can predict the others."
         words = (
-            f"Falls that no law has seen are predicted best by {best.name}, fitted to one fall: to "
-            f"{format_percent_of_drop(best.median_error)} of the drop at the median and "
-            f"{format_percent_of_drop(best.greatest_error)} at worst"
+            f"Held-out falls are predicted best by {best.name}, fitted to one fall: the median error is "
+            f"{format_percent_of_drop(best.median_error)} of the drop, the maximum "
+            f"{format_percent_of_drop(best.greatest_error)}"
         )
         if self.scatter:
-            words += f", where another random start alone changes {format_percent_of_drop(max(self.scatter))}"
-        said = ", ".join(f"{row.name} {format_percent_of_drop(row.median_error)}" for row in others)
-        return f"{words}; {said}." if said else f"{words}."
+            spread = format_percent_of_drop(max(self.scatter))
+            words += f"; another random packing alone changes a fall by {spread}"
+        errors = ", ".join(f"{row.name} {format_percent_of_drop(row.median_error)}" for row in others)
+        return f"{words}; {errors}." if errors else f"{words}."
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the error [% of the drop] of each law over the height [mm] that a piston fell from."""
+        """Draw the error [% of the drop] of each law against the height [mm] of the drop."""
         from granular.shared.plotting import axes_or_new, figure_label, label_log_axis_plainly, line_style
 
         axes = axes_or_new(ax)
@@ -186,7 +185,7 @@ def format_percent_of_drop(value: float) -> str:
 
 FALL_LAWS = ("elastoplastic-bed", "power-law-spring", "van-der-pol-like", "linear")
 SAME = 1e-3
-"""Heights of two starts, over the drop, that are the same."""
+"""Relative difference of drop heights that count as equal."""
 
 
 def score_drops(
@@ -198,40 +197,40 @@ def score_drops(
     scene: Scene | None = None,
     starts: int = STARTS,
 ) -> DropScores:
-    """Fit laws to one fall from rest, and predict others from their first heights alone.
+    """Fit laws to one fall from rest, and predict others from their initial heights alone.
 
     Parameters
     ----------
     record : PistonRecord
-        Fall that is fitted, times [s] and heights [m] from the moment the piston is released.
+        Fitted fall, times [s] and heights [m] from the release of the piston.
     unseen : mapping of str to PistonRecord
-        Other falls from rest, under labels that say what they differ in.
+        Held-out falls from rest, with labels that describe their differences.
     laws : sequence of str or Law
         Names, equations or laws to fit.
     rest : float, optional
-        Level where the piston comes to rest [m]; the mean of the record's last tenth if not given.
+        Height at which the piston comes to rest [m]; by default the mean of the record's last tenth.
     scene : Scene, optional
-        Scene of the fall; fits of ``elastoplastic-bed`` begin at the parameters that
-        `reduced_models.predict` has for it, where it was compared with falls.
+        Scene of the fall; fits of ``elastoplastic-bed`` start at the parameters from
+        `reduced_models.predict`, if the scene is in its tested range.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
 
     Returns
     -------
     DropScores
-        Rms difference of the heights of each law on each fall, over the height of its drop, without
-        unit, the law with the least median first; infinite where a law diverges. A law that could
-        not be fitted comes last, without errors and with the reason.
+        Rms difference of the heights for each law and fall, over the height of the drop, without unit;
+        infinite if a law diverges. The law with the smallest median comes first. A law that could not
+        be fitted comes last, without errors and with the reason.
 
     Raises
     ------
     InputError
-        If there is no unseen fall, no law or none of that name, no law that can be fitted (as for a
-        record of fewer than 20 samples, or ``starts`` out of its range), ``rest`` is no finite
-        number, or a record does not begin above the level of rest.
+        If there is no held-out fall or no law, a law's name is unknown, no law can be fitted (for
+        example with fewer than 20 samples, or ``starts`` out of range), ``rest`` is not a finite
+        number, or a record does not start above the height of rest.
     """
     if not laws:
-        raise InputError("give at least one law")
+        raise InputError("laws is empty; give one or more laws")
     if not isinstance(unseen, Mapping):
         raise InputError(f"unseen is a {type(unseen).__name__}; give a mapping of labels to records")
     if rest is not None and not (isinstance(rest, Real) and math.isfinite(rest)):
@@ -243,13 +242,13 @@ def score_drops(
 
 
 def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_height: float) -> None:
-    """Refuse falls that are none, and a call without an unseen one."""
+    """Raise an error without a held-out fall, or for a record that is not a fall."""
     if not unseen:
-        raise InputError("give at least one unseen fall")
+        raise InputError("unseen is empty; give one or more held-out falls")
     for label, item in {"the fall": record, **unseen}.items():
         if not item.height[0] > rest_height:
             raise InputError(
-                f"{label} begins at {item.height[0]:g} m, not above the level of rest, "
+                f"{label} starts at {item.height[0]:g} m, not above the height of rest, "
                 f"{rest_height:g} m; give a fall"
             )
 
@@ -257,7 +256,7 @@ def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_
 def score_fitted_laws(
     record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], rest_height: float
 ) -> DropScores:
-    """Score the laws of `fit_law_to_fall` on falls that they were not fitted to; record, rest_height [m]."""
+    """Score the laws of `fit_law_to_fall` on held-out falls; record, rest_height [m]."""
     _check_falls(record, unseen, rest_height)
     rows = []
     for row in fits:
@@ -274,7 +273,7 @@ def score_fitted_laws(
 
 
 def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
-    """Fit a law to one fall from rest, without judging it yet; record [s, m]."""
+    """Fit a law to one fall from rest, without a score; record [s, m]."""
     law = resolve_law(name, record)
     known: dict[str, float] = {}
     if scene is not None and law.name == "elastoplastic-bed":
@@ -296,7 +295,7 @@ def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, 
 
 
 def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: float) -> float:
-    """Rms error of a law that predicts a fall from its first height alone, over the drop; rest_height [m]."""
+    """Rms error of a law's prediction of a fall from its initial height, over the drop; rest_height [m]."""
     first = float(fall.height[0])
     try:
         motion = model.simulate(fall.time, z0=first, v0=0.0)
@@ -306,7 +305,7 @@ def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: 
 
 
 def _rms_difference(record: PistonRecord, time: np.ndarray, height: np.ndarray) -> float:
-    """Rms difference of a record from heights at other times, while both last [m]."""
+    """Rms difference [m] between a record and heights at other times, over their common duration."""
     end = min(record.time[-1] - record.time[0], time[-1] - time[0])
     since = record.time - record.time[0]
     other = np.interp(since, time - time[0], height)
@@ -314,35 +313,35 @@ def _rms_difference(record: PistonRecord, time: np.ndarray, height: np.ndarray) 
 
 
 SETTLED = 0.05
-"""Share of the drop: a piston has settled that stays within this distance of its level of rest."""
+"""Fraction of the drop within which a settled piston stays about its height of rest."""
 TOUCHING = 1.05
-"""Least height, over that of a lattice of discs that touch, to which falls were compared with the law:
+"""Minimum height, relative to the lattice of touching discs, down to which falls were compared with the law:
 from 1.09 on it is within 3 % of the drop, at 1.02 and 0.89 it is 5 and 8 % off."""
 DURATION = 3.0
-"""Duration of a fall [s], times the fourth root of the grains over 368, as its period goes."""
+"""Duration of a fall [s], to be multiplied by (grains/368)^(1/4), as its period scales."""
 SAMPLES = 3001
 
 
 class FallSummary(NamedTuple):
-    """Figures of a fall that begins at rest.
+    """Figures of a fall that starts from rest.
 
     Attributes
     ----------
     height, rest : float
-        Of the start, and where it ends [m].
+        Heights of the start and of rest [m].
     settling_time : float
-        From which on the piston stays within 5 % of the drop about its level of rest [s]; infinite
-        where the fall is not followed for so long.
+        Time after which the piston stays within 5 % of the drop about its height of rest [s];
+        infinite if it does not settle within the computed time.
     greatest_force : float
-        Of the bed on the piston [N].
+        Maximum force of the bed on the piston [N].
     deepest : float
-        Least height of the piston [m].
+        Minimum height of the piston [m].
     affine_loss : float
-        Energy that the drag of grains takes that follow the piston affinely [J].
+        Energy dissipated by the drag of grains that follow the piston affinely [J].
     excess_loss : float
-        Energy lost beyond that, by grains that rearrange [J].
+        Additional energy loss by grains that rearrange [J].
     simulated : FallSummary or None
-        The same of a simulation, where one was run.
+        Figures of a simulation, if one was run.
     """
 
     height: float
@@ -356,21 +355,21 @@ class FallSummary(NamedTuple):
 
     @property
     def loss_over_affine(self) -> float:
-        """Energy lost over that lost by grains that follow the piston affinely, without unit."""
+        """Total energy loss over the loss by affine motion, without unit."""
         return 1.0 + self.excess_loss / self.affine_loss
 
     def __str__(self) -> str:
         settled = (
             f"settles in {self.settling_time:.3g} s"
             if math.isfinite(self.settling_time)
-            else "does not settle in the time that is followed"
+            else "does not settle within the computed time"
         )
         text = (
             f"falls from {1e3 * self.height:.4g} mm to rest at {1e3 * self.rest:.4g} mm, and "
             f"{settled}\n"
-            f"deepest at {1e3 * self.deepest:.4g} mm, greatest force {self.greatest_force:.4g} N\n"
-            f"lost to drag: {self.affine_loss:.4g} J as of affine motion, and "
-            f"{self.excess_loss:.4g} J as grains rearrange"
+            f"minimum height {1e3 * self.deepest:.4g} mm, maximum force {self.greatest_force:.4g} N\n"
+            f"lost to drag: {self.affine_loss:.4g} J by affine motion, and "
+            f"{self.excess_loss:.4g} J by rearrangements"
         )
         simulated = self.simulated
         return text if simulated is None else f"by the law: {text}\nsimulated: {simulated}"
@@ -379,45 +378,44 @@ class FallSummary(NamedTuple):
 def whole_fall(
     scene: Scene, height: float | None = None, *, simulate: bool | None = None, progress: bool = True
 ) -> FallSummary:
-    """Return figures of a fall by the law of `predict`, and simulate it where the law is uncertain.
+    """Compute figures of a fall by the law of `predict`, and simulate it if the law is uncertain.
 
-    The fall begins at rest, and is followed for 3 s (N/368)^(1/4), N the number of grains.
+    The fall starts from rest, and lasts 3 s (N/368)^(1/4), N the number of grains.
 
     Parameters
     ----------
     scene : Scene
         Scene of a bed below a falling piston without friction.
     height : float, optional
-        Height of the start [m], finite and above the level of rest; that of the scene's piston if
-        not given.
+        Height of the start [m], finite and above the height of rest; by default the height of the
+        scene's piston.
     simulate : bool, optional
-        Simulate the fall always, or never; if not given, where the law is outside its range, as
-        warnings say.
+        Simulate the fall always, or never; by default only outside the law's range, with a warning.
     progress : bool
-        Show a progress bar of the simulation on standard error, with the time that is left.
+        Show a progress bar of the simulation on standard error, with the remaining time.
 
     Returns
     -------
     FallSummary
-        Heights of start and rest and the least one [m], settling time [s] (infinite where it does
-        not settle while it is followed), greatest force [N] and energies lost [J]; and the same of
-        the simulation, where one was run.
+        Heights of start and rest and the minimum height [m], settling time [s] (infinite if it does
+        not settle within the computed time), maximum force [N] and energy losses [J]; and the same
+        figures of the simulation, if one was run.
 
     Raises
     ------
     InputError
         If the scene has no piston with a mass under gravity, no dipoles or discs, friction of the
         piston, or effects other than dipoles or discs, walls, gravity, drag and contact; if it has
-        walls or a cut-off that `predict` refuses; if its piston presses discs together at rest; or
-        if the height is no finite number above the level of rest.
+        walls or a cut-off that `predict` refuses; if its piston presses discs into contact at rest; or
+        if the height is not a finite number above the height of rest.
     RunError
-        If the simulation cannot be trusted any more.
+        If the simulation becomes unreliable.
 
     Warns
     -----
     OutsideRangeWarning
-        With too few grains for what was measured, rows of discs that do not touch, more drag over
-        the piston's mass than was compared with falls, or a fall that presses discs together.
+        With fewer grains than tested, rows of discs that do not touch, a drag per piston mass above
+        the range compared with falls, or a fall that presses discs into contact.
     """
     if height is not None and not isinstance(height, Real):
         raise InputError(f"height = {quote(height)}; give a number [m]")
@@ -443,8 +441,8 @@ def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float
     start = piston.height if height is None else float(height)
     if not values["rest"] < start < math.inf:
         raise InputError(
-            f"the fall begins at {start:g} m, not above the level of rest, {values['rest']:g} m; "
-            "give a greater height"
+            f"the fall starts at {start:g} m, not above the height of rest, {values['rest']:g} m; "
+            "give a larger height"
         )
     times = np.linspace(0.0, _fall_duration(scene), SAMPLES)
     numbers = [values[name] for name in LAW.parameters]
@@ -458,7 +456,7 @@ def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float
 
 
 def _touching_discs_text(scene: Scene, deepest: float) -> str:
-    """Say that a fall presses discs together, which the law does not know; empty where it does not."""
+    """Return a warning if a fall presses discs into contact, which the law does not include; else empty."""
     grains = scene.grains
     touching = (
         grains.count * grains.species[0].diameter ** 2 / (scene.cell.width * touching_lattice_density(grains))
@@ -467,7 +465,7 @@ def _touching_discs_text(scene: Scene, deepest: float) -> str:
         return ""
     return (
         f"the piston falls to {1e3 * deepest:.4g} mm by the law, where discs of {quote(scene.name)} touch "
-        f"(a lattice of them at {1e3 * touching:.4g} mm); simulate the fall, or let it begin lower"
+        f"(a lattice of them at {1e3 * touching:.4g} mm); simulate the fall, or start it from a lower height"
     )
 
 
@@ -485,7 +483,7 @@ def _summary(
 
 
 def _summarise_simulated_fall(scene: Scene, start: float, progress: bool) -> FallSummary:
-    """Figures of the same fall in a simulation, which takes its last tenth for rest."""
+    """Figures of the same fall in a simulation; the last tenth gives the height of rest."""
     from granular import simulate
 
     diameter = scene.grains.species[0].diameter

@@ -1,8 +1,6 @@
-"""The workshop sheet: the parts of a damper that is built, and its behaviour with their tolerances.
+"""The workshop sheet for building a damper: parts, effects of their tolerances, first measurements.
 
-The workshop sheet of a damper: parts, tolerances with their costs, and first measurements.
-
-Tolerances are those of the settled bed.
+The effects of tolerances are computed for the settled bed.
 """
 
 from __future__ import annotations
@@ -49,17 +47,17 @@ if TYPE_CHECKING:
 PartRow = tuple[str, str, str, str]
 """Part, number, dimensions, mass."""
 GAPS = (5e-5, 1e-4, 2e-4, 5e-4)
-"""Between a face of a grain and its plate [m]."""
+"""Gaps between a face of a grain and its plate [m]."""
 _SIDES = {"top": "piston", "bottom": "floor"}
 COEFFICIENTS = (0.05, 0.1)
-"""Static coefficients of friction, of metal on PTFE: 0.05 to 0.1."""
+"""Static friction coefficients of metal on PTFE: 0.05 to 0.1."""
 LEAVES = 0.05
-"""Part of the repulsion that two discs may lose on opposite plates: 7.5 p^2/r^2 at the play p, of an energy
+"""Maximum loss of the repulsion of two discs on opposite plates: 7.5 p^2/r^2 at the play p, from the energy
 (1 - 4.5 p^2/r^2)/r^3."""
 GLASS = (4, 5, 6, 8, 10, 12, 15, 19, 25)
 """Thicknesses of float glass (EN 572-2) [mm]."""
 BOWS = 0.25
-"""Part of the play that plates may bow by: the load grows with the play."""
+"""Maximum bow of the plates relative to the play; the load grows with the play."""
 GAP_COLUMNS = (
     "gap on each side [mm]",
     "depth of the cell [mm]",
@@ -72,7 +70,7 @@ GAP_COLUMNS = (
 
 
 def part_rows(scene: Scene, rest: float) -> list[PartRow]:
-    """All parts of a scene; height at rest [m]."""
+    """All parts of a scene; ``rest`` is the equilibrium height [m]."""
     return [*_disc_rows(scene), *_wall_rows(scene), *_piston_rows(scene), *_cell_rows(scene, rest)]
 
 
@@ -89,7 +87,7 @@ def _disc_rows(scene: Scene) -> Iterator[PartRow]:
             f"remanence {remanence:g} T{grade}"
         )
         if grains.coating is not None:
-            words += f", {1e6 * grains.coating:g} um of it coating"
+            words += f", including {1e6 * grains.coating:g} um of coating"
         if grains.permeability is not None:
             words += f", permeability {grains.permeability:g}"
         if grains.temperature is not None:
@@ -98,12 +96,12 @@ def _disc_rows(scene: Scene) -> Iterator[PartRow]:
             "disc magnet, magnetised along its axis",
             str(len(own)),
             f"{words}; simulated as {law}, moment {grains.magnets_in_species()[k].moment:.5g} A m^2",
-            f"{1e3 * own[0]:.4g} g each, {own.sum():.4g} kg in all",
+            f"{1e3 * own[0]:.4g} g each, {own.sum():.4g} kg in total",
         )
 
 
 def _wall_rows(scene: Scene) -> Iterator[PartRow]:
-    """Rows of magnets by which piston, floor and sides repel."""
+    """Rows of magnets in piston, floor and sides."""
     walls, piston = scene.effects.walls, scene.piston
     assert piston is not None
     diameter = scene.grains.species[0].diameter
@@ -114,19 +112,19 @@ def _wall_rows(scene: Scene) -> Iterator[PartRow]:
         yield (
             f"disc magnets of the {_SIDES.get(side, side + ' side')}",
             str(math.floor(length / pitch + 0.5)),
-            f"like the first grains, a row of pitch {1e3 * pitch:g} mm, middles {0.5e3 * diameter:g} mm "
+            f"like the first grains, a row of pitch {1e3 * pitch:g} mm, centres {0.5e3 * diameter:g} mm "
             f"behind the face; {law}",
             "",
         )
 
 
 def walls_text(scene: Scene) -> str:
-    """Hold of the walls' magnets."""
-    # Dipoles at one diameter; discs push more.
+    """Instructions for mounting the walls' magnets."""
+    # The force is for dipoles at one diameter; discs repel more strongly.
     push = 0.75 * Scales.from_grains(scene.grains).force
     return (
-        "Magnets of walls and piston have their poles the same way as the grains. Glue them into grooves of "
-        "a material that is not magnetic, closed at both ends: neighbours that touch push each other apart "
+        "Magnets of walls and piston have the same orientation of poles as the grains. Glue them into "
+        "grooves in a non-magnetic material, closed at both ends: touching neighbours repel each other "
         f"with {push:.2g} N or more."
     )
 
@@ -135,10 +133,10 @@ def _piston_rows(scene: Scene) -> Iterator[PartRow]:
     piston, drag = scene.piston, scene.effects.drag
     assert piston is not None
     yield (
-        "piston, as wide as the cell",
+        "piston, with the width of the cell",
         "1",
         f"width {1e3 * scene.cell.width:.4g} mm, drag {piston.drag:.4g} kg/s, friction {piston.friction:g} N",
-        f"{piston.mass or 0.0:.5g} kg with all that moves with it",
+        f"{piston.mass or 0.0:.5g} kg including all parts that move with it",
     )
     if piston.blade is not None:
         size = f"{1e3 * piston.blade.depth:g} mm deep, films of {1e3 * piston.blade.film:g} mm"
@@ -164,7 +162,7 @@ def _cell_rows(scene: Scene, rest: float) -> Iterator[PartRow]:
     if drag is not None and drag.is_from_liquid:
         gap = f", {1e3 * scene.cell.separation:g} mm apart"
     yield (
-        "plates of a material that is not magnetic",
+        "plates of a non-magnetic material",
         "2",
         f"inner width {1e3 * scene.cell.width:.4g} mm, height {1e3 * scene.piston.height:.4g} mm or more "
         f"(at rest {1e3 * rest:.4g} mm){gap}",
@@ -177,7 +175,7 @@ def _grades_of(remanence: float) -> list[Grade]:
 
 
 def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, ...]]:
-    """Gaps at which the bed stays in its plane, with what they cost at an amplitude [m]."""
+    """Gaps that keep the bed in its plane, with their effects at an amplitude [m]."""
     from scipy.spatial.distance import pdist
 
     scene, drag = bed.scene, bed.scene.effects.drag
@@ -202,12 +200,12 @@ def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, 
             name = "" if static is None else f"mu {static:g}: "
             words.append(f"{name}{sticks}{doubles}; sticks below {1e3 * sticking:.2g} mm")
         tilt = math.asin(depth / math.hypot(diameter, thickness)) - math.atan(thickness / diameter)
-        # That gives the first discs their drag.
+        # The viscosity that gives the first discs their drag.
         viscosity = (
             0.0 if drag is None else drag.viscosity or 2.0 * drag.coefficient * film / math.pi / diameter**2
         )
         plates = _plates_text(rubs.load, scene.cell.width, bed.piston_height or 0.0, play)
-        plates += f"; discs on opposite plates repel by {100.0 * lost:.2g} % less"
+        plates += f"; repulsion of discs on opposite plates is {100.0 * lost:.2g} % smaller"
         rows.append(
             (
                 f"{1e3 * film:.4g}",
@@ -223,18 +221,18 @@ def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, 
 
 
 def _plates_text(load: float, width: float, height: float, play: float) -> str:
-    """Thinnest glass that bows by no more than a part of the play under a load [N]; lengths [m]."""
+    """Thinnest glass that bows by at most a fraction of the play under a load [N]; lengths [m]."""
     for thick in GLASS:
         bow, enough = bow_of_plate(load, width, height, 1e-3 * thick), ""
         if bow.supported <= BOWS * play:
             break
-        enough = ", too much: hold them by ribs"
+        enough = ", too much: support the plates by ribs"
     size = f"{1e3 * bow.clamped:.2g} to {1e3 * bow.supported:.2g} mm"
     return f"glass of {thick} mm bows by {size} under {load:.3g} N{enough}"
 
 
 def limit_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[str]:
-    """Limits of use: touching discs, temperature, and energy a cycle at an amplitude [m]."""
+    """Limits of use: touching discs, temperature, and energy per cycle at an amplitude [m]."""
     scene, pencil, radii = bed.scene, bed.pencil, 0.5 * bed.scene.grains.diameters()
     assert bed.piston_height is not None
     assert scene.piston is not None
@@ -249,16 +247,18 @@ def limit_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[str]:
     speed = math.tau * root.frequency * amplitude
     energy = math.tau * root.damping_ratio * (scene.piston.mass or 0.0) * speed**2
     lines = [
-        f"The first discs touch {1e3 * (1.0 - factor) * bed.piston_height:.3g} mm below rest, if they follow "
-        f"the piston evenly; {load:.3g} N on the piston hold it there, {pencil.bed.weight:.3g} N at rest.",
-        f"A cycle of {1e3 * amplitude:.3g} mm takes {energy:.2g} J by drag, {energy * root.frequency:.2g} W.",
+        f"The first discs touch {1e3 * (1.0 - factor) * bed.piston_height:.3g} mm below rest, for affine "
+        f"motion with the piston; this needs {load:.3g} N on the piston, against {pencil.bed.weight:.3g} N "
+        "at rest.",
+        f"A cycle of {1e3 * amplitude:.3g} mm dissipates {energy:.2g} J by drag, "
+        f"{energy * root.frequency:.2g} W.",
     ]
     grades = _grades_of(float(scene.grains.species_values("remanence")[0]))
     named = GRADES.get(scene.grains.grade or "", grades[0] if grades else None)
     if named is not None:
         lines.append(
-            f"{named.name} loses moment for good above {named.highest_temperature:g} °C, and from less on as "
-            "discs flatter than 0.7 times their diameter."
+            f"{named.name} loses moment permanently above {named.highest_temperature:g} °C, and at lower "
+            "temperatures for discs thinner than 0.7 times their diameter."
         )
     return lines
 
@@ -266,7 +266,7 @@ def limit_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[str]:
 TEMPERATURES = (5.0, 15.0, 25.0, 35.0, 45.0)
 """[deg C]"""
 SIZES = ((3, 1), (4, 2), (5, 2), (5, 3), (6, 2), (6, 3), (8, 3), (10, 3))
-"""Diameter and thickness of discs that many sellers stock [mm]."""
+"""Diameter and thickness of commonly available discs [mm]."""
 _GRADE_COLUMNS = ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]")
 _BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
 
@@ -282,9 +282,9 @@ def workshop_sheet(
     scatter: Sequence[str],
     notes: Sequence[str] = (),
 ) -> Page:
-    """Page to build a damper from, for a screen or for paper; rest, amplitude of use [m].
+    """Page for building a damper, for screen or print; equilibrium height, amplitude of use [m].
 
-    A bed that has no equilibrium nearby is a note on the page.
+    If the bed has no equilibrium nearby, the page has a note.
     """
     costs: Tolerances | None = None
     gaps: list[tuple[str, ...]] = []
@@ -317,7 +317,7 @@ def workshop_sheet(
 def _parts(scene: Scene, rest: float) -> Iterator[Block]:
     yield Picture(
         partial(_draw_cell, scene, rest),
-        "Front view, all lengths in proportion, in mm. The piston is drawn at rest on discs in a "
+        "Front view to scale, lengths in mm. The piston is drawn at equilibrium on discs in a "
         "lattice, the cell up to the height from which the piston is lowered.",
     )
     yield Heading("Parts")
@@ -328,26 +328,26 @@ def _parts(scene: Scene, rest: float) -> Iterator[Block]:
     if laws:
         yield Caution(
             f"Walls were simulated by the law {', '.join(sorted(laws))}, not by these rows of magnets, which "
-            "lower rest of the packaged damper by about 1 % and its frequency by 3 to 4 %. Design with "
-            "magnets='cylinders' to have them in the simulations."
+            "lower the equilibrium of the packaged damper by about 1 % and its frequency by 3 to 4 %. Design "
+            "with magnets='cylinders' to include them in the simulations."
         )
 
 
 def _liquid_and_gap(scene: Scene, amplitude: float, gaps: Sequence[tuple[str, ...]]) -> Iterator[Block]:
     yield Heading("Liquid and gap")
     drag = scene.effects.drag
-    liquid = "The damper has no drag, so no liquid."
+    liquid = "The damper has no drag and needs no liquid."
     if drag is not None and drag.coefficient:
         liquid = (
-            f"A disc needs a drag of {drag.coefficient:.3g} kg/s: 2 eta A/h of a liquid of the viscosity eta "
-            "in gaps h between its faces A and the plates, without flow back between discs."
+            f"A disc needs a drag of {drag.coefficient:.3g} kg/s: 2 eta A/h for a liquid of viscosity eta "
+            "in gaps h between its faces A and the plates, without backflow between discs."
         )
     yield Text(
-        f"{liquid} Take the narrowest gap into which every disc fits, sorted by thickness: in the play discs "
-        "tilt and bear on both plates, with a load that grows as the play (upper bound). Friction is a "
-        "damping ratio added to that of the drag at an amplitude of "
-        f"{1e3 * amplitude:.3g} mm, with static coefficients of metal on PTFE unless the scene names its "
-        "own; if the bed sticks, a run decides."
+        f"{liquid} Sort the discs by thickness and use the narrowest gap into which every disc fits. Within "
+        "the play discs tilt and press on both plates, with a load proportional to the play (upper bound). "
+        "Friction is given as a damping ratio in addition to the drag at an amplitude of "
+        f"{1e3 * amplitude:.3g} mm, with static coefficients of metal on PTFE unless the scene gives "
+        "others; if the bed sticks, simulate it."
         f"{'' if scene.effects.friction else ' The simulations had no friction on the plates.'}"
     )
     yield Table(GAP_COLUMNS, gaps)
@@ -356,7 +356,7 @@ def _liquid_and_gap(scene: Scene, amplitude: float, gaps: Sequence[tuple[str, ..
 def _temperature() -> Iterator[Block]:
     yield Heading("Temperature")
     yield Text(
-        "Over their values at 25 °C: the viscosity of silicone oil, and so the drag (Shin-Etsu, Silicone "
+        "Relative to the values at 25 °C: the viscosity of silicone oil and so the drag (Shin-Etsu, Silicone "
         "Fluid KF-96, Performance Test Results), and the remanence of NdFeB (-0.12 %/K, shanghaimagnet.com)."
     )
     yield Table(
@@ -373,16 +373,16 @@ def _temperature() -> Iterator[Block]:
 
 
 def _first_measurements(scene: Scene) -> Iterator[Block]:
-    yield Heading("What to measure first")
+    yield Heading("First measurements")
     yield Text(
-        "First weigh the piston with all that moves with it. Rest and frequency know the discs' moment m "
-        "and the mass M only as m²/M: with M weighed, the height at rest gives the moment. Measure it with "
-        "two or more weighed masses, so that a wrong zero of the scale shows. Then, the machine held still, "
-        "lift the piston by a fifth of a disc's diameter, release it and record its height for three "
-        "seconds, at 200 samples a second or more, as a table of time and height. Read back remanence and "
-        "drag, with the mass as weighed, and simulate again:"
+        "First weigh the piston with all parts that move with it. Equilibrium and frequency depend on the "
+        "discs' moment m and the mass M only through m²/M: with M weighed, the equilibrium height gives the "
+        "moment. Measure it with two or more weighed masses to detect a wrong zero of the scale. Then hold "
+        "the machine still, lift the piston by a fifth of a disc's diameter, release it and record its "
+        "height for three seconds, at 200 samples per second or more, as a table of time and height. "
+        "Determine remanence and drag with the weighed mass, and simulate again:"
     )
-    host = " --set effects.host=none" if scene.effects.host else ""  # it is held still
+    host = " --set effects.host=none" if scene.effects.host else ""  # the machine is held still
     yield Printout(
         "granular-damper calibrate lab.csv scene.toml --set 'piston.mass=WEIGHED kg' \\\n"
         "    --parameter effects.drag.coefficient --parameter grains.remanence -o out/read-back" + host
@@ -390,35 +390,35 @@ def _first_measurements(scene: Scene) -> Iterator[Block]:
 
 
 def usual_tolerances(bed: Equilibrium, amplitude: float) -> Tolerances:
-    """Usual tolerances of a bed's parts, with dry friction at an amplitude [m] if there is any."""
+    """Typical tolerances of a bed's parts, with dry friction at an amplitude [m] if there is any."""
     parts = read_parts(bed.scene, usual_parts(bed.scene))
     return tolerances_at([bed], parts, amplitude=amplitude if has_friction(bed.scene) else None, draws=0)
 
 
 def _disc_sizes_text(scene: Scene) -> str:
-    """Sizes that are sold, and a remark if those of the scene are not among them."""
+    """Available sizes, and a remark if the scene has other sizes."""
     grains = scene.grains
     own = [
         (round(1e3 * species.diameter, 3), round(1e3 * float(thickness), 3))
         for species, thickness in zip(grains.species, grains.species_values("thickness"), strict=True)
     ]
     odd = [f"{d:g} x {h:g}" for d, h in own if (d, h) not in SIZES]
-    fits = f"; {' and '.join(odd)} is none of them, so have it made" if odd else ""
+    fits = f"; {' and '.join(odd)} is not available and must be custom-made" if odd else ""
     sizes = ", ".join(f"{d} x {h}" for d, h in SIZES)
     return (
-        f"Usual sizes, diameter x thickness in mm, each within 0.1: {sizes}{fits}. Grades "
-        "(shanghaimagnet.com), and the change that the middle of each makes in this damper, by its slope:"
+        f"Common sizes, diameter x thickness in mm, each within 0.1: {sizes}{fits}. Grades "
+        "(shanghaimagnet.com), and the change of this damper for the middle of each grade, by its slope:"
     )
 
 
 def _grade_rows(scene: Scene, costs: Tolerances | None) -> list[tuple[str, ...]]:
-    """Each grade with its remanence [T], and the changes [%] that it makes in this damper."""
+    """Grades with their remanence [T], and the resulting changes [%] of this damper."""
     own = float(scene.grains.species_values("remanence")[0])
     slopes = {} if costs is None else dict(zip((p.key for p in costs.parts), costs.slopes[0], strict=True))
     rows = []
     for name, grade in GRADES.items():
         if not name[-1].isdigit():
-            continue  # the same remanence, for higher temperatures
+            continue  # same remanence, for higher temperatures
         ratio = grade.remanence / own
         changes = [f"{100.0 * (ratio**s - 1.0):+.1f}" for s in slopes.get("grains.remanence", ())[1:]]
         rows.append((name, f"{grade.lowest:.2f} to {grade.highest:.2f}", *(changes or ["", ""])))
@@ -461,7 +461,7 @@ def _draw_cell(scene: Scene, rest: float) -> Figure:
 
 
 def _lattice(count: int, width: float, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sites of a hexagonal lattice that fills a cell up to the level."""
+    """Sites of a hexagonal lattice that fills a cell up to a height."""
     across = max(round(math.sqrt(width * count * math.sqrt(0.75) / level)), 1)
     row, column = np.divmod(np.arange(count), across)
     return (column + 0.25 + 0.5 * (row % 2)) * width / across, (row + 0.5) * level / math.ceil(count / across)

@@ -66,7 +66,7 @@ class CandidateLaws(NamedTuple):
         texts = []
         for name, misfit in self.screening.misfits.items():
             excess = format_factor(misfit / smallest)
-            why = f"its screening residual is {excess} times that of the best law (limit {HOPELESS:g})"
+            why = f"its screening residual is {excess} times the best law's (limit {HOPELESS:g})"
             if misfit / smallest > _UNDEFINED_MISFIT:
                 why = f"it cannot describe {'heights about zero' if self.contains_zero else 'such a motion'}"
             if name not in fitted:

@@ -11,7 +11,7 @@ from granular.shared.blocks import Table, Text, align_columns
 from granular.shared.errors import format_factor
 from reduced_models.fitting.roll_out import RollOut
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.models.quantities import (
     DAMPING_RATIO,
     LEVEL,
@@ -281,7 +281,7 @@ class Comparison:
     def __str__(self) -> str:
         best = self.best
         lines = record_lines(best.provenance.get("record", "").splitlines())
-        lines += figure_lines(swing_quantities(best, None), confidence=best.confidence)
+        lines += figure_lines(oscillation_quantities(best, None), confidence=best.confidence)
         lines += [*self.law_lines(criteria=True), *best.equation_lines(), *wrap_words(self.verdict)]
         lines += [f"  {row.name} was not fitted: {row.failure}" for row in self.rows if row.failure]
         return "\n".join([*lines, *caution_lines(best.cautions)])

@@ -36,7 +36,7 @@ from reduced_models.identification.scene_checks import (
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law
-from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.records.sensor_artefacts import without_clipped_samples
 from reduced_models.records.sources import DEFAULT_METHOD, make_directory, open_and_check_source, run_plan
 
@@ -304,7 +304,7 @@ def _add_check_outcomes(
         comparison = compare_on_further_records(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
-        figures = swing_quantities(model, mass)
+        figures = oscillation_quantities(model, mass)
         own, no_own = measure_record_if_possible(record, order[0])
     duration = float(record.time[-1] - record.time[0])
     figures, parameters, own, failed = add_check_errors(figures, own, model, mass, duration, checks)

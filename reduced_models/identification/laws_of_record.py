@@ -31,7 +31,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.models.quantities import QuantityWithError
 from reduced_models.records.sensor_artefacts import keep_text, spike_mask, with_note
 from reduced_models.records.sources import incomplete_run_notes
@@ -119,7 +119,7 @@ def compare_laws_of_record(
     models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
     best = comparison.best
     shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
-    figures = swing_quantities(shown, mass)
+    figures = oscillation_quantities(shown, mass)
     own, no_own = measure_record_if_possible(record, best)
     if run is None and (wells := well_quantities(best)):
         shown, figures = best, wells

@@ -27,7 +27,7 @@ from reduced_models.identification.comparison_table import DerivedFigures
 from reduced_models.identification.measured_oscillation import MeasuredOscillation, quantities_at_amplitudes
 from reduced_models.laws.catalogue import law_named
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.models.quantities import QuantityWithError, add_step_and_start_errors
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.sources import FALL, RECORD, piston_record_columns
@@ -361,7 +361,7 @@ def _quantities_by_law(
             test_fraction=0.0,
             parameters=given_line_parameters(model),
         )
-    figures = (*swing_quantities(again, mass), *again.parameter_quantities())
+    figures = (*oscillation_quantities(again, mass), *again.parameter_quantities())
     if [figure.symbol for figure in figures] != [figure.symbol for figure in reference]:
         raise InputError("the fit does not give these figures")
     return figures

@@ -1,6 +1,6 @@
-"""The identified law at work on a machine: responses in milliseconds, and designs from them."""
+"""The identified law coupled to a machine: responses in milliseconds, and designs from them."""
 
 import lazy_loader
 
-# Names, which stand in __init__.pyi, are imported when they are used.
+# Names, declared in __init__.pyi, are imported at first use.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""The form ``compare --response`` of a command: the identified law against a shaken machine."""
+"""The command form ``compare --response``: the identified law against a shaken machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from reduced_models.machines.response import response_page_with_law
 
 
 def compare_response_with_law(directory: str, output: Output) -> None:
-    """Solve the law, say how far off it is, and write the report."""
+    """Solve the law, print its errors, and write the report."""
     response = load_response(directory)
     page, law, why = response_page_with_law(response)
     path = Path(directory) / "report.html"
@@ -21,7 +21,7 @@ def compare_response_with_law(directory: str, output: Output) -> None:
     peaks = () if law is None else law.peaks
     rows = [
         dataclasses.asdict(peak)
-        | {"error": peak.law_peak_error, "linear_error": peak.small_swing_peak_error}
+        | {"error": peak.law_peak_error, "linear_error": peak.linear_peak_error}
         | {"outside": peak.outside or None}
         for peak in peaks
     ]

@@ -1,9 +1,8 @@
-"""The bed, piston and drag that leave least of a host's vibration, by the identified law.
+"""Bed, piston and drag that minimise a host's vibration, by the identified law.
 
-The bed of a scene as an element between two bodies, from the scene alone.
-
-The bed's force acts on the piston, and against it on the cell. The bed's mass is no part of the
-element: grains that follow the piston affinely give the mass matrix that `mass_matrix` returns.
+Also exports the bed of a scene as an element between two bodies, from the scene alone. The bed's force
+acts on the piston, and its reaction on the cell. The bed's mass is not part of the element: grains that
+follow the piston affinely give the mass matrix of `mass_matrix`.
 """
 
 from __future__ import annotations
@@ -48,28 +47,28 @@ if TYPE_CHECKING:
 
 
 HELPS = 0.9
-"""Least fraction of the peak that a damper must leave away, as 1 minus this, to be one."""
+"""A damper is worthwhile if it reduces the peak below this fraction."""
 _COARSE = np.linspace(0.6, 1.3, 15)
-"""Frequencies over the host's that a candidate is tried at."""
+"""Frequencies at which a candidate is tried, relative to the host's."""
 _DRAGS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.65, 0.9)
 _FRACTIONS = (0.6, 0.8, 1.0)
-"""Shares of the greatest mass, in the piston."""
+"""Fractions of the mass limit in the piston."""
 _COUNTS = (276, 368, 460, 552, 736)
 _HELD_STILL = {
     "effects.host": None,
     "protocol": [{"name": "drop", "kind": "free", "until": "rest", "tolerance": "1e-2 D"}],
 }
-"""Changes by which the machine is held still, and the bed comes to rest."""
+"""Changes of a scene that hold the machine still and let the bed settle."""
 _FILLED = 0.55
-"""Most of the cell's area below the piston at rest that grains may take."""
+"""Maximum fraction of the cell's area below the piston at equilibrium covered by grains."""
 POINTS, NEAR, MARGIN = 9, 0.6, 0.03
-"""Frequencies of a simulated peak: where the law has more than this fraction of its own, and so far
-beyond, relative: of the two humps that a damper leaves, the law may have the lower one higher."""
+"""Frequencies of a simulated peak: where the law exceeds this fraction of its peak, extended by this relative
+margin. The law may confuse the heights of the two resonance peaks of a host with a damper."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DamperDesign:
-    """A damper for a host."""
+    """A damper designed for a host."""
 
     scene: Scene
     law: PredictedResponse
@@ -77,37 +76,37 @@ class DamperDesign:
     ideal: float  # [m]
     stroke: float  # [m]
     mass: float  # [kg]
-    outside: str  # why the law is not to be trusted; empty if it is
+    outside: str  # reason if the law is used outside its tested range; empty inside
     simulated: FrequencyResponse | None = None
     seconds: float = 0.0
 
     @property
     def peak(self) -> float:
-        """Greatest displacement of the host by the law [m]."""
+        """Maximum displacement of the host by the law [m]."""
         return self.law.peak
 
     @property
     def simulated_peak(self) -> float | None:
-        """Greatest displacement of the host in the simulation [m]; None where there is none."""
+        """Maximum displacement of the host in the simulation [m]; None without a simulation."""
         return None if self.simulated is None else self.simulated.peak
 
     @property
     def reduction(self) -> float:
-        """Fraction of the peak without a damper that is taken away: simulated, else by the law."""
+        """Relative reduction of the peak by the damper: from the simulation, else by the law."""
         simulated = self.simulated_peak
         return 1.0 - (self.peak if simulated is None else simulated) / self.alone
 
     @property
     def is_worthwhile(self) -> bool:
-        """Return true where it takes away a tenth of the peak or more."""
+        """Return whether the damper reduces the peak by a tenth or more."""
         return self.reduction > 1.0 - HELPS
 
     @property
     def verdict(self) -> str:
-        """The damper and its figures in words."""
+        """Description of the damper and its figures in words."""
         drag, piston = self.scene.effects.drag, self.scene.piston
         assert piston is not None
-        what = (
+        description = (
             f"{self.scene.grains.count} grains, a piston of {piston.mass:.3g} kg and a drag of "
             f"{0.0 if drag is None else drag.coefficient:.2g} kg/s"
         )
@@ -120,26 +119,26 @@ class DamperDesign:
             )
         figures += (
             f"{1e3 * self.alone:.3g} mm without, {1e3 * self.ideal:.3g} mm with an ideal tuned "
-            "mass of the same weight"
+            "mass damper of the same mass"
         )
         if self.outside:
             figures += f"; {self.outside}"
             if self.simulated is None:
                 figures += ": simulate it"
         if not self.is_worthwhile:
-            return f"no: the best bed, {what}, leaves most of the vibration: {figures}"
-        return f"{what}, take away {100.0 * self.reduction:.3g} % of the peak: {figures}"
+            return f"no: the best bed, {description}, hardly reduces the vibration: {figures}"
+        return f"{description}, reduce the peak by {100.0 * self.reduction:.3g} %: {figures}"
 
     def workshop_sheet_page(self) -> Page:
-        """Sheet to build the damper from; its bed is settled for it, with the machine held still."""
+        """Workshop sheet for building the damper; its bed is settled first, with the machine held still."""
         scatter = [
-            "By the law alone: how far starts differ is not known, and where it was compared with "
-            "simulations the peak was up to 10 % off; simulate=True puts a simulation beside it."
+            "By the law alone: the spread over packings is unknown, and in comparisons with simulations "
+            "the error of the peak was up to 10 %; simulate=True adds a simulation."
         ]
         if self.simulated is not None:
             off = self.peak / self.simulated.peak - 1.0
             scatter = [
-                f"Simulated from one start: {1e3 * self.simulated.peak:.3g} mm at the peak; by the "
+                f"Simulated for one packing: {1e3 * self.simulated.peak:.3g} mm at the peak; by the "
                 f"law {1e3 * self.peak:.3g} mm ({100.0 * off:+.0f} %)."
             ]
         state = settled_state(self.scene.replace(**_HELD_STILL))
@@ -169,53 +168,53 @@ def design_for(
     workers: int | None = None,
     progress: bool = True,
 ) -> DamperDesign:
-    """Design a damper of the packaged kind and a limited mass that makes a host's peak least.
+    """Design a damper like the packaged one, with limited mass, that minimises a host's peak.
 
-    Grains of 6 mm in a cell of 60 D; their number, the piston's mass and the drag are searched by
-    the law. The law has no memory of how a real bed scatters from start to start; where the piston
-    swings outside of `RANGE`, in which the law was compared with simulations, the damper is
-    simulated at 9 frequencies about its peak, which a warning announces.
+    Grains of 6 mm in a cell of 60 D; their number, the piston's mass and the drag are optimised by the
+    law. The law does not include the spread over packings. If the piston's amplitude is outside of
+    `RANGE`, in which the law was compared with simulations, the damper is simulated at 9 frequencies
+    about its peak, with a warning.
 
     Parameters
     ----------
     host : Host
-        Host of one body on a spring, which is to carry the cell.
+        Host of one body on a spring that carries the cell.
     excitation : Excitation
-        Sine of a force [N]; its frequency may be any.
+        Sinusoidal force [N] of any frequency.
     limit : float
-        Greatest mass of piston and grains [kg].
+        Maximum mass of piston and grains [kg].
     magnets : str
         ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``.
     simulate : bool, optional
-        Simulate the damper always, or never; only outside of the law's range if not given.
+        Simulate the damper always, or never; by default only outside of the law's range.
     out : str or Path, optional
-        Directory that keeps the simulations; the same call goes on from there.
+        Directory for the simulations; the same call continues there.
     workers : int, optional
-        Number of processes; as many as there are processors if not given.
+        Number of processes; by default the number of processors.
     progress : bool
-        Show a progress bar on standard error, with the time that is left.
+        Show a progress bar on standard error, with the remaining time.
 
     Returns
     -------
     DamperDesign
-        The damper, and the peak [m] with and without it.
+        Damper, and the peak [m] with and without it.
 
     Raises
     ------
     InputError
-        If the host is another, the force is none, or the limit leaves no mass for a piston.
+        If the host is of another type, there is no force, or the limit leaves no mass for a piston.
     GranularError
         If a simulation failed.
 
     Warns
     -----
     OutsideRangeWarning
-        Where the law is outside of its range: what it expects, and what is simulated.
+        If the law is outside of its range: its prediction, and the planned simulation.
     """
     if len(host.bodies) != 1 or host.bodies[0].stiffness <= 0.0:
-        raise InputError("a damper is designed for a host of one body on a spring; give such a one")
+        raise InputError("design_for needs a host of one body on a spring; give such a host")
     if excitation.kind != "sine" or not excitation.force:
-        raise InputError("a damper is designed for a sine of a force; give excitation.force in N")
+        raise InputError("design_for needs a sinusoidal force; give excitation.force in N")
     (body,) = host.bodies
     own = math.sqrt(body.stiffness / body.mass) / math.tau
     frequencies = [float(own * ratio) for ratio in _COARSE]
@@ -225,7 +224,7 @@ def design_for(
     ]
     if not tried:
         raise InputError(
-            f"limit = {limit:g} kg leaves no piston on a bed of {FEWEST} grains or more; give more"
+            f"limit = {limit:g} kg leaves no mass for a piston on {FEWEST} or more grains; give a larger one"
         )
     _, best = min(tried, key=lambda pair: pair[0].peak)
     fine = [float(own * ratio) for ratio in np.linspace(0.6, 1.4, 81)]
@@ -237,11 +236,11 @@ def design_for(
     proposal = DamperDesign(best, response, alone, ideal, stroke, damper_mass(best), outside)
     wanted = bool(outside) if simulate is None else simulate
     if outside:
-        words = f"{outside}; it expects {1e3 * proposal.peak:.3g} mm at the peak"
+        words = f"{outside}; it predicts {1e3 * proposal.peak:.3g} mm at the peak"
         if wanted:
             words += (
                 f"; simulating {POINTS} frequencies of {DURATION:g} s with "
-                f"{best.grains.count} grains: simulate=False leaves that out"
+                f"{best.grains.count} grains: simulate=False skips this"
             )
         warnings.warn(words, OutsideRangeWarning, stacklevel=2)
     if not wanted:
@@ -255,7 +254,7 @@ def design_for(
 
 
 def _frequencies_near_peak(response: PredictedResponse) -> list[float]:
-    """Frequencies that hold the peak [Hz], where law and simulation differ a little in it."""
+    """Frequencies [Hz] that cover the peak even if law and simulation differ slightly in its position."""
     near = response.frequencies[response.displacement > NEAR * response.peak]
     low, high = (1.0 - MARGIN) * near.min(), (1.0 + MARGIN) * near.max()
     return [float(frequency) for frequency in np.linspace(low, high, POINTS)]
@@ -266,7 +265,7 @@ def _outside_range_text(stroke: float) -> str:
         return ""
     beyond = "less" if stroke < RANGE[0] else "more"
     return (
-        f"the piston swings {stroke:.2g} D by the law, {beyond} than the {RANGE[0]:g} to "
+        f"the piston's amplitude is {stroke:.2g} D by the law, {beyond} than the {RANGE[0]:g} to "
         f"{RANGE[1]:g} D in which it was compared with simulations"
     )
 
@@ -297,7 +296,7 @@ def _candidate_dampers(host: Host, excitation: Excitation, limit: float, magnets
             )
             try:
                 law = CoupledSystem.from_host_scene(scene)
-            except InputError:  # the law is not known for so much drag
+            except InputError:  # the drag is above the range of the law
                 continue
             filled = count * math.pi / 4.0 * diameter**2 / (law.rest * scene.cell.width)
             if law.rest < height and filled < _FILLED:
@@ -307,13 +306,13 @@ def _candidate_dampers(host: Host, excitation: Excitation, limit: float, magnets
 def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
     """Write the bed of a scene as an element between two bodies, from the scene alone.
 
-    Its inputs are height [m] and velocity [m/s] of the piston over the cell, its output is the
-    force of the bed on the piston [N]. The bed's mass is no part of it.
+    Its inputs are height [m] and velocity [m/s] of the piston relative to the cell; its output is the
+    force of the bed on the piston [N]. It does not include the bed's mass.
 
     Parameters
     ----------
     scene : Scene
-        Scene of a piston with a mass on magnets that drag alone damps.
+        Scene of a piston with a mass on magnets that are damped only by drag.
     path : str or Path
         File to write: ``.py``, ``.c`` (with its header), ``.m``, ``.mo`` or ``.fmu``.
     fmi : int
@@ -327,8 +326,7 @@ def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
     Raises
     ------
     InputError
-        If the law of the bed is not known, the ending is another one, or the file cannot be
-        written.
+        If the law of the bed is unknown, the ending is not supported, or the file cannot be written.
 
     Examples
     --------
@@ -341,9 +339,9 @@ def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
 
 
 def bed_force_port(scene: Scene) -> ForcePort:
-    """Return the law of a scene's bed as an element."""
+    """Make an element from the law of a scene's bed."""
     system = CoupledSystem.from_bed_scene(scene)
-    load, swing = system.piston * system.gravity, system.small_oscillation
+    load, oscillator = system.piston * system.gravity, system.small_oscillation
     values = {
         "lam": 0.5 * system.drag / system.moving,
         "weight": load / system.moving,
@@ -352,7 +350,7 @@ def bed_force_port(scene: Scene) -> ForcePort:
         "modulus": system.modulus,
         "strength": system.strength,
     }
-    at_rest = AtRest(system.rest, math.tau / swing.omega, swing.lam / swing.omega, {})
+    at_rest = AtRest(system.rest, math.tau / oscillator.omega, oscillator.lam / oscillator.omega, {})
     model = PredictedLaw(
         ANNEALING_BED,
         values,
@@ -365,7 +363,7 @@ def bed_force_port(scene: Scene) -> ForcePort:
 
 
 def mass_matrix(system: CoupledSystem) -> Float[np.ndarray, "2 2"]:
-    """Mass matrix [kg] of host and piston over the cell."""
-    # An affine bed moves by 1/2 of the piston's stroke on average, in the mass that couples it with the host.
+    """Mass matrix [kg] of host and piston relative to the cell."""
+    # The bed counts by half in the coupling mass, as affine grains move half the piston's stroke on average.
     swing = system.piston + 0.5 * system.bed
     return np.array([[system.host + system.piston + system.bed, swing], [swing, system.moving]])

@@ -1,17 +1,17 @@
-"""A bed on a host as an ordinary differential equation: the annealing bed's law on both.
+"""A bed on a host as an ordinary differential equation: the annealing bed's law coupled to the host.
 
-Grains that follow the piston affinely have the velocity W + z' y/z over the base, W that of the
-cell. With the masses M_h of the host, M of the piston and m of the bed, the momentum of the whole
-and that along z give
+Grains that follow the piston affinely have the velocity W + z' y/z relative to the base, where W is the
+cell's velocity. With the masses M_h of the host, M of the piston and m of the bed, the momentum
+balances of the whole system and along z give
 
     (M_h + M + m) W' + (M + m/2) z'' = -k X - c W + F sin(omega t),
     (M + m/2) W' + M_z z'' = M g ((rest/z)^power (1 + w) - 1) - N gamma z'/3,
 
 with the hidden states w and q of the law (`reduced_models.laws.annealing_bed`), whose modulus and
-strength are those that falls and swings of the packaged damper told. Affine grains add m/3 to the
-mass M_z that moves against the cell; those that follow late take nearly as much away again. It,
-the power and the height of rest are what the scene tells (`reduced_models.falls.predicted_law`). Nothing is
-fitted to a machine.
+strength come from falls and oscillations of the packaged damper. Affine grains add m/3 to the mass M_z
+that moves relative to the cell; the lag of the bed subtracts nearly as much. M_z, the power and the
+equilibrium height follow from the scene (`reduced_models.falls.predicted_law`). Nothing is fitted to a
+machine.
 """
 
 from __future__ import annotations
@@ -46,17 +46,17 @@ from reduced_models.falls.predicted_law import (
 from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
 
 RANGE = (0.5, 2.0)
-"""Amplitudes of the piston over the cell [D] in which the peak of the packaged machine is within
-10 % of the simulated one; beyond it is 20 % off (`python docs/pictures.py machine-law`)."""
-# The classical Runge-Kutta method's phase errs by (2 pi/64)^4/120 = 8e-7 of itself.
+"""Amplitudes of the piston relative to the cell [D] at which the peak of the packaged machine is within
+10 % of the simulated one; outside the error is 20 % (`python docs/pictures.py machine-law`)."""
+# The relative phase error of the classical Runge-Kutta method is (2 pi/64)^4/120 = 8e-7.
 STEPS_A_PERIOD = 64
 ORDER = 0.5
 """Order of the bed at the start, the hidden state q of its law."""
 SETTLING, MEASURED = 14.0, 0.4
-"""Duration of a sine [s], and the last part of it that counts for the amplitude."""
+"""Duration of a sine [s], and its final part from which the amplitude is computed."""
 
 
-class LinearSwing(NamedTuple):
+class LinearOscillator(NamedTuple):
     """A linear law, z'' + 2 lam z' + omega^2 (z - rest) = 0."""
 
     omega: float  # [rad/s]
@@ -64,7 +64,7 @@ class LinearSwing(NamedTuple):
 
 
 class CoupledSystem(NamedTuple):
-    """The numbers of the equation, in SI."""
+    """Parameters of the equation, in SI units."""
 
     host: float  # M_h [kg]
     stiffness: float  # k [N/m]
@@ -72,7 +72,7 @@ class CoupledSystem(NamedTuple):
     piston: float  # M [kg]
     bed: float  # m [kg]
     moving: float  # M_z [kg]
-    drag: float  # N gamma/3 and the piston's own [N s/m]
+    drag: float  # N gamma/3 plus the piston's drag [N s/m]
     gravity: float  # [m/s^2]
     rest: float  # [m]
     modulus: float = MODULUS
@@ -81,12 +81,12 @@ class CoupledSystem(NamedTuple):
 
     @classmethod
     def from_host_scene(cls, scene: Scene) -> CoupledSystem:
-        """Equation of a scene whose host carries the cell."""
+        """Parameters for a scene with a host that carries the cell."""
         host = scene.effects.host
         if host is None or host.mount != "cell" or len(host.bodies) != 1 or host.pistons or host.springs:
             raise InputError(
-                f"the scene {quote(scene.name)} has no host of one body that carries the cell; "
-                "the law is coupled to such a one"
+                f"the scene {quote(scene.name)} has no host of one body that carries the cell, which the "
+                "law needs; give such a host"
             )
         (body,) = host.bodies
         return cls.from_bed_scene(scene)._replace(
@@ -95,7 +95,7 @@ class CoupledSystem(NamedTuple):
 
     @classmethod
     def from_bed_scene(cls, scene: Scene) -> CoupledSystem:
-        """Equation of a scene's bed, on a host that nothing moves."""
+        """Parameters for a scene's bed on a fixed host."""
         still = scene.replace(**{"effects.host": "none"})
         parameters, (mass, gravity) = predict_bed_parameters(still), mass_and_gravity(still)
         lattice = lattice_at_rest(still)
@@ -115,11 +115,11 @@ class CoupledSystem(NamedTuple):
         )
 
     @property
-    def small_oscillation(self) -> LinearSwing:
-        """The small swing of the piston on an ordered bed over a cell at rest, by the law."""
+    def small_oscillation(self) -> LinearOscillator:
+        """Small oscillations of the piston on an ordered bed in a fixed cell, by the law."""
         stiffness = self.power + self.modulus * (1.0 + STIFFENING)
         spring = self.piston * self.gravity / self.rest * stiffness
-        return LinearSwing(math.sqrt(spring / self.moving), 0.5 * self.drag / self.moving)
+        return LinearOscillator(math.sqrt(spring / self.moving), 0.5 * self.drag / self.moving)
 
     def linear_response(self, frequencies: Sequence[float], force: float) -> Complex[np.ndarray, "f"]:
         """Displacement (f,) [m] of the host with a linear law for the bed; frequencies [Hz], force [N]."""
@@ -193,28 +193,28 @@ class PredictedResponse:
     frequencies: Float[np.ndarray, "f"]  # [Hz]
     displacement: Float[np.ndarray, "f"]  # amplitude of the host [m]
     stroke: Float[np.ndarray, "f"]  # amplitude of the piston over the cell [m]
-    linear: Float[np.ndarray, "f"]  # amplitude of the host by the law's small swing [m]
+    linear: Float[np.ndarray, "f"]  # amplitude of the host by the linearised law [m]
     outside: bool  # the stroke at the peak is outside `RANGE`
 
     @property
     def peak(self) -> float:
-        """Greatest displacement [m]."""
+        """Maximum displacement [m]."""
         return float(self.displacement.max())
 
 
 def predicted_response(
     scene: Scene, frequencies: Sequence[float], force: float | None = None
 ) -> PredictedResponse:
-    """Solve the response of a scene's host by the law alone, in milliseconds a frequency.
+    """Solve the response of a scene's host by the law alone, in milliseconds per frequency.
 
     Parameters
     ----------
     scene : Scene
-        Scene whose host is shaken.
+        Scene with a shaken host.
     frequencies : sequence of float
         Frequencies of the force [Hz].
     force : float, optional
-        Amplitude of the force [N]; the scene's own if not given.
+        Amplitude of the force [N]; by default the scene's.
 
     Returns
     -------
@@ -224,28 +224,28 @@ def predicted_response(
     Raises
     ------
     InputError
-        If the scene's host is not one body that carries the cell, its bed has no known law, or
+        If the scene's host is not one body that carries the cell, the law of its bed is unknown, or
         there is no force.
 
     Warns
     -----
     OutsideRangeWarning
-        Where the piston's stroke at the peak is outside `RANGE`.
+        If the piston's amplitude at the peak is outside `RANGE`.
     """
     host = scene.effects.host
     law = CoupledSystem.from_host_scene(scene)
     if force is None and host is not None and host.excitation is not None:
         force = host.excitation.force
     if force is None:
-        raise InputError("the host is under no force; give one [N]")
+        raise InputError("no force acts on the host; give force [N]")
     response = solve_host_response(law, frequencies, force)
     diameter = scene.grains.species[0].diameter
     stroke = float(response.stroke[int(response.displacement.argmax())]) / diameter
     outside = not RANGE[0] <= stroke <= RANGE[1]
     if outside:
         warnings.warn(
-            f"the piston swings {stroke:.2g} D over the cell at the peak; the law tells "
-            f"peaks of {RANGE[0]:g} to {RANGE[1]:g} D, so simulate the scene",
+            f"the piston's amplitude relative to the cell is {stroke:.2g} D at the peak; the law is valid "
+            f"for {RANGE[0]:g} to {RANGE[1]:g} D, so simulate the scene",
             OutsideRangeWarning,
             stacklevel=2,
         )
@@ -253,7 +253,7 @@ def predicted_response(
 
 
 def solve_host_response(law: CoupledSystem, frequencies: Sequence[float], force: float) -> PredictedResponse:
-    """Solve the response of a host by the law of its bed, from given numbers; frequencies [Hz], force [N]."""
+    """Solve a host's response for given parameters of the law; frequencies [Hz], force [N]."""
     pairs = []
     for frequency in frequencies:
         periods = max(math.ceil(SETTLING * frequency), 10)
@@ -269,12 +269,12 @@ def solve_host_response(law: CoupledSystem, frequencies: Sequence[float], force:
 
 
 POINTS = 201
-"""Frequencies at which the law is solved for each force."""
+"""Number of frequencies at which the law is solved for each force."""
 
 
 @dataclasses.dataclass(frozen=True)
 class PeakComparison:
-    """The greatest displacements at a force, simulated and by the law, over the same frequencies."""
+    """Maximum displacements at a force, simulated and by the law, over the same frequencies."""
 
     force: float  # [N]
     simulated: float  # [m]
@@ -288,14 +288,14 @@ class PeakComparison:
         return self.law / self.simulated - 1.0
 
     @property
-    def small_swing_peak_error(self) -> float:
-        """Relative error of the small swing's peak."""
+    def linear_peak_error(self) -> float:
+        """Relative error of the linearised law's peak."""
         return self.linear / self.simulated - 1.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ResponseComparison:
-    """The law's curves next to a response."""
+    """The law's curves for comparison with a response."""
 
     peaks: tuple[PeakComparison, ...]
     frequencies: Float[np.ndarray, "f"]  # [Hz]
@@ -322,19 +322,19 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
     Returns
     -------
     ResponseComparison
-        Peaks of law and simulation [m] at each amplitude of the force [N], and the law's curves over
-        the frequency [Hz]. The law is that of `reduced_models.falls.predicted_law`.
+        Peaks of law and simulation [m] at each amplitude of the force [N], and the law's curves against
+        frequency [Hz]. The law is described in `reduced_models.falls.predicted_law`.
 
     Raises
     ------
     InputError
-        If the law is not known for the scene (see `CoupledSystem.from_host_scene`), or no force shakes it.
+        If the law is unknown for the scene (see `CoupledSystem.from_host_scene`), or no force shakes it.
     """
     data = response.dataset
     if response.quantity != "force":
         raise InputError(
-            f"the base of the machine is shaken by its {response.quantity}; the "
-            "law is solved for a force on the machine: simulate one (--force)"
+            f"the base of the machine is shaken by its {response.quantity}, but the "
+            "law is solved for a force on the machine: simulate a force (--force)"
         )
     dense = np.linspace(float(data.frequency.min()), float(data.frequency.max()), POINTS)
     peaks, law, linear = [], {}, {}
@@ -351,11 +351,11 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
 
 
 def response_page_with_law(response: FrequencyResponse) -> tuple[Page, ResponseComparison | None, str]:
-    """Report of a response with the law; the law; and why, where there is none."""
+    """Report of a response with the law; the comparison; and the reason if there is none."""
     try:
         law = compare_response(response)
     except InputError as error:
-        why = f"No law stands next to the simulation: {error}."
+        why = f"The simulation is shown without a law: {error}."
         return response_page(response, missing=why), None, why
     return response_page(response, _report_section(law)), law, ""
 
@@ -366,10 +366,10 @@ def _report_section(comparison: ResponseComparison) -> PageComparison:
         title="The law in place of the bed",
         words=(
             "The law is the ordinary differential equation of the annealing bed on this machine; "
-            "nothing in it is fitted to a machine. Linear is its small swing, in which the bed "
-            "does not yield. Errors are of the greatest displacement between the lowest and the "
-            "highest frequency above, over the simulated one; where few frequencies were "
-            "simulated, their greatest may miss the peak."
+            "nothing in it is fitted to a machine. Linear is its small-amplitude limit, in which the bed "
+            "does not yield. Errors are relative errors of the maximum displacement between the lowest "
+            "and the highest frequency above; if few frequencies were "
+            "simulated, their maximum may miss the peak."
         ),
         header=_HEAD,
         rows=_table_cells(comparison.peaks),
@@ -387,7 +387,7 @@ def _table_cells(peaks: Sequence[PeakComparison]) -> list[tuple[str, ...]]:
             format_number(1e3 * peak.law, 3),
             f"{100.0 * peak.law_peak_error:+.0f}",
             format_number(1e3 * peak.linear, 3),
-            f"{100.0 * peak.small_swing_peak_error:+.0f}",
+            f"{100.0 * peak.linear_peak_error:+.0f}",
         )
         for peak in peaks
     ]

@@ -1,1 +1,1 @@
-"""Laws with their parameters: what a fit or a discovery gives back."""
+"""Models: laws with fitted parameters, as returned by a fit or a discovery."""

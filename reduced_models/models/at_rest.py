@@ -1,8 +1,7 @@
-"""Small motion of a law about its equilibrium, and its figures in an engineer's units.
+"""Small oscillations of a law about its equilibrium, with figures in engineering units.
 
-Stiffness and damping are those of a mass on a spring with a dashpot that oscillates likewise,
-m z'' + c z' + k z = 0; where no mass is known they are per kilogram, and of an angle over its moment
-of inertia.
+Stiffness and damping belong to the equivalent oscillator m z'' + c z' + k z = 0. They are per
+kilogram if no mass is known, and divided by the moment of inertia for an angle.
 """
 
 from __future__ import annotations
@@ -28,45 +27,45 @@ if TYPE_CHECKING:
     import pandas
 
 
-_UNDERDAMPED = 0.999  # a damping ratio above which nothing swings
-_STEP = 1e-4  # of a number, by which it is changed to see what follows from it
+_UNDERDAMPED = 0.999  # maximum damping ratio for figures of a damped oscillation
+_STEP = 1e-4  # relative step for derivatives
 
 
 @dataclasses.dataclass(frozen=True)
 class EquivalentDamping:
-    """Damping that small swings do not show, by the energy that harmonic cycles dissipate."""
+    """Equivalent damping at finite amplitudes, by the energy loss of harmonic cycles."""
 
     amplitude: Size  # [m]
-    tenth_ratio: float  # fraction of critical damping at a tenth of the largest swing
+    tenth_ratio: float  # fraction of critical damping at a tenth of the maximum amplitude
     friction: float  # [m/s^2]
     intervals: Mapping[str, Interval]
-    own: bool = False  # the friction is the coefficient of the law's own sign(z')
+    own: bool = False  # True if the friction is the coefficient of sign(z') in the law
 
     @property
-    def tenth_of_greatest_swing(self) -> float:
-        """A tenth of the greatest swing [m]."""
+    def tenth_of_maximum_amplitude(self) -> float:
+        """A tenth of the maximum amplitude [m]."""
         return 0.2 * self.amplitude
 
 
 @dataclasses.dataclass(frozen=True)
 class AtRest:
-    """Small motions by a law about its level of rest, with intervals.
+    """Small oscillations of a law about its equilibrium, with intervals.
 
     Attributes
     ----------
     height, period, damping_ratio : float
-        [m], period of the undamped small swing [s], fraction of critical damping. Where that of
-        small swings is far from what the record's swings can show, as with dry friction, it is the
-        energy lost in a harmonic cycle of the amplitude ``equivalent.amplitude``, over 4 pi times
-        that of its swing.
+        Equilibrium height [m], period of undamped small oscillations [s], fraction of critical
+        damping. If the damping of small oscillations differs strongly from the record's, as with
+        dry friction, the damping ratio is the energy loss of a harmonic cycle of the amplitude
+        ``equivalent.amplitude``, over 4 pi times its oscillation energy.
     intervals : mapping of str to (float, float)
     equivalent : EquivalentDamping or None
-        None where the damping ratio is that of small swings.
+        None if the damping ratio is for small oscillations.
     peaks : PeakDamping or None
-        Damping ratios by how the record's own peaks fall, where they contradict the law's: they are
-        what is printed then.
+        Damping ratios from the decrease of the record's peaks, if they contradict the law's; they
+        are then printed instead.
     calibration : mapping of str to float
-        Part of half the intervals that a sensor's calibration makes, where there is one.
+        Contribution of the sensor's calibration to half the intervals, if there is one.
     coordinate_unit : "m" or "rad"
         Unit of the height.
     """
@@ -81,13 +80,13 @@ class AtRest:
     coordinate_unit: CoordinateUnit = "m"
 
     def to_series(self) -> pandas.Series[float]:
-        """Height, period and damping ratio with their errors, half of the intervals, as a row of a table.
+        """Height, period and damping ratio with errors (half of the intervals) as a row of a table.
 
         Returns
         -------
         pandas.Series
-            ``height`` [m] (of an angle [rad]), ``period`` [s], ``damping_ratio``, and each of these with
-            ``_error`` behind its name.
+            ``height`` [m] (for an angle [rad]), ``period`` [s], ``damping_ratio``, and the errors of
+            these, with ``_error`` after the name.
         """
         import pandas
 
@@ -101,29 +100,29 @@ class AtRest:
 
     @property
     def peak_texts(self) -> tuple[str, ...]:
-        """Sentence on a damping ratio of the record's peaks that contradicts that of the law, if it does."""
+        """Sentence on the damping ratio of the record's peaks if it contradicts the law's; else empty."""
         if self.peaks is None:
             return ()
         return (
-            f"the record's peaks show a damping ratio of {100.0 * self.peaks.mean:.3g} %, and contradict "
+            f"the record's peaks show a damping ratio of {100.0 * self.peaks.mean:.3g} %, which contradicts "
             f"the {100.0 * self.damping_ratio:.3g} % of the model",
         )
 
 
 @dataclasses.dataclass(frozen=True)
 class EngineeringUnits:
-    """Units in which the coordinate and its forces are shown."""
+    """Units of the coordinate and its forces in print-outs."""
 
     length: str
     scale: float  # from SI
     stiffness: str
     damping: str
     friction: str
-    inertia: float  # times the law's stiffness and damping
+    inertia: float  # factor of the law's stiffness and damping
 
 
 def engineering_units(coordinate_unit: str, mass: float | None) -> EngineeringUnits:
-    """Units in which a coordinate and its forces are shown; mass [kg]."""
+    """Units of a coordinate and its forces in print-outs; mass [kg]."""
     if coordinate_unit == "rad":
         return EngineeringUnits("°", 180.0 / math.pi, "1/s²", "1/s", "rad/s²", 1.0)
     if mass is None:
@@ -132,7 +131,7 @@ def engineering_units(coordinate_unit: str, mass: float | None) -> EngineeringUn
 
 
 def signal_units(measured: str, coordinate_unit: str) -> EngineeringUnits:
-    """Units in which a measured height, velocity, acceleration or force is shown."""
+    """Units of a measured height, velocity, acceleration or force in print-outs."""
     units = engineering_units(coordinate_unit, None)
     if measured == "force":
         return dataclasses.replace(units, length="N", scale=1.0)
@@ -153,7 +152,7 @@ def quantities_at_rest(rest: AtRest, mass: float | None) -> tuple[QuantityWithEr
     if rest.peaks is None and rest.equivalent is not None:
         figures += _damping_at_two_amplitudes(rest, rest.equivalent, units)
     elif rest.peaks is None:
-        figures += _damping_of_small_swing(rest)
+        figures += _damping_of_small_oscillations(rest)
     figures.append(
         quantity("stiffness", "k", units.stiffness, lambda _, period, __: inertia * (math.tau / period) ** 2)
     )
@@ -163,7 +162,7 @@ def quantities_at_rest(rest: AtRest, mass: float | None) -> tuple[QuantityWithEr
     return tuple(figures)
 
 
-def _damping_of_small_swing(rest: AtRest) -> list[QuantityWithError]:
+def _damping_of_small_oscillations(rest: AtRest) -> list[QuantityWithError]:
     quantity = functools.partial(_quantity_with_propagated_errors, rest)
     quantities = [quantity(DAMPING_RATIO, "zeta", "%", lambda *at: 100.0 * at[2])]
     if 0.0 < rest.damping_ratio < _UNDERDAMPED:
@@ -179,10 +178,10 @@ def _damping_of_small_swing(rest: AtRest) -> list[QuantityWithError]:
 def _damping_at_two_amplitudes(
     rest: AtRest, equivalent: EquivalentDamping, units: EngineeringUnits
 ) -> list[QuantityWithError]:
-    """Damping ratios at two amplitudes, as far as it swings with them, and friction."""
+    """Damping ratios at two amplitudes, if the motion there is underdamped, and friction."""
     wide, narrow = (
         f"{DAMPING_RATIO} at {units.scale * size:.3g} {units.length}"
-        for size in (equivalent.amplitude, equivalent.tenth_of_greatest_swing)
+        for size in (equivalent.amplitude, equivalent.tenth_of_maximum_amplitude)
     )
 
     def quantity(name: str, symbol: str, unit: str, scale: float, key: str) -> QuantityWithError:
@@ -204,7 +203,7 @@ def _damping_at_two_amplitudes(
 def _quantity_with_propagated_errors(
     rest: AtRest, name: str, symbol: str, unit: str, function: Callable[[float, float, float], float]
 ) -> QuantityWithError:
-    """Quantity that follows from height, period and damping ratio, with the errors of these."""
+    """Quantity derived from height, period and damping ratio, with propagated errors."""
     names = ("height", "period", "damping_ratio")
     at = [float(getattr(rest, key)) for key in names]
     parts: dict[str, float] = {}
@@ -223,23 +222,23 @@ def _quantity_with_propagated_errors(
 
 
 def _slowdown(ratio: float) -> float:
-    """Damped over natural frequency."""
+    """Ratio of damped and natural frequency."""
     return math.sqrt(1.0 - ratio**2)
 
 
 class HarmonicCycle(NamedTuple):
-    """A harmonic cycle: of a motion per kilogram, of a force on a prescribed stroke in newtons.
+    """A harmonic cycle: per kilogram for a motion, in newtons for a force on a prescribed stroke.
 
     Attributes
     ----------
     amplitude, frequency, centre : float
         [m], [rad/s], [m].
     stiffness, damping, energy : float
-        Of the first harmonic, and dissipated: [1/s^2], [1/s], [J/kg], or [N/m], [N s/m], [J].
+        Of the first harmonic, and energy loss: [1/s^2], [1/s], [J/kg], or [N/m], [N s/m], [J].
     errors : (float, float, float)
-        Half-widths of the intervals of these three; zero where none are known.
+        Half-widths of the intervals of these three; zero if unknown.
     measured : int
-        Number of cycles that were measured; 0 of a law.
+        Number of measured cycles; 0 for a law's cycle.
     """
 
     amplitude: float

@@ -1,4 +1,4 @@
-"""A model as C99: its motion, or its force as an element with a header."""
+"""Export of a model to C99: its motion, or its force as an element with a header."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ static const double model_parameters[] = {{ {parameters} }};
 static const double model_initial[] = {{ {initial} }};
 static const double model_longest_step = {step};  /* [s] */
 
-/* Time derivatives of a state; inputs may be NULL where the law has none. */
+/* Time derivatives of a state; inputs may be NULL if the law has none. */
 static void model_rates(const double *parameters, const double *states, const double *inputs,
                         double *rates)
 {{
 {locals}{rates}}}
 
 /* A state after some time [s] with the inputs held. */{advance}
-/* Heights at increasing times, from a state; inputs holds MODEL_INPUTS numbers a time. */
+/* Heights at increasing times, from a state; inputs has MODEL_INPUTS numbers per time. */
 void model_simulate(const double *times, int count, const double *start, const double *inputs,
                     double *heights)
 {{
@@ -112,7 +112,7 @@ def c_expression(expression: sympy.Expr) -> str:
 
 
 def c_array_initialiser(numbers: Sequence[float]) -> str:
-    """Elements of an array in C, separated by commas; "0.0" where there is none."""
+    """Elements of an array in C, separated by commas; "0.0" for an empty array."""
     return ", ".join(map(repr, numbers)) or "0.0"
 
 
@@ -122,7 +122,7 @@ def c_assignments(array: str, expressions: Iterable[sympy.Expr]) -> str:
 
 
 def c_local_variables(element: Any) -> str:
-    """Lines of C that name what the expressions of an element name."""
+    """Lines of C that declare the variables in the expressions of an element."""
     arrays = ("inputs", "parameters", "states")
     named = array_element_names(element, arrays, "    const double {name} = {array}[{index}];\n")
     silent = array_element_names(element, arrays, "(void){name}; ")
@@ -142,7 +142,7 @@ extern const double {name}_parameters[];    /* as fitted */
 extern const double {name}_start[];         /* hidden states at the start */
 extern const double {name}_longest_step;    /* of {name}_advance [s] */
 
-/* Force of the bed on the piston [N], upwards; the cell is pushed down as much. */
+/* Force of the bed on the piston [N], upwards; the opposite force acts on the cell. */
 double {name}_force(const double *parameters, const double *states, const double *inputs);
 
 /* Time derivatives of the hidden states. */
@@ -175,7 +175,7 @@ void {name}_rates(const double *parameters, const double *states, const double *
 
 
 def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
-    """Header and source in C99 of a bed, all declared names with the given name in front."""
+    """Header and source in C99 of a bed; the given name is the prefix of all declared names."""
     parts = prepare_port_for_export(port)
     force, *rates = parts.outputs
     words = {
@@ -201,7 +201,7 @@ def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
 
 
 def write_c(model: FittedLaw | ForcePort, path: Path, _: int) -> str:
-    """Write a model as C99; an element has a header too."""
+    """Write a model as C99; an element also gets a header."""
     if not isinstance(model, ForcePort):
         write_text(path, c_source(model))
         return "C99"

@@ -1,7 +1,7 @@
-"""A model as text or code, in the language that a file's ending names.
+"""Export of a model as text or code; the file's ending selects the language.
 
-Here are its equations, LaTeX, and a Python function that needs NumPy alone; C, MATLAB, Modelica and
-FMUs have files of their own, which nothing but the table here names.
+This module writes equations, LaTeX, and a Python function that needs only NumPy. C, MATLAB, Modelica
+and FMUs have separate modules, which are used only by the table of writers here.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from reduced_models.models.source_code import (
 )
 
 VERSIONS = (2, 3)
-"""Versions of FMI that are written."""
+"""Supported versions of FMI."""
 _TEMPLATE = '''"""{comments}
 """
 
@@ -40,7 +40,7 @@ def rates(state, {inputs}parameters=PARAMETERS):
 
 
 def simulate(times, state=INITIAL, {inputs_default}steps=8):
-    """Heights at increasing times, by Runge-Kutta of fourth order, steps between two of them."""
+    """Heights at increasing times, by fourth-order Runge-Kutta with ``steps`` steps between times."""
     state, heights = numpy.array(state, dtype=float), [state[0]]
     for start, stop in zip(times[:-1], times[1:]):
         step = (stop - start) / steps
@@ -115,7 +115,7 @@ def _values(height, velocity, states, inputs, parameters):
 
 
 def force(height, velocity, states=START, inputs=(), parameters=PARAMETERS):
-    """Force of the bed on the piston [N], upwards; the cell is pushed down as much."""
+    """Force of the bed on the piston [N], upwards; the opposite force acts on the cell."""
     return _values(height, velocity, states, inputs, parameters)[0]
 
 
@@ -126,7 +126,7 @@ def rates(height, velocity, states=START, inputs=(), parameters=PARAMETERS):
 
 
 def port_python_source(port: ForcePort) -> str:
-    """Python source of a module with the force and the rates, which needs NumPy alone."""
+    """Python source of a module with the force and the rates, which needs only NumPy."""
     parts = prepare_port_for_export(port)
     force, *rates = map(python_expression, parts.outputs)
     lines = array_element_names(parts.law, ("inputs",), _ELEMENT_NAME)
@@ -143,13 +143,13 @@ def port_python_source(port: ForcePort) -> str:
 
 
 def write_python(model: FittedLaw | ForcePort, path: Path, _: int) -> str:
-    """Write a model as a Python module that needs NumPy alone."""
+    """Write a model as a Python module that needs only NumPy."""
     write_text(path, port_python_source(model) if isinstance(model, ForcePort) else numpy_source(model))
-    return "a Python module that needs NumPy alone"
+    return "a Python module that needs only NumPy"
 
 
 Writer = Callable[[FittedLaw | ForcePort, Path, int], str]
-"""Function of a model or an element, a file and the version of FMI; says what it wrote."""
+"""Function of a model or an element, a file and the version of FMI; returns a description of the file."""
 
 MODEL_EXPORTERS = Registry[Writer](
     "ending",
@@ -164,11 +164,11 @@ MODEL_EXPORTERS = Registry[Writer](
     lambda _, write: callable(write),
     "a function",
 )
-"""Writers of models by the endings of their files."""
+"""Writers of models by file ending."""
 
 
 def write_code(model: FittedLaw | ForcePort, path: Path, fmi: int = 2) -> str:
-    """Write a model, or its force as an element, as code, and tell in words what was written."""
+    """Write a model, or its force as an element, as code; return a description of the file."""
     if fmi not in VERSIONS:
         raise InputError(f"fmi = {fmi}; give {' or '.join(map(str, VERSIONS))}")
     if path.suffix not in MODEL_EXPORTERS:

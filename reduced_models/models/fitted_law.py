@@ -1,4 +1,4 @@
-"""A law with numbers for its parameters, and the motions that it predicts."""
+"""A law with values of its parameters, and the motions that it predicts."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 
 _METRE = re.compile(r"\bm\b")
 FEWEST_DIGITS, MOST_DIGITS = 4, 9
-"""Digits of printed numbers: more are those of a record without noise, and tell nobody anything."""
+"""Maximum digits of printed numbers; records without noise would give more, but they are useless."""
 _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
-"""Least width of an interval: that of a noiseless record, or of what a law fixes."""
+"""Minimum relative width of an interval, for a record without noise or a number fixed by the law."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class FittedLaw:
-    """A law with numbers, as a `ReducedModel` has it; the attributes are those of the model.
+    """A law with values of its parameters: the part of a `ReducedModel` that predicts motions.
 
     Attributes
     ----------
@@ -55,14 +55,14 @@ class FittedLaw:
         Height [m] and velocity [m/s] at the record's start.
     at_rest : AtRest or None
     domain : mapping of str to (float, float)
-        Range of heights [m] and velocities [m/s] seen.
+        Range of heights [m] and velocities [m/s] in the fitted records.
     provenance : mapping of str to str
     hidden : mapping of str to float
-        Hidden states at the record's start, where they are not zero.
+        Nonzero hidden states at the record's start.
     input_interpolation : str
         Interpolation of the inputs between samples.
     coordinate_unit : "m" or "rad"
-        Unit of the height; where that is an angle, [rad] stands for [m].
+        Unit of the height; for an angle, [m] means [rad].
     """
 
     law: Law
@@ -85,7 +85,7 @@ class FittedLaw:
 
     @property
     def all_parameters(self) -> dict[str, float]:
-        """Values of all of the law's parameters, by convention where the record does not tell them."""
+        """Values of all parameters of the law; undetermined ones have their conventional values."""
         known = {**self.conventions, **self.parameters}
         return {name: known[name] for name in self.law.parameters}
 
@@ -100,12 +100,12 @@ class FittedLaw:
 
     @property
     def height_line(self) -> HeightLine:
-        """Straight line from the coordinate of the law's text to the height."""
+        """Linear map from the coordinate of the law's text to the height."""
         return self.law.height_line(self.all_parameters)
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Texts that name the papers behind its law; see `granular.cite`."""
+        """Texts with the references of its law; see `granular.cite`."""
         return self.law.literature
 
     @property
@@ -130,23 +130,23 @@ class FittedLaw:
 
     @functools.cached_property
     def printed_digits(self) -> int:
-        """Digits with which the equation says where the piston rests and how it swings there."""
-        # The fewest with which rest, period and damping ratio of the printed equation, and its parameters,
-        # are within their intervals.
+        """Digits of the printed equation that preserve equilibrium, period and damping ratio."""
+        # The smallest number for which equilibrium, period and damping ratio of the printed equation, and its
+        # parameters, are within their intervals.
         if self.at_rest is None:
             return FEWEST_DIGITS
         enough = (digits for digits in range(FEWEST_DIGITS, MOST_DIGITS) if self._digits_suffice(digits))
         return next(enough, MOST_DIGITS)
 
     def _digits_suffice(self, digits: int) -> bool:
-        """Return whether so many digits give rest level and small swing within their intervals."""
+        """Return whether equilibrium and small oscillations with these digits are within their intervals."""
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
         reach = float(np.ptp(self.domain.get("height", (0.0,))))
         values = [round_significant(value, digits) for value in self.all_parameters.values()]
         line = law.height_line(dict(zip(law.parameters, values, strict=True)))
         swings = [(small_oscillation(law, values, rest.height), law_rates(law, values), HeightLine())]
-        if not law.hidden:  # whose equations stand next to this one
+        if not law.hidden:  # rates of hidden states are printed as separate equations
             equation = round_equation(self.fitted_equation, digits)
             seen = small_oscillation_of_equation(equation, line.coordinate(rest.height))
             swings.append((seen, equation_rates(equation), line))
@@ -173,7 +173,7 @@ class FittedLaw:
 
     @property
     def printed_height(self) -> sympy.Eq:
-        """The height as a straight line in z, with the fitted numbers to `printed_digits`."""
+        """The height as a linear function of z, with the fitted numbers to `printed_digits`."""
         import sympy
 
         line = (round_significant(value, max(5, self.printed_digits)) for value in self.height_line)
@@ -193,7 +193,7 @@ class FittedLaw:
         v0: float | None = None,
         inputs: Mapping[str, np.ndarray] | None = None,
     ) -> PistonRecord:
-        """Motion that the law predicts; t [s], z0, v0 [m, m/s] of the coordinate."""
+        """Motion predicted by the law; t [s], initial coordinate z0 [m] and velocity v0 [m/s]."""
         from reduced_models.laws.solution import observed_signal, solve_law
 
         if self.law.prescribed:
@@ -203,25 +203,25 @@ class FittedLaw:
             )
         times = np.asarray(t, dtype=np.float64)
         if times.ndim != 1 or len(times) < 2 or not (np.diff(times) > 0.0).all():
-            raise InputError("t must hold at least two increasing times")
+            raise InputError("t needs two or more increasing times")
         given = {TIME: times - times[0]} | dict(inputs or {})
         for name in self.law.inputs:
             if name not in given or np.shape(given[name]) != times.shape:
                 raise InputError(
                     f"the law {quote(self.law.name)} has the input {quote(name)}; give "
                     f"inputs={{{quote(name)}: "
-                    "one value a time}"
+                    "one value for each time}"
                 )
         start = (self.initial[0] if z0 is None else z0, self.initial[1] if v0 is None else v0)
         size = max(abs(start[0]), abs(start[1]), 1e-300)
         if self.at_rest is not None:
             size = max(abs(start[0] - self.at_rest.height), 1e-6 * size)
         if self.law.inputs and "height" in self.domain:
-            # A driven motion may well start at rest.
+            # A driven motion may start at rest.
             size = max(size, self.domain["height"][1] - self.domain["height"][0])
         values = list(self.all_parameters.values())
         drive = [np.asarray(given[name], dtype=np.float64) for name in self.law.inputs]
-        # Another start forgets the record's history.
+        # With another start the hidden states of the record do not apply.
         same = z0 is None and v0 is None
         others = {} if same else self._further_coordinates_at_rest(values)
         hidden = [self.hidden.get(name, 0.0) if same else others.get(name, 0.0) for name in self.law.hidden]
@@ -234,7 +234,7 @@ class FittedLaw:
         return PistonRecord(times, result.z, result.velocity, coordinate_unit=self.coordinate_unit)
 
     def _further_coordinates_at_rest(self, values: list[float]) -> dict[str, float]:
-        """Further coordinates where the law rests, from which another motion begins."""
+        """Equilibrium values of the further coordinates, as initial values of another motion."""
         if self.at_rest is None or not self.law.other_coordinates:
             return {}
         swing = small_oscillation(self.law, values, self.at_rest.height)
@@ -247,21 +247,21 @@ class FittedLaw:
         return self.simulate(record.time, inputs=inputs)
 
     def predict(self, t: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """Heights of the motion that starts where the record did [m, rad]; t [s]."""
+        """Heights [m, rad] of the motion from the record's initial state; t [s]."""
         return self.simulate(t).height
 
 
 def _incomplete_solution_text(name: str, times: np.ndarray, result: Solution) -> str:
-    """Why a solution does not reach the last of the times."""
+    """Return the reason why a solution does not reach the last time."""
     from reduced_models.laws.solution import MAXIMUM_STEPS
 
     reached = np.flatnonzero(np.isfinite(result.z))
     last = times[reached[-1]] if len(reached) else times[0]
     if result.ending == "blow-up":
-        cause = f"diverges behind t = {last:g} s"
+        cause = f"diverges after t = {last:g} s"
     else:
         cause = (
-            f"needs more than {MAXIMUM_STEPS} steps for each time asked for and each of the law's time "
-            f"constants behind t = {last:g} s (the law jumps there, or is not defined)"
+            f"needs more than {MAXIMUM_STEPS} steps for each requested time and each time constant of the law "
+            f"after t = {last:g} s (the law jumps there, or is not defined)"
         )
-    return f"the solution of the law {quote(name)} {cause}; start nearer to rest or ask for a shorter time"
+    return f"the solution of the law {quote(name)} {cause}; start closer to equilibrium or shorten the time"

@@ -1,7 +1,7 @@
-"""A model as a functional mock-up unit (FMI 2.0 or 3.0), for Simulink, Dymola, FMPy, ...
+"""Export of a model as a functional mock-up unit (FMI 2.0 or 3.0), for Simulink, Dymola, FMPy, ...
 
-For co-simulation and for model exchange; compiled where it is written, by the C compiler that is
-there. Its source is inside, so that it can be compiled for another system.
+For co-simulation and model exchange. It is compiled by the C compiler of the exporting computer; the
+FMU contains its source, so that it can be compiled for another system.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib")}
 _KINDS = {"ModelExchange": "", "CoSimulation": ' canHandleVariableCommunicationStepSize="true"'}
 _LIBRARY_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
 _STEPS = 10 * 512  # of the default experiment
-_SECONDS = 120.0  # for a compiler
+_SECONDS = 120.0  # time limit of the compiler
 _INPUTS, _PARAMETERS, _RATES, _OUTPUTS, _TIME = 1000, 2000, 3000, 4000, 5000
 """Value references, as in fmu_instance.c."""
 _UNITS = {"m": 'm="1"', "m/s": 'm="1" s="-1"', "kg": 'kg="1"', "N": 'kg="1" m="1" s="-2"'}
@@ -57,7 +57,7 @@ _BUILD = f"""<?xml version="1.0" encoding="UTF-8"?>
 
 
 class FmuVariable(NamedTuple):
-    """A number of an FMU: value reference, role, value at the start and the state that it is of."""
+    """A variable of an FMU: value reference, role, start value, and for a rate its state."""
 
     name: str
     reference: int
@@ -69,7 +69,7 @@ class FmuVariable(NamedTuple):
 
 
 class FmuContents(NamedTuple):
-    """Contents of an FMU, whatever its version: source, variables, step [s], and comments."""
+    """Contents of an FMU independent of its version: source, variables, step [s], and comments."""
 
     source: str
     variables: tuple[FmuVariable, ...]
@@ -100,7 +100,7 @@ def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) 
 
 
 def port_jacobian(parts: PortForExport) -> list[list[sympy.Expr]] | None:
-    """Return the derivatives of the states' rates, then of the force, by the states, then by the inputs."""
+    """Return the Jacobian: rows are the states' rates and the force, columns the states and the inputs."""
     import sympy
 
     real = {
@@ -122,7 +122,7 @@ def port_jacobian(parts: PortForExport) -> list[list[sympy.Expr]] | None:
 
 
 def _free_motion_contents(model: FittedLaw) -> FmuContents:
-    """Free motion of a record: states that are outputs too."""
+    """Contents for the free motion of a record; its states are also outputs."""
     parts = prepare_law_for_export(model)
     glue = f"""
 #define MODEL_START model_initial
@@ -145,7 +145,7 @@ static const double model_start_inputs[] = {{ {c_array_initialiser([0.0] * len(p
 
 
 def _port_contents(port: ForcePort) -> FmuContents:
-    """Element with a force: hidden states inside, height and velocity from outside."""
+    """Contents of an element with a force; height and velocity are inputs, hidden states are internal."""
     parts, slopes = prepare_port_for_export(port), port_jacobian(prepare_port_for_export(port))
     rest = port.model.initial[0] if port.model.at_rest is None else port.model.at_rest.height
     start = [rest, 0.0, *(0.0 for _ in parts.law.inputs)]
@@ -185,7 +185,7 @@ def _variables(
     parameters: Sequence[tuple[str, float, str]],
     outputs: Sequence[tuple[str, str]],
 ) -> tuple[FmuVariable, ...]:
-    """Variables, each with its start and unit; of states and their rates with their causality."""
+    """Variables with their start values and units; states and their rates get the given causality."""
     rates = [(f"der({name})", None, "") for name, *_ in states]
     groups: tuple[tuple[int, str, str, Sequence[tuple[str, float | None, str]]], ...] = (
         (0, causality, "continuous", states),
@@ -202,12 +202,12 @@ def _variables(
 
 
 def _compile_library(source: str, version: int) -> tuple[str, str, bytes]:
-    """Folder of the system in an FMU, the ending of a library there, and the library."""
+    """Compile the library; return its folder in the FMU, its file ending, and its bytes."""
     compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc", "clang"))), None)
     if sys.platform not in _SYSTEMS or compiler is None:
         raise InputError(
-            "an FMU needs a C compiler, on Linux or macOS, and none is here; install gcc or clang, "
-            "or export to c or modelica"
+            "an FMU needs a C compiler, on Linux or macOS, but none was found; install gcc or clang, "
+            "or export to C (.c) or Modelica (.mo)"
         )
     system, ending = _SYSTEMS[sys.platform]
     bits = "64" if platform.architecture()[0] == "64bit" else "32"
@@ -288,7 +288,7 @@ def _model_description_3(contents: FmuContents, guid: str) -> str:
 
 
 def _document(contents: FmuContents, version: str, kinds: str, variables: str, structure: str) -> str:
-    """Text of a modelDescription.xml, of parts that are those of a version."""
+    """Text of a modelDescription.xml from the parts specific to a version of FMI."""
     units = "".join(f'    <Unit name="{name}"><BaseUnit {base}/></Unit>\n' for name, base in _UNITS.items())
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription {version} modelName="{NAME}"
@@ -311,14 +311,14 @@ def _number_attributes(variable: FmuVariable) -> str:
 
 
 def _initial_attribute(variable: FmuVariable, implied: tuple[str, ...]) -> str:
-    """Attribute ``initial``, which some causalities imply."""
+    """Attribute ``initial``; empty for causalities that imply it."""
     if variable.causality in implied:
         return ""
     return f' initial="{"calculated" if variable.start is None else "exact"}"'
 
 
 def _model_structure(contents: FmuContents) -> tuple[list[FmuVariable], list[FmuVariable], list[FmuVariable]]:
-    """Return outputs, rates of the states, and what is known only behind the start."""
+    """Return outputs, rates of the states, and variables calculated at initialisation."""
     outputs = [item for item in contents.variables if item.causality == "output"]
     rates = [item for item in contents.variables if item.state is not None]
     return outputs, rates, [item for item in [*outputs, *rates] if item.start is None]

@@ -1,4 +1,4 @@
-"""A model as a function for MATLAB and Octave."""
+"""Export of a model as a function for MATLAB and Octave."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ function [heights, velocities] = {name}(times, start, inputs)
 {comments}
 % {name}(times)                 motion from the record's start, at increasing times [s]
 % {name}(times, start)          from another state
-% {name}(times, start, inputs)  with a row of inputs a time, each held up to the next
+% {name}(times, start, inputs)  with a row of inputs per time, each held up to the next
   if nargin < 2 || isempty(start), start = [{initial}]; end
   if nargin < 3, inputs = zeros(numel(times), {inputs}); end
   longest = {step};  % s
@@ -60,7 +60,7 @@ end
 
 
 def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
-    """MATLAB and Octave source of a function of that name, which its file must have too."""
+    """MATLAB and Octave source of a function; its file must have the same name."""
     parts = prepare_law_for_export(model)
     lines = [f"  {name} = {value!r};\n" for name, value in zip(parts.parameters, parts.values, strict=True)]
     lines.append(array_element_names(parts, ("states", "inputs"), MATLAB_NAME, 1))
@@ -86,7 +86,7 @@ def matlab_expression(expression: sympy.Expr) -> str:
 _PORT = """\
 function [force, rates] = {name}(height, velocity, states, inputs, parameters)
 {comments}
-% force = {name}(height, velocity)  of the bed on the piston [N], upwards; the hidden states at rest
+% force = {name}(height, velocity)  of the bed on the piston [N], upwards; hidden states at their start
 % [force, rates] = {name}(height, velocity, states, inputs, parameters)  and the states' rates
 % states: {states}; start at [{start}]. parameters: {names}
   if nargin < 3 || isempty(states), states = [{start}]; end
@@ -99,7 +99,7 @@ end
 
 
 def port_matlab_source(port: ForcePort, name: str) -> str:
-    """MATLAB and Octave source of a function of that name, as a block of Simulink takes it."""
+    """MATLAB and Octave source of a function with the given name, in the form of a Simulink block."""
     parts = prepare_port_for_export(port)
     force, *rates = map(matlab_expression, parts.outputs)
     lines = array_element_names(parts.law, ("inputs",), MATLAB_NAME, 1)
@@ -118,7 +118,7 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
 
 
 def write_matlab(model: FittedLaw | ForcePort, path: Path, _: int) -> str:
-    """Write a model as a function of the file's name."""
+    """Write a model as a function with the file's name."""
     require_function_name(path)
     if isinstance(model, ForcePort):
         write_text(path, port_matlab_source(model, path.stem))

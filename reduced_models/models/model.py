@@ -1,4 +1,4 @@
-"""A reduced model: a law with its parameters, how sure they are, and what they were judged on."""
+"""A reduced model: a law with parameters, their uncertainty, and the quality of the fit."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 OPEN = 20.0
-"""Width of an interval, over its value, from which on it is called open."""
-_MARGIN = 0.05  # of the range of heights seen
+"""Relative width of an interval above which a parameter counts as undetermined."""
+_MARGIN = 0.05  # tolerated excess, relative to the range of fitted heights
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class ReducedModel(PrintedModel):
-    """A law with parameters.
+    """A law with fitted parameters.
 
     Attributes
     ----------
@@ -45,65 +45,64 @@ class ReducedModel(PrintedModel):
         units; their ends may be infinite.
     confidence : float
         Confidence level of the intervals, between 0 and 1.
-        Map from the law's z to the height [m].
     initial : (float, float)
         Height [m] and velocity [m/s] at the record's start.
     at_rest : AtRest or None
-        Small swing about the level of rest; None where the law has none near the record.
+        Small oscillations about equilibrium; None if the law has no equilibrium near the record.
     quality : Quality
         Quality of the fit: residual, noise, test error and the search.
     undetermined : tuple of ParameterDirection
-        Directions that the data leave open.
+        Directions of the parameters not determined by the data.
     domain : mapping of str to (float, float)
-        Range of heights [m] and velocities [m/s] seen.
+        Range of heights [m] and velocities [m/s] in the fitted records.
     notes : tuple of str
         Warnings in plain words.
     provenance : mapping of str to str
-        Data and fit that the model comes from.
+        Data and fit behind the model.
     hidden : mapping of str to float
-        Hidden states at the record's start, where they are not zero.
+        Nonzero hidden states at the record's start.
     input_interpolation : str
         Interpolation of the inputs between samples.
     covariance_names : tuple of str
         Entries of the covariance: parameters, ``height``, ``velocity`` and hidden states at the start.
     covariance : float64 (p, p)
-        Covariance of these, in their units.
+        Covariance of these entries, in their units.
     no_swing : str
-        Why ``at_rest`` is None.
+        Reason if ``at_rest`` is None.
     coordinate_unit : "m" or "rad"
-        Unit of the height; where that is an angle, [rad] stands for [m] in all that is said here.
+        Unit of the height; for an angle, [m] means [rad] throughout.
     sensor : Sensor or None
-        Sensor whose signal was fitted, with its gain and offset; residual and noise are in its
-        unit. None where heights were compared.
+        Sensor with the fitted signal, its gain and offset; residual and noise are in its unit. None
+        if heights were fitted.
     untold : tuple of str
-        Parameters that the signal does not tell, and ``level`` or ``size`` of the motion: these
+        Parameters not determined by the signal, and ``level`` or ``size`` of the motion: these
         numbers are conventions, and not printed.
     conventions : mapping of str to float
-        Values that those parameters are given, so that the motion can be computed; they are neither in
+        Conventional values of those parameters, so that the motion can be computed; they are neither in
         ``parameters`` nor in ``intervals``.
     observation : str
-        Column that the law says is observed, and that was compared; empty for the height.
+        Column observed by the law and compared; empty for the height.
     quantile : float
         Half-width of an interval over the standard deviation.
     cycles : tuple of HarmonicCycle
-        Of a force on a prescribed stroke, as measured: cycles of the records that are alike are one.
+        Measured cycles of a force on a prescribed stroke; similar cycles are averaged.
     qualities : mapping of str to Quality
         Quality of the fit to further columns that the law observes.
     """
 
     @property
     def correlation(self) -> np.ndarray:
-        """Correlation matrix (p, p) of what ``covariance_names`` names, from -1 to 1, without unit.
+        """Correlation matrix (p, p) of the entries in ``covariance_names``, from -1 to 1, without unit.
 
-        Rows and columns of what does not vary are zero; (0, 0) where the model has no covariance.
+        Rows and columns of fixed entries are zero; (0, 0) if the model has no covariance.
         """
         return prediction.correlation_matrix(self.covariance)
 
     def residuals(self, record: PistonRecord) -> np.ndarray:
-        """Heights of a record that the model was fitted to, less those of the model.
+        """Heights of a fitted record minus the heights of the model.
 
-        Where a sensor's signal was fitted, its signal less that of the model, in its unit. The model
-        starts at the record's first time from the fitted state, ``initial``.
+        If a sensor's signal was fitted, its signal minus the model's, in its unit. The model starts at
+        the record's first time from the fitted state, ``initial``.
 
         Parameters
         ----------
@@ -126,9 +125,10 @@ class ReducedModel(PrintedModel):
         return sensor.signal(record.columns) - self.simulate_signal(record)
 
     def simulate_signal(self, record: PistonRecord) -> np.ndarray:
-        """Heights of the fitted motion at a record's times, or the signal that was compared.
+        """Heights of the fitted motion at a record's times, or the fitted signal.
 
-        Along a prescribed stroke, which is smoothed first, that is what the law observes, as the force.
+        Along a prescribed stroke, which is smoothed first, it is the quantity observed by the law, such
+        as the force.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class ReducedModel(PrintedModel):
         Returns
         -------
         float64 (n,)
-            Heights [m] (of an angle [rad]), or the signal in its unit.
+            Heights [m] (for an angle [rad]), or the signal in its unit.
 
         Raises
         ------
@@ -168,18 +168,19 @@ class ReducedModel(PrintedModel):
         inputs : mapping of str to array, optional
             Inputs (n,) of the law at these times, in the units of the records' columns.
         confidence : float, optional
-            Confidence level, between 0 and 1; that of the fit if not given.
+            Confidence level, between 0 and 1; by default the fit's level.
 
         Returns
         -------
         prediction.PredictionBand
-            Heights (n,) [m] with lower and upper bounds of the motion, without a sample's noise.
+            Heights (n,) [m] with lower and upper bounds of the motion, without measurement noise.
 
         Raises
         ------
         InputError
-            If the confidence is no such fraction, the model has no covariance, the times are fewer than
-            two or do not increase, an input is missing or of another length, or the solution diverges.
+            If the confidence is not between 0 and 1, the model has no covariance, there are fewer than two
+            times or they do not increase, an input is missing or of another length, or the solution
+            diverges.
         """
         from scipy.stats import norm
 
@@ -193,10 +194,10 @@ class ReducedModel(PrintedModel):
         return prediction.PredictionBand(times, height, height - width, height + width, noise, level)
 
     def plot(self, record: PistonRecord | None = None, ax: Axes | None = None) -> Axes:
-        """Draw the model's motion over a record that it was fitted to.
+        """Draw the model's motion over a fitted record.
 
-        Without a record: how it swings from the farthest height that it has seen, its inputs zero. In
-        a figure of its own what is left over of the record stands below. In [mm], or [rad] of an angle.
+        Without a record: the free decay from the fitted height farthest from equilibrium, with zero
+        inputs. A new figure also shows the residuals below. In [mm], or [rad] for an angle.
 
         Parameters
         ----------
@@ -208,13 +209,13 @@ class ReducedModel(PrintedModel):
         Returns
         -------
         Axes
-            Axes that hold the motion.
+            Axes with the motion.
 
         Raises
         ------
         InputError
             If the record lacks an input, or the solution diverges or is too stiff to follow; without a
-            record, if the law has no level of rest.
+            record, if the law has no equilibrium.
         """
         from granular.shared.plotting import axes_or_new, new_axes
 
@@ -273,7 +274,7 @@ class ReducedModel(PrintedModel):
         return (
             f"ReducedModel {self.law.name!r}: {self.law.equation}\n"
             f"  {values}\n"
-            f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
+            f"  residual {100.0 * self.quality.relative:.3g} % {self.rms_noun}"
         )
 
     def _repr_html_(self) -> str:
@@ -288,33 +289,34 @@ class ReducedModel(PrintedModel):
         return f"$${self.fitted_latex}$$"
 
     def free_decay(self, amplitude: float, periods: float = 10.0) -> PistonRecord:
-        """Motion of a piston released from a height above its level of rest; see `response`.
+        """Motion of a piston released from a height above equilibrium; see `response`.
 
         Parameters
         ----------
         amplitude : float
-            Height above the level of rest at the release [m]; negative below it.
+            Height above equilibrium at the release [m]; negative below it.
         periods : float
-            Duration in periods of small swings, above 0.
+            Duration in periods of small oscillations, above 0.
 
         Returns
         -------
         PistonRecord
-            Motion from the release on, its inputs zero: times [s], heights [m] and velocities [m/s].
+            Motion from the release on, with zero inputs: times [s], heights [m] and velocities [m/s].
 
         Raises
         ------
         InputError
-            If the law has no level of rest, the duration is not above zero and finite, or the motion
-            cannot be followed, as with an amplitude that is not finite.
+            If the law has no equilibrium, the duration is not above zero and finite, or the motion
+            cannot be computed, for example with an infinite amplitude.
         """
         return prediction.free_decay(self, amplitude, periods)
 
     def harmonic_cycle(self, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
         """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`.
 
-        Of a force on a prescribed stroke about the middle of the heights seen, in newtons, with errors.
-        By one harmonic (Krylov and Bogoliubov 1947, Introduction to Non-Linear Mechanics), inputs zero.
+        In one-harmonic approximation (Krylov and Bogoliubov 1947, Introduction to Non-Linear Mechanics),
+        with zero inputs. For a force on a prescribed stroke: in newtons, with errors, about the middle
+        of the fitted heights.
 
         Parameters
         ----------
@@ -331,9 +333,9 @@ class ReducedModel(PrintedModel):
         Raises
         ------
         InputError
-            If the amplitude is not above zero, the frequency not above zero and finite, the law has no
-            level of rest, without a frequency no stiffness at this amplitude, or the cycle leaves where
-            the law is defined.
+            If the amplitude is not above zero, the frequency is not above zero and finite, the law has no
+            equilibrium, has no stiffness at this amplitude and no frequency is given, or the cycle leaves
+            the range in which the law is defined.
         """
         if self.law.prescribed:
             return observed.force_cycle(self, amplitude, frequency)
@@ -351,30 +353,30 @@ class ReducedModel(PrintedModel):
         frequencies : float64 (k,)
             Angular frequencies, above 0 [rad/s].
         largest : float, optional
-            Greatest amplitude looked for, above 0 [m]; by default ten times the record's farthest swing.
+            Maximum amplitude searched, above 0 [m]; by default ten times the record's maximum displacement.
 
         Returns
         -------
         prediction.SteadyAmplitudes
-            Least and greatest amplitude (k,) [m] at each frequency; NaN where there is none up to
-            the greatest one looked for.
+            Smallest and largest amplitude (k,) [m] at each frequency; NaN if there is none up to the
+            maximum searched.
 
         Raises
         ------
         InputError
-            If the force, a frequency or the greatest amplitude is not above zero and finite, the
-            frequencies are no array (k,), or the law has no level of rest.
+            If the force, a frequency or the maximum amplitude is not above zero and finite, the
+            frequencies are not an array (k,), or the law has no equilibrium.
         """
         return prediction.frequency_response(self, force, frequencies, largest)
 
     @property
     def faster_modes(self) -> tuple[prediction.FasterMode, ...]:
-        """Modes of small oscillations above that of ``at_rest``, of a law with several coordinates."""
+        """Further modes of small oscillations, above ``at_rest``, of a law with several coordinates."""
         return prediction.faster_modes(self)
 
     @property
     def numpy_source(self) -> str:
-        """Python source of a stand-alone module of the model, which needs NumPy alone; SI units."""
+        """Python source of a stand-alone module of the model, which needs only NumPy; SI units."""
         return export.numpy_source(self)
 
     def export(
@@ -386,21 +388,23 @@ class ReducedModel(PrintedModel):
         gravity: float = GRAVITY,
         fmi: int = 2,
     ) -> str:
-        """Write the model as code, in the language that a file's ending names; says what it is.
+        """Write the model as code in the language given by a file's ending.
 
-        ``.py`` (NumPy alone), ``.c`` (C99), ``.m`` (MATLAB and Octave), ``.mo`` (Modelica),
-        ``.fmu`` (co-simulation and model exchange, compiled by the C compiler that is there).
+        ``.py`` (only NumPy), ``.c`` (C99), ``.m`` (MATLAB and Octave), ``.mo`` (Modelica),
+        ``.fmu`` (co-simulation and model exchange, compiled by the installed C compiler).
 
         Parameters
         ----------
         path : str or Path
-            File to write; its ending names the language, and one that exists is replaced.
+            File to write; its ending selects the language, and an existing file is replaced.
         port : str, optional
             ``"force"``: in place of the record's motion, an element with the inputs height [m] and
-            velocity [m/s] of the piston over the cell, and the output force [N]. A law along a prescribed
-            stroke is one in any case, of the force that moves the coordinate upwards.
+            velocity [m/s] of the piston relative to the cell, and the output force [N]. A law along a
+            prescribed stroke is always written as an element with the force that moves the coordinate
+            upwards.
         mass, gravity : float, optional
-            Of the piston that was recorded, above 0 [kg], and [m/s^2]: a port of a motion needs the mass.
+            Mass of the recorded piston, above 0 [kg], and gravity [m/s^2]; a port of a motion needs the
+            mass.
         fmi : int
             Version of FMI of an ``.fmu``, 2 or 3.
 
@@ -412,9 +416,9 @@ class ReducedModel(PrintedModel):
         Raises
         ------
         InputError
-            If the ending is another one, the file cannot be written, a name of ``.m``, ``.mo`` or a port's
-            ``.c`` is none of a function, ``port`` or ``fmi`` is another one, a port has no mass or is of
-            an angle, or no C compiler makes the ``.fmu``.
+            If the ending, ``port`` or ``fmi`` has another value, the file cannot be written, the name of a
+            ``.m`` or ``.mo`` file or a port's ``.c`` file is not a valid name of a function, a port has no
+            mass or is for an angle, or no C compiler can compile the ``.fmu``.
         """
         if port not in (None, "force"):
             raise InputError(f"port = {quote(port)}; give 'force'")
@@ -428,19 +432,19 @@ class ReducedModel(PrintedModel):
         return export.equations_text(self)
 
     def outside_range_text(self, motion: PistonRecord) -> str:
-        """Warn in words of a motion that leaves the range of the fit; empty where none does.
+        """Warning in words about a motion that leaves the range of the fit; empty if it stays inside.
 
-        Heights alone are judged, and may leave the range by a twentieth of it, on each side.
+        Only heights are checked; they may exceed the range by a twentieth of it on each side.
 
         Parameters
         ----------
         motion : PistonRecord
-            Motion to judge, of any length.
+            Motion to check, of any length.
 
         Returns
         -------
         str
-            Warning, or an empty text, as where the model has no range of heights.
+            Warning, or an empty text, also if the model has no range of heights.
         """
         low, high = self.domain.get("height", (-math.inf, math.inf))
         margin = _MARGIN * (high - low)
@@ -448,9 +452,9 @@ class ReducedModel(PrintedModel):
         if least >= low - margin and most <= high + margin:
             return ""
         return (
-            f"the motion goes from {least:.4g} to {most:.4g} {self.coordinate_unit}, and the law "
+            f"the motion extends from {least:.4g} to {most:.4g} {self.coordinate_unit}, but the law "
             f"{self.law.name!r} was fitted to {self.coordinate}s from {low:.4g} to {high:.4g} "
-            f"{self.coordinate_unit}: read it as an extrapolation"
+            f"{self.coordinate_unit}: it is an extrapolation"
         )
 
     def to_plain(self) -> dict[str, Any]:
@@ -470,12 +474,12 @@ class ReducedModel(PrintedModel):
         }
 
     def save(self, path: str | Path) -> None:
-        """Write the model to a JSON file, which `load_model` reads back to the same bits.
+        """Write the model to a JSON file, which `load_model` reads back bit for bit.
 
         Parameters
         ----------
         path : str or Path
-            JSON file to write; one that exists is replaced.
+            JSON file to write; an existing file is replaced.
 
         Raises
         ------
@@ -491,23 +495,23 @@ class ReducedModel(PrintedModel):
         Parameters
         ----------
         plain : mapping of str
-            Plain data, as `to_plain` makes them or JSON holds them, with null for infinite ends.
+            Plain data from `to_plain` or from JSON, with null for infinite ends.
 
         Returns
         -------
         ReducedModel
-            Model, whose law is that of the package where name and equation are the same.
+            Model; its law is the package's law if name and equation are the same.
 
         Raises
         ------
         InputError
-            If the data are not those of a model, or the equation cannot be read.
+            If the data are not a model, or the equation cannot be read.
         """
         return cls(**schema.fields_from_plain(plain, ReducedModel))
 
 
 def load_model(path: str | Path) -> ReducedModel:
-    """Load a model from the JSON file that `ReducedModel.save` wrote.
+    """Load a model from a JSON file of `ReducedModel.save`.
 
     Parameters
     ----------
@@ -517,12 +521,12 @@ def load_model(path: str | Path) -> ReducedModel:
     Returns
     -------
     ReducedModel
-        Model as it was saved, to the same bits.
+        Model as saved, bit for bit.
 
     Raises
     ------
     InputError
-        If there is no such file, it cannot be read, or it holds no model.
+        If the file does not exist, cannot be read, or contains no model.
     """
     plain = schema.read_plain_model(Path(path))
     try:

@@ -1,4 +1,4 @@
-"""A model as a Modelica model."""
+"""Export of a model to Modelica."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ equation
 
 
 def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
-    """Modelica text of a model of that name, for OpenModelica, Dymola and others."""
+    """Modelica text of a model with the given name, for OpenModelica, Dymola and others."""
     parts = prepare_law_for_export(model)
     units = map(model.unit_of_parameter, model.law.parameters)
     return _MODELICA.format(
@@ -58,7 +58,7 @@ def modelica_parts(
     inputs: Iterable[str],
     states: Iterable[tuple[str, float, sympy.Expr]],
 ) -> dict[str, str]:
-    """Lines of a Modelica model: parameters with values and units, inputs, states with starts and rates."""
+    """Lines of a Modelica model: parameters with units, inputs, states with start values and rates."""
     hidden, rates = [], []
     for name, start, rate in states:
         hidden.append(f"  Real {name}(start = {start!r}, fixed = true);\n")
@@ -84,7 +84,7 @@ def modelica_expression(expression: sympy.Expr) -> str:
 
 
 def modelica_unit(unit: str) -> str:
-    """Return the unit as Modelica writes it; empty where it is a user's own word."""
+    """Return the unit in Modelica's notation; empty for a custom unit."""
     plain = unit.replace("^", "").replace("(m s2)", "(m.s2)").replace("(m2 s2)", "(m2.s2)")
     return plain if _UNIT.fullmatch(plain) else ""
 
@@ -106,7 +106,7 @@ equation
 
 
 def port_modelica_source(port: ForcePort, name: str) -> str:
-    """Modelica text of a model of that name, between the flanges of cell and piston."""
+    """Modelica text of a model with the given name, between the flanges of cell and piston."""
     import sympy
 
     parts = prepare_port_for_export(port)
@@ -125,7 +125,7 @@ def port_modelica_source(port: ForcePort, name: str) -> str:
 
 
 def write_modelica(model: FittedLaw | ForcePort, path: Path, _: int) -> str:
-    """Write a model as a Modelica model of the file's name."""
+    """Write a model as a Modelica model with the file's name."""
     require_function_name(path)
     if isinstance(model, ForcePort):
         write_text(path, port_modelica_source(model, path.stem))

@@ -1,4 +1,4 @@
-"""Observations of a model along a record: the signal of its law, and cycles of its force."""
+"""Observations of a model along a record: the signal of its law, and force cycles."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 
 _NODES, _TURNS = 400, 3
-"""Samples of a harmonic cycle, and cycles after which hidden states are taken to repeat."""
-_ALIKE = 0.05  # relative difference of amplitudes and frequencies of cycles that are one row
-_NEAR = 0.1  # distance of their centres, over the amplitude
+"""Samples of a harmonic cycle, and number of cycles after which hidden states count as periodic."""
+_ALIKE = 0.05  # maximum relative difference of amplitude and frequency of cycles averaged in one row
+_NEAR = 0.1  # maximum distance of their centres, relative to the amplitude
 _MOST_ROWS = 12
 CYCLE_COLUMNS = (
     "amplitude [mm]",
@@ -40,7 +40,7 @@ CYCLE_COLUMNS = (
 
 
 def simulate_observation(model: FittedLaw, record: PistonRecord) -> Float[np.ndarray, "n"]:
-    """Signal of the model's observation at the times of a record, as its sensor shows it."""
+    """Signal observed by the model's sensor at the times of a record."""
     values = list(model.all_parameters.values())
     hidden = [model.hidden.get(name, 0.0) for name in model.law.hidden]
     signal = _signal_with_values(model, record, values, hidden)
@@ -51,7 +51,7 @@ def simulate_observation(model: FittedLaw, record: PistonRecord) -> Float[np.nda
 def _signal_with_values(
     model: FittedLaw, record: PistonRecord, values: Sequence[float], hidden: Sequence[float]
 ) -> np.ndarray:
-    """Observation of the law, with values of its parameters and hidden states at the start."""
+    """Observation of the law for given parameters and initial hidden states."""
     law, given = model.law, with_stroke_columns(record) if model.law.prescribed else record
     inputs = [input_column(given, name) for name in law.inputs]
     size = float(np.ptp(model.domain.get("height", (0.0, 1.0))))
@@ -60,15 +60,17 @@ def _signal_with_values(
     if solution.ending != "complete":
         raise InputError(
             f"the solution of the law {quote(law.name)} does not reach the end of the record: it diverges, "
-            "or is too fast for its samples; give more of them"
+            "or is too fast for the samples; give a record with more samples"
         )
     return observed_signal(law, model.observation, solution, values, inputs)
 
 
 def plot_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
-    """Draw what is observed along a record's stroke, measured and by the law, over the stroke [mm]."""
+    """Draw the observed quantity against the stroke [mm], measured and by the law."""
     if record is None:
-        raise InputError(f"the record prescribes the motion of the law {quote(model.law.name)}; give one")
+        raise InputError(
+            f"the record prescribes the motion of the law {quote(model.law.name)}; give a record"
+        )
     stroke, name = 1e3 * record.height, model.observation
     if name in record.columns:
         ax.plot(stroke, record.columns[name], ".", markersize=2, label="measured")
@@ -82,8 +84,8 @@ def force_cycle(
     model: FittedLaw, amplitude: float, frequency: float | None, centre: float | None = None
 ) -> HarmonicCycle:
     """Steady cycle of a force along a harmonic stroke; amplitude, centre [m], frequency [rad/s]."""
-    # First Fourier coefficients of the force along the stroke and the velocity (Krylov and Bogoliubov 1947,
-    # Introduction to Non-Linear Mechanics). Hidden states start at zero; the last cycle is the steady one.
+    # First Fourier coefficients of the force in phase with stroke and velocity (Krylov and Bogoliubov 1947,
+    # Introduction to Non-Linear Mechanics). Hidden states start at zero; the last cycle counts as steady.
     for name, value in (("amplitude", amplitude), ("frequency", frequency)):
         if value is None or not 0.0 < value < math.inf:
             raise InputError(f"{name} = {value}; give a number above 0")
@@ -91,7 +93,7 @@ def force_cycle(
     columns = [name for name in model.law.inputs if name not in STROKE]
     if columns:
         raise InputError(
-            f"the law has the inputs {', '.join(columns)}; take cycles from .simulate_signal(record)"
+            f"the law has the inputs {', '.join(columns)}; compute cycles from .simulate_signal(record)"
         )
     if centre is None and "height" not in model.domain:
         raise InputError("the model has no range of heights; give centre, the middle of the stroke")
@@ -117,7 +119,7 @@ def force_cycle(
 
 
 def measured_and_lawful_cycles(model: FittedLaw) -> list[tuple[HarmonicCycle, HarmonicCycle | None]]:
-    """Cycles of the force as measured, each with the law's; of a law with inputs there is none."""
+    """Measured force cycles, each with the law's cycle; None for a law with inputs."""
     by_law = set(model.law.inputs) <= set(STROKE)
     return [
         (cycle, force_cycle(model, cycle.amplitude, cycle.frequency, cycle.centre) if by_law else None)
@@ -126,7 +128,7 @@ def measured_and_lawful_cycles(model: FittedLaw) -> list[tuple[HarmonicCycle, Ha
 
 
 def cycle_rows(model: FittedLaw) -> list[tuple[str, ...]]:
-    """Cells of the cycles of the force as measured, with those of the law, below `CYCLE_COLUMNS`."""
+    """Cells of the measured force cycles and the law's cycles, for the columns `CYCLE_COLUMNS`."""
     rows = []
     for measured_and_lawful in measured_and_lawful_cycles(model):
         for kind, cycle in zip(("measured", "law"), measured_and_lawful, strict=True):
@@ -143,14 +145,14 @@ def cycle_rows(model: FittedLaw) -> list[tuple[str, ...]]:
 
 
 def cycle_lines(model: FittedLaw) -> list[str]:
-    """Lines of the cycles of the force, if there are any."""
+    """Lines of the force cycles, if there are any."""
     rows = cycle_rows(model)
     return [f"  {line}" for line in align_columns([CYCLE_COLUMNS, *rows]).splitlines()] if rows else []
 
 
 def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray]) -> tuple[HarmonicCycle, ...]:
-    """Cycles of strokes as they were measured, those alike as one, the smallest first; forces [N]."""
-    # Errors are two standard deviations of a mean.
+    """Measured cycles of strokes, the smallest first, similar ones averaged; forces [N]."""
+    # Errors are two standard errors of the mean.
     every = [row for pair in zip(records, forces, strict=True) for row in _cycles_of_record(*pair)]
     groups: list[list[np.ndarray]] = []
     for row in every:
@@ -177,11 +179,11 @@ def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray])
 
 
 def _cycles_of_record(record: PistonRecord, force: np.ndarray) -> list[np.ndarray]:
-    """Amplitude, frequency, centre, stiffness, damping and energy of each whole cycle of a stroke."""
+    """Amplitude, frequency, centre, stiffness, damping and energy of each complete cycle of a stroke."""
     smooth = derivatives(record)
     time, z, velocity = record.time, smooth.height, smooth.velocity
     middle, half = 0.5 * (z.max() + z.min()), 0.25 * np.ptp(z)
-    # A passage upwards through the middle counts after one through a quarter below it.
+    # An upward crossing of the middle counts only after a crossing of the level a quarter below it.
     starts, armed = [], False
     for k in range(1, len(z)):
         armed |= z[k] < middle - 0.5 * half

@@ -1,4 +1,4 @@
-"""Plain data (numbers, texts, lists, tables) of a value, and a value from them by its annotations."""
+"""Conversion of values to plain data (numbers, texts, lists, tables), and back by annotations."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from granular.formulas import MAX_CHARACTERS
 from granular.shared.errors import InputError, quote, sanitize, unknown_word_message
 
 _MOST_ITEMS = 200
-_LARGEST = 1e100  # of a number: its square and cube are numbers still
+_LARGEST = 1e100  # its square and cube are still finite
 
 
 class Limits(NamedTuple):
-    """Limits of a number in an annotation, and what null stands for, if it may stand there."""
+    """Limits of a number in an annotation, and the value of null if null is allowed."""
 
-    least: float = -_LARGEST
-    most: float = _LARGEST
+    minimum: float = -_LARGEST
+    maximum: float = _LARGEST
     null: float | None = None
 
 
 class TextForm(NamedTuple):
     """Form of a text in an annotation."""
 
-    longest: int = MAX_CHARACTERS
+    maximum_length: int = MAX_CHARACTERS
     lines: bool = False
     choices: tuple[str, ...] = ()
 
@@ -42,21 +42,21 @@ Interval = Annotated[tuple[float, float], "in order"]
 Lines = Annotated[str, TextForm(lines=True)]
 
 
-def wrong_value_error(where: str, value: object, wanted: str) -> InputError:
-    """Error that names an entry, its value, and what is wanted there."""
+def wrong_value_error(path: str, value: object, wanted: str) -> InputError:
+    """Error with the path of an entry, its value, and the required form."""
     return InputError(
-        f"the data are not those of a reduced model: {sanitize(where)} is {quote(value)}; {wanted} is wanted"
+        f"the data are not a reduced model: {sanitize(path)} is {quote(value)}; {wanted} is wanted"
     )
 
 
 @functools.cache
 def annotations_of(kind: type) -> dict[str, Any]:
-    """Annotations of the fields of a class, with what is said of them beside their types."""
+    """Annotations of the fields of a class, with the metadata of their types."""
     return get_type_hints(kind, include_extras=True)
 
 
 def plain_value(value: Any) -> Any:
-    """Plain data of a number, a text, an array, a dataclass, a named tuple, or of several in a container."""
+    """Plain data of a number, text, array, dataclass or named tuple, or of a container of these."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     elif hasattr(value, "_asdict"):
@@ -68,103 +68,103 @@ def plain_value(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def read_value(kind: Any, where: str, value: Any) -> Any:
-    """Value of the kind that an annotation names, from plain data."""
+def read_value(kind: Any, path: str, value: Any) -> Any:
+    """Value of an annotated kind, from plain data."""
     mark = None
     if get_origin(kind) is Annotated:
         kind, mark = get_args(kind)
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
-        return None if value is None else read_value(parts[0], where, value)
+        return None if value is None else read_value(parts[0], path, value)
     if origin is Literal:
-        return _read_text(where, value, TextForm(choices=parts))
+        return _read_text(path, value, TextForm(choices=parts))
     if origin is Mapping:
-        return _read_table(parts[1], where, value)
+        return _read_table(parts[1], path, value)
     if origin in (tuple, Sequence):
-        items = _read_list(parts, where, value, ordered=mark is not None)
+        items = _read_list(parts, path, value, ordered=mark is not None)
         return items if origin is tuple else list(items)
     if kind is bool:
         if not isinstance(value, bool):
-            raise wrong_value_error(where, value, "true or false")
+            raise wrong_value_error(path, value, "true or false")
         return value
     if kind is str:
-        return _read_text(where, value, mark or TextForm())
+        return _read_text(path, value, mark or TextForm())
     if kind is int:
-        return _read_integer(where, value, mark or Limits(0, 10**12))
+        return _read_integer(path, value, mark or Limits(0, 10**12))
     if kind is float:
-        return _read_number(where, value, mark or Limits())
-    return kind(**read_entries(annotations_of(kind), where, value))
+        return _read_number(path, value, mark or Limits())
+    return kind(**read_entries(annotations_of(kind), path, value))
 
 
-def read_entries(kinds: Mapping[str, Any], where: str, value: Any) -> dict[str, Any]:
-    """Entries of a table that has one of each name, each of its kind."""
+def read_entries(kinds: Mapping[str, Any], path: str, value: Any) -> dict[str, Any]:
+    """Entries of a table with exactly the given names, each of its kind."""
     if not isinstance(value, Mapping):
-        raise wrong_value_error(where, value, "a table")
+        raise wrong_value_error(path, value, "a table")
     for key in value:
         if key not in kinds:
             raise InputError(
-                "the data are not those of a reduced model: "
-                f"{sanitize(where)}: {unknown_word_message(str(key), tuple(kinds), 'key')}"
+                "the data are not a reduced model: "
+                f"{sanitize(path)}: {unknown_word_message(str(key), tuple(kinds), 'key')}"
             )
     for key in kinds:
         if key not in value:
             raise InputError(
-                f"the data are not those of a reduced model: {sanitize(where)}: {key!r} is "
+                f"the data are not a reduced model: {sanitize(path)}: {key!r} is "
                 "missing; give the file that was saved"
             )
-    return {key: read_value(kinds[key], f"{where}.{key}", item) for key, item in value.items()}
+    return {key: read_value(kinds[key], f"{path}.{key}", item) for key, item in value.items()}
 
 
-def _read_table(kind: Any, where: str, value: Any) -> dict[str, Any]:
+def _read_table(kind: Any, path: str, value: Any) -> dict[str, Any]:
     if not isinstance(value, Mapping) or len(value) > _MOST_ITEMS:
-        raise wrong_value_error(where, value, f"a table of at most {_MOST_ITEMS} entries")
+        raise wrong_value_error(path, value, f"a table of at most {_MOST_ITEMS} entries")
     return {
-        _read_text(where, key, TextForm(200)): read_value(kind, f"{where}.{key}", item)
+        _read_text(path, key, TextForm(200)): read_value(kind, f"{path}.{key}", item)
         for key, item in value.items()
     }
 
 
-def _read_list(kinds: Sequence[Any], where: str, value: Any, *, ordered: bool) -> tuple[Any, ...]:
-    """Several values of one kind, or a pair of numbers; in one that is in order null is infinite."""
+def _read_list(kinds: Sequence[Any], path: str, value: Any, *, ordered: bool) -> tuple[Any, ...]:
+    """Several values of one kind, or a pair of numbers; in an ordered pair null means infinite."""
     most = 2 if len(kinds) == 2 and kinds[1] is float else _MOST_ITEMS
     if not isinstance(value, list | tuple) or len(value) > most:
-        raise wrong_value_error(where, value, f"a list of at most {most} items")
+        raise wrong_value_error(path, value, f"a list of at most {most} items")
     if most == 2 and len(value) != 2:
-        raise wrong_value_error(where, value, "a pair")
+        raise wrong_value_error(path, value, "a pair")
     if not ordered:
-        return tuple(read_value(kinds[0], f"{where}.{index}", item) for index, item in enumerate(value))
+        return tuple(read_value(kinds[0], f"{path}.{index}", item) for index, item in enumerate(value))
     low, high = (
-        _read_number(f"{where}.{index}", item, Limits(-math.inf, math.inf, null))
+        _read_number(f"{path}.{index}", item, Limits(-math.inf, math.inf, null))
         for index, (item, null) in enumerate(zip(value, (-math.inf, math.inf), strict=True))
     )
     if low > high:
-        raise wrong_value_error(where, value, "a pair in order")
+        raise wrong_value_error(path, value, "a pair in order")
     return low, high
 
 
-def _read_number(where: str, value: Any, limits: Limits) -> float:
+def _read_number(path: str, value: Any, limits: Limits) -> float:
     if value is None and limits.null is not None:
         return limits.null
     try:
         number = float(value) if isinstance(value, int | float) else math.nan
     except OverflowError:
         number = math.nan
-    if isinstance(value, bool) or not limits.least <= number <= limits.most:
-        raise wrong_value_error(where, value, f"a number from {limits.least:g} to {limits.most:g}")
+    if isinstance(value, bool) or not limits.minimum <= number <= limits.maximum:
+        raise wrong_value_error(path, value, f"a number from {limits.minimum:g} to {limits.maximum:g}")
     return number
 
 
-def _read_integer(where: str, value: Any, limits: Limits) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not limits.least <= value <= limits.most:
-        raise wrong_value_error(where, value, f"an integer from {limits.least:g} to {limits.most:g}")
+def _read_integer(path: str, value: Any, limits: Limits) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not limits.minimum <= value <= limits.maximum:
+        raise wrong_value_error(path, value, f"an integer from {limits.minimum:g} to {limits.maximum:g}")
     return value
 
 
-def _read_text(where: str, value: Any, form: TextForm) -> str:
+def _read_text(path: str, value: Any, form: TextForm) -> str:
     if form.choices and value not in form.choices:
-        raise wrong_value_error(where, value, f"one of {', '.join(form.choices)}")
-    if not isinstance(value, str) or len(value) > form.longest:
-        raise wrong_value_error(where, value, f"a text of at most {form.longest} characters")
+        raise wrong_value_error(path, value, f"one of {', '.join(form.choices)}")
+    if not isinstance(value, str) or len(value) > form.maximum_length:
+        raise wrong_value_error(path, value, f"a text of at most {form.maximum_length} characters")
     if not (" ".join(value.split()) if form.lines else value).isprintable():
-        raise wrong_value_error(where, value, "a text that can be printed")
+        raise wrong_value_error(path, value, "a text that can be printed")
     return value

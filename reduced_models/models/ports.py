@@ -1,12 +1,12 @@
-"""A fitted law as an element between two bodies: height and velocity in, the force of the bed out.
+"""A fitted law as an element between two bodies, with inputs height and velocity and output force.
 
-A law tells the acceleration of a piston of the mass M on a cell at rest, so the bed pushes it with
+A law gives the acceleration of a piston of mass M on a cell at rest, so the force of the bed is
 
     force = mass scale z'' + load,
 
-where z'' is what the law says of the height and the velocity of the piston over the cell, mass is
-what the law's accelerations belong to, and load is the weight that the bed carries at rest. The
-hidden states of the law are the element's own; the masses stay with the bodies on both sides.
+where z'' is the law's acceleration at the height and velocity of the piston relative to the cell,
+mass is the mass M of the recorded piston, and load is the weight that the bed carries at rest. The
+hidden states of the law belong to the element; the masses belong to the bodies on both sides.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
     import sympy
 
 DERIVED = "derived"
-"""Name of the laws that `derive` finds."""
+"""Name of the laws from `derive`."""
 GRAVITY = 9.8
-"""[m/s^2], that of the packaged scenes, where nothing else is given."""
+"""Default [m/s^2], as in the packaged scenes."""
 
 
 class ForcePort(NamedTuple):
     """A fitted law as an element with a force."""
 
     model: FittedLaw
-    mass: float  # [kg]; none along a prescribed stroke, of which the law is one of the force
+    mass: float  # [kg]; unused for a law of the force along a prescribed stroke
     load: float  # [N]
 
 
 class PortForExport(NamedTuple):
-    """A port with names that code in any language can have."""
+    """A port with names that are valid in all languages."""
 
     law: LawForExport
     inputs: tuple[str, ...]
@@ -49,13 +49,13 @@ class PortForExport(NamedTuple):
 
 
 def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -> ForcePort:
-    """Return a law of a record as an element; mass [kg], gravity [m/s^2]."""
+    """Make an element from a law of a record; mass [kg], gravity [m/s^2]."""
     if model.coordinate_unit == "rad":
-        raise InputError("the law is one of an angle; a force between two bodies needs a height")
+        raise InputError("the law is for an angle; a force between two bodies needs a height")
     if model.law.name == DERIVED:
         raise InputError(
-            "the bed's mass moves along in a derived law, so its force depends on the acceleration; export "
-            "the whole model, or fit a law to a run"
+            "a derived law includes the moving mass of the bed, so its force depends on the acceleration; "
+            "export the whole model, or fit a law to a run"
         )
     if model.law.prescribed:
         if len(model.law.observations) > 1:
@@ -63,14 +63,14 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
         return ForcePort(model, 0.0, 0.0)
     if mass is None or not mass > 0.0:
         raise InputError(
-            "the law of a record tells accelerations, not forces; give the mass of the piston that "
-            "was recorded, --mass '7.5 kg'"
+            "the law of a record gives accelerations, not forces; give the mass of the recorded "
+            "piston, --mass '7.5 kg'"
         )
     return ForcePort(model, mass, mass * gravity)
 
 
 def prepare_port_for_export(port: ForcePort) -> PortForExport:
-    """Prepare an element for export: names that code can have, values, and expressions."""
+    """Prepare an element for export: valid names, values, and expressions."""
     import sympy
 
     model, law = port.model, prepare_law_for_export(port.model)
@@ -81,11 +81,11 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
     mass, load = sympy.symbols("mass load")
     motion = {sympy.Symbol("z"): sympy.Symbol("height"), sympy.Symbol("z_first"): sympy.Symbol("velocity")}
     if model.law.prescribed:
-        force, meaning = law.acceleration, "force is that which moves the coordinate upwards."
+        force, meaning = law.acceleration, "force is the force that moves the coordinate upwards."
     else:
         force = mass * law.acceleration + load
         meaning = (
-            "force = mass z'' + load, of the bed on the piston: the masses of piston and cell are those of "
+            "force = mass z'' + load, of the bed on the piston: the masses of piston and cell belong to "
             "the bodies on both sides."
         )
         numbers += [("mass", port.mass, "kg"), ("load", port.load, "N")]
@@ -104,7 +104,7 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
 
 
 def names_with_units(parts: PortForExport) -> list[str]:
-    """Names of the parameters, each with its unit."""
+    """Names of the parameters with units."""
     return [
         f"{name} [{escape_comment(unit) or '?'}]"
         for name, unit in zip(parts.parameters, parts.units, strict=True)

@@ -1,7 +1,7 @@
 """Predictions of a model: decays, cycles and driven responses, and their uncertainty.
 
-Forces are per kilogram of what moves: multiply by the piston's mass for newtons and joules. Cycles
-are harmonic ones; see `reduced_models.laws.linearization`.
+Forces are per kilogram of moving mass: multiply by the piston's mass for newtons and joules. Cycles
+are harmonic; see `reduced_models.laws.linearization`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-# Over five decades: neighbours are 5 % apart, and roots between them are interpolated in logarithms.
+# Five decades in steps of 5 %; roots between grid points are interpolated in logarithms.
 _AMPLITUDES = 240
 _PER_PERIOD = 64
 _OBSERVATION_OR_RATE = re.compile(r"\s*[^\W\d]\w*'?\s*=")
@@ -91,7 +91,7 @@ def _refuse_prescribed_stroke(model: FittedLaw) -> None:
 
 
 def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
-    """Motion of a piston released from an amplitude [m] above its level of rest."""
+    """Motion of a piston released from an amplitude [m] above equilibrium."""
     if not 0.0 < periods < math.inf:
         raise InputError(f"periods = {quote(periods)}; give a number above 0")
     height, period = _rest_height_and_period(model)
@@ -101,7 +101,7 @@ def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> Pis
 
 
 def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
-    """Harmonic cycle of a model, its inputs at zero; amplitude [m], frequency [rad/s]."""
+    """Harmonic cycle of a model with zero inputs; amplitude [m], frequency [rad/s]."""
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {quote(amplitude)} m; give one above 0")
     _refuse_further_coordinates(model)
@@ -119,7 +119,7 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
     omega, stiffness, damping = (float(value[0]) for value in result[1:])
     if not math.isfinite(stiffness):
         raise InputError(
-            f"a cycle of amplitude {amplitude:g} m leaves where the law "
+            f"a cycle of amplitude {amplitude:g} m leaves the range in which the law "
             f"{quote(model.law.name)} is defined; give a smaller one"
         )
     if frequency is None and stiffness <= 0.0:
@@ -158,7 +158,7 @@ def frequency_response(
     _, stiffness, damping = harmonic_coefficients(
         rates, hidden, amplitude[:, None], centre[:, None], omega[None, :]
     )
-    # A steady cycle: the force carries stiffness less inertia, and damping a quarter period later.
+    # Steady cycle: the force balances stiffness minus inertia in phase, and damping in quadrature.
     needed = amplitude[:, None] * np.hypot(stiffness - omega**2, damping * omega)
     low, high = np.full((2, len(omega)), np.nan)
     for k in range(len(omega)):
@@ -169,26 +169,26 @@ def frequency_response(
 
 
 def law_with_force_input(law: Law, name: str = "drive") -> Law:
-    """Drive a law by a force per kilogram, an input in the units of z''.
+    """Add a force per kilogram to a law, as an input in the units of z''.
 
     Parameters
     ----------
     law : Law
-        Law without that input, its coordinate written ``z``.
+        Law without this input, with coordinate ``z``.
     name : str
-        Name of the input, a column of the records that the law is fitted to; ``"t"`` would be the time.
+        Name of the input, a column of the fitted records; ``"t"`` would be the time.
 
     Returns
     -------
     Law
-        Law with z'' less the input in place of z'' in its first equation of motion with z''; parameters
-        and their units stay. It has no start values of its own.
+        Law with z'' minus the input in place of z'' in its first equation of motion with z''; parameters
+        and their units are unchanged. It has no function for start values.
 
     Raises
     ------
     InputError
-        If the law has something else of that name, no ``z''`` or a prescribed stroke, or the name
-        cannot stand for an input, as ``"z"``, ``"pi"`` and ``"1x"`` cannot.
+        If the law already uses the name, has no ``z''`` or has a prescribed stroke, or the name
+        is not allowed for an input, such as ``"z"``, ``"pi"`` and ``"1x"``.
 
     Examples
     --------
@@ -197,37 +197,39 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
     "(z'' - force) + 2*lam*z' + omega**2*z = g0"
     """
     if name in (*law.parameters, *law.hidden, *law.inputs):
-        raise InputError(f"the law {quote(law.name)} has a {quote(name)} already; give another name")
+        raise InputError(f"the law {quote(law.name)} already uses the name {quote(name)}; give another name")
     if law.prescribed:
-        raise InputError(f"a record prescribes the stroke of the law {quote(law.name)}; no force drives it")
+        raise InputError(
+            f"a record prescribes the stroke of the law {quote(law.name)}; no force can drive it"
+        )
     line = law.parsed_equation.line
-    push = name if line is None else f"{name}/({line[1]})"  # in the coordinate of the text
+    push = name if line is None else f"{name}/({line[1]})"  # in the coordinate of the law's text
     statements = law.equation.split(";")
     for k, statement in enumerate(statements):
-        # What is observed is of the whole acceleration.
+        # Observations refer to the total acceleration.
         if "z''" in statement and not _OBSERVATION_OR_RATE.match(statement):
             statements[k] = statement.replace("z''", f"(z'' - {push})")
             break
     text = ";".join(statements)
     changes: dict[str, Any] = {"start": None, "inputs": (*law.inputs, name)}
     driven = dataclasses.replace(law, name=f"{law.name}, driven", equation=text, **changes)
-    _ = driven.parsed_equation  # which refuses a name that is none
+    _ = driven.parsed_equation  # raises an error for an invalid name
     return driven
 
 
 def _refuse_further_coordinates(model: FittedLaw) -> None:
     if model.law.other_coordinates:
         raise InputError(
-            f"the law {quote(model.law.name)} has several coordinates, and a harmonic cycle is of one; take "
+            f"the law {quote(model.law.name)} has several coordinates, but a harmonic cycle needs one; use "
             "its modes, .at_rest and .faster_modes, or .simulate"
         )
 
 
 def _rest_height_and_period(model: FittedLaw) -> tuple[float, float]:
-    """Height [m] and small period [s] at rest."""
+    """Equilibrium height [m] and period [s] of small oscillations."""
     if model.at_rest is None:
         raise InputError(
-            f"the law {quote(model.law.name)} has no level of rest near its record, which this needs"
+            f"the law {quote(model.law.name)} has no equilibrium near its record, which this needs"
         )
     return model.at_rest.height, model.at_rest.period
 
@@ -237,7 +239,7 @@ def _model_rates(model: FittedLaw) -> Rates:
 
 
 def _zero_crossings(position: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Arguments at which a function passes zero."""
+    """Arguments of zero crossings of a function."""
     good = np.isfinite(value)
     position, value = position[good], value[good]
     at = np.flatnonzero(np.sign(value[1:]) != np.sign(value[:-1]))
@@ -246,13 +248,13 @@ def _zero_crossings(position: np.ndarray, value: np.ndarray) -> np.ndarray:
 
 
 M = TypeVar("M", bound=FittedLaw)
-_STEP = 1e-3  # of a standard deviation, for slopes
-_STRAIGHT = 0.05  # of what a step changes: the motion bends no more within it
-_ERROR = 1e-8  # of the motion's size: the solver's error is below it
-_FIGURE_STEP = 0.01  # of a standard deviation, by which a number behind figures is moved
-_LEAST_STEP = 1e-6  # of the number itself
-_HELD = 1e-9  # standard deviation, over the value, below which a number is given
-_ROUNDS = 60  # tenfold shorter steps, before a direction is given up
+_STEP = 1e-3  # step of derivatives, in standard deviations
+_STRAIGHT = 0.05  # maximum nonlinearity within a step, relative to the change
+_ERROR = 1e-8  # upper bound of the solver's error, relative to the motion's size
+_FIGURE_STEP = 0.01  # step of a parameter for derivatives of figures, in standard deviations
+_MINIMUM_STEP = 1e-6  # relative to the parameter
+_HELD = 1e-9  # relative standard deviation below which a parameter counts as fixed
+_ROUNDS = 60  # tenfold reductions of the step before a direction is abandoned
 
 
 class PredictionBand(NamedTuple):
@@ -260,7 +262,7 @@ class PredictionBand(NamedTuple):
 
     time: Float[np.ndarray, "n"]  # [s]
     height: Float[np.ndarray, "n"]  # [m]
-    low: Float[np.ndarray, "n"]  # [m], of the motion itself, without noise
+    low: Float[np.ndarray, "n"]  # [m], for the motion without noise
     high: Float[np.ndarray, "n"]  # [m]
     noise: float  # [m]
     confidence: float
@@ -283,7 +285,7 @@ def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray
 
 
 def with_changed_value(model: M, name: str, value: float) -> M:
-    """Model with another value of a parameter, or of the start, by its name."""
+    """Model with another value of a parameter or initial value, by its name."""
     changes: dict[str, Any] = {"hidden": {**model.hidden, name: value}}
     if name in ("height", "velocity"):
         height, velocity = model.initial
@@ -300,8 +302,8 @@ def predict_with_deviations(
     times: Float[np.ndarray, "n"],
     inputs: Mapping[str, Float[np.ndarray, "n"]] | None,  # at the times
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Return heights [m] at times [s] from the fitted start on, and standard deviations by the covariance."""
-    # One direction of the correlation matrix at a time: their variances add.
+    """Return heights [m] at times [s] from the fitted start, with standard deviations by the covariance."""
+    # The variances of the principal directions of the correlation matrix add.
     covariance, names = model.covariance, model.covariance_names
     if not names:
         raise InputError("the model has no covariance; fit it to a record")
@@ -312,7 +314,7 @@ def predict_with_deviations(
     values = np.array([parameter_value(model, name) for name in names])
 
     def motion(step: np.ndarray) -> np.ndarray:
-        """With what was fitted moved so far; not a number where that has no solution."""
+        """Heights with the fitted numbers changed by a step; NaN without a solution."""
         other = model
         for name, value, change in zip(names, values, step, strict=True):
             if change != 0.0:
@@ -334,8 +336,8 @@ def _change_along_direction(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
     """Change by one standard deviation along a direction, as if the motion were linear in it."""
-    # Along an open direction a standard deviation is far and only its first bit straight, so the step is
-    # shortened until it is. A motion that changes by less than the solver's error does not depend on it.
+    # Along an undetermined direction one standard deviation is large and the motion is linear only over a
+    # small part of it, so the step is shortened. A change below the solver's error counts as zero.
     fraction = _STEP
     for _ in range(_ROUNDS if sigma.any() else 0):
         above, below = motion(fraction * sigma), motion(-fraction * sigma)
@@ -349,7 +351,7 @@ def _change_along_direction(
 
 
 def parameter_value(model: FittedLaw, name: str) -> float:
-    """Value of a parameter, or of the start, by its name."""
+    """Value of a parameter or initial value, by its name."""
     known = {**model.all_parameters, "height": model.initial[0], "velocity": model.initial[1]}
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
 
@@ -357,14 +359,14 @@ def parameter_value(model: FittedLaw, name: str) -> float:
 def errors_of_figures(
     model: M, figures: Callable[[M], Float[np.ndarray, "k"] | None], here: Float[np.ndarray, "k"]
 ) -> Float[np.ndarray, "k"] | None:
-    """Half-widths of the intervals of figures of a model, by linear error propagation; None if some fail."""
+    """Half-widths of intervals of a model's figures by linear error propagation; None if a figure fails."""
     deviations = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
     slopes = np.zeros((len(here), len(deviations)))
     for k, (name, deviation) in enumerate(zip(model.covariance_names, deviations, strict=True)):
         value = parameter_value(model, name)
         if deviation <= _HELD * abs(value):
             continue
-        step = max(_FIGURE_STEP * deviation, _LEAST_STEP * abs(value))
+        step = max(_FIGURE_STEP * deviation, _MINIMUM_STEP * abs(value))
         above, below = (figures(with_changed_value(model, name, value + side * step)) for side in (1.0, -1.0))
         if above is None or below is None:
             return None
@@ -374,7 +376,7 @@ def errors_of_figures(
 
 
 def faster_modes(model: FittedLaw) -> tuple[FasterMode, ...]:
-    """Modes above the slowest, of a law with several coordinates."""
+    """Modes above the slowest one of a law with several coordinates."""
     rest = model.at_rest
     if rest is None or not model.law.other_coordinates:
         return ()
@@ -414,7 +416,7 @@ def plot_model(
 
 
 def plot_decay(model: FittedLaw, ax: Axes) -> Axes:
-    """Draw the free motion of a model from the farthest height that it has seen."""
+    """Draw the free decay of a model from the fitted height farthest from equilibrium."""
     level = 0.0 if model.at_rest is None else model.at_rest.height
     ends = [end - level for end in model.domain.get("height", model.initial[:1])]
     decay = free_decay(model, max(ends, key=abs))
@@ -422,11 +424,11 @@ def plot_decay(model: FittedLaw, ax: Axes) -> Axes:
 
 
 def plot_residuals(
-    model: FittedLaw, time: Float[np.ndarray, "n"], left: Float[np.ndarray, "n"], ax: Axes
+    model: FittedLaw, time: Float[np.ndarray, "n"], residuals: Float[np.ndarray, "n"], ax: Axes
 ) -> None:
-    """Draw the residuals of a record over time; time [s], left [m, rad]."""
+    """Draw the residuals [m, rad] of a record over time [s]."""
     from granular.shared.plotting import COLOURS
 
     unit, factor = DRAWN_UNITS[model.coordinate_unit]
-    ax.plot(time, factor * left, color=COLOURS[1], linewidth=0.6)
+    ax.plot(time, factor * residuals, color=COLOURS[1], linewidth=0.6)
     ax.set(xlabel="time [s]", ylabel=f"residual [{unit}]")

@@ -26,14 +26,14 @@ from reduced_models.records.sensor import sensor_report_lines
 
 _COLLOCATION = {
     "same": ", and so does a fit to accelerations",
-    "worse": "; a fit to accelerations ends at more",
+    "worse": "; a fit to accelerations ends at a larger residual",
     "better": "; a fit to accelerations led here",
 }
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PrintedModel(FittedLaw):
-    """A law with numbers and their errors, as it is printed; the attributes are those of `ReducedModel`."""
+    """Print-out of a fitted law with errors; the attributes are documented in `ReducedModel`."""
 
     confidence: Probability
     quality: Quality
@@ -44,7 +44,7 @@ class PrintedModel(FittedLaw):
     qualities: Mapping[str, Quality] = dataclasses.field(default_factory=dict)
 
     def __str__(self) -> str:
-        figures = swing_quantities(self, None)
+        figures = oscillation_quantities(self, None)
         lines = record_lines(self.provenance.get("record", "").splitlines())
         if not self.law.prescribed:
             lines += figure_lines(figures, confidence=self.confidence) or [
@@ -80,7 +80,7 @@ class PrintedModel(FittedLaw):
     def _error_text(self) -> str:
         """Errors on held-out cycles and of the fit, in words."""
         if not self.quality.samples:
-            return "compared with no motion"
+            return "not compared with a motion"
         residual = f"residual {format_percent(self.quality.relative)}"
         if self.quality.rounded:
             residual = f"within the rounding of the sensor, {residual}"
@@ -91,18 +91,18 @@ class PrintedModel(FittedLaw):
 
     @property
     def rms_noun(self) -> str:
-        """Reference of relative errors, "of rms displacement", or of what else was measured."""
+        """Reference of relative errors: "of rms displacement", or of another measured quantity."""
         quantity = "displacement" if self.sensor is None else self.sensor.quantity
         return f"of rms {(self.observation or quantity).replace('_', ' ')}"
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Cautions that are printed with the model."""
+        """Cautions printed with the model."""
         peaks = () if self.at_rest is None else self.at_rest.peak_texts
         return (*peaks, *self.notes)
 
     def parameter_quantities(self) -> tuple[QuantityWithError, ...]:
-        """Parameters that the record tells, with errors of the fit."""
+        """Parameters determined by the record, with errors of the fit."""
         quantities = []
         for name, value in self.parameters.items():
             if name in self.untold:
@@ -113,17 +113,17 @@ class PrintedModel(FittedLaw):
         return tuple(quantities)
 
     def equation_lines(self, parameters: Sequence[QuantityWithError] | None = None) -> list[str]:
-        """Lines of the equation, the meaning of z, and parameters, by default with errors of the fit."""
+        """Lines of the equation, the meaning of z, and parameters, by default with the fit's errors."""
         meaning = f"   (z: {self.coordinate} [{self.coordinate_unit}])"
         values = self.parameter_quantities() if parameters is None else parameters
         has_line = self.law.parsed_equation.line is not None
         return equation_lines(self.law.equation + meaning * (not has_line), values, self.intervals)
 
 
-def swing_quantities(model: PrintedModel, mass: float | None) -> tuple[QuantityWithError, ...]:
-    """Figures of a model's oscillation about its equilibrium; none where it has none; mass [kg]."""
-    # k = m (2 pi/T)^2 and c = 4 pi m zeta/T of the linear oscillator (Inman 2014, Engineering Vibration, ch.
-    # 1). A damping ratio that the record's own peaks contradict is not shown.
+def oscillation_quantities(model: PrintedModel, mass: float | None) -> tuple[QuantityWithError, ...]:
+    """Figures of a model's oscillation about its equilibrium, empty without an equilibrium; mass [kg]."""
+    # Linear oscillator: k = m (2 pi/T)^2 and c = 4 pi m zeta/T (Inman 2014, Engineering Vibration, ch. 1). A
+    # damping ratio that contradicts the record's peaks is not shown.
     rest = model.at_rest
     if rest is None:
         return ()

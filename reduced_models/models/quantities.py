@@ -1,8 +1,8 @@
 """Quantities with their errors, their digits, and the blocks of all print-outs.
 
-`identify`, `fit`, `discover`, `compare` and `design` put them together, so that each says the same
-thing in the same words: natural frequency f0, damping ratio zeta, equilibrium z0, held-out cycles,
-rms displacement, caution.
+`identify`, `fit`, `discover`, `compare` and `design` use these blocks, so that all print-outs have
+the same words: natural frequency f0, damping ratio zeta, equilibrium z0, held-out cycles, rms
+displacement, caution.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from granular.shared.blocks import COLUMNS, align_columns, format_number
 from reduced_models.models.plain_data import Interval, Probability, Size, SizeOrInfinity, TextForm
 
 PARTS = ("fit", "step", "start", "calibration")
-"""Parts of an error: half of the fit's interval; what another time step changes; Student's half-width
-for another random start of the bed; what the sensor's calibration leaves open. All with 95 %."""
+"""Parts of an error at 95 %: half of the fit's interval; the change by another time step; Student's
+half-width for another random packing; the uncertainty of the sensor's calibration."""
 ERROR_SOURCES = {
     "fit": "fit",
     "step": "time step",
     "start": "random packing",
     "calibration": "sensor calibration",
 }
-"""The same parts as they are printed."""
+"""Printed names of these parts."""
 _SURE = 0.95
 DAMPING_RATIO = "damping ratio"
 LEVEL = "level of rest"
@@ -37,41 +37,41 @@ _MOST_DIGITS = 8
 
 
 class QuantityWithError(NamedTuple):
-    """A number with its total error."""
+    """A number with its error."""
 
     name: str
     symbol: str
     unit: str
     value: float
-    parts: Mapping[str, float]  # of its error, by the names in `PARTS`, in its unit
+    parts: Mapping[str, float]  # parts of the error by the names in `PARTS`, in the quantity's unit
 
     @property
     def label(self) -> str:
-        """Name as it is printed, without an amplitude; ``name`` is a key of the plain data."""
+        """Printed name without an amplitude; ``name`` is a key of the plain data."""
         return _LABELS.get(self.symbol) or _LABELS.get(self.name, self.name.partition(" at ")[0])
 
     @property
     def total_error(self) -> float:
-        """Root of the sum of the squared parts, in the quantity's unit; infinite where it is left open."""
+        """Root of the sum of the squared parts, in the quantity's unit; infinite if undetermined."""
         return math.hypot(*self.parts.values())
 
     @property
     def decimals(self) -> int:
-        """Number of decimals that the error is worth: those of its first two digits."""
+        """Number of decimals that shows the error to two digits."""
         return decimal_places_of_interval(
             self.value, self.value - self.total_error, self.value + self.total_error
         )
 
     @property
     def text_without_error(self) -> str:
-        """Text of the value and its unit, with the decimals that the error is worth."""
+        """Text of the value and its unit, with decimals by the error."""
         return f"{format_fixed(self.value, self.decimals)} {self.unit}".rstrip()
 
     @property
     def text_with_error(self) -> str:
-        """Text of the value, its total error and its unit, with the decimals that the error is worth."""
+        """Text of the value, its total error and its unit, with decimals by the error."""
         value, error = format_fixed(self.value, self.decimals), self.total_error
-        if error < 0.5 * 10.0**-self.decimals:  # of a law, or of a record without noise
+        if error < 0.5 * 10.0**-self.decimals:  # for a law, or a record without noise
             return f"{self.value:.6g} {self.unit}".rstrip()
         if not math.isfinite(error):
             return f"{value} {self.unit}".rstrip() + " (not determined)"
@@ -80,11 +80,11 @@ class QuantityWithError(NamedTuple):
 
     @property
     def table_cell(self) -> str:
-        """Text of the value and its total error, for a table with the unit elsewhere."""
+        """Text of the value and its total error without the unit, for a table."""
         return self.text_with_error.removesuffix(f" {self.unit}")
 
     def to_plain(self) -> dict[str, Any]:
-        """Value, unit, total error and its parts as plain data; null for what is not known."""
+        """Value, unit, total error and its parts as plain data; null for unknown numbers."""
         return {
             "value": self.value,
             "unit": self.unit,
@@ -94,7 +94,7 @@ class QuantityWithError(NamedTuple):
 
 
 def decimal_places_of_interval(value: float, low: float, high: float) -> int:
-    """Count the decimals of a value that has an interval; negative ones are zeros before the point."""
+    """Count the decimals of a value with an interval; negative counts are zeros before the point."""
     half = 0.5 * (high - low)
     size = abs(value) or 1.0
     finest = _MOST_DIGITS - 1 - math.floor(math.log10(size))
@@ -106,7 +106,7 @@ def decimal_places_of_interval(value: float, low: float, high: float) -> int:
 
 
 def format_fixed(value: float, digits: int) -> str:
-    """Return the number with so many decimals, in powers of ten where it is very large or small."""
+    """Return the number with a given count of decimals, with an exponent if very large or small."""
     digits = digits if value else min(digits, _MOST_DIGITS)
     size = abs(value)
     if value and not 1e-4 <= size < 1e7:
@@ -115,9 +115,9 @@ def format_fixed(value: float, digits: int) -> str:
 
 
 def format_interval(low: float, high: float, digits: int) -> str:
-    """Interval with so many decimals, rounded outwards: what is in it is in the printed one."""
+    """Interval with a given number of decimals, rounded outwards so that it contains the exact one."""
     last = 10.0**-digits
-    slack = 1e-6 * last  # of numbers that are short in decimals
+    slack = 1e-6 * last  # keeps numbers with few decimals from being rounded outwards
     if round(low, digits) > low + slack:
         low = round(low, digits) - last
     if round(high, digits) < high - slack:
@@ -130,7 +130,7 @@ def add_step_and_start_errors(
     step: Sequence[float] | None,
     *starts: Sequence[QuantityWithError] | None,
 ) -> tuple[QuantityWithError, ...]:
-    """Add to figures the errors of the time step, and those that other random starts show."""
+    """Add to figures the errors of the time step and the spread over other random packings."""
     scattered = [other for other in starts if other is not None]
     checked = []
     for k, figure in enumerate(figures):
@@ -144,29 +144,29 @@ def add_step_and_start_errors(
 
 
 def student_half_width(values: Sequence[float]) -> float:
-    """Half-width of the interval in which a further value lies with 95 %, by Student's t (two or more)."""
+    """Half-width of the 95 % interval of a further value, by Student's t, from two values or more."""
     # Student's t times the standard deviation (Student 1908, doi:10.1093/biomet/6.1.1).
     from scipy.stats import t
 
-    # Few values tell their scatter badly, and another one may well lie outside of it.
+    # A few values estimate their spread poorly, and a further value may easily lie outside.
     return float(t.ppf(0.5 + 0.5 * _SURE, len(values) - 1) * np.std(values, ddof=1))
 
 
 SURE = 1e-4
-"""Probability below which residuals are not taken for white noise."""
-_ANYTHING = 7.0  # of a logarithm: a factor of a thousand
+"""Probability below which residuals do not count as white noise."""
+_ANYTHING = 7.0  # standard deviation of a logarithm: a factor of a thousand
 
 
 @dataclasses.dataclass(frozen=True)
 class ParameterDirection:
-    """A direction in which the parameters can move without the data noticing."""
+    """A direction in which the parameters can change without a change of the fit."""
 
-    powers: Mapping[str, float]  # joint change of the parameters: each as t to this power
-    spread: Size  # standard deviation of log t that the data leave
+    powers: Mapping[str, float]  # joint change: each parameter is multiplied by t to this power
+    spread: Size  # standard deviation of log t allowed by the data
 
     @property
     def is_undetermined(self) -> bool:
-        """True if the data determine nothing along it."""
+        """True if the data do not determine the parameters along this direction at all."""
         return self.spread >= _ANYTHING
 
     def __str__(self) -> str:
@@ -189,44 +189,44 @@ class Quality:
     residual : float
         Root mean square of height minus model over the record [m].
     relative : float
-        The same over the rms swing of the record.
+        The same relative to the rms displacement of the record.
     test_error : float or None
-        Rms error of the simulation over the test swings by a model that has not seen them, over the
-        rms swing of the whole record; infinite where that model diverges. To be compared with
+        Rms prediction error over the held-out cycles, by a fit without them, relative to the rms
+        displacement of the whole record; infinite if the simulation diverges. To be compared with
         ``test_error_at_rest``.
     test_swings : sequence of (float, float)
-        Start and end of these swings, since the record's start [s]; one is the motion's end, where
-        there are too few swings to spread them.
+        Start and end of the held-out cycles, since the record's start [s]; a single entry is the end
+        of the motion, if there are too few cycles to distribute.
     starts, converged : int
-        Random starts, and how many of them led to the best fit.
+        Number of random starts, and number of starts that led to the best fit.
     samples : int
     solver_error : float
-        Greatest difference of the solution that was fitted and an adaptive one at a tolerance of
-        1e-10, over the amplitude.
+        Maximum difference between the fitted solution and an adaptive one at a tolerance of 1e-10,
+        relative to the amplitude.
     test_error_at_rest : float or None
-        The same error of a piston that stays at the level of rest of the other samples: what a
-        prediction has to beat.
+        The same error of a motionless piston at the equilibrium of the other samples: the baseline of
+        a prediction.
     test_standard_error : float or None
-        Standard error of ``test_error``, from how it differs between the swings; None for one.
+        Standard error of ``test_error``, from its scatter over the held-out cycles; None for a single one.
     shifts : mapping of str to float
-        How far period and damping ratio of the small swing at rest move, over themselves, where the
-        test swings are left out of the fit: how much it matters what a law misses.
+        Relative changes of period and damping ratio of small oscillations if the held-out cycles are
+        excluded from the fit: the effect of the law's misfit on the figures.
     noise : float
         Standard deviation of white noise in the record, from its third differences [m].
     correlation : float
         Integrated autocorrelation time of the residuals, in samples.
     collocation : str
-        Result of a fit to accelerations in the record, which solves nothing: ``"same"`` fit,
-        ``"worse"``, ``"better"`` (which is then this fit), or ``"none"`` where there is no such.
+        Result of a fit to the record's accelerations, which needs no solution: ``"same"`` fit,
+        ``"worse"``, ``"better"`` (then the result), or ``"none"`` without such a fit.
     whiteness, signs : float
-        Probabilities that white noise is correlated as much as the residuals, and that its sign
-        changes as seldom, or as often (tests of Dalla, Giraitis & Phillips, and of Wald & Wolfowitz).
+        Probabilities that white noise is as strongly correlated as the residuals, and that its sign
+        changes as rarely, or as often (tests of Dalla, Giraitis & Phillips, and of Wald & Wolfowitz).
     lag : float
-        Time by which the solution comes late [s].
+        Delay of the solution [s].
     slow, swinging : float
-        Fraction of the residuals' power that is slower than the swing, and that is about as fast.
+        Fractions of the residuals' power below the oscillation frequency, and near it.
     drift : float
-        Their slow power, over what white noise of the same power has there.
+        Low-frequency power of the residuals relative to white noise of the same power.
     """
 
     residual: Size
@@ -254,32 +254,33 @@ class Quality:
 
     @property
     def has_structured_residuals(self) -> bool:
-        """True if the residuals are surely not white noise, so that the law is not right."""
+        """True if the residuals are significantly different from white noise, so that the law is wrong."""
         return not self.rounded and min(self.whiteness, self.signs) < SURE
 
     @property
     def test_swings_text(self) -> str:
-        """Test samples that a law is judged on, in words."""
+        """Held-out part of the record, in words."""
         if len(self.test_swings) > 1:
-            return f"{len(self.test_swings)} swings"
-        return "the end of the motion (too few swings to spread)"
+            return f"{len(self.test_swings)} held-out cycles"
+        return "the end of the motion (too few cycles to distribute)"
 
     @property
     def figure_shifts_text(self) -> str:
-        """Shifts of the figures without the test swings, in words; empty where none is known."""
-        if not self.shifts:
+        """Changes of the figures in a fit without the held-out cycles, in words; empty without changes."""
+        changes = {name.replace("_", " "): f"{100.0 * by:.1g}" for name, by in self.shifts.items()}
+        words = [f"{name} by {size} %" for name, size in changes.items() if float(size) > 0.0]
+        if not words:
             return ""
-        moves = (f"{name.replace('_', ' ')} by {100.0 * by:.1g} %" for name, by in self.shifts.items())
-        return f"; without {self.test_swings_text} the fit moves its {' and its '.join(moves)}"
+        return f"; a fit without {self.test_swings_text} changes {' and '.join(words)}"
 
 
-_SKEW = 0.2  # distance of an interval's middle from the value, over its half-width
-_EXACT = 1e-6  # a relative error below it is that of the arithmetic
-_JOIN = "\N{NO-BREAK SPACE}"  # within a parameter and its error, which no line breaks
+_SKEW = 0.2  # distance between an interval's middle and the value, over the half-width
+_EXACT = 1e-6  # smaller relative errors are due to rounding
+_JOIN = "\N{NO-BREAK SPACE}"  # keeps a parameter and its error on one line
 
 
 def record_lines(texts: Sequence[str]) -> list[str]:
-    """Title of a record, and below it what is known of its samples."""
+    """Title of a record, with the properties of its samples below."""
     return [line for k, text in enumerate(texts) for line in wrap_words(text, "  " * (k > 0))]
 
 
@@ -298,15 +299,15 @@ def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None)
         for name in ("natural frequency", *ratios, "friction", "stiffness", LEVEL)
         if name in known
     ]
-    # Motion over two wells has figures of its own.
+    # A motion over two wells has other figures.
     return rows or [[item.name, item.symbol, item.text_with_error, ""] for item in figures]
 
 
 def error_sources_text(figures: Sequence[QuantityWithError], confidence: float) -> str:
-    """Level of the intervals behind the figures, and the sources of their errors."""
+    """Confidence level of the figures' intervals, and the sources of their errors."""
     parts = [part for part in PARTS if any(part in figure.parts for figure in figures)]
     sources = ", ".join(ERROR_SOURCES[part] for part in parts)
-    if "start" in parts:  # of a simulation, whose forces are taken as they are
+    if "start" in parts:  # simulated figures do not include errors of the force laws
         sources += "; force laws and parts taken as exact"
     return f"these ± are {100.0 * confidence:g} % intervals: {sources}"
 
@@ -317,7 +318,7 @@ def figure_lines(
     confidence: float = 0.95,
     amplitude: str = "",
 ) -> list[str]:
-    """Lines of the figures that are printed, their range of amplitudes, and the sources of their errors."""
+    """Lines of the printed figures, their range of amplitudes, and the sources of their errors."""
     rows = figure_rows(figures, mass)
     if not rows:
         return []
@@ -331,9 +332,9 @@ def figure_lines(
 
 
 def _damping_ratio_text(ratio: QuantityWithError) -> str:
-    """Amplitude that a damping ratio [%] is of, its logarithmic decrement and its quality factor."""
-    where = ratio.name.removeprefix(DAMPING_RATIO).strip()
-    words = f"of critical{' ' * bool(where)}{where}"
+    """Remark on a damping ratio [%]: its amplitude, logarithmic decrement and quality factor."""
+    at_amplitude = ratio.name.removeprefix(DAMPING_RATIO).strip()
+    words = f"of critical{' ' * bool(at_amplitude)}{at_amplitude}"
     value = ratio.value / 100.0
     if not 0.0 < value < 1.0:
         return words
@@ -346,21 +347,21 @@ def _damping_ratio_text(ratio: QuantityWithError) -> str:
 
 
 def _format_derived(item: QuantityWithError) -> str:
-    """Value that follows from others and stands without an error: at most four digits."""
-    most = 3 - math.floor(math.log10(abs(item.value)))
-    return format_fixed(item.value, min(item.decimals, most))
+    """Text of a derived value without its error, to at most four digits."""
+    maximum_decimals = 3 - math.floor(math.log10(abs(item.value)))
+    return format_fixed(item.value, min(item.decimals, maximum_decimals))
 
 
 def equation_lines(
     equation: str, parameters: Sequence[QuantityWithError], intervals: Mapping[str, tuple[float, float]]
 ) -> list[str]:
-    """Equation, and parameters with their errors, or with intervals that are not about their values."""
+    """Equation, and parameters with their errors, or with intervals if these are asymmetric."""
     values = (parameter_text(item, intervals.get(item.name)) for item in parameters)
     return [*wrap_words(equation), *wrap_words(", ".join(value.replace(" ", _JOIN) for value in values))]
 
 
 def parameter_text(item: QuantityWithError, interval: tuple[float, float] | None) -> str:
-    """Name and value of a parameter with its error, or with an interval that is not about the value."""
+    """Name and value of a parameter with its error, or with its interval if that is asymmetric."""
     if interval is not None and set(item.parts) == {"fit"} and math.isfinite(item.total_error):
         low, high = interval
         if abs(low + high - 2.0 * item.value) > _SKEW * (high - low):
@@ -370,19 +371,19 @@ def parameter_text(item: QuantityWithError, interval: tuple[float, float] | None
 
 
 def caution_lines(cautions: Sequence[str], most: int | None = None) -> list[str]:
-    """Cautions, the gravest first; whole ones alone where there are at most so many lines for them."""
+    """Lines of cautions, the most serious first; only complete cautions that fit into ``most`` lines."""
     lines: list[str] = []
     for count, words in enumerate(dict.fromkeys(cautions)):
         new = wrap_words(f"caution: {words}", "", "  ")
-        left = len(dict.fromkeys(cautions)) - count
-        if most is not None and lines and len(lines) + len(new) + (left > 1) > most:
-            return [*lines, f"{left} more: --verbose, or the report"]
+        remaining = len(dict.fromkeys(cautions)) - count
+        if most is not None and lines and len(lines) + len(new) + (remaining > 1) > most:
+            return [*lines, f"{remaining} more: --verbose, or the report"]
         lines += new
     return lines
 
 
 def wrap_words(words: str, indent: str = "  ", later: str = "    ") -> list[str]:
-    """Lines of at most a hundred columns that break at spaces alone."""
+    """Break a text at spaces into lines of at most 100 columns."""
     lines = textwrap.wrap(
         words, COLUMNS, initial_indent=indent, subsequent_indent=later, break_on_hyphens=False
     )
@@ -390,7 +391,7 @@ def wrap_words(words: str, indent: str = "  ", later: str = "    ") -> list[str]
 
 
 def format_percent(fraction: float, standard_error: float = 0.0) -> str:
-    """Error in per cent, with its standard error where there is one; "diverges" for an infinite one."""
+    """Error in per cent, with its standard error if not zero; "diverges" for an infinite error."""
     if math.isinf(fraction):
         return "diverges"
     if 0.0 < fraction < _EXACT:

@@ -1,7 +1,7 @@
-"""Plain data of a stored model: checked before anything is made of them, then its parts.
+"""Checks of a stored model's plain data, and conversion to its parts.
 
-A file of a model may come from anybody. Each entry is checked by the annotation of what it becomes; what does
-not fit is named by the path that leads to it.
+Model files are untrusted. Each entry is checked by the annotation of its field before use; an error
+gives the path of the invalid entry.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from reduced_models.models.plain_data import (
 from reduced_models.models.quantities import Quality
 
 FORMAT = 1
-"""Version of the files that are written and read."""
+"""Version of the files written and read."""
 
-_MOST_BYTES = 8 * 2**20  # a hundred times a model with all its notes
+_MAXIMUM_BYTES = 8 * 2**20  # a hundred times the size of a model with notes
 _LAW = {
     "equation": Lines,
     "units": Mapping[str, str],
@@ -44,7 +44,7 @@ _LAW = {
     "inputs": tuple[str, ...],
     "resolution": Annotated[int, Limits(1, 64)],
 }
-"""Fields of a law that stand in a file, and their kinds."""
+"""Fields of a law stored in a file, with their kinds."""
 _IN_FILE = {
     **_LAW,
     "format": int,
@@ -52,9 +52,9 @@ _IN_FILE = {
     "latex": Annotated[str, TextForm(100_000)],
     "covariance": tuple[tuple[float, ...], ...],
 }
-"""Kinds of the entries of a file that are no field of a model, or stand there in another form."""
+"""Kinds of entries that are not fields of a model, or are stored in another form."""
 _MAP = {"shift": float, "scale": float, "fitted": bool}
-_MAP_IN_LAW = "read from an earlier version's file: the map of the height is now part of the law, {0}"
+_MAP_IN_LAW = "read from a file of an earlier version: the map of the height is now part of the law, {0}"
 
 
 def law_to_plain(law: Law) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def law_to_plain(law: Law) -> dict[str, Any]:
 
 
 def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
-    """Fields of a kind of model, from plain data, with infinite ends in place of null."""
+    """Fields of a kind of model from plain data; null ends of intervals become infinite."""
     line = None
     if isinstance(data, Mapping):  # models of earlier versions
         line = data.get("map")
@@ -71,7 +71,7 @@ def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
         data = _with_later_entries(_with_coordinate_unit("model", data))
     result = read_entries({**annotations_of(kind), **_IN_FILE}, "model", data)
     if result["format"] != FORMAT:
-        wanted = f"{FORMAT}, the one that this release reads,"
+        wanted = f"{FORMAT}, the version that this release reads,"
         raise wrong_value_error("model.format", result["format"], wanted)
     if line is not None:
         result = _with_map_in_law(result, read_entries(_MAP, "model.map", line))
@@ -88,7 +88,7 @@ def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
 
 
 def _with_later_entries(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return plain data with the entries that files of earlier versions lack."""
+    """Return plain data with entries added that files of earlier versions lack."""
     since = {"observation": "", "quantile": 1.96, "cycles": [], "qualities": {}}
     data = {"sensor": None, "untold": [], "conventions": {}, **since, **data}
     if isinstance(data.get("quality"), Mapping):
@@ -101,17 +101,17 @@ def _with_later_entries(data: Mapping[str, Any]) -> dict[str, Any]:
     return data
 
 
-def _with_coordinate_unit(where: str, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return plain data with the unit of the coordinate, where earlier versions say that it is an angle."""
+def _with_coordinate_unit(path: str, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return plain data with the unit of the coordinate in place of earlier versions' flag for an angle."""
     if "angle" not in data:
         return dict(data)
-    angle = read_value(bool, f"{where}.angle", data["angle"])
+    angle = read_value(bool, f"{path}.angle", data["angle"])
     others = {key: item for key, item in data.items() if key != "angle"}
     return {"coordinate_unit": "rad" if angle else "m", **others}
 
 
 def _with_map_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:
-    """Return entries with the map of the height, which stood beside the law, as two of its parameters."""
+    """Return entries in which the earlier separate map of the height is part of the law's parameters."""
     values = {name: line[name] for name in ("shift", "scale")}
     if not values["scale"]:
         raise wrong_value_error("model.map.scale", 0.0, "another number")
@@ -119,8 +119,8 @@ def _with_map_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[st
         return result
     if set(values) & set(result["parameters"]):
         raise InputError(
-            "the data are those of an earlier version's model whose law has a parameter shift or scale "
-            "beside its map; fit the law again"
+            "the data are a model of an earlier version whose law has a parameter shift or scale "
+            "in addition to its map; fit the law again"
         )
     text = "height = shift + scale*z"
     return {
@@ -135,7 +135,7 @@ def _with_map_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[st
 
 
 def _check_names(result: Mapping[str, Any]) -> None:
-    """Refuse a positive parameter that is not above 0, and numbers without their intervals."""
+    """Raise an error for a positive parameter that is not above 0, or a number without an interval."""
     every = {**result["conventions"], **result["parameters"]}
     for name in result["positive"]:
         if not every.get(name, 0.0) > 0.0:
@@ -146,21 +146,21 @@ def _check_names(result: Mapping[str, Any]) -> None:
         needed.append(("model.at_rest", ("height", "period", "damping_ratio"), rest.intervals))
         if (other := rest.equivalent) is not None:
             needed.append(("model.at_rest.equivalent", ("tenth_ratio", "friction"), other.intervals))
-    for where, names, intervals in needed:
+    for path, names, intervals in needed:
         for name in names:
             if name not in intervals:
-                raise wrong_value_error(f"{where}.intervals.{name}", None, "a pair")
+                raise wrong_value_error(f"{path}.intervals.{name}", None, "a pair")
 
 
 def _with_infinite_error(quality: Quality) -> Quality:
-    """Quality with an infinite error of the test put back, which no file holds."""
+    """Quality with an infinite test error restored, which files cannot store."""
     diverged = quality.test_error is None and bool(quality.test_swings)
     return dataclasses.replace(quality, test_error=math.inf) if diverged else quality
 
 
 def read_plain_model(path: Path) -> dict[str, Any]:
-    """Plain data in a model's file, not checked yet."""
-    text = read_text(path, _MOST_BYTES)
+    """Plain data of a model's file, unchecked."""
+    text = read_text(path, _MAXIMUM_BYTES)
     try:
         plain = json.loads(
             text, parse_constant=_refuse_non_finite_constant, object_pairs_hook=_refuse_duplicate_keys
@@ -168,29 +168,29 @@ def read_plain_model(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{sanitize(path)}: cannot be read as a model: {error}") from None
     if not isinstance(plain, dict):
-        raise InputError(f"{sanitize(path)}: holds no model; give the model.json that was saved")
+        raise InputError(f"{sanitize(path)}: contains no model; give a saved model.json")
     return plain
 
 
 def _refuse_non_finite_constant(constant: str) -> float:
-    raise ValueError(f"{constant} is no number in JSON; correct it")
+    raise ValueError(f"{constant} is not a number in JSON; correct it")
 
 
 def _refuse_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result = dict(pairs)
     if len(result) < len(pairs):
-        raise ValueError("an entry is there twice; drop one")
+        raise ValueError("an entry occurs twice; remove one")
     return result
 
 
 def _law_from_plain(plain: Mapping[str, Any]) -> Law:
-    """Law of the package, or one of the user's own, from its equation."""
+    """Law of the package, or a user-defined one, from its equation."""
     own = Law(name=plain["law"], **{name: plain[name] for name in _LAW})
     given = {**plain["conventions"], **plain["parameters"]}
     if set(own.parameters) != set(given):
         raise InputError(
-            "the data are not those of a reduced model: the equation has the parameters "
-            f"{', '.join(own.parameters) or 'none'}, and values are given of "
+            "the data are not a reduced model: the equation has the parameters "
+            f"{', '.join(own.parameters) or 'none'}, but values are given of "
             f"{', '.join(map(sanitize, given)) or 'none'}; correct one of them"
         )
     packaged = (laws.load()[0].get(own.name) for laws in (LAWS, FORCE_LAWS))

@@ -1,4 +1,4 @@
-"""Parts of a model's source code in any language: safe names, expressions, and plain comments."""
+"""Parts of exported source code for all languages: safe names, expressions, and plain comments."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     import sympy
 
 STEPS = 512
-"""Steps of a period, times the law's resolution: Runge-Kutta's phase is then exact to 1e-9."""
+"""Steps per period, times the law's resolution: the phase error of Runge-Kutta is then below 1e-9."""
 
 
 class LawForExport(NamedTuple):
-    """A model's law with names that code in any language can have."""
+    """A model's law with names that are valid in all languages."""
 
     parameters: tuple[str, ...]
     states: tuple[str, ...]  # z, z_first, hidden ones
@@ -32,7 +32,7 @@ class LawForExport(NamedTuple):
     values: tuple[float, ...]
     initial: tuple[float, ...]
     step: float  # [s]
-    comments: tuple[str, ...]  # ASCII, a line each, nothing that could end a comment
+    comments: tuple[str, ...]  # ASCII lines that cannot end a comment
 
     @property
     def hidden(self) -> tuple[str, ...]:
@@ -48,7 +48,7 @@ class LawForExport(NamedTuple):
 
 
 def prepare_law_for_export(model: FittedLaw) -> LawForExport:
-    """Prepare a model's law for export: names that code can have, values, and expressions."""
+    """Prepare a model's law for export: valid names, values, and expressions."""
     import sympy
 
     law, parsed = model.law, model.law.parsed_equation
@@ -70,7 +70,8 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
     unit = model.coordinate_unit
     words = [
         f"The law {law.name}, fitted: {law.equation}",
-        f"Source of the law: {law.source or 'own'}. Data: {model.provenance.get('data', 'unknown')}.",
+        f"Source of the law: {law.source or 'user-defined'}. "
+        f"Data: {model.provenance.get('data', 'unknown')}.",
         f"Fitted to {model.coordinate}s from {low:.6g} to {high:.6g} {unit}.",
         f"State: {model.coordinate} [{unit}], velocity [{unit}/s]" + "".join(f", {name}" for name in hidden),
         "Parameters: "
@@ -93,14 +94,14 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
 
 
 def replace_steps_by_signs(expression: sympy.Expr) -> sympy.Expr:
-    """Expression with signs in place of steps, which languages do not have."""
+    """Expression with signs in place of Heaviside steps, which the languages lack."""
     import sympy
 
     return expression.replace(sympy.Heaviside, lambda at, *_: (1 + sympy.sign(at)) / 2)
 
 
 def ascii_names(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Names of ASCII letters, digits and underscores behind a prefix, no two of them alike."""
+    """Distinct names of ASCII letters, digits and underscores, with a prefix."""
     result: list[str] = []
     for name in names:
         ascii_name = "".join(map(_ascii_name, name))
@@ -111,33 +112,33 @@ def ascii_names(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _ascii_name(character: str) -> str:
-    """Letter as it is, or a Greek one by its name."""
+    """Return an ASCII character unchanged, and a Greek letter by its name."""
     if character.isascii() and (character.isalnum() or character == "_"):
         return character
     return unicodedata.name(character, "x").split()[-1].lower()
 
 
 def escape_comment(words: str) -> str:
-    """Text that can stand in a comment of any language, whatever it holds."""
+    """Text that is safe in a comment of any language."""
     plain = sanitize(words, MAX_CHARACTERS).encode("ascii", "replace").decode()
-    # A backslash would go on with a comment on the next line, and so would "??/" in C.
+    # A backslash, or "??/" in C, would continue the comment on the next line.
     return plain.replace("\\", "/").replace("??", "? ?").replace("*/", "* /").replace("/*", "/ *")
 
 
 def docstring_lines(comments: Iterable[str]) -> str:
-    """Comments as lines of a docstring in Python, which nothing in them ends."""
+    """Comments as lines of a Python docstring that they cannot end."""
     return "\n".join(line.replace('"', "'") for line in comments)
 
 
 def python_expression(expression: sympy.Expr) -> str:
-    """Expression in Python, by functions of NumPy."""
+    """Expression in Python with functions of NumPy."""
     from sympy.printing.numpy import NumPyPrinter
 
     return str(NumPyPrinter({"fully_qualified_modules": True}).doprint(expression))
 
 
 def array_element_names(element: Any, arrays: Sequence[str], line: str, first: int = 0) -> str:
-    """Lines that name each number of some arrays, which count from ``first``."""
+    """Lines that give a name to each element of some arrays, which count from ``first``."""
     return "".join(
         line.format(name=name, array=array, index=first + k)
         for array in arrays
@@ -176,7 +177,7 @@ _WORDS = {
 
 
 def require_function_name(path: Path) -> None:
-    """Refuse a file whose name can be none of a function or model."""
+    """Raise an error if a file's name cannot be the name of a function or model."""
     if _NAME.fullmatch(path.stem) is None or path.stem in _WORDS:
         raise InputError(
             f"{quote(path.name)} cannot be a function's name; give letters, digits and underscores"

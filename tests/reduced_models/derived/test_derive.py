@@ -1,4 +1,4 @@
-"""The law that `derive` finds: its root, its motion against runs, and where grains rearrange."""
+"""The derived law: its root, its motion against runs, and instabilities of the bed."""
 
 import dataclasses
 import json
@@ -88,7 +88,7 @@ def test_jump_starts_by_projection_on_the_root(run, model) -> None:
     assert plain > 0.05
 
 
-def test_backbone_is_that_of_long_motions(model) -> None:
+def test_backbone_agrees_with_long_motions(model) -> None:
     conservative = {name: 0.0 if name[0] == "c" else value for name, value in model.parameters.items()}
     undamped = dataclasses.replace(model, parameters=conservative)
     time = np.linspace(0.0, 20.0 * model.at_rest.period, 4001)
@@ -131,7 +131,7 @@ def test_exported_code_moves_the_same(model) -> None:
     assert code["simulate"](time) == pytest.approx(model.predict(time), abs=1e-6 * LIFT)
 
 
-def test_order_and_reach_are_those_asked_for(run) -> None:
+def test_given_order_and_reach_are_used(run) -> None:
     model = derive(run, 5e-5, order=2)
     low, high = model.domain["height"]
     assert (high - model.at_rest.height, model.at_rest.height - low) == pytest.approx((5e-5, 5e-5))
@@ -139,13 +139,13 @@ def test_order_and_reach_are_those_asked_for(run) -> None:
 
 
 def test_wide_range_of_high_order_is_compared(run) -> None:
-    """Its powers of z - rest cancelled when they were expanded, and the solution ran out of steps."""
+    """Expanded powers of z - rest lost digits by cancellation, and the solver exceeded its steps."""
     model = derive(run, 1e-3)
     assert "k6" in model.parameters
     assert model.error.relative < 1e-3
 
 
-def test_range_that_no_polynomial_follows_names_the_reach_that_one_does() -> None:
+def test_error_for_a_range_without_a_polynomial_gives_a_possible_reach() -> None:
     """The damping jumps 3 mm below the equilibrium, at 30 mm."""
     states = [
         HeldState(0.03 + x, 500.0 * x, 500.0, 7.5, 20.0 if x < -3e-3 else 10.0, 8j)
@@ -179,12 +179,12 @@ def test_bed_without_drag_has_no_damping() -> None:
 def test_piston_on_a_machine_is_refused() -> None:
     carried = {"effects.host": {"bodies": [{"mass": 0.5, "stiffness": 600.0}]}}
     scene = damper(count=48, drop=24.0, drag=1.0).replace(**SETTLE, **carried)
-    with pytest.raises(InputError, match=r"take effects\.host away"):
+    with pytest.raises(InputError, match=r"remove effects\.host"):
         derive(scene)
 
 
-def test_record_is_no_bed(run) -> None:
-    with pytest.raises(InputError, match="PistonRecord is no bed; give a scene or a run"):
+def test_record_is_refused_as_a_bed(run) -> None:
+    with pytest.raises(InputError, match="PistonRecord is not a bed; give a scene or a run"):
         derive(run.piston("release"))
 
 
@@ -198,7 +198,7 @@ def test_command_prints_and_saves_the_model(run, tmp_path, capsys) -> None:
 
 @pytest.mark.long
 def test_packaged_damper_is_predicted_to_a_thousandth() -> None:
-    """Limits are those asked of the law; 0.02 % each and 0.08 % of the projected start were seen."""
+    """The required limits; actual errors are 0.02 % each and 0.08 % for the projected start."""
     rest = equilibrium(load_scene("damper"))
     model = derive(load_scene("damper"), 1.2e-3)
     middle = model.states[len(model.states) // 2]
@@ -240,7 +240,7 @@ def followed(rest):
     return follow(rest, -1.5e-4, 40)
 
 
-def test_instability_is_where_an_eigenvalue_vanishes(rest, followed) -> None:
+def test_an_eigenvalue_vanishes_at_the_instability(rest, followed) -> None:
     states, found = followed
     assert 0.0 < states[-1].height - found.height < 1.5e-4
     _, finer = follow(rest, -5e-5, 120)
@@ -251,7 +251,7 @@ def test_instability_is_where_an_eigenvalue_vanishes(rest, followed) -> None:
 
 
 def test_eigenvalue_falls_to_zero_like_a_fold(rest, followed) -> None:
-    """About a fold the lowest eigenvalue goes as the root of the distance to it."""
+    """Near a fold the lowest eigenvalue is proportional to the square root of the distance."""
     _, found = followed
     bed, piston = rest.pencil.bed, rest.pencil.bed.piston
     pencil, lowest = rest.pencil, []

@@ -1,4 +1,4 @@
-"""Designing a damper: proposals, steps, refusals, and checks by simulation."""
+"""Design of a damper: proposals, corrections, errors, and checks by simulation."""
 
 import json
 import math
@@ -46,8 +46,8 @@ TARGETS = [
     ("magnets", "height", "frequency", "damping_ratio"),
     [("dipoles", 0.05911, 3.4726, 0.03615), ("cylinders", 0.0636, 3.29, None)],
 )
-def test_packaged_dampers_have_the_figures_of_the_scaling_laws(magnets, height, frequency, damping_ratio):
-    """Dipoles by their equilibrium and root; discs: two falls between rows of discs."""
+def test_packaged_dampers_agree_with_the_scaling_laws(magnets, height, frequency, damping_ratio):
+    """Dipoles from equilibrium and root; discs from two falls between rows of discs."""
     expected = figures_of(scaled_logarithms(DamperCandidate(7.5, 368, 0.1, magnets=magnets)))
     assert expected.rest_height == pytest.approx(height, rel=0.01)
     assert expected.frequency == pytest.approx(frequency, rel=0.01)
@@ -64,8 +64,8 @@ def test_packaged_dampers_have_the_figures_of_the_scaling_laws(magnets, height, 
     st.sampled_from(["dipoles", "cylinders"]),
     st.sampled_from(["grains", "mass", None]),
 )
-def test_proposals_have_the_wanted_figures(load, grains, damping, small_share, magnets, fixed):
-    """By the scaling laws, for the figures of every damper that does not press 92 grains together."""
+def test_proposals_meet_the_target_by_the_scaling_laws(load, grains, damping, small_share, magnets, fixed):
+    """For all figures at which the piston does not press 92 grains into contact."""
     one = DamperCandidate(load * math.sqrt(grains / 368), grains, 0.1, small_share, magnets)
     one = one._replace(drag=0.1 * (damping / math.exp(scaled_logarithms(one)[2])) ** (1.0 / POWERS[2, 2]))
     frequency = math.exp(scaled_logarithms(one)[1])
@@ -73,13 +73,13 @@ def test_proposals_have_the_wanted_figures(load, grains, damping, small_share, m
     target = DesignTarget(frequency, damping, small_share=small_share, magnets=magnets, **given_)
     made = propose_design(target)
     expected = figures_of(scaled_logarithms(made))
-    # The number of grains is rounded: half of one in 92 is 0.13 % of the frequency.
+    # The number of grains is rounded: half a grain in 92 is 0.13 % of the frequency.
     assert expected.frequency == pytest.approx(frequency, rel=2e-3)
     assert expected.damping_ratio == pytest.approx(damping, rel=1e-9)
     assert all(getattr(made, name) == value for name, value in given_.items())
 
 
-def test_published_number_of_grains_where_it_does():
+def test_the_published_number_of_grains_is_used_if_possible():
     assert propose_design(DesignTarget(3.3, 0.1)).grains == 368
     assert propose_design(DesignTarget(4.8, 0.1)).grains < 368
 
@@ -87,9 +87,9 @@ def test_published_number_of_grains_where_it_does():
 @pytest.mark.parametrize(
     ("wish", "words"),
     [
-        ({"frequency": 1.0, "damping": 0.1}, "Hz: give one from there"),
+        ({"frequency": 1.0, "damping": 0.1}, "Hz: give a value in this range"),
         ({"frequency": 3.3, "damping": 0.9}, "damping = 0.9"),
-        ({"frequency": 4.8, "damping": 0.1, "grains": 368}, "or leave grains and mass free"),
+        ({"frequency": 4.8, "damping": 0.1, "grains": 368}, "do not fix grains or mass"),
         ({"frequency": 3.3, "damping": 0.1, "mass": 50.0}, "mass = 50 kg"),
         ({"frequency": 3.3, "damping": 0.1, "grains": 5000}, "integer from 92 to 368"),
         ({"frequency": 3.3, "damping": 0.1, "grains": 200, "mass": 5.0}, "give one of them"),
@@ -98,11 +98,11 @@ def test_published_number_of_grains_where_it_does():
         ({"frequency": None, "damping": 0.1}, "frequency = None"),
         ({"frequency": 3.3, "damping": 0.1, "small_share": 0.8}, "small_share = 0.8"),
         ({"frequency": 3.3, "damping": 0.1, "magnets": "cubes"}, "magnets = 'cubes'"),
-        ({"frequency": 3.3, "damping": 0.1, "seeds": (-1,)}, "give integers from 0 on"),
-        ({"frequency": 3.3, "damping": 0.1, "workers": 0}, "workers = 0; give an integer from 1 on"),
+        ({"frequency": 3.3, "damping": 0.1, "seeds": (-1,)}, "give integers >= 0"),
+        ({"frequency": 3.3, "damping": 0.1, "workers": 0}, "workers = 0; give an integer >= 1"),
     ],
 )
-def test_refusals_name_value_limit_and_remedy(wish, words):
+def test_errors_give_value_limit_and_remedy(wish, words):
     with pytest.raises(InputError) as caught:
         design(**wish, progress=False)
     assert words in str(caught.value)
@@ -110,33 +110,33 @@ def test_refusals_name_value_limit_and_remedy(wish, words):
 
 
 @pytest.mark.parametrize("fixed", [{}, {"grains": 200}, {"mass": 4.0}, {"small_share": 0.5}])
-def test_what_a_refusal_offers_can_be_had(fixed):
+def test_frequencies_within_the_reported_range_are_reachable(fixed):
     with pytest.raises(InputError) as caught:
         propose_design(DesignTarget(9.0, 0.1, **fixed))
     low, high = (float(text) for text in str(caught.value).split("reach ")[1].split(" Hz")[0].split(" to "))
     assert reachable_frequencies(DesignTarget(9.0, 0.1, **fixed)) == pytest.approx((low, high), rel=5e-3)
     for frequency in (low, high):
-        # A rounded limit may lie beyond it.
+        # A rounded limit may be slightly out of range.
         propose_design(DesignTarget(frequency + 0.01 * (1 if frequency == low else -1), 0.1, **fixed))
     with pytest.raises(InputError):
         propose_design(DesignTarget(1.05 * high, 0.1, **fixed))
 
 
 @pytest.mark.parametrize("wrong", [{"mass": 0.0}, {"grains": -3}, {"drag": np.nan}, {"small_share": 1.5}])
-def test_figures_of_a_damper_out_of_range_are_refused(wrong):
+def test_parameters_of_a_damper_out_of_range_are_refused(wrong):
     candidate = DamperCandidate(7.5, 368, 0.1)._replace(**wrong)
     for act in (candidate.scene, lambda: scaled_logarithms(candidate)):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} = "):
             act()
 
 
-def test_a_directory_that_cannot_be_made_is_no_missed_design(tmp_path):
+def test_an_unwritable_directory_is_reported_as_such(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(StoreError):
         design(3.5, 0.05, out=tmp_path / "file", progress=False)
 
 
-def test_design_is_met_and_kept(tmp_path):
+def test_a_design_meets_its_target_and_is_saved(tmp_path):
     wanted = {"frequency": 3.9, "damping": 0.12, "grains": 92, "seeds": (5,)}
     with ThreadPoolExecutor(1) as here:
         found = design(**wanted, out=tmp_path, executor=here, progress=False)
@@ -149,8 +149,8 @@ def test_design_is_met_and_kept(tmp_path):
     assert again.to_plain() == found.to_plain()
 
 
-def test_figures_of_a_check_are_those_of_its_bed():
-    """Fitted figures of a lift of 0.2 D, after a coarse rest, are those of the root at the equilibrium."""
+def test_figures_of_a_check_agree_with_the_root_of_its_bed():
+    """Figures fitted to a lift of 0.2 D of a coarsely settled bed equal the root at the equilibrium."""
     damper = DamperCandidate(3.0, 92, 0.3)
     run = simulate(damper.scene(5), progress=False)
     check = DesignCheck(5, **figures_of_design_check(measure_design_check(run)))
@@ -162,7 +162,7 @@ def test_figures_of_a_check_are_those_of_its_bed():
     assert check.rest_height == pytest.approx(rest.piston_height, abs=1e-2 * DIAMETER)
 
 
-def made_up_check(seed, frequency, damping_ratio=0.08, rest_height=1.0):
+def make_check(seed, frequency, damping_ratio=0.08, rest_height=1.0):
     figures = {"rest_height": rest_height, "frequency": frequency, "damping_ratio": damping_ratio}
     figures |= dict.fromkeys(("lam", "k2", "k3", "misfit", "ledger"), 0.0)
     figures |= dict.fromkeys(("rest_gap", "fall_gap", "k1"), 1.0)
@@ -173,7 +173,7 @@ def made_up_check(seed, frequency, damping_ratio=0.08, rest_height=1.0):
     st.sampled_from([{}, {"mass": 5.0}, {"grains": 300}]),
     st.tuples(*[st.floats(-0.03, 0.03)] * 2, st.floats(-0.15, 0.15)),
 )
-def test_laws_with_known_errors_give_dampers_without_them(fixed, errors):
+def test_known_errors_of_the_laws_are_corrected(fixed, errors):
     target = DesignTarget(3.4, 0.1, **fixed)
     made = damper_by_laws(target, np.array(errors))
     # The number of grains is rounded.
@@ -181,13 +181,13 @@ def test_laws_with_known_errors_give_dampers_without_them(fixed, errors):
     assert all(getattr(made, name) == value for name, value in fixed.items())
 
 
-def test_laws_far_off_are_mended_by_their_errors(monkeypatch):
-    """Their frequency is off by some per cent and follows the mass less, the damping ratio by a third."""
+def test_large_errors_of_the_laws_are_corrected_in_the_search(monkeypatch):
+    """The frequency is off by a few per cent and depends less on the mass, the damping ratio by a third."""
 
     def checks(damper, seeds, *_):
         errors = np.array([0.0, 0.05 - 0.06 * math.log(damper.mass), 0.3])
         figures = scaled_logarithms(damper) + errors
-        return tuple(made_up_check(seed, *np.exp(figures[1:]), math.exp(figures[0])) for seed in seeds)
+        return tuple(make_check(seed, *np.exp(figures[1:]), math.exp(figures[0])) for seed in seeds)
 
     monkeypatch.setattr("reduced_models.designs.design._run_checks", checks)
     made = design(3.1, 0.1, grains=368, progress=False)
@@ -195,14 +195,14 @@ def test_laws_far_off_are_mended_by_their_errors(monkeypatch):
     assert len(made.rounds) == 3
 
 
-def test_a_frequency_that_jumps_with_the_mass_is_met_between_two_falls(monkeypatch):
-    """As of small beds, whose grains come to rest in another number of rows."""
-    rows = 8.3 * math.sqrt(130 / 368)  # of pistons around this mass [kg]
+def test_a_frequency_that_jumps_with_the_mass_is_found_by_interpolation(monkeypatch):
+    """As in small beds, which settle into different numbers of rows."""
+    rows = 8.3 * math.sqrt(130 / 368)  # the jump is near this mass of the piston [kg]
 
     def checks(candidate, seeds, *_):
         height, frequency, ratio = np.exp(scaled_logarithms(candidate)).tolist()
         frequency *= 1.0 + 0.06 * math.tanh(20.0 * math.log(candidate.mass / rows))
-        return tuple(made_up_check(seed, frequency, ratio, height) for seed in seeds)
+        return tuple(make_check(seed, frequency, ratio, height) for seed in seeds)
 
     monkeypatch.setattr("reduced_models.designs.design._run_checks", checks)
     found = design(4.6, 0.1, progress=False)
@@ -212,17 +212,17 @@ def test_a_frequency_that_jumps_with_the_mass_is_met_between_two_falls(monkeypat
 
 
 def settle_in_orders(monkeypatch, *frequencies):
-    """Let the proposals swing with these frequencies [Hz] one after the other, the last from then on."""
+    """Give successive proposals these frequencies [Hz], and all further ones the last."""
     left = list(frequencies)
 
     def checks(_, seeds, *__):
         frequency = left.pop(0) if len(left) > 1 else left[0]
-        return tuple(made_up_check(seed, frequency) for seed in seeds)
+        return tuple(make_check(seed, frequency) for seed in seeds)
 
     monkeypatch.setattr("reduced_models.designs.design._run_checks", checks)
 
 
-def test_discs_are_taken_within_three_per_cent_where_no_other_proposal_is_nearer(monkeypatch):
+def test_discs_within_three_per_cent_are_accepted_if_no_proposal_is_closer(monkeypatch):
     settle_in_orders(monkeypatch, 3.9, 4.15)
     found = design(4.0, 0.08, magnets="cylinders", progress=False)
     assert found.frequency == pytest.approx(3.9)
@@ -230,8 +230,8 @@ def test_discs_are_taken_within_three_per_cent_where_no_other_proposal_is_nearer
     assert any("-2.5 %" in note and f"{MOST - 1} other proposals" in note for note in found.notes)
 
 
-def test_discs_that_are_met_after_a_near_proposal_are_taken(monkeypatch):
-    """Random starts may be an array."""
+def test_a_better_proposal_of_discs_replaces_an_earlier_close_one(monkeypatch):
+    """Seeds may be an array."""
     settle_in_orders(monkeypatch, 3.9, 4.15, 4.02)
     found = design(4.0, 0.08, magnets="cylinders", seeds=np.array([2, 3]), progress=False)
     assert found.frequency == pytest.approx(4.02)
@@ -240,10 +240,10 @@ def test_discs_that_are_met_after_a_near_proposal_are_taken(monkeypatch):
     assert [check["seed"] for check in first["checks"]] == [2, 3]
 
 
-def test_dampers_between_two_falls_keep_a_given_mass():
+def test_interpolated_dampers_keep_a_given_mass():
     target = DesignTarget(3.4, 0.08, mass=4.1)
     rounds = [
-        DesignRound(DamperCandidate(4.1, grains, 0.2), None, (made_up_check(2, frequency),))
+        DesignRound(DamperCandidate(4.1, grains, 0.2), None, (make_check(2, frequency),))
         for grains, frequency in ((200, 3.6), (300, 3.1))
     ]
     between = _damper_between(target, rounds)
@@ -251,7 +251,7 @@ def test_dampers_between_two_falls_keep_a_given_mass():
     assert 200 < between.grains < 300
 
 
-def test_page_has_the_bars_of_parts(monkeypatch):
+def test_the_page_shows_the_tolerances_of_parts(monkeypatch):
     settle_in_orders(monkeypatch, 4.0)
     found = design(4.0, 0.08, progress=False)
     rest = at_rest(small_damper())
@@ -263,7 +263,7 @@ def test_page_has_the_bars_of_parts(monkeypatch):
 
 
 @pytest.mark.parametrize(("magnets", "off"), [("dipoles", 3.9), ("cylinders", 3.87)])
-def test_proposals_that_stay_off_are_refused(monkeypatch, magnets, off):
+def test_a_search_that_misses_the_target_raises_an_error(monkeypatch, magnets, off):
     settle_in_orders(monkeypatch, off)
     with pytest.raises(DesignError, match="proposals missed"):
         design(4.0, 0.08, magnets=magnets, progress=False)
@@ -289,7 +289,7 @@ def test_command_prints_the_tolerances_of_parts(monkeypatch, command):
     assert "of the parts" not in command(*words).stdout
     wrong = command(*words, "--part", "piston.colour=1%").stderr
     assert "'piston.colour' is not a number of a part" in wrong
-    # Both sizes of a mixture are parts of the design, though not of the bed above.
+    # Both grain sizes of a mixture are parts of the design, but not of the bed above.
     both = command(*words, "--small-share", "0.3", "--part", "grains.species.1.diameter=1%").stderr
     assert "no number of a part of the scene 'damper'" in both
 

@@ -1,4 +1,4 @@
-"""Falls of simulated beds, told by one fall, and by the scene alone."""
+"""Falls of simulated beds, predicted from one fall, and from the scene alone."""
 
 import itertools
 import math
@@ -14,7 +14,7 @@ D = 0.006
 
 
 def mixed(small: float, mass: float) -> Scene:
-    """Grains of 6 mm and smaller ones, 1:1."""
+    """Scene of grains of 6 mm and smaller ones in equal numbers."""
     sizes = {"big": D, "small": small}
     species = [{"name": name, "diameter": size, "share": 0.5} for name, size in sizes.items()]
     return damper().replace(**{"name": "mixture", "grains.species": species, "piston.mass": mass})
@@ -39,8 +39,8 @@ def level(record: PistonRecord) -> float:
 
 @pytest.mark.long
 @pytest.mark.parametrize("scene", [damper(), damper(count=736), mixed(D / 2, 3.0), damper(count=92)])
-def test_one_fall_tells_the_others(scene: Scene) -> None:
-    """Six numbers from a fall from 20 D; heights and starts that no fit has seen."""
+def test_one_fall_predicts_the_others(scene: Scene) -> None:
+    """Six parameters from a fall from 20 D predict held-out heights and packings."""
     few = scene.grains.count == 92
     heights = (16.0, 22.0, 24.0, 26.0, 28.0) if few else (14.0, 16.0, 18.0, 22.0, 24.0, 26.0, 28.0)
     unseen = {f"{height:g} D": fall(scene, height) for height in heights}
@@ -80,8 +80,8 @@ RUBBING = {
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", [*BEDS, *OTHERS])
-def test_the_scene_alone_tells_the_fall(name: str) -> None:
-    """Shear modulus and strength come from beds of other sizes; on others no number was fitted."""
+def test_the_scene_alone_predicts_the_fall(name: str) -> None:
+    """Shear modulus and strength come from beds of some sizes; nothing is fitted to the others."""
     scene = (BEDS | OTHERS)[name]
     falls = [fall(scene, height) for height in ((17.0, 20.0, 24.0, 28.0) if name in BEDS else (20.0, 28.0))]
     errors = [fall_prediction_error(predict(scene), one, level(one)) for one in falls]
@@ -91,8 +91,8 @@ def test_the_scene_alone_tells_the_fall(name: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", RUBBING)
-def test_friction_of_the_grains_is_told_so_badly(name: str) -> None:
-    """By the law without friction; `predict` refuses these scenes."""
+def test_errors_of_the_frictionless_law_for_grains_with_friction(name: str) -> None:
+    """`predict` refuses these scenes."""
     static, dynamic, *errors = RUBBING[name]
     scene = damper().replace(**{"effects.friction": {"static": static, "dynamic": dynamic}})
     with pytest.raises(InputError, match="has friction"):

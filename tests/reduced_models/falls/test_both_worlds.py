@@ -1,4 +1,4 @@
-"""One set of numbers for a bed that falls, is lifted at rest, or is shaken, and the range of shaking."""
+"""One set of parameters for falls, lifts and shaking of a bed, and the valid range of shaking."""
 
 import math
 from typing import Any, NamedTuple
@@ -48,7 +48,7 @@ SETTLE = {"kind": "free", "name": "fall", "until": "rest"}
 
 
 def run(scene: Scene, height: float, *stages: dict[str, Any]) -> list[PistonRecord]:
-    """The record of each stage that takes time, from a height [D, for 368 grains]."""
+    """Records of all stages with a duration, from a height [D, for 368 grains]."""
     changes = {
         "piston.height": height * scale(scene),
         "arrangement.height": (height - 1.0) * scale(scene),
@@ -80,7 +80,7 @@ def strained(values: list[float], hidden: list[float], times: np.ndarray, height
 
 
 def rms(record: PistonRecord, values: list[float], hidden: list[float], rest: float) -> float:
-    """Of the law's motion from the first height on, over how far that is from rest."""
+    """Rms error of the law's motion from the first height, relative to its distance from equilibrium."""
     first = float(record.height[0])
     time = record.time - record.time[0]
     found = solve_law(LAW, time, first, 0.0, values, first - rest, hidden=hidden).z
@@ -88,13 +88,13 @@ def rms(record: PistonRecord, values: list[float], hidden: list[float], rest: fl
 
 
 def lifted(values: list[float], hidden: list[float], rest: float, height: float) -> list[float]:
-    """Hidden states of a bed that has followed a lift, so fast that no order could grow."""
+    """Hidden states of a bed after a lift that is too fast for ordering."""
     instant = np.linspace(0.0, 1e-6, 200)
     return list(strained(values, hidden, instant, np.linspace(rest, height, 200))[:, -1])
 
 
 def work(record: PistonRecord, force: np.ndarray, frequency: float) -> float:
-    """Taken by the bed in a cycle behind the first [J]."""
+    """Work [J] absorbed by the bed in a cycle after the first one."""
     time = record.time - record.time[0]
     kept = time >= 1.0 / frequency - 1e-9
     cycles = round(float(time[-1]) * frequency) - 1
@@ -109,13 +109,13 @@ def scale(scene: Scene) -> float:
 
 
 def lift(scene: Scene, by: float) -> list[PistonRecord]:
-    """A fall from 20 D to rest, and what follows a lift."""
+    """Records of a fall from 20 D to rest, and of the motion after a lift."""
     stage = {"kind": "lift", "name": "lift", "by": by * scale(scene)}
     return run(scene, 20.0, SETTLE, stage, FREE)
 
 
 def settled(scene: Scene, record: PistonRecord) -> tuple[float, list[float], list[float]]:
-    """Level of rest, numbers of the law and hidden states after a fall."""
+    """Equilibrium height, parameters of the law and hidden states after a fall."""
     rest = float(record.height[-1])
     values = numbers(scene, rest)
     states = strained(values, [0.0, 0.0], record.time - record.time[0], record.height)
@@ -129,7 +129,7 @@ def lift_error(scene: Scene, by: float) -> float:
 
 
 def loss_ratio(scene: Scene, amplitude: float, frequency: float) -> float:
-    """Work that the law takes in a cycle of a prescribed sine, over that of the bed."""
+    """Work per cycle of a prescribed sine by the law, relative to the bed's."""
     sine = {
         "kind": "oscillate",
         "name": "sine",
@@ -150,7 +150,7 @@ def loss_ratio(scene: Scene, amplitude: float, frequency: float) -> float:
 
 @pytest.mark.long
 @pytest.mark.parametrize("count", [368, 736])
-def test_one_set_of_numbers_for_falls_lifts_and_sines(count: int) -> None:
+def test_one_set_of_parameters_describes_falls_lifts_and_sines(count: int) -> None:
     scene = damper(count=count)
     (before,) = run(scene, 20.0, SETTLE)
     rest, values, _ = settled(scene, before)
@@ -168,7 +168,7 @@ def test_one_set_of_numbers_for_falls_lifts_and_sines(count: int) -> None:
 def forces_at(
     mass: float, values: list[float], hidden: list[float], rest: float, row: Pushed
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times and heights of the law of a piston that is pushed from its rest."""
+    """Times and heights by the law for a piston pushed from equilibrium."""
     field, omega = compile_rates(LAW.equation, (), "math"), 2.0 * math.pi * row.frequency
 
     def rates(t: float, state: np.ndarray) -> list[float]:
@@ -192,18 +192,18 @@ def response(times: np.ndarray, heights: np.ndarray, frequency: float) -> float:
 
 
 @pytest.mark.parametrize("row", [PUSHED[0], PUSHED[7], PUSHED[12]])
-def test_the_law_responds_to_a_push_as_the_table_says(row: Pushed) -> None:
+def test_the_response_of_the_law_to_a_push_agrees_with_the_table(row: Pushed) -> None:
     scene = damper()
-    # Level of rest and order of the simulated bed.
+    # Equilibrium height and order of the simulated bed.
     times, heights = forces_at(7.5, numbers(scene, 0.05912), [0.00023, 0.9883], 0.05912, row)
     found = response(times, heights, row.frequency) / scale(scene)
     assert found == pytest.approx(row.by_law, rel=0.01)
     assert abs(row.by_law / row.simulated - 1.0) <= RESPONSE_ERROR
 
 
-@pytest.mark.long  # quick: the law's side of it
+@pytest.mark.long  # the quick test above covers the law
 @pytest.mark.parametrize("row", PUSHED)
-def test_a_pushed_bed_responds_as_the_table_says(row: Pushed) -> None:
+def test_the_response_of_a_simulated_bed_agrees_with_the_table(row: Pushed) -> None:
     scene = damper(count=row.grains)
     stage = {"kind": "push", "name": "push", "amplitude": row.force, "frequency": row.frequency}
     _, record = run(scene, 20.0, SETTLE, stage | {"duration": cycles(row) / row.frequency})
@@ -211,12 +211,12 @@ def test_a_pushed_bed_responds_as_the_table_says(row: Pushed) -> None:
     assert found == pytest.approx(row.simulated, rel=0.01)
 
 
-def test_errors_are_those_that_were_measured() -> None:
+def test_the_stated_errors_equal_the_errors_of_the_table() -> None:
     worst = max(abs(row.by_law / row.simulated - 1.0) for row in PUSHED if row.by_law < 2.0)
     assert 0.9 * RESPONSE_ERROR < worst <= RESPONSE_ERROR
 
 
-def test_amplitudes_go_with_the_size_of_the_bed() -> None:
+def test_valid_amplitudes_scale_with_the_size_of_the_bed() -> None:
     small, large = valid_shaking_range(damper()), valid_shaking_range(damper(count=4 * 368))
     assert small.amplitudes == pytest.approx((0.003, 0.009))
     assert large.amplitudes == pytest.approx((0.006, 0.018))

@@ -1,4 +1,4 @@
-"""What a scene says of its fall: the lattice's pressure and what follows, or why nothing is."""
+"""Prediction of a fall from the scene: the lattice's pressure, the law, warnings and errors."""
 
 import math
 from typing import Any
@@ -28,35 +28,35 @@ from reduced_models.falls.unseen_fall_scores import fall_prediction_error
 from reduced_models.laws.equation import compile_rates
 
 
-def test_pressure_is_that_of_the_hexagonal_lattice() -> None:
-    """Energy of a grain: half the sum of F* D (D/r)^3/4; pressure: minus its slope by the area."""
+def test_pressure_equals_the_derivative_of_the_lattice_energy() -> None:
+    """Energy of a grain: half the sum of F* D (D/r)^3/4; pressure: minus its derivative by the area."""
     cut = 400
     i, j = np.meshgrid(np.arange(-cut, cut + 1), np.arange(-cut, cut + 1))
     squares = (i * i + i * j + j * j).astype(float)
     inside = (squares > 0.0) & (squares < (0.8 * cut) ** 2)
-    tail = 2.0 * math.pi / (math.sqrt(0.75) * 0.8 * cut)  # what lies farther off, as a continuum
+    tail = 2.0 * math.pi / (math.sqrt(0.75) * 0.8 * cut)  # grains beyond the cut-off, as a continuum
     total = float((squares[inside] ** -1.5).sum()) + tail
-    # At the density rho the spacing a has (D/a)^2 = sqrt(3/4) rho.
+    # The spacing a at density rho follows from (D/a)^2 = sqrt(3/4) rho.
     energy = 0.125 * total * 0.75**0.75
     assert 1.5 * energy == pytest.approx(PRESSURE, rel=3e-5)
     assert POWER == 1.5 + 1.0
 
 
 def test_weight_and_pressure_balance_at_rest() -> None:
-    """In a bed so large that walls do not count, the lattice's pressure carries the piston."""
+    """In a bed large enough to neglect walls, the lattice's pressure carries the piston."""
     scene = damper(count=10**6, drag=1e-4)
     values = predict_bed_parameters(scene)
     scales, width = Scales.from_grains(scene.grains), scene.cell.width
     density = scene.grains.count * scales.length**2 / (width * values["rest"])
     pressure = PRESSURE * scales.force / scales.length * density**POWER
     weight = scene.piston.mass * 9.8 / width
-    assert pressure == pytest.approx(weight, rel=0.12)  # walls and rest by what was measured
-    # Whatever mass seems to move, weight and affine drag act on the same.
+    assert pressure == pytest.approx(weight, rel=0.12)  # walls and equilibrium are fitted to simulations
+    # Weight and affine drag refer to the same moving mass.
     affine = 1e6 * 1e-4 / 6.0 / (scene.piston.mass * 9.8)
     assert values["lam"] / values["weight"] == pytest.approx(affine, rel=0.06)
 
 
-def test_grains_add_a_third_of_their_mass_and_a_late_bed_takes_mass_away() -> None:
+def test_grains_add_a_third_of_their_mass_and_lag_subtracts_mass() -> None:
     scene = damper(count=1000)
     mass = scene.piston.mass
     grains = 1000 * Scales.from_grains(scene.grains).mass / 3.0
@@ -65,8 +65,8 @@ def test_grains_add_a_third_of_their_mass_and_a_late_bed_takes_mass_away() -> No
     assert damped > loose
 
 
-def test_small_swing_and_motion_follow() -> None:
-    """Little mass is missing in the packaged damper, and little added; as simulated from 20 D."""
+def test_small_oscillations_and_the_fall_agree_with_the_simulation() -> None:
+    """For the packaged damper from 20 D, with small added and negative masses."""
     assert predict_bed_parameters(damper())["weight"] == pytest.approx(9.8, rel=0.06)
     law = predict(damper())
     assert law.at_rest.height == pytest.approx(0.0591, rel=0.07)
@@ -76,7 +76,7 @@ def test_small_swing_and_motion_follow() -> None:
     assert motion.height[-1] == pytest.approx(law.at_rest.height, rel=0.02)
 
 
-def test_a_mixture_of_equals_is_the_bed_itself() -> None:
+def test_a_mixture_of_equal_grains_gives_the_same_law() -> None:
     plain = damper()
     (one,) = plain.grains.species
     halves = [{**one.to_plain(), "name": name, "share": 0.5} for name in ("a", "b")]
@@ -85,7 +85,7 @@ def test_a_mixture_of_equals_is_the_bed_itself() -> None:
 
 
 def test_discs_rest_higher_and_are_stiffer() -> None:
-    """The packaged damper of discs as simulated: 63.5 mm for 59.1, 0.2845 s for 0.2880."""
+    """Simulated packaged damper: 63.5 mm instead of 59.1 mm, 0.2845 s instead of 0.2880 s."""
     walls = {f"effects.walls.{side}.law": "experimental" for side in ("left", "right", "bottom", "top")}
     bed = damper().replace(**{"effects.contact": {"modulus": "1 GPa"}, **walls})
     rests = [predict(bed.replace(**{"grains.magnets": m})).at_rest for m in ("dipoles", "cylinders")]
@@ -100,8 +100,8 @@ FALLS = [(5.0, 18), (5.0, 20), (5.0, 24), (7.5, 18), (7.5, 20), (7.5, 24)]
 
 @pytest.mark.long
 @pytest.mark.parametrize(("mass", "height"), FALLS)
-def test_falls_of_discs_are_as_predicted(mass: float, height: int) -> None:
-    """Nothing fitted: the root mean square over the whole fall is within 3 % of the drop."""
+def test_falls_of_discs_agree_with_the_prediction(mass: float, height: int) -> None:
+    """Without a fit the rms error over the whole fall is within 3 % of the drop."""
     stage = {"kind": "free", "name": "drop", "duration": 3.0}
     scene = damper(mass, drop=height, magnets="cylinders").replace(
         **{"output.record": None}, protocol=[stage]
@@ -112,15 +112,15 @@ def test_falls_of_discs_are_as_predicted(mass: float, height: int) -> None:
     assert fall_prediction_error(law, fall, level) < 0.03
 
 
-def test_the_law_stands_up_to_the_drag_that_was_tried() -> None:
-    """The source's own damper is beyond it."""
+def test_a_warning_is_given_above_the_tested_drag() -> None:
+    """The damper of the source is above it."""
     assert predict_bed_parameters(damper(drag=1.0))["weight"] == pytest.approx(16.05, rel=1e-3)
     with pytest.warns(OutsideRangeWarning, match=r"'damper-source' .* 1\.23 times the limit"):
         predict(load_scene("damper-source"))
 
 
 def followed(law: PredictedLaw) -> np.ndarray:
-    """Heights of two seconds from 20 D on."""
+    """Heights over two seconds of a fall from 20 D."""
     field = compile_rates(law.law.equation, (), "math")
     numbers = [law.parameters[name] for name in law.law.parameters]
 
@@ -134,7 +134,7 @@ def followed(law: PredictedLaw) -> np.ndarray:
 
 
 def test_friction_of_the_piston_is_added_to_the_law() -> None:
-    """The piston hardly creeps where the bed's force is within it."""
+    """The piston hardly creeps if the bed's force is below the friction."""
     plain, rubbing = predict(damper()), predict(damper().replace(**{"piston.friction": 5.0}))
     assert rubbing.at_rest is None
     fraction = rubbing.parameters["friction"] / rubbing.parameters["weight"]
@@ -165,7 +165,7 @@ HELD = {"protocol": [{"kind": "hold", "name": "a", "duration": 1.0}], "output.re
         ({"pairs": {"method": "verlet-list"}}, r"pairs\.method = 'verlet-list'"),
     ],
 )
-def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> None:
+def test_scenes_without_a_known_law_are_refused(changes: dict[str, Any], said: str) -> None:
     scene = damper().replace(**changes)
     for known in (predict, whole_fall, valid_shaking_range):
         with pytest.raises(InputError, match=said):
@@ -173,7 +173,7 @@ def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> Non
 
 
 @pytest.mark.parametrize("law", ["infinite", {"law": "slab", "length": 1.0}])
-def test_other_walls_of_the_package_hold_a_bed(law: Any) -> None:
+def test_scenes_with_other_wall_laws_of_the_package_are_accepted(law: Any) -> None:
     plain, other = predict(damper()), predict(damper().replace(**{"effects.walls.left": law}))
     assert other.parameters == plain.parameters
 
@@ -185,14 +185,14 @@ DISCS = {"grains.magnets": "cylinders", "effects.contact": {"modulus": "1 GPa"}}
     ("changes", "said"),
     [
         ({"grains.count": 92}, "92 grains"),
-        ({"effects.drag.coefficient": 1.2}, "follows its piston too late"),
-        ({"effects.drag.coefficient": 50.0}, "follows its piston too late"),
+        ({"effects.drag.coefficient": 1.2}, "lags too far behind its piston"),
+        ({"effects.drag.coefficient": 50.0}, "lags too far behind its piston"),
         ({"piston.mass": 0.5}, "more piston.mass"),
-        ({"effects.walls.left": {"law": "discs", "pitch": "9 mm"}, **DISCS}, "those that touch"),
+        ({"effects.walls.left": {"law": "discs", "pitch": "9 mm"}, **DISCS}, "rows that touch"),
         ({"effects.walls.left": {"law": "discs", "pitch": "6 mm"}}, "on all sides of a bed of discs"),
     ],
 )
-def test_what_was_compared_with_nothing_is_told_with_a_warning(changes: dict[str, Any], said: str) -> None:
+def test_a_warning_is_given_outside_the_tested_range(changes: dict[str, Any], said: str) -> None:
     scene = damper().replace(**changes)
     with pytest.raises(InputError, match=said):
         predict_bed_parameters(scene)
@@ -219,7 +219,7 @@ def density(spacing: float) -> float:
 
 
 def summed_pressure(grains: Grains, spacing: float) -> float:
-    """Virial of all places within 25 spacings, and beyond them of a continuum of dipoles."""
+    """Virial of all lattice points within 25 spacings, plus a continuum of dipoles beyond."""
     cut = 25.0
     i, j = np.mgrid[-40:41, -40:41]
     r = spacing * np.sqrt((i * i + i * j + j * j).astype(float).ravel())
@@ -235,14 +235,14 @@ def summed_pressure(grains: Grains, spacing: float) -> float:
 
 @pytest.mark.parametrize("changes", [{}, {"grains.species": UNLIKE}])
 @pytest.mark.parametrize("spacing", [1.01, 1.37])
-def test_pressure_is_the_virial_of_the_pair_law(changes: dict[str, Any], spacing: float) -> None:
+def test_pressure_equals_the_virial_of_the_pair_law(changes: dict[str, Any], spacing: float) -> None:
     grains = discs(**changes)
     found = lattice_pressure(grains, density(spacing))
-    assert found == pytest.approx(summed_pressure(grains, spacing), rel=2e-3)  # the edge of the sum
+    assert found == pytest.approx(summed_pressure(grains, spacing), rel=2e-3)  # truncation of the sum
 
 
-def test_far_apart_discs_are_dipoles() -> None:
-    """The excess over dipoles falls with the square of the spacing: (5/2) b S5/S3 of it."""
+def test_distant_discs_act_as_dipoles() -> None:
+    """The relative excess over dipoles, (5/2) b S5/S3, decreases with the square of the spacing."""
     excess = [
         lattice_pressure(discs(), density(a)) / lattice_pressure(damper().grains, density(a)) - 1.0
         for a in (10.0, 20.0)
@@ -251,7 +251,7 @@ def test_far_apart_discs_are_dipoles() -> None:
 
 
 @pytest.mark.parametrize("magnets", ["dipoles", "cylinders"])
-def test_lattice_under_a_pressure_has_it(magnets: str) -> None:
+def test_the_lattice_under_a_pressure_has_this_pressure(magnets: str) -> None:
     grains = damper().replace(**{"grains.magnets": magnets}).grains
     lattice = lattice_under_pressure(grains, 0.5)
     assert lattice_pressure(grains, lattice.density) == pytest.approx(0.5, rel=1e-6)
@@ -261,13 +261,13 @@ def test_lattice_under_a_pressure_has_it(magnets: str) -> None:
     assert (powers[0] > 2.65) == (magnets == "cylinders")
 
 
-def test_pistons_that_press_discs_together_are_refused() -> None:
-    with pytest.raises(InputError, match=r"lets these discs touch.*less piston\.mass"):
+def test_pistons_that_press_discs_into_contact_are_refused() -> None:
+    with pytest.raises(InputError, match=r"these discs touch.*less piston\.mass"):
         lattice_under_pressure(discs(), 5.0)
 
 
 def crystal(spacing: float) -> Scene:
-    """A periodic cell that holds shaken hexagonal rows of discs."""
+    """A periodic cell with displaced hexagonal rows of discs."""
     a = spacing * 0.006
     width, height = ROWS * a, ROWS * math.sqrt(0.75) * a
     rows, columns = np.divmod(np.arange(ROWS * ROWS), ROWS)
@@ -288,7 +288,7 @@ def crystal(spacing: float) -> Scene:
 
 
 def relaxed_energy(spacing: float) -> tuple[float, float]:
-    """Energy [J] of a crystal that came to rest, and the area of its cell [m^2]."""
+    """Energy [J] of a relaxed crystal, and the area of its cell [m^2]."""
     scene = crystal(spacing)
     assert scene.cell.height is not None
     energy = simulate(scene, progress=False).dataset["pair_energy"].values[-1]
@@ -297,8 +297,8 @@ def relaxed_energy(spacing: float) -> tuple[float, float]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("spacing", [1.08, 1.37])
-def test_pressure_is_that_of_a_simulated_crystal(spacing: float) -> None:
-    """Minus the slope of its energy by the area, within 0.1 %."""
+def test_pressure_equals_the_pressure_of_a_simulated_crystal(spacing: float) -> None:
+    """Minus the derivative of its energy by the area, within 0.1 %."""
     (low, small), (high, large) = (relaxed_energy(spacing * f) for f in (0.995, 1.005))
     simulated = (low - high) / (large - small)
     scales = Scales.from_grains(discs())

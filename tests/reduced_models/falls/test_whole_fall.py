@@ -1,4 +1,4 @@
-"""A whole fall by the law, next to its own energy, and laws judged on unseen falls."""
+"""A whole fall by the law with its energy balance, and laws tested on held-out falls."""
 
 import dataclasses
 import json
@@ -19,8 +19,8 @@ from reduced_models.laws.solution import solve_law
 HEIGHT = 0.12
 
 
-def test_figures_are_those_of_the_predicted_motion() -> None:
-    """Solved by another solver."""
+def test_figures_agree_with_the_predicted_motion() -> None:
+    """The reference uses another solver."""
     scene = damper()
     found = whole_fall(scene, HEIGHT)
     motion = predict(scene).simulate(np.linspace(0.0, 3.0, 3001), z0=HEIGHT, v0=0.0)
@@ -30,17 +30,17 @@ def test_figures_are_those_of_the_predicted_motion() -> None:
     assert found.greatest_force > 7.5 * 9.8
 
 
-def test_a_fall_that_presses_discs_together_is_told_with_a_warning() -> None:
-    """With 10 kg from 20 D a simulated fall differs by 5 % of the drop, with 7.5 kg by 1.2 %."""
+def test_a_warning_is_given_if_a_fall_presses_discs_into_contact() -> None:
+    """With 10 kg from 20 D the simulated fall differs by 5 % of the drop, with 7.5 kg by 1.2 %."""
     with pytest.warns(OutsideRangeWarning, match="where discs of 'magnets' touch"):
         hard = whole_fall(damper(10.0, magnets="cylinders"), simulate=False)
     soft = whole_fall(damper(magnets="cylinders"), simulate=False)
     assert hard.deepest < soft.deepest
 
 
-def test_losses_are_what_the_fall_gives_up() -> None:
-    """The piston's drop less the work against the pressure, at rest; both losses are positive."""
-    scene = damper(drag=0.4)  # at rest in the time that is followed
+def test_losses_equal_the_released_energy() -> None:
+    """The piston's potential energy minus the work against the pressure; both losses are positive."""
+    scene = damper(drag=0.4)  # settles within the computed time
     found = whole_fall(scene, HEIGHT)
     values = predict(scene).parameters
     rest, power = values["rest"], values["power"]
@@ -53,19 +53,19 @@ def test_losses_are_what_the_fall_gives_up() -> None:
 
 
 def test_a_start_below_rest_is_refused() -> None:
-    with pytest.raises(InputError, match="not above the level of rest"):
+    with pytest.raises(InputError, match="not above the height of rest"):
         whole_fall(damper(), 0.05)
     with pytest.raises(InputError, match="height = 'high'; give a number"):
-        whole_fall(damper(), "high")  # type: ignore[arg-type]  # what is refused
+        whole_fall(damper(), "high")  # type: ignore[arg-type]  # the error is tested
 
 
-def test_the_command_says_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_the_same_figures(capsys: pytest.CaptureFixture[str]) -> None:
     main(["fall", "damper", "--height", "120 mm", "--json"])
     said = json.loads(capsys.readouterr().out)
     assert said == pytest.approx(whole_fall(damper(), HEIGHT)._asdict())
 
 
-def test_a_fall_that_was_compared_with_nothing_is_simulated(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fall_outside_the_tested_range_is_simulated(capsys: pytest.CaptureFixture[str]) -> None:
     small = damper(count=92)
     with pytest.warns(OutsideRangeWarning, match="92 grains"):
         found = whole_fall(small, progress=False)
@@ -97,7 +97,7 @@ def falls() -> DropScores:
     return score_drops(fall(0.11), unseen, ["linear", "power-law-spring"], rest=0.06)
 
 
-def test_the_law_that_made_them_is_first(falls: DropScores) -> None:
+def test_the_law_that_generated_the_falls_is_first(falls: DropScores) -> None:
     assert [row.name for row in falls.rows] == ["power-law-spring", "linear"]
     best = falls.best
     assert best.model.parameters["power"] == pytest.approx(2.5, rel=1e-4)
@@ -105,40 +105,40 @@ def test_the_law_that_made_them_is_first(falls: DropScores) -> None:
     assert falls.rows[1].median_error > 0.02
 
 
-def test_scatter_is_of_falls_from_the_same_height(falls: DropScores) -> None:
+def test_the_spread_comes_from_falls_from_the_same_height(falls: DropScores) -> None:
     (scatter,) = falls.scatter
     assert scatter == pytest.approx(1e-4 / 0.05, rel=0.1)
     assert falls.best.errors[2] == pytest.approx(scatter, rel=0.1)
 
 
-def test_table_and_verdict_say_it(falls: DropScores) -> None:
+def test_table_and_verdict_give_the_best_law_and_the_spread(falls: DropScores) -> None:
     lines = str(falls.table).splitlines()
     assert lines[0].split() == ["law", "numbers", "fitted", "low", "high", "again", "median"]
     assert lines[1].startswith("power-law-spring  4")
     assert "predicted best by power-law-spring" in falls.verdict
-    assert "another random start alone changes 0.2 %" in falls.verdict
+    assert "another random packing alone changes a fall by 0.2 %" in falls.verdict
     assert json.loads(json.dumps(falls.to_plain()))["labels"] == ["low", "high", "again"]
     axes = falls.plot()
     assert len(axes.get_lines()) == 2
 
 
-def test_a_law_that_blows_up_or_fails_is_said(falls: DropScores) -> None:
+def test_diverging_and_failed_laws_are_reported(falls: DropScores) -> None:
     lost = dataclasses.replace(falls.rows[1], errors=(0.1, math.inf, math.inf))
     none = DropScore("coulomb", None, failure="too short")
     found = dataclasses.replace(falls, rows=(falls.best, lost, none))
     assert "linear diverges" in found.verdict
     assert [row[-1] for row in found.cells()[1:]] == ["diverges", "not fitted"]
     nothing = dataclasses.replace(falls, rows=(lost,))
-    assert nothing.verdict == "No law that was fitted to one fall follows the others."
+    assert nothing.verdict == "No law fitted to one fall can predict the others."
 
 
-def test_bad_input_is_said() -> None:
+def test_invalid_input_is_refused() -> None:
     start, high = fall(0.11), {"high": fall(0.14)}
     for given, words in (
-        (((start, {}), {}), "at least one unseen fall"),
+        (((start, {}), {}), "one or more held-out falls"),
         (
             ((start, {"low": fall(0.05)}), {"rest": 0.06}),
-            r"low begins at 0\.05 m, not above the level of rest",
+            r"low starts at 0\.05 m, not above the height of rest",
         ),
         (((start, high), {"rest": -np.inf}), "rest = -inf; give a finite number"),
         (((start.first(4), high, ["linear"]), {"rest": 0.06}), "no law could be fitted"),

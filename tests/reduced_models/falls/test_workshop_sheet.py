@@ -1,4 +1,4 @@
-"""The workshop sheet: its figures are those of the scene and of the settled bed."""
+"""The workshop sheet agrees with the scene and with the settled bed."""
 
 import dataclasses
 import functools
@@ -21,7 +21,7 @@ from reduced_models.machines.response import CoupledSystem, solve_host_response
 
 AMPLITUDE = 1.2e-3
 COUNT = 92
-"""Grains of beds that settle in a second."""
+"""Number of grains of beds that settle within a second."""
 
 
 @functools.cache
@@ -30,7 +30,7 @@ def settled_bed() -> Equilibrium:
 
 
 def bed(**changes: Any) -> Equilibrium:
-    """Make the settled bed with other numbers, which has an equilibrium nearby."""
+    """Make the settled bed with changed parameters and an equilibrium nearby."""
     rest = settled_bed()
     return equilibrium_from(rest.scene.replace(**changes), rest.positions, rest.piston_height)
 
@@ -49,13 +49,13 @@ def number(pattern: str, text: str) -> float:
 
 
 def rows_of(text: str, section: str) -> list[list[str]]:
-    """Cells of the first table behind a heading."""
+    """Cells of the first table after a heading."""
     table = text.split(f"<h2>{section}</h2>")[1].split("</table>", maxsplit=1)[0]
     return [re.findall("<td[^>]*>(.*?)</td>", row) for row in table.split("<tr>")[2:]]
 
 
 def scene_of_parts(text: str) -> Scene:
-    """Scene of nothing but the sheet's list of parts, under gravity."""
+    """Scene built only from the sheet's list of parts, under gravity."""
     rows = rows_of(text, "Parts")
     (piston, plates, liquid), discs = (
         [next(row for row in rows if row[0].startswith(name)) for name in ("piston", "plates", "liquid")],
@@ -93,7 +93,7 @@ def scene_of_parts(text: str) -> Scene:
 
 
 def check_parts(rest: Equilibrium) -> None:
-    """Check that the list of parts makes the same damper."""
+    """Check that the list of parts gives the same damper."""
     built = equilibrium_from(scene_of_parts(sheet_text(rest)), rest.positions, rest.piston_height)
     assert built.piston_height == pytest.approx(rest.piston_height, rel=0.01)
     found, wanted = piston_roots(built)[0], piston_roots(rest)[0]
@@ -101,16 +101,16 @@ def check_parts(rest: Equilibrium) -> None:
     assert found.damping_ratio == pytest.approx(wanted.damping_ratio, rel=0.03)
 
 
-def test_the_parts_make_the_damper() -> None:
+def test_the_list_of_parts_reproduces_the_damper() -> None:
     check_parts(bed(**{"piston.drag": 0.7}))
 
 
 @pytest.mark.long
-def test_the_parts_make_a_damper_of_two_sizes() -> None:
+def test_the_list_of_parts_reproduces_a_damper_with_two_grain_sizes() -> None:
     check_parts(equilibrium(DamperCandidate(3.0, COUNT, 0.4, small_share=0.3).scene()))
 
 
-def test_gaps_keep_the_bed_in_its_plane_and_say_when_friction_doubles_the_damping() -> None:
+def test_gaps_keep_the_bed_in_its_plane_and_report_when_friction_doubles_the_damping() -> None:
     rest = settled_bed()
     ratio, count = piston_roots(rest)[0].damping_ratio, len(rest.positions)
     thickness = float(rest.scene.grains.species_values("thickness").max())
@@ -129,7 +129,7 @@ def test_gaps_keep_the_bed_in_its_plane_and_say_when_friction_doubles_the_dampin
         assert float(row[4]) == pytest.approx(rubs.load / count, rel=0.05)
 
 
-def test_the_first_contact_is_that_of_the_squeezed_bed() -> None:
+def test_the_first_contact_agrees_with_the_compressed_bed() -> None:
     rest = settled_bed()
     down = 1e-3 * number("touch # mm below rest", sheet_text(rest))
     assert rest.piston_height is not None
@@ -138,7 +138,7 @@ def test_the_first_contact_is_that_of_the_squeezed_bed() -> None:
     assert np.hypot(*(squeezed[i] - squeezed[j]).T).min() == pytest.approx(0.006, rel=1e-3)
 
 
-def test_the_sheet_says_how_walls_were_simulated_and_what_to_weigh() -> None:
+def test_the_sheet_gives_the_simulated_wall_law_and_the_mass_to_weigh() -> None:
     text = sheet_text(settled_bed())
     assert "law experimental, not by these rows" in text
     assert "First weigh the piston" in text
@@ -149,8 +149,8 @@ DRAG, MASS, REMANENCE = "effects.drag.coefficient", "piston.mass", "grains.reman
 
 
 @pytest.mark.parametrize("drag", [0.2, 1.0])
-def test_slopes_are_those_of_beds_with_parts_a_deviation_off(drag: float) -> None:
-    """Also at strong damping, where a frequency divided by sqrt(1 - zeta^2) once more has other slopes."""
+def test_slopes_agree_with_beds_with_changed_parts(drag: float) -> None:
+    """Also at strong damping, at which natural and damped frequency have different slopes."""
     rest = bed(**{DRAG: drag})
     found, root = usual_tolerances(rest, AMPLITUDE), piston_roots(rest)[0]
     slopes = dict(zip([part.key for part in found.parts], found.slopes[0], strict=True))
@@ -164,8 +164,8 @@ def test_slopes_are_those_of_beds_with_parts_a_deviation_off(drag: float) -> Non
 
 
 @pytest.mark.long
-def test_tolerances_are_in_the_sheet_with_their_friction() -> None:
-    """A bed that rubs has them at the amplitude of use; one without drag has no line for it."""
+def test_the_sheet_has_the_tolerances_including_friction() -> None:
+    """Friction counts at the amplitude of use; a bed without drag has no line for drag."""
     rows = {row[0]: row for row in rows_of(sheet_text(settled_bed()), "Tolerances of the parts")}
     wanted = usual_tolerances(settled_bed(), AMPLITUDE)
     for part, own in zip(wanted.parts, wanted.contributions, strict=True):
@@ -174,22 +174,22 @@ def test_tolerances_are_in_the_sheet_with_their_friction() -> None:
     found = usual_tolerances(rubbing, AMPLITUDE)
     assert DRAG not in [part.key for part in found.parts]
     assert found.amplitude == AMPLITUDE
-    # Friction on side walls is in no damping ratio.
+    # Friction on side walls does not enter the damping ratio.
     assert usual_tolerances(bed(**{"effects.wall_friction.coefficient": 0.1}), AMPLITUDE).amplitude is None
 
 
-def test_a_grade_changes_a_damper_as_its_remanence_does() -> None:
+def test_the_effect_of_a_grade_equals_the_effect_of_its_remanence() -> None:
     rest = settled_bed()
     before, after = (piston_roots(bed(**{REMANENCE: b}))[0].frequency for b in (1.3, 1.345))
     text = sheet_text(rest)
     row = re.search(r"<td>N45</td><td[^>]*>1.32 to 1.37</td><td[^>]*>([-+.\d]+)</td>", text)
     assert float(row[1]) == pytest.approx(100.0 * (after / before - 1.0), abs=0.06)  # printed to 0.1
-    assert "is none of them" not in text
+    assert "is not available" not in text
     odd = bed(**{"grains.species.0.diameter": "5.95 mm"})
-    assert "5.95 x 3 is none of them" in sheet_text(odd)
+    assert "5.95 x 3 is not available" in sheet_text(odd)
 
 
-def test_the_sheet_names_parts_and_command() -> None:
+def test_the_sheet_lists_masses_of_parts_and_the_command() -> None:
     small = {"name": "small", "diameter": "5.95 mm", "share": 0.3}
     rest = bed(**{"grains.species": [{"name": "large", "diameter": "6 mm", "share": 0.7}, small]})
     scene = rest.scene
@@ -201,18 +201,18 @@ def test_the_sheet_names_parts_and_command() -> None:
     assert "@media print" in text
 
 
-def test_a_design_for_a_machine_has_a_sheet() -> None:
+def test_a_design_for_a_machine_has_a_workshop_sheet() -> None:
     machine = load_scene("machine")
     law = solve_host_response(CoupledSystem.from_host_scene(machine), [2.8], 10.0)
     scene = machine.replace(
         **{"grains.count": 48, "cell.width": "22 D", "piston.mass": 2.7, "effects.drag.coefficient": 0.5}
     )
     text = DamperDesign(scene, law, 24e-3, 1e-3, 9e-3, 7.7, "").workshop_sheet_page().to_html()
-    assert "how far starts differ is not known" in text
+    assert "the spread over packings is unknown" in text
     assert "grains.remanence" in text
 
 
-def test_a_bed_without_an_equilibrium_has_a_sheet_that_says_so() -> None:
+def test_the_sheet_of_a_bed_without_an_equilibrium_has_a_note() -> None:
     def refuse() -> Equilibrium:
         raise InputError("no equilibrium is near")
 
@@ -222,7 +222,7 @@ def test_a_bed_without_an_equilibrium_has_a_sheet_that_says_so() -> None:
     assert "Tolerances of the parts" not in text
 
 
-def test_a_piston_that_does_not_oscillate_has_no_tolerances() -> None:
+def test_an_overdamped_piston_has_no_tolerances_in_the_sheet() -> None:
     text = sheet_text(bed(**{DRAG: 50.0}))
     assert "lower the drag" in text
     assert "Tolerances of the parts" not in text

@@ -15,7 +15,7 @@ from reduced_models import Parameter, fit, load_model
 from reduced_models.fitting.assessment import residual_structure_text
 from reduced_models.laws.linearization import dry_friction_coefficient, harmonic_cycles, law_rates
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
-from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.printed_model import oscillation_quantities
 from tests.reduced_models.made import half_width, moved, noisy
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -61,7 +61,7 @@ def test_damping_ratio_refers_to_observed_amplitudes(name: str, tmp_path: Path) 
     _, ratio, loss, _ = CASES[name]
     model = fitted(name)
     rest, friction = model.at_rest, 0.25 * loss * AMPLITUDE * OMEGA**2
-    half, tenth = rest.equivalent.amplitude, rest.equivalent.tenth_of_greatest_swing
+    half, tenth = rest.equivalent.amplitude, rest.equivalent.tenth_of_maximum_amplitude
     assert half == pytest.approx(0.5 * AMPLITUDE, rel=0.02)
     assert tenth == pytest.approx(0.1 * AMPLITUDE, rel=0.02)
     assert rest.period == pytest.approx(2.0 * math.pi / OMEGA, rel=1e-3)
@@ -149,7 +149,7 @@ def test_friction_is_the_coefficient_of_sign_in_the_law() -> None:
     assert found.friction == pytest.approx(model.parameters["f"], rel=1e-12)
     assert found.intervals["friction"] == pytest.approx(model.intervals["f"], rel=1e-6)
     assert re.search(r"\ndry friction +F +0\.2200", str(model.at_rest))
-    assert "friction" in [quantity.name for quantity in swing_quantities(model, None)]
+    assert "friction" in [quantity.name for quantity in oscillation_quantities(model, None)]
 
 
 @pytest.mark.parametrize(

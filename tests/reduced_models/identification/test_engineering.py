@@ -21,7 +21,7 @@ from reduced_models.fitting.residual_diagnostics import (
 from reduced_models.identification.measured_oscillation import measure_oscillation
 from reduced_models.laws.law import law_from_text
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
-from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.models.quantities import (
     QuantityWithError,
     add_step_and_start_errors,
@@ -40,7 +40,7 @@ def test_figures_of_a_textbook_oscillator() -> None:
     """7.5 kg, 3000 N/m, 30 N s/m: omega = 20 rad/s, ratio = 0.1."""
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, INTERVALS | {"damping_ratio": (0.09, 0.11)})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-    known = {one.name: one for one in swing_quantities(model, 7.5)}
+    known = {one.name: one for one in oscillation_quantities(model, 7.5)}
     period = 0.0036606  # relative error
     for name, value, error in (
         ("stiffness", 3000.0, 2 * period * 3000.0),
@@ -56,11 +56,11 @@ def test_figures_of_a_textbook_oscillator() -> None:
     assert known["level of rest"].text_with_error == "59.10 ± 0.20 mm"
     assert known["damping ratio"].text_with_error == "10.0 ± 1.0 %"
     turning = dataclasses.replace(model, at_rest=dataclasses.replace(rest, coordinate_unit="rad"))
-    angle = {one.name: one for one in swing_quantities(turning, None)}
+    angle = {one.name: one for one in oscillation_quantities(turning, None)}
     assert angle["level of rest"].unit == "°"
     assert not any("m" in one.unit for one in angle.values())
     assert (angle["stiffness"].unit, angle["damping"].unit) == ("1/s²", "1/s")
-    assert swing_quantities(dataclasses.replace(model, at_rest=None), None) == ()
+    assert oscillation_quantities(dataclasses.replace(model, at_rest=None), None) == ()
 
 
 def test_dry_friction_is_a_force_and_its_damping_ratios_have_amplitudes() -> None:
@@ -69,7 +69,7 @@ def test_dry_friction_is_a_force_and_its_damping_ratios_have_amplitudes() -> Non
     intervals = INTERVALS | {"damping_ratio": (0.025, 0.027)}
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.026, intervals, equivalent)
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-    known = {one.name: one for one in swing_quantities(model, 8.0)}
+    known = {one.name: one for one in oscillation_quantities(model, 8.0)}
     ratios = ["damping ratio at 5 mm", "damping ratio at 1 mm"]
     assert list(known) == ["level of rest", "natural frequency", *ratios, "friction", "stiffness"]
     assert known[ratios[0]].value == pytest.approx(2.6)
@@ -77,7 +77,7 @@ def test_dry_friction_is_a_force_and_its_damping_ratios_have_amplitudes() -> Non
     assert (known["friction"].text_without_error, known["friction"].unit) == ("1.000 N", "N")
     for unit in COORDINATES:
         model = dataclasses.replace(model, at_rest=dataclasses.replace(rest, coordinate_unit=unit))
-        (friction,) = [one for one in swing_quantities(model, None) if one.symbol == "F"]
+        (friction,) = [one for one in oscillation_quantities(model, None) if one.symbol == "F"]
         assert (friction.value, friction.unit) == (0.125, f"{unit}/s²")
 
 
@@ -86,7 +86,7 @@ def test_parts_of_an_error_add_up_in_quadrature() -> None:
     intervals = INTERVALS | {"damping_ratio": (0.09, 0.11)}
     rest = AtRest(0.0591, 0.31415, 0.1, intervals, calibration={"height": 0.0001})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-    figures = swing_quantities(model, 7.5)
+    figures = oscillation_quantities(model, 7.5)
     level = figures[0]
     assert level.parts == pytest.approx({"fit": math.sqrt(0.03), "calibration": 0.1})
     assert level.total_error == pytest.approx(0.2)
@@ -117,7 +117,7 @@ def test_a_damping_ratio_contradicted_by_the_peaks_of_the_record_is_not_shown() 
         rest = AtRest(0.0591, 2.0 * math.pi / 20.0, ratio, intervals, peaks=peaks)
         assert ("record's peaks" in str(rest)) == (not consistent)
         model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-        known = {one.name: one for one in swing_quantities(model, 8.0)}
+        known = {one.name: one for one in oscillation_quantities(model, 8.0)}
         assert ("damping ratio" in known, "damping" in known) == (consistent, consistent)
         assert ("quality factor" in known) == consistent
 

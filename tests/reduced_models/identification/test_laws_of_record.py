@@ -60,7 +60,7 @@ def test_screening_never_excludes_the_true_law(name: str, level: float) -> None:
     record = noisy(TIME, clean(name), level * clean(name).std())
     found = screen_laws_by_weak_form(record, [LAWS[each] for each in CANDIDATES])
     assert not found.is_hopeless(name)
-    assert found.misfits[name] < 3.0 * max(found.least_misfit, 1.0)
+    assert found.misfits[name] < 3.0 * max(found.smallest_misfit, 1.0)
 
 
 def test_screening_excludes_laws_with_a_large_misfit_and_lists_them(made: Any) -> None:

@@ -15,7 +15,7 @@ from reduced_models.identification.comparison_table import Comparison, Compariso
 from reduced_models.identification.page import comparison_page
 from reduced_models.identification.pictures import run_sections
 from reduced_models.identification.result import Identification
-from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.printed_model import oscillation_quantities
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
@@ -47,7 +47,7 @@ def found(names: tuple[str, ...]) -> Identification:
         for place, one in enumerate(models)
     )
     table = Comparison(rows, f"{names[0]} is first", 0.01, 0.5)
-    figures = swing_quantities(model, None)
+    figures = oscillation_quantities(model, None)
     return Identification(record, models, table, None, figures, names[0], names, {"fits": 1.0})
 
 

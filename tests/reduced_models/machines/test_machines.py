@@ -1,4 +1,4 @@
-"""The law at work on a host: its equation, its limits, designs from it, and next to a response."""
+"""The law coupled to a host: its equation, its limits, designs, and comparison with a response."""
 
 import json
 import math
@@ -25,7 +25,7 @@ from reduced_models.machines.response import CoupledSystem, PredictedResponse, f
 FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
 
 
-def test_the_equation_is_that_of_the_law_where_the_bed_weighs_nothing() -> None:
+def test_the_coupled_equation_reduces_to_the_law_for_a_massless_bed() -> None:
     law = CoupledSystem.from_host_scene(load_scene("machine"))
     law = law._replace(bed=0.0, moving=law.piston, host=1e30)
     state, rates = np.array([0.0, 0.0, 0.055, -0.2, 0.02, 0.6]), np.zeros(6)
@@ -37,13 +37,13 @@ def test_the_equation_is_that_of_the_law_where_the_bed_weighs_nothing() -> None:
     np.testing.assert_allclose(rates[3:], exact, rtol=1e-9)
 
 
-def test_small_swings_are_linear() -> None:
+def test_small_oscillations_are_linear() -> None:
     law = CoupledSystem.from_host_scene(load_scene("machine"))._replace(modulus=1e-9)
     found = solve_host_response(law, FREQUENCIES, 0.01)
     np.testing.assert_allclose(found.displacement, found.linear, rtol=0.03)
 
 
-def test_outside_of_what_was_measured_a_user_is_warned() -> None:
+def test_a_warning_is_given_outside_the_tested_range() -> None:
     scene = load_scene("machine")
     assert not predicted_response(scene, FREQUENCIES).outside
     with pytest.warns(OutsideRangeWarning, match=r"0.5 to 2 D"):
@@ -53,7 +53,7 @@ def test_outside_of_what_was_measured_a_user_is_warned() -> None:
 
 
 @pytest.mark.long
-def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
+def test_a_design_beats_the_packaged_damper_and_reports_useless_dampers() -> None:
     scene = load_scene("machine")
     host = scene.effects.host
     assert host.excitation is not None
@@ -71,14 +71,14 @@ def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
         no = design_for(stiff, Excitation(force=10.0, frequency=30.0), limit=7.75, simulate=False)
     assert not no.is_worthwhile
     assert no.verdict.startswith("no: ")
-    with pytest.warns(OutsideRangeWarning, match="it expects"):
+    with pytest.warns(OutsideRangeWarning, match="it predicts"):
         less = design_for(host, Excitation(force=0.5, frequency=3.0), limit=7.75, simulate=False)
     assert less.peak < 0.5 * less.alone
     assert less.is_worthwhile
     assert less.verdict.endswith("in which it was compared with simulations: simulate it")
 
 
-def test_discs_are_stiffer_and_a_design_is_made_of_them() -> None:
+def test_discs_are_stiffer_and_a_design_with_discs_is_possible() -> None:
     host = load_scene("machine").effects.host
     assert host.excitation is not None
     found = design_for(host, host.excitation, limit=4.0, magnets="cylinders", simulate=False)
@@ -87,7 +87,7 @@ def test_discs_are_stiffer_and_a_design_is_made_of_them() -> None:
     of_dipoles = found.scene.replace(**{"grains.magnets": "dipoles"})
     discs, dipoles = (CoupledSystem.from_host_scene(scene) for scene in (found.scene, of_dipoles))
     assert discs.rest > dipoles.rest
-    # Stiffer by more than the higher bed is softer, but between rows of discs.
+    # The discs' stiffening exceeds the softening by the higher bed, but not between rows of discs.
     walls = of_dipoles.effects.walls
     named = CoupledSystem.from_host_scene(found.scene.replace(**{"effects.walls": walls.to_plain()}))
     assert named.power > dipoles.power == 2.5
@@ -98,15 +98,15 @@ def test_discs_are_stiffer_and_a_design_is_made_of_them() -> None:
     ("peak", "stroke", "words"),
     [
         (6.0e-4, 0.1, "less than the 0.5 to 2 D"),
-        (6.0e-4, 1.0, "take away 94 % of the peak"),
+        (6.0e-4, 1.0, "reduce the peak by 94 %"),
         (6.0e-4, 3.0, "more than the 0.5 to 2 D"),
         (9.9e-3, 0.1, "less than the 0.5 to 2 D"),
-        (9.9e-3, 1.0, "leaves most"),
-        (math.nan, math.nan, "leaves most"),
+        (9.9e-3, 1.0, "hardly reduces"),
+        (math.nan, math.nan, "hardly reduces"),
     ],
 )
-def test_a_verdict_says_what_its_figures_say(peak: float, stroke: float, words: str) -> None:
-    """Of 9.95 mm; a bed that takes most of it away damps, however little it moves."""
+def test_a_verdict_agrees_with_its_figures(peak: float, stroke: float, words: str) -> None:
+    """The peak without a damper is 9.95 mm; small motion of the bed alone is not a failure."""
     curve = np.array([peak, 0.5 * peak])
     law = PredictedResponse(np.array([3.0, 3.5]), curve, curve, curve, False)
     outside = _outside_range_text(stroke)
@@ -115,7 +115,7 @@ def test_a_verdict_says_what_its_figures_say(peak: float, stroke: float, words: 
     assert found.verdict.startswith("no: ") == (not peak < 1e-3) == (not found.is_worthwhile)
 
 
-def test_the_peak_is_simulated_where_the_law_has_it() -> None:
+def test_the_simulated_frequencies_cover_the_peak_of_the_law() -> None:
     law = solve_host_response(CoupledSystem.from_host_scene(load_scene("machine")), FREQUENCIES, 10.0)
     near = _frequencies_near_peak(law)
     peak = FREQUENCIES[int(law.displacement.argmax())]
@@ -127,13 +127,13 @@ RESPONSE_FREQUENCIES = [2.7, 2.85, 3.0]
 
 
 def made(scene: Scene, key: str = "force") -> FrequencyResponse:
-    """A response whose peak is 4 mm."""
+    """A response with a peak of 4 mm."""
     swing = np.array([[1e-3, 4e-3, 2e-3]])
     data = response_dataset(key, [10.0], RESPONSE_FREQUENCIES, {"displacement": ("m", "amplitude", swing)})
     return FrequencyResponse(scene, data)
 
 
-def test_errors_are_those_of_the_peaks() -> None:
+def test_errors_are_relative_errors_of_the_peaks() -> None:
     found = compare_response(made(load_scene("machine")))
     (peak,) = found.peaks
     said = predicted_response(load_scene("machine"), found.frequencies.tolist(), 10.0)
@@ -145,7 +145,9 @@ def test_errors_are_those_of_the_peaks() -> None:
         compare_response(made(load_scene("machine"), "acceleration"))
 
 
-def test_the_command_shows_the_law_or_says_why_not(tmp_path: Path, command: Callable[..., Any]) -> None:
+def test_the_command_shows_the_law_or_the_reason_without_it(
+    tmp_path: Path, command: Callable[..., Any]
+) -> None:
     save_response(made(load_scene("machine")), tmp_path)
     done = command("reduced_models", "compare", "--response", str(tmp_path))
     assert done.returncode == 0

@@ -1,4 +1,4 @@
-"""Files of models that were damaged or made up: each is read or refused in one line."""
+"""Damaged or malicious model files are read, or refused with a one-line error."""
 
 import copy
 import json
@@ -24,7 +24,7 @@ QUICK = 30
 
 
 def places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Where something stands in plain data."""
+    """Paths of all entries in plain data."""
     items = data.items() if isinstance(data, dict) else enumerate(data)
     for key, value in items:
         yield (*path, key)
@@ -33,7 +33,7 @@ def places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def changed(data: Any, path: tuple[Any, ...], value: Any) -> Any:
-    """Plain data with another value at a place; without it where the value is `...`."""
+    """Plain data with another value at a path; the entry is removed if the value is `...`."""
     found = copy.deepcopy(data)
     inner = found
     for key in path[:-1]:
@@ -46,7 +46,7 @@ def changed(data: Any, path: tuple[Any, ...], value: Any) -> Any:
 
 
 def cases() -> list[bytes]:
-    """Files with one odd value, one value less or more, one flipped bit, or cut."""
+    """Files with one odd value, one value removed or added, one flipped bit, or a truncated end."""
     text = SAVED.read_text()
     data = json.loads(text)
     spots = list(places(data))
@@ -66,7 +66,7 @@ def cases() -> list[bytes]:
 
 
 def outcome(content: bytes, path: Path) -> str:
-    """What becomes of a file; a model that is read can be printed, exported and saved again."""
+    """Read a file; a readable model must print, export and save again."""
     path.write_bytes(content)
     try:
         model = load_model(path)
@@ -93,11 +93,11 @@ def test_damaged_models_are_read_or_refused(count: int | None, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        (("format",), 99, "model.format is 99; 1, the one that this release reads, is wanted"),
+        (("format",), 99, "model.format is 99; 1, the version that this release reads, is wanted"),
         (("parameters", "lam"), None, "model.parameters.lam is None; a number from"),
         (("parameters", "lam"), 0.0, "model.parameters.lam is 0.0; a number above 0"),
         (("parameters", "mu"), 1.0, "model.intervals.mu is None; a pair is wanted"),
-        (("equation",), "z'' + k*z = 0", "has the parameters k, and values are given of lam,"),
+        (("equation",), "z'' + k*z = 0", "has the parameters k, but values are given of lam,"),
         (("equation",), "z'' + k*z.real = 0", "'.' is not a character"),
         (("quality", "starts"), 1.5, "model.quality.starts is 1.5; an integer"),
         (("notes",), ["a\x1b[2J"], "model.notes.0 is 'a\\x1b[2J'; a text that can be printed"),
@@ -110,7 +110,9 @@ def test_damaged_models_are_read_or_refused(count: int | None, tmp_path: Path) -
         (("covariance",), [[1.0]], "model.covariance is [[1.0]]; a row and a column for each name"),
     ],
 )
-def test_a_refusal_names_the_entry(path: tuple[str, ...], value: Any, words: str, tmp_path: Path) -> None:
+def test_an_error_gives_the_path_of_the_invalid_entry(
+    path: tuple[str, ...], value: Any, words: str, tmp_path: Path
+) -> None:
     file = tmp_path / "model.json"
     file.write_text(json.dumps(changed(json.loads(SAVED.read_text()), path, value)))
     with pytest.raises(InputError) as caught:
@@ -119,7 +121,7 @@ def test_a_refusal_names_the_entry(path: tuple[str, ...], value: Any, words: str
     assert str(caught.value).startswith(str(file))
 
 
-def test_an_angle_of_earlier_versions_is_a_unit() -> None:
+def test_the_angle_flag_of_earlier_versions_becomes_a_unit() -> None:
     plain = json.loads(SAVED.read_text())
     assert plain["angle"] is False
     assert ReducedModel.from_plain(plain).coordinate_unit == "m"
@@ -134,8 +136,8 @@ def test_an_angle_of_earlier_versions_is_a_unit() -> None:
 
 
 @pytest.mark.parametrize("fitted", [True, False])
-def test_a_map_beside_the_law_becomes_part_of_it(fitted: bool) -> None:
-    """Of files of an earlier version; the motion stays as it was, and a note says what changed."""
+def test_the_separate_map_of_earlier_versions_becomes_part_of_the_law(fitted: bool) -> None:
+    """The motion is unchanged, and a note describes the change."""
     law = "z'' + 2*lam*z' + omega**2*z = 0"
     plain = json.loads(SAVED.read_text()) | {"law": "own", "equation": law, "mapped": True}
     plain |= {"parameters": {"lam": 0.8, "omega": 21.0}, "positive": ["lam", "omega"], "inputs": []}
@@ -154,12 +156,12 @@ def test_a_map_beside_the_law_becomes_part_of_it(fitted: bool) -> None:
     np.testing.assert_allclose(model.simulate(time).height, 0.06 + 0.002 * swing, atol=1e-10)
     assert ReducedModel.from_plain(model.to_plain()).to_plain() == model.to_plain()
     plain["parameters"] = plain["parameters"] | {"scale": 1.0}
-    with pytest.raises(InputError, match="a parameter shift or scale beside its map"):
+    with pytest.raises(InputError, match="a parameter shift or scale in addition to its map"):
         ReducedModel.from_plain(plain)
 
 
-def test_python_of_a_model_holds_no_code_of_its_names(tmp_path: Path) -> None:
-    """The name, source and data of a law stand in a docstring, and nothing ends it early."""
+def test_exported_python_does_not_execute_text_from_a_law(tmp_path: Path) -> None:
+    """Name, source and data of a law are in a docstring that they cannot end."""
     seen = tmp_path / "seen"
     data = json.loads(SAVED.read_text())
     hostile = f'x""" + open({str(seen)!r}, "w").close() + """\\'
@@ -172,8 +174,8 @@ def test_python_of_a_model_holds_no_code_of_its_names(tmp_path: Path) -> None:
     np.testing.assert_allclose(space["simulate"](times), model.simulate(times).height, atol=1e-6)
 
 
-def test_python_of_a_model_has_no_clash_of_names() -> None:
-    """Parameters named as the module's own variables, or as Python's words."""
+def test_exported_python_renames_conflicting_parameters() -> None:
+    """Parameters with names of the module's variables or of Python's keywords."""
     data = json.loads(SAVED.read_text())
     names = {"lam": "height", "omega": "lambda", "g0": "numpy"}
     text = data["equation"]

@@ -1,4 +1,4 @@
-"""Models as code in other languages: the same motion, and no text of a user's in the code."""
+"""Models exported to other languages give the same motion; users' text never becomes code."""
 
 import ctypes
 import dataclasses
@@ -37,11 +37,11 @@ HELD = [
     HeldState(0.059 + x, 70.0 * np.sinh(50.0 * x), 3500.0 * np.cosh(50.0 * x), 7.56 - 0.6 * x, 12.0 + x, 8j)
     for x in np.linspace(-4e-3, 4e-3, 17)
 ]
-"""States of a piston held at heights, of which a law is derived: a hardening spring about 59 mm."""
+"""States of a piston held at several heights, from which a hardening spring about 59 mm is derived."""
 
 
 def model_of(name: str) -> ReducedModel:
-    """A law with numbers, as a model."""
+    """A model with values of a law's parameters."""
     if name == "derived":
         law, parameters, _ = polynomial_law(HELD, 8, None)
         initial = (0.0615, 0.0)
@@ -52,7 +52,7 @@ def model_of(name: str) -> ReducedModel:
 
 
 def with_step(model: ReducedModel) -> ReducedModel:
-    """With a level of rest, of which exports take the period."""
+    """Model with an equilibrium, whose period sets the exported step."""
     at_rest = load_model(SAVED).at_rest
     assert at_rest is not None
     period = 2.0 * np.pi / 21.0
@@ -60,13 +60,13 @@ def with_step(model: ReducedModel) -> ReducedModel:
 
 
 def close(found: np.ndarray, model: ReducedModel) -> bool:
-    """Whether heights at `TIMES` are the model's own to 1e-6 of the swing."""
+    """Whether heights at `TIMES` agree with the model to 1e-6 of the amplitude."""
     ours = model.simulate(TIMES).height
     swing = float(np.abs(ours - ours[-1]).max())
     return bool(np.abs(found - ours).max() < 1e-6 * swing)
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 @pytest.mark.parametrize("name", [*LAWS, "derived"])
 def test_the_c_function_gives_the_same_motion(name: str, tmp_path: Path) -> None:
     model = with_step(model_of(name))
@@ -82,7 +82,7 @@ def test_the_c_function_gives_the_same_motion(name: str, tmp_path: Path) -> None
     assert close(heights, model)
 
 
-@pytest.mark.skipif(shutil.which("octave") is None, reason="there is no octave")
+@pytest.mark.skipif(shutil.which("octave") is None, reason="octave is not installed")
 @pytest.mark.parametrize("name", ["linear", "power-law-spring", "van-der-pol-like"])
 def test_the_matlab_function_gives_the_same_motion(name: str, tmp_path: Path) -> None:
     model = with_step(model_of(name))
@@ -99,8 +99,8 @@ def test_the_matlab_function_gives_the_same_motion(name: str, tmp_path: Path) ->
     assert close(np.array(done.stdout.split(), dtype=float), model)
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
-@pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="there is no FMPy")
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="FMPy is not installed")
 @pytest.mark.parametrize("name", ["linear", "power-law-spring", "bouc-wen", "rubbing-bed", "derived"])
 def test_the_fmu_gives_the_same_motion(name: str, tmp_path: Path) -> None:
     import fmpy
@@ -115,8 +115,8 @@ def test_the_fmu_gives_the_same_motion(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_modelica_text_declares_all_that_it_names(name: str) -> None:
-    """No Modelica program was at hand to run it: its names and brackets are looked at."""
+def test_modelica_text_declares_all_its_variables(name: str) -> None:
+    """Only names and brackets are checked, since no Modelica compiler is available."""
     text = modelica_source(model_of(name))
     code = re.sub(r'//.*|"[^"\n]*"', "", text)
     words = "model parameter Real unit start fixed true protected equation der end DamperModel"
@@ -132,7 +132,7 @@ HOSTILE = ("*/ #error x", "//\\", "??/", "\n#include <x>", '"; system("x")', "%}
 
 @pytest.mark.parametrize("words", HOSTILE)
 @pytest.mark.parametrize("source", [c_source, matlab_source, modelica_source])
-def test_words_of_a_user_stay_in_comments(words: str, source: Callable[[ReducedModel], str]) -> None:
+def test_text_of_a_user_stays_within_comments(words: str, source: Callable[[ReducedModel], str]) -> None:
     model = model_of("linear")
     plain = source(dataclasses.replace(model, provenance={"data": "x"}))
     law = dataclasses.replace(model.law, name=words, source=words)
@@ -145,7 +145,7 @@ def test_words_of_a_user_stay_in_comments(words: str, source: Callable[[ReducedM
     assert all("\\" not in line and "*/" not in line[:-2] for line in changed)
 
 
-def test_names_in_any_alphabet_and_words_of_a_language() -> None:
+def test_names_in_other_alphabets_and_keywords_are_replaced() -> None:
     assert ascii_names("p_", ("double", "λ", "lambda", "end", "k_1")) == (
         "p_double",
         "p_lamda",
@@ -163,7 +163,7 @@ def test_names_in_any_alphabet_and_words_of_a_language() -> None:
     assert escape_comment("a\\") == "a/"
 
 
-def test_a_wrong_ending_or_name_is_said(tmp_path: Path) -> None:
+def test_a_wrong_file_ending_or_name_is_refused(tmp_path: Path) -> None:
     model = model_of("linear")
     with pytest.raises(InputError, match=r"give one of \.py, \.c, \.m, \.mo, \.fmu"):
         model.export(tmp_path / "model.exe")

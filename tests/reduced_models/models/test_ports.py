@@ -1,4 +1,4 @@
-"""The bed as an element between two bodies: the same force in every language, and in a machine."""
+"""The bed as an element between two bodies: equal forces in every language, and in a machine."""
 
 import importlib.util
 import math
@@ -25,20 +25,20 @@ from reduced_models.models.modelica_code import port_modelica_source
 from reduced_models.models.ports import ForcePort, force_port, prepare_port_for_export
 from tests.reduced_models.models.test_exports import LAWS, TIMES, close, model_of, with_step
 
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
-needs_fmpy = pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="there is no FMPy")
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+needs_fmpy = pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="FMPy is not installed")
 MASS = 7.5
 SECONDS = 8.0
-"""Length of a machine's motions [s]."""
+"""Duration of a machine's motions [s]."""
 
 
 def port_of(name: str) -> ForcePort:
-    """A port of a law with numbers."""
+    """Port of a law with values of its parameters."""
     return force_port(with_step(model_of(name)), MASS)
 
 
 def imported(path: Path) -> ModuleType:
-    """A module that was written."""
+    """Import an exported module."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -79,7 +79,7 @@ int main(void)
 
 @needs_gcc
 @pytest.mark.parametrize("name", LAWS)
-def test_a_piston_on_the_element_in_c_moves_as_the_record(name: str, tmp_path: Path) -> None:
+def test_a_piston_on_the_element_in_c_reproduces_the_record(name: str, tmp_path: Path) -> None:
     port = port_of(name)
     assert len(MAIN.splitlines()) <= 30
     write_code(port, tmp_path / "bed.c")
@@ -90,7 +90,7 @@ def test_a_piston_on_the_element_in_c_moves_as_the_record(name: str, tmp_path: P
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_the_force_in_python_is_that_of_the_law(name: str, tmp_path: Path) -> None:
+def test_the_exported_python_force_equals_the_force_of_the_law(name: str, tmp_path: Path) -> None:
     port = port_of(name)
     write_code(port, tmp_path / "bed.py")
     bed, model = imported(tmp_path / "bed.py"), port.model
@@ -123,7 +123,7 @@ int main(void)
 
 
 def compiled(folder: Path, main: str) -> Path:
-    """The element in C with a main program, without a warning."""
+    """Compile the element in C with a main program, without warnings."""
     (folder / "main.c").write_text(main, "utf-8")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1"]
     done = subprocess.run(
@@ -147,9 +147,9 @@ def error_of_force(program: Path, record: PistonRecord) -> float:
 
 
 @needs_gcc
-@pytest.mark.long  # quick: a piston on the element in C, above
-def test_a_driven_bed_pushes_as_the_element_in_c_says(small_damper: Scene, tmp_path: Path) -> None:
-    """No worse on a bed that is driven by 0.8 times the swing that the law was fitted to."""
+@pytest.mark.long  # the quick test above covers a piston on the element in C
+def test_the_element_in_c_predicts_the_force_of_a_driven_bed(small_damper: Scene, tmp_path: Path) -> None:
+    """The error is not larger for a drive at 0.8 times the fitted amplitude."""
     scene = small_damper.replace(**{"protocol.release.duration": 0.5})
     record = simulate(scene, dt="auto*4", progress=False).piston()
     fit(record, "linear").export(tmp_path / "bed.c", port="force", mass=scene.piston.mass)
@@ -160,7 +160,7 @@ def test_a_driven_bed_pushes_as_the_element_in_c_says(small_damper: Scene, tmp_p
     assert error_of_force(program, driven.piston()) <= error_of_force(program, record) < 0.1 * 9.8
 
 
-def test_derivatives_are_those_of_the_force() -> None:
+def test_the_exported_jacobian_equals_the_derivatives_of_the_force() -> None:
     parts = prepare_port_for_export(bed_force_port(load_scene("damper")))
     rows = port_jacobian(parts)
     assert rows is not None
@@ -183,7 +183,7 @@ def test_derivatives_are_those_of_the_force() -> None:
 def runge_kutta(
     rates: Callable[[float, np.ndarray], np.ndarray], state: np.ndarray, step: float
 ) -> np.ndarray:
-    """First entry of the state over 8 s, by the classical method."""
+    """First entry of the state over 8 s, by the classical Runge-Kutta method."""
     result = [state[0]]
     for n in range(int(SECONDS / step)):
         t = n * step
@@ -197,7 +197,7 @@ def runge_kutta(
 
 
 def two_bodies(fmu: Any, system: CoupledSystem, force: float, omega: float) -> np.ndarray:
-    """Displacement of the host: the bed is an FMU, the masses and the spring are here."""
+    """Displacement of the host, with the bed as an FMU and masses and spring in Python."""
     inverse, height, velocity, output = np.linalg.inv(mass_matrix(system)), 1000, 1001, 4000
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
@@ -212,7 +212,7 @@ def two_bodies(fmu: Any, system: CoupledSystem, force: float, omega: float) -> n
 
 
 def own_motion(system: CoupledSystem, force: float, omega: float) -> np.ndarray:
-    """The same by the toolkit's equation, with its steps."""
+    """Displacement of the host by the toolkit's equation with its time steps."""
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         result = np.zeros(6)
@@ -223,7 +223,7 @@ def own_motion(system: CoupledSystem, force: float, omega: float) -> np.ndarray:
 
 
 class Exchange:
-    """An FMU for model exchange, of FMI 2 or 3, by FMPy."""
+    """An FMU for model exchange (FMI 2 or 3), run by FMPy."""
 
     def __init__(self, path: Path, version: int) -> None:
         import fmpy
@@ -250,7 +250,7 @@ class Exchange:
 
 @needs_gcc
 @needs_fmpy
-def test_a_machine_on_an_fmu_swings_as_by_the_toolkit(tmp_path: Path) -> None:
+def test_a_machine_on_an_fmu_moves_as_in_the_toolkit(tmp_path: Path) -> None:
     from fmpy.validation import validate_fmu
 
     scene, path = load_scene("machine"), tmp_path / "bed.fmu"
@@ -264,7 +264,7 @@ def test_a_machine_on_an_fmu_swings_as_by_the_toolkit(tmp_path: Path) -> None:
 @needs_gcc
 @needs_fmpy
 @pytest.mark.parametrize("version", [2, 3])
-def test_parameters_are_tunable_and_derivatives_are_given(version: int, tmp_path: Path) -> None:
+def test_an_fmu_has_tunable_parameters_and_directional_derivatives(version: int, tmp_path: Path) -> None:
     port, path = bed_force_port(load_scene("damper")), tmp_path / "bed.fmu"
     write_code(port, path, version)
     bed = Exchange(path, version)
@@ -278,7 +278,7 @@ def test_parameters_are_tunable_and_derivatives_are_given(version: int, tmp_path
     assert slope == pytest.approx(-2.0 * 2.5 * port.load / port.model.initial[0], rel=1e-9)
 
 
-def test_modelica_text_is_an_element_between_flanges() -> None:
+def test_the_modelica_port_is_an_element_between_flanges() -> None:
     text = port_modelica_source(port_of("van-der-pol-like"), "Bed")
     assert "extends Modelica.Mechanics.Translational.Interfaces.PartialCompliant" in text
     code = re.sub(r'//.*|"[^"\n]*"', "", text)
@@ -301,11 +301,11 @@ def test_modelica_text_is_an_element_between_flanges() -> None:
 
 
 def test_a_port_needs_a_mass() -> None:
-    with pytest.raises(InputError, match="give the mass of the piston"):
+    with pytest.raises(InputError, match="give the mass of the recorded piston"):
         force_port(model_of("linear"), None)
     assert force_port(model_of("linear"), MASS).mass == MASS
 
 
-def test_a_derived_law_is_no_port() -> None:
-    with pytest.raises(InputError, match="the bed's mass moves along in a derived law"):
+def test_a_derived_law_cannot_be_exported_as_a_port() -> None:
+    with pytest.raises(InputError, match="a derived law includes the moving mass of the bed"):
         force_port(model_of("derived"), MASS)

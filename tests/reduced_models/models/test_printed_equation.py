@@ -1,4 +1,4 @@
-"""What is printed says what was found: its numbers have as many digits as that takes."""
+"""Printed equations and figures have enough digits to reproduce the fit within its intervals."""
 
 import dataclasses
 import math
@@ -26,7 +26,7 @@ from reduced_models.laws.linearization import (
 )
 from reduced_models.laws.printing import mathml, mathml_of_rate, round_significant
 from reduced_models.models.at_rest import AtRest
-from reduced_models.models.printed_model import swing_quantities
+from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.models.quantities import (
     QuantityWithError,
     caution_lines,
@@ -42,12 +42,12 @@ PRINTED = (
     *("linear", "van-der-pol-like", "duffing", "polynomial-spring", "power-law-spring"),
     *("quadratic-drag", "coulomb"),
 )
-"""Laws that others here are made of; those with a hidden state are printed as two equations."""
+"""Laws that are parts of others here; laws with a hidden state are printed as two equations."""
 NUMBER = r"(-?[0-9.]+(?:e[+-]?[0-9]+)?)"
 
 
 def inside(model: ReducedModel, height: float, omega: float, damping: float) -> None:
-    """Level, period and damping ratio lie in the printed intervals."""
+    """Assert that equilibrium, period and damping ratio lie in the printed intervals."""
     rest = model.at_rest
     found = {"height": height, "period": 2.0 * math.pi / omega, "damping_ratio": damping / (2.0 * omega)}
     for name, value in found.items():
@@ -56,7 +56,7 @@ def inside(model: ReducedModel, height: float, omega: float, damping: float) -> 
 
 
 def damping_ratio(rest: AtRest, rates: Rates, swing: SmallOscillation, hidden: int = 0) -> float:
-    """Of the printed law, at the amplitude that the fit's is of (no map has another scale here)."""
+    """Damping ratio of the printed law at the amplitude of the fitted one (all maps have scale 1)."""
     if rest.equivalent is None:
         return swing.damping_ratio
     omega = 2.0 * math.pi / swing.period
@@ -66,13 +66,13 @@ def damping_ratio(rest: AtRest, rates: Rates, swing: SmallOscillation, hidden: i
 
 @pytest.fixture(scope="module")
 def record() -> PistonRecord:
-    """A swing about 59 mm."""
+    """A decay about 59 mm."""
     time = np.linspace(0.0, 2.0, 2000)
     return noisy(time, 0.059 + damped_cosine(time, 0.0012), 1e-4, 5)
 
 
-def test_the_linear_law_as_it_is_printed(record: PistonRecord) -> None:
-    """In LaTeX, on the page, and as a list of parameters."""
+def test_the_linear_law_is_printed_with_sufficient_digits(record: PistonRecord) -> None:
+    """In LaTeX, in the report, and in the list of parameters."""
     model = fit(record, "linear")
     pattern = rf"\\ddot{{z}} \+ {NUMBER} \\dot{{z}} \+ {NUMBER} z = {NUMBER}"
     match = re.fullmatch(pattern, model.fitted_latex)
@@ -89,7 +89,7 @@ def test_the_linear_law_as_it_is_printed(record: PistonRecord) -> None:
 
 
 @pytest.mark.parametrize("product", ["friction*tanh(v)", "c*gain", "friction*c"])
-def test_words_of_a_product_stand_apart_on_pages(product: str) -> None:
+def test_multi_letter_factors_are_separated_in_reports(product: str) -> None:
     t = sympy.Symbol("t")
     z = sympy.Function("z")(t)
     names = {name: sympy.Symbol(name) for name in ("friction", "c", "gain")}
@@ -100,14 +100,14 @@ def test_words_of_a_product_stand_apart_on_pages(product: str) -> None:
     assert re.search(r"\b(friction|gain)\b", re.sub(r"<(?!mspace)[^>]*>", "", bare))
 
 
-def test_letters_of_a_product_stay_together_on_pages() -> None:
+def test_single_letter_factors_are_not_separated_in_reports() -> None:
     t, c, k = sympy.symbols("t c k")
     z = sympy.Function("z")(t)
     assert "<mspace" not in mathml(sympy.Eq(z.diff(t, 2) + c * k * z, 0))
 
 
-def test_a_law_with_a_map_as_it_is_printed(record: PistonRecord) -> None:
-    """The height as a line in z is printed next to the equation, with as many digits."""
+def test_a_law_with_a_map_is_printed_with_the_map(record: PistonRecord) -> None:
+    """The height as a linear function of z has as many digits as the equation."""
     model = fit(record, "van-der-pol-like")
     line = sympy.Poly(model.printed_height.rhs, sympy.Symbol("z"))
     scale, shift = map(float, line.all_coeffs())
@@ -122,8 +122,8 @@ def test_a_law_with_a_map_as_it_is_printed(record: PistonRecord) -> None:
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_every_law_as_it_is_printed(name: str, made: Any) -> None:
-    """Level, period and damping ratio of the printed equation lie within their intervals."""
+def test_every_printed_law_reproduces_its_figures(name: str, made: Any) -> None:
+    """Equilibrium, period and damping ratio of the printed equation lie within their intervals."""
     model = fit(made(name, seed=1), name)
     rest = model.at_rest
     digits = max(5, model.printed_digits)
@@ -138,11 +138,11 @@ def test_every_law_as_it_is_printed(name: str, made: Any) -> None:
         low, high = rest.intervals[key]
         slack = 1e-6 * abs(getattr(rest, key)) + 1e-12
         assert low - slack <= value <= high + slack, key
-    assert name != "duffing" or model.printed_digits <= 5  # few are enough at one per cent of noise
+    assert name != "duffing" or model.printed_digits <= 5  # few are enough at one per cent noise
 
 
 def assert_memory_as_printed(model: ReducedModel) -> None:
-    """The small swing of a law with hidden states, and their rates, are those of what is printed."""
+    """Assert that the printed rates of hidden states reproduce small oscillations and rates."""
     law, rest = model.law, model.at_rest
     found = {key: re.search(rf"\b{key} {NUMBER} ", str(model)) for key in law.parameters}
     values = [float(match[1]) for match in found.values() if match is not None]
@@ -156,7 +156,7 @@ def assert_memory_as_printed(model: ReducedModel) -> None:
 
 
 def assert_rates_as_printed(model: ReducedModel) -> None:
-    """The equations of the hidden states are those that the motion follows."""
+    """Assert that the printed equations of hidden states agree with the simulated rates."""
     law, z, speed = model.law, 0.9, -0.3
     states = [0.02 + 0.01 * k for k in range(len(law.hidden))]
     field = compile_rates(law.equation, law.inputs, "math")
@@ -174,8 +174,8 @@ def assert_rates_as_printed(model: ReducedModel) -> None:
         assert "<mover><mi>z</mi>" in formula
 
 
-def test_what_a_law_says_of_rest_is_printed_with_its_errors() -> None:
-    """To two digits of half the interval."""
+def test_figures_at_equilibrium_are_printed_with_errors() -> None:
+    """Errors are half the intervals, to two digits."""
     intervals = {"period": (0.2999, 0.3001), "damping_ratio": (0.08, 0.09)}
     rest = AtRest(0.062123456, 0.3, 0.085, intervals | {"height": (0.06212341, 0.06212350)})
     assert [" ".join(line.split()) for line in str(rest).splitlines()] == [
@@ -198,7 +198,7 @@ def quantity(value: float, error: float, unit: str = "mm") -> QuantityWithError:
 @pytest.mark.parametrize(
     ("value", "error", "text"),
     [
-        (2.3111159e-30, 0.0, "2.31112e-30 mm"),  # no figure of `fit`, see below
+        (2.3111159e-30, 0.0, "2.31112e-30 mm"),  # `fit` gives 0 instead, see below
         (0.80000000001, 1e-13, "0.8 mm"),
         (1744.76931503685, 12.3, "1745 ± 12 mm"),
         (59.113399, 0.021, "59.113 ± 0.021 mm"),
@@ -206,7 +206,7 @@ def quantity(value: float, error: float, unit: str = "mm") -> QuantityWithError:
         (5.0, math.inf, "5.000 mm (not determined)"),
     ],
 )
-def test_a_figure_has_the_digits_that_its_error_is_worth(value: float, error: float, text: str) -> None:
+def test_a_figure_is_printed_to_two_digits_of_its_error(value: float, error: float, text: str) -> None:
     assert quantity(value, error).text_with_error == text
 
 
@@ -214,12 +214,12 @@ def test_a_figure_has_the_digits_that_its_error_is_worth(value: float, error: fl
     ("fraction", "text"),
     [(3.83e-12, "< 0.0001 %"), (0.0194, "1.94 %"), (12.345, "1234 %"), (math.inf, "diverges"), (0.0, "0 %")],
 )
-def test_relative_errors_in_per_cent(fraction: float, text: str) -> None:
+def test_relative_errors_are_printed_in_per_cent(fraction: float, text: str) -> None:
     assert format_percent(fraction) == text
 
 
-def test_no_parameter_is_cut_off() -> None:
-    """Twelve numbers take as many lines as they need, and no line breaks within one."""
+def test_parameters_are_never_truncated_or_broken_across_lines() -> None:
+    """Twelve parameters take as many lines as needed."""
     values = tuple(
         QuantityWithError(f"c{k}", f"c{k}", "1/(m s^2)", 1e4 + k, {"fit": 12.0}) for k in range(12)
     )
@@ -230,13 +230,13 @@ def test_no_parameter_is_cut_off() -> None:
         assert sum(f"{item.name} {item.text_with_error}" in line for line in lines) == 1
 
 
-def test_an_interval_that_is_not_about_its_value_is_printed_as_one() -> None:
+def test_an_asymmetric_interval_is_printed_in_place_of_the_error() -> None:
     (_, line) = equation_lines("z'' = -k*z", [quantity(2.0, 0.5, "1/s^2")], {"a": (1.8, 2.8)})
     assert line.strip() == "a 2.00 1/s^2 (1.80 to 2.80)"
 
 
-def test_figures_in_an_engineer_s_words() -> None:
-    lines = figure_lines(swing_quantities(load_model(SAVED), 7.5), 7.5, 0.95, "1 to 2 mm: constant")
+def test_figures_are_printed_in_a_fixed_order_and_aligned() -> None:
+    lines = figure_lines(oscillation_quantities(load_model(SAVED), 7.5), 7.5, 0.95, "1 to 2 mm: constant")
     names = ["natural frequency", "damping ratio", "stiffness", "equilibrium", "amplitude"]
     assert [line.split("  ")[1] for line in lines[:-1]] == names
     assert "(for 7.5 kg)" in lines[2]
@@ -244,8 +244,8 @@ def test_figures_in_an_engineer_s_words() -> None:
     assert lines[4].index("1 to 2 mm") == lines[0].index(lines[0].split("f0")[1].strip()[:4])
 
 
-def test_a_motion_about_zero_without_noise_has_its_equilibrium_there() -> None:
-    """The root finder's 1e-37 is 0, and no number has fifteen digits."""
+def test_an_equilibrium_at_zero_is_printed_as_zero() -> None:
+    """A root of 1e-37 becomes 0, and no number has 15 digits."""
     held = {"g0": Parameter(0.0, fixed=True)}
     model = fit(PistonRecord(TIME, damped_cosine(TIME)), "linear", starts=2, parameters=held)
     assert model.at_rest.height == 0.0
@@ -254,7 +254,7 @@ def test_a_motion_about_zero_without_noise_has_its_equilibrium_there() -> None:
     assert model.printed_digits <= 9
 
 
-def test_cautions_are_whole_or_counted() -> None:
+def test_cautions_are_printed_in_full_or_counted() -> None:
     words = ["the record " + "rounds " * 20, "a", "b", "c"]
     lines = caution_lines(words, 4)
     assert len(lines) <= 4
@@ -262,7 +262,7 @@ def test_cautions_are_whole_or_counted() -> None:
     assert caution_lines(words) == [*caution_lines(words[:1]), "caution: a", "caution: b", "caution: c"]
 
 
-def test_the_small_motion_in_degrees_and_as_a_row_of_a_table() -> None:
+def test_small_oscillations_are_printed_in_degrees_and_as_a_table_row() -> None:
     rest = load_model(SAVED).at_rest
     turned = str(dataclasses.replace(rest, coordinate_unit="rad"))
     assert " °" in turned

@@ -1,4 +1,4 @@
-"""Models as objects: decays, cycles, drives, bands, draws, a plot, and the manners of an estimator."""
+"""Methods of models: decays, cycles, driven responses, bands, posterior draws, plots, serialisation."""
 
 import dataclasses
 import math
@@ -28,7 +28,7 @@ def duffing(made: Any) -> ReducedModel:
     return fit(made("duffing"), "duffing", starts=1)
 
 
-def test_a_linear_cycle_is_exact(linear: ReducedModel) -> None:
+def test_a_cycle_of_the_linear_law_is_exact(linear: ReducedModel) -> None:
     """Stiffness omega^2, damping 2 lam, energy pi A^2 omega 2 lam, at any amplitude."""
     lam, omega = linear.parameters["lam"], linear.parameters["omega"]
     for amplitude in (1e-3, 1.0, 1e3):
@@ -41,7 +41,7 @@ def test_a_linear_cycle_is_exact(linear: ReducedModel) -> None:
         assert loop.centre == pytest.approx(linear.at_rest.height, abs=1e-6 * amplitude)
 
 
-def test_the_linear_frequency_response_is_the_textbook_one(linear: ReducedModel) -> None:
+def test_the_linear_frequency_response_equals_the_textbook_formula(linear: ReducedModel) -> None:
     lam, omega = linear.parameters["lam"], linear.parameters["omega"]
     drive = np.linspace(0.2, 3.0, 50)
     found = linear.frequency_response(0.1, drive)
@@ -50,8 +50,8 @@ def test_the_linear_frequency_response_is_the_textbook_one(linear: ReducedModel)
     np.testing.assert_allclose(found.high, exact, rtol=1e-3)
 
 
-def test_describing_functions_of_duffing(duffing: ReducedModel) -> None:
-    """K + 3/4 beta A^2 (exact), and the driven simulation within the method's few per cent."""
+def test_describing_functions_of_the_duffing_law(duffing: ReducedModel) -> None:
+    """The stiffness is k + 3/4 beta A^2; the driven simulation agrees within a few per cent."""
     values = duffing.parameters
     loop = duffing.harmonic_cycle(0.8)
     expected = values["k"] + 0.75 * values["beta"] * 0.64
@@ -66,7 +66,7 @@ def test_describing_functions_of_duffing(duffing: ReducedModel) -> None:
     assert found.high[0] == pytest.approx(0.5 * np.ptp(steady), rel=0.03)
 
 
-def test_a_decay_loses_the_energy_of_its_cycles(linear: ReducedModel) -> None:
+def test_the_energy_loss_of_a_decay_equals_the_loss_of_its_cycles(linear: ReducedModel) -> None:
     record = linear.free_decay(0.5, periods=6.0)
     assert record.height[0] == pytest.approx(linear.at_rest.height + 0.5, rel=1e-9)
     energies = (
@@ -77,7 +77,7 @@ def test_a_decay_loses_the_energy_of_its_cycles(linear: ReducedModel) -> None:
     assert energies[-1] / energies[0] == pytest.approx(math.exp(rate), rel=0.1)
 
 
-def test_cycles_that_cannot_be(linear: ReducedModel, made: Any) -> None:
+def test_impossible_cycles_and_responses_are_refused(linear: ReducedModel, made: Any) -> None:
     one, law = np.array([1.0]), LAWS["power-law-spring"]
     spring = dataclasses.replace(linear, law=law, parameters=made.true["power-law-spring"])
     for act, words in (
@@ -87,13 +87,13 @@ def test_cycles_that_cannot_be(linear: ReducedModel, made: Any) -> None:
         (lambda: linear.frequency_response(0.1, 0.0 * one), "frequencies must be"),
         (lambda: linear.frequency_response(0.1, one, 0.0), r"largest = 0\.0 m"),
         (lambda: law_with_force_input(linear.law, "pi"), "does not name"),
-        (lambda: spring.harmonic_cycle(50.0, 1.0), "leaves where the law"),
+        (lambda: spring.harmonic_cycle(50.0, 1.0), "leaves the range in which the law"),
     ):
         with pytest.raises(InputError, match=words):
             act()
 
 
-def test_text_that_runs_alone(duffing: ReducedModel) -> None:
+def test_the_exported_python_module_runs_alone(duffing: ReducedModel) -> None:
     times = np.linspace(0.0, 10.0, 300)
     space: dict[str, Any] = {}
     exec(duffing.numpy_source, space)
@@ -102,7 +102,7 @@ def test_text_that_runs_alone(duffing: ReducedModel) -> None:
     assert "sha256" in duffing.text
 
 
-def test_domain_and_provenance(duffing: ReducedModel, tmp_path: Any) -> None:
+def test_a_model_stores_its_domain_and_provenance(duffing: ReducedModel, tmp_path: Any) -> None:
     assert duffing.outside_range_text(duffing.free_decay(0.5)) == ""
     assert "extrapolation" in duffing.outside_range_text(duffing.free_decay(9.0, periods=1.0))
     duffing.save(tmp_path / "model.json")
@@ -111,7 +111,7 @@ def test_domain_and_provenance(duffing: ReducedModel, tmp_path: Any) -> None:
     assert back.provenance["data"].startswith("2000 samples over 40 s, sha256 ")
 
 
-def test_the_manners_of_an_estimator(made: Any) -> None:
+def test_a_model_simulates_and_predicts_like_an_estimator(made: Any) -> None:
     record = made("linear")
     times = record.time[:, None]
     estimator = LawEstimator("linear").fit(times, record.height)
@@ -127,7 +127,9 @@ def test_the_manners_of_an_estimator(made: Any) -> None:
 TRUE = {"lam": 0.05, "omega": 1.05, "g0": -1.0}
 
 
-def test_covariance_and_bands(made: Callable[..., PistonRecord], tmp_path: Path) -> None:
+def test_prediction_bands_follow_from_the_covariance(
+    made: Callable[..., PistonRecord], tmp_path: Path
+) -> None:
     record = made("linear")
     model = fit(record, "linear")
     assert model.covariance_names == ("lam", "omega", "g0", "height", "velocity")
@@ -152,7 +154,7 @@ def test_covariance_and_bands(made: Callable[..., PistonRecord], tmp_path: Path)
         ReducedModel.from_plain(bare).predict_with_band(record.time)
 
 
-def test_a_model_shows_itself(made: Callable[..., PistonRecord]) -> None:
+def test_a_model_has_text_html_and_latex_representations(made: Callable[..., PistonRecord]) -> None:
     record = made("linear", level=0.02)
     model = fit(record, "linear")
     assert [len(one.lines) for one in model.plot(record).figure.axes] == [2, 1]
@@ -168,8 +170,8 @@ def test_a_model_shows_itself(made: Callable[..., PistonRecord]) -> None:
 
 
 @pytest.mark.long
-def test_the_posterior_is_that_of_the_linearisation(made: Callable[..., PistonRecord]) -> None:
-    """Where the noise is small, draws are normal about the fit with its covariance."""
+def test_the_posterior_is_normal_about_the_fit_for_small_noise(made: Callable[..., PistonRecord]) -> None:
+    """With the covariance of the linearisation."""
     pytest.importorskip("numpyro")
     record = made("linear", level=0.02)
     record = PistonRecord(record.time[::5], record.height[::5])
