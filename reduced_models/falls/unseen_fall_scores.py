@@ -110,8 +110,8 @@ class DropScores:
 
     @property
     def header(self) -> tuple[str, ...]:
-        """Headings of the table: law, fitted parameters, a label for each held-out fall, median."""
-        return ("law", "fitted parameters", *self.labels, "median")
+        """Headings of the table: law, numbers fitted, a label for each held-out fall, median."""
+        return ("law", "numbers fitted", *self.labels, "median")
 
     def cells(self) -> list[tuple[str, ...]]:
         """Cells of the table, one row for each law: errors in percent of the drop."""
