@@ -291,7 +291,7 @@ def test_command_prints_the_tolerances_of_parts(monkeypatch, command):
     assert "'piston.colour' is not a number of a part" in wrong
     # Both grain sizes of a mixture are parts of the design, but not of the bed above.
     both = command(*words, "--small-share", "0.3", "--part", "grains.species.1.diameter=1%").stderr
-    assert "no number of a part of the scene 'damper'" in both
+    assert "not a number of a part of the scene 'damper'" in both
 
 
 @pytest.mark.long
