@@ -261,7 +261,7 @@ def _incomplete_solution_text(name: str, times: np.ndarray, result: Solution) ->
         cause = f"diverges after t = {last:g} s"
     else:
         cause = (
-            f"needs more than {MAXIMUM_STEPS} steps for each requested time and each time constant of the law "
-            f"after t = {last:g} s (the law jumps there, or is not defined)"
+            f"needs more than {MAXIMUM_STEPS} steps for each requested time and each time constant of the "
+            f"law after t = {last:g} s (the law jumps there, or is not defined)"
         )
     return f"the solution of the law {quote(name)} {cause}; start closer to equilibrium or shorten the time"

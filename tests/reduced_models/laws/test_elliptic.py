@@ -147,7 +147,9 @@ def test_averaged_van_der_pol_like_oscillation_agrees_with_simulation() -> None:
     ],
 )
 def test_barriers_limit_the_amplitude(k: float, beta: float, amplitude: float, turns: bool) -> None:
-    assert oscillates_about_equilibrium(np.array([amplitude]), DuffingVanDerPolOscillator(k, beta, 0.0)) == turns
+    assert (
+        oscillates_about_equilibrium(np.array([amplitude]), DuffingVanDerPolOscillator(k, beta, 0.0)) == turns
+    )
 
 
 def test_critical_share_covers_the_whole_oscillation() -> None:
