@@ -163,4 +163,4 @@ def test_the_command_shows_the_law_or_the_reason_without_it(
     assert "92 grains" in (tmp_path / "report.html").read_text()
     done = command("reduced_models", "compare", "--response", str(tmp_path / "nothing"))
     assert done.returncode == 2
-    assert "holds no response.json" in done.stderr
+    assert "has no response.json" in done.stderr
