@@ -153,7 +153,7 @@ def test_run_reports_chosen_settings_and_cost(small_bed: Scene) -> None:
     assert words.startswith("energy to 0.001: ")
     assert run.settings()["dt"] in words
     assert work_precision_text(run).startswith("cost: ")
-    assert "by the step" in work_precision_text(run)
+    assert "due to the step" in work_precision_text(run)
     assert "half the step" in work_precision_text(run)
 
 
@@ -197,7 +197,7 @@ def test_cost_of_a_resumed_run_excludes_earlier_compilation(
 def test_cost_line_reports_the_energy_residual_without_a_similar_scene() -> None:
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     error = run.settings()["ledger_residual"]
-    assert f"energy to {error:.1g} by the step" in work_precision_text(run)
+    assert f"energy to {error:.1g} due to the step" in work_precision_text(run)
     assert f", {error / 4.0:.1g}" in work_precision_text(run)
 
 
