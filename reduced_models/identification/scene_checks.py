@@ -373,11 +373,11 @@ def choose_step_check(run: Trajectory) -> RunCheck:
     # II.4): halving the step changes the result by 1 - 2^-p of the error. For twice the step the full change
     # is taken as the error, a bound also if the bed packs differently and no order holds.
     from granular.run.plan import can_run, multiply_time_step
-    from granular.run.work_precision import RESOLVED
+    from granular.run.work_precision import MAX_RESOLVED_PRODUCT
 
     settings = run.settings()
     twice, half = (multiply_time_step(settings["dt"], by) for by in (2.0, 0.5))
-    if 2.0 * settings["step_times_highest_frequency"] <= RESOLVED and can_run(run.scene, twice, run.method):
+    if 2.0 * settings["step_times_highest_frequency"] <= MAX_RESOLVED_PRODUCT and can_run(run.scene, twice, run.method):
         return RunCheck("twice the time step", {"dt": twice}, 1.0)
     power = 2.0**run.method.order
     return RunCheck("half the time step", {"dt": half}, power / (power - 1.0))

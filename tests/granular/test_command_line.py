@@ -4,6 +4,7 @@ import importlib
 import json
 import shlex
 import shutil
+import subprocess
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 from granular import damper
 from granular.commands.console import launch
 
-Command = Callable[..., "subprocess.CompletedProcess[str]"]
+Command = Callable[..., subprocess.CompletedProcess[str]]
 
 CHANGES_OF_SMALL = ("grains.count=23", "cell.width=15 D", "piston.height=6 D", "arrangement.height=5.5 D")
 SMALL = tuple(word for change in CHANGES_OF_SMALL for word in ("--set", change))
