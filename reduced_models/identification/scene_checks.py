@@ -377,7 +377,8 @@ def choose_step_check(run: Trajectory) -> RunCheck:
 
     settings = run.settings()
     twice, half = (multiply_time_step(settings["dt"], by) for by in (2.0, 0.5))
-    if 2.0 * settings["step_times_highest_frequency"] <= MAX_RESOLVED_PRODUCT and can_run(run.scene, twice, run.method):
+    is_resolved = 2.0 * settings["step_times_highest_frequency"] <= MAX_RESOLVED_PRODUCT
+    if is_resolved and can_run(run.scene, twice, run.method):
         return RunCheck("twice the time step", {"dt": twice}, 1.0)
     power = 2.0**run.method.order
     return RunCheck("half the time step", {"dt": half}, power / (power - 1.0))
