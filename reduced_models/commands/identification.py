@@ -74,6 +74,9 @@ def identify(
         Kilograms | None,
         Option("moving mass [kg], for stiffness and damping (by default a scene's piston)", "M"),
     ] = None,
+    coordinates: Annotated[
+        int, Option("2: fit two linear modes to a free decay in one column, and compare with one (1)")
+    ] = 1,
     starts: StartCount = 16,
     budget: Budget = 300.0,
     no_checks: Annotated[bool, Option("skip the runs for step error and spread over packings")] = False,
@@ -116,6 +119,7 @@ def identify(
         discovery=discover,
         drive=drive,
         mass=mass,
+        coordinates=coordinates,
         starts=starts,
         options=IdentifyOptions(budget, not no_checks, parts=tolerances),
         progress=output.progress and (lambda first: print_above_bar(first.line_before_checks)),
@@ -296,6 +300,10 @@ def discover(
     ] = "auto",
     effort: Annotated[Fraction, Option("length of a symbolic regression relative to the default", "X")] = 1.0,
     seed: Annotated[int, Option("seed of random searches")] = 0,
+    least_effect: Annotated[
+        float,
+        Option("smallest change of the motion, over its rms displacement, that a term must make (1e-3)", "X"),
+    ] = 1e-3,
     out: Annotated[str | None, Option("JSON file of the chosen model", "FILE", "-o")] = None,
     reading: Reading,
     output: Output,
@@ -317,6 +325,7 @@ def discover(
         input=drive,
         target=target,
         seed=seed,
+        least_effect=least_effect,
         options=DiscoveryOptions(progress=output.progress, functions=functions, effort=effort, height=height),
     )
     text, model = str(result), result.best.model

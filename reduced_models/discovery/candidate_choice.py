@@ -43,6 +43,7 @@ _POOR_FIT = 2.0  # residual over the record's noise
 _STRONG = 6.0
 """Difference of criteria above which evidence is strong (Kass & Raftery 1995,
 doi:10.1080/01621459.1995.10476572); below it the simpler equation is chosen."""
+_EQUAL = 0.1  # difference of criteria between sums that are the same function along the record
 _MAXIMUM_FURTHER_FITS = 20
 _PREFERRED_FRACTION, _MAXIMUM_PREFERRED = 0.25, 2
 """Structures that win this fraction of the random halves or more are fitted too, up to this number."""
@@ -77,7 +78,7 @@ def polish_and_choose_candidate(
         polished = (item for item in map(polish, further[:_MAXIMUM_FURTHER_FITS]) if item.models)
         done += itertools.islice(polished, 1)
     done = _add_pruned_candidates(done, polish, proposed)
-    fitted = [candidate_ for candidate_ in done if candidate_.models]
+    fitted = _with_needed_terms([candidate_ for candidate_ in done if candidate_.models], scorer)
     if fitted:
         best = _simplest_candidate(fitted, _solution_criteria(fitted, scorer))
     else:
@@ -109,6 +110,20 @@ def _add_pruned_candidates(
             if not _has_same_structure(simpler, candidates):
                 candidates.append(polish(simpler))
     return candidates
+
+
+def _with_needed_terms(fitted: list[CandidateEquation], scorer: EquationScorer) -> list[CandidateEquation]:
+    """Candidates all of whose terms pay by their own errors; all of them if there is none."""
+    # Errors of a solver are smooth: further terms follow them, but by intervals that allow for correlated
+    # residuals their coefficients are not determined.
+    rises = [_rises_by_solution(item, scorer) for item in fitted]
+    sound = [
+        item
+        for item, rise in zip(fitted, rises, strict=True)
+        if rise is not None and min(rise.values()) >= _STRONG
+    ]
+    unknown = [item for item, rise in zip(fitted, rises, strict=True) if rise is None]
+    return [*sound, *unknown] if sound else fitted
 
 
 def _has_same_structure(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:
@@ -144,12 +159,16 @@ def _rises_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> 
     terms, count = sort_terms(candidate.terms), len(model.parameters)
     if any(f"c{k}" not in model.covariance_names for k in range(len(terms))):
         return None
-    penalty = scorer.information_criterion(0.0, count) - scorer.information_criterion(0.0, count - 1)
+    noise = scorer.weak.motions[0].noise * abs(model.height_line.scale)
+    squares = (model.quality.residual / noise) ** 2
+    weighing = dataclasses.replace(scorer, excess=max(1.0, squares))
+    penalty = weighing.information_criterion(0.0, count) - weighing.information_criterion(0.0, count - 1)
     rises = {}
     for k, term in enumerate(terms):
         index = model.covariance_names.index(f"c{k}")
         variance = float(model.covariance[index, index])
-        rises[term] = model.parameters[f"c{k}"] ** 2 / max(variance, 1e-300) - penalty
+        ratio = model.parameters[f"c{k}"] ** 2 / max(variance, 1e-300)
+        rises[term] = ratio * min(1.0, squares) - penalty
     return rises
 
 
@@ -172,7 +191,12 @@ def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[floa
     near = [
         (candidate, value) for candidate, value in zip(candidates, criteria, strict=True) if value <= limit
     ]
-    return min(near, key=lambda pair: (_parameter_count(pair[0]), pair[1]))[0]
+    fewest = min(_parameter_count(candidate) for candidate, _ in near)
+    near = [pair for pair in near if _parameter_count(pair[0]) == fewest]
+    # Of equals the shorter text: 1 for the sign(z') of a motion in one direction.
+    best = min(value for _, value in near)
+    equals = [candidate for candidate, value in near if value < best + _EQUAL]
+    return min(equals, key=lambda candidate: candidate.complexity)
 
 
 def _parameter_count(candidate: CandidateEquation) -> int:
@@ -183,13 +207,15 @@ def _parameter_count(candidate: CandidateEquation) -> int:
 
 def _solution_criteria(fitted: list[CandidateEquation], scorer: EquationScorer) -> list[float]:
     """Criterion of each candidate, from residuals of its solutions instead of the weak form."""
-    weighing = dataclasses.replace(scorer, excess=1.0)
     squares = np.zeros(len(fitted))
     for k, motion in enumerate(scorer.weak.motions):
         models = [fit.models[k] for fit in fitted]
         residuals = np.array([model.quality.residual for model in models])
-        noise = max(motion.noise * abs(models[0].height_line.scale), float(residuals.min()), 1e-300)
+        noise = motion.noise * abs(models[0].height_line.scale)
         squares += len(motion.time) * (residuals / noise) ** 2
+    # Where even the best solution leaves more than the noise, its residual is the unit.
+    excess = max(1.0, float(squares.min()) / scorer.weak.sample_count)
+    weighing = dataclasses.replace(scorer, excess=excess)
     counts = [_parameter_count(candidate) for candidate in fitted]
     return [
         weighing.information_criterion(float(square), count)

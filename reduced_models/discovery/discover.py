@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from numbers import Real
 from typing import Literal, get_args
 
 from granular.records.record import PistonRecord
@@ -52,6 +53,8 @@ from reduced_models.records.inputs import column_names
 
 Method = Literal["auto", "sindy", "pysindy", "operon", "pysr"]
 Target = Literal["acceleration", "force", "height"]
+LEAST_EFFECT = 1e-3
+"""Smallest change of the motion, over its rms displacement, that a term must make."""
 SPARSE = ("sindy", "pysindy")
 """Methods that only choose among the terms of a library."""
 _MAXIMUM_SEED = 2**32 - 1  # accepted by the programs for symbolic regression
@@ -134,6 +137,7 @@ def check_arguments(
     column: str | None,
     seed: object,
     line: HeightLine | None,
+    least_effect: object = LEAST_EFFECT,
 ) -> None:
     """Check that the arguments of `discover` are in range and compatible."""
     for name, value, valid in (("method", method, get_args(Method)), ("target", target, get_args(Target))):
@@ -143,6 +147,8 @@ def check_arguments(
         raise InputError(f"degree = {quote(degree)}; give an integer from 1 to 5")
     if not isinstance(seed, int) or not 0 <= seed <= _MAXIMUM_SEED:
         raise InputError(f"seed = {quote(seed)}; give an integer from 0 to {_MAXIMUM_SEED}")
+    if not isinstance(least_effect, Real) or not 0.0 <= float(least_effect) < 1.0:
+        raise InputError(f"least_effect = {quote(least_effect)}; give a number from 0 to below 1")
     if target == "height":
         if method in ("auto", *SPARSE):
             raise InputError("target = 'height' needs a symbolic method: give method 'operon' or 'pysr'")
@@ -177,7 +183,7 @@ _UNUSED = "columns not used as an input: {0}; input=NAME (--input NAME) takes on
 _LINE = 70  # characters of a formula in a line of progress
 _LEFT_SIDES = {"acceleration": "z''", "force": "force", "height": "height"}
 _FORMULA = ("sin", "cos", "exp")  # functions allowed in formulas of the time
-_DRIVE = ("sin(w*t)", "cos(w*t)")
+_DRIVES = tuple((f"sin({name}*t)", f"cos({name}*t)") for name in ("w", "w2", "w3"))
 _DEFAULTS = DiscoveryOptions()
 
 
@@ -191,6 +197,7 @@ def discover(
     terms: str | Sequence[str] = (),
     input: str | None = None,  # noqa: A002
     seed: int = 0,
+    least_effect: float = LEAST_EFFECT,
     options: DiscoveryOptions = _DEFAULTS,
 ) -> Discovery:
     """Discover the equation of motion z'' = f(z, z', input, t) of one record or of several together.
@@ -219,7 +226,7 @@ def discover(
     library : str, or a sequence of them
         Terms to choose from. ``"auto"`` takes the library that fits the record best, with a note if
         it is not the physical one. If the residuals of all libraries exceed the noise, ``"auto"``
-        also tries a drive sin(w*t), cos(w*t) and finds w. Or one or more of
+        also tries up to three drives sin(w*t), cos(w*t) and finds each w. Or one or more of
         `reduced_models.discovery.term_libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
         Symbolic regression gets the terms that are not products of powers as variables.
@@ -242,6 +249,10 @@ def discover(
         Column of the records that drives the motion ("force", or an extra one).
     seed : int
         Seed of random searches, from 0 to 2^32 - 1.
+    least_effect : float
+        Smallest change of the motion, over its rms displacement, that a term must make to be chosen, from
+        0 to below 1; beside the statistical criterion. Errors of an integrator or an interpolation below
+        it are not taken for structure. For ``target="acceleration"``, and not for ``"memory"``.
     options : DiscoveryOptions
         Rare options: height, polish, functions, effort, progress.
 
@@ -263,7 +274,7 @@ def discover(
     """
     given, texts = list_of_records(records), text_sequence("terms", terms)
     libraries = text_sequence("library", library)
-    check_arguments(method, libraries, target, degree, texts, input, seed, options.line)
+    check_arguments(method, libraries, target, degree, texts, input, seed, options.line, least_effect)
     _check_records_for_target(given, target)
     functions = functions_known_to_program(options.functions, method)
     used = _installed_method(method, options.functions)
@@ -274,7 +285,9 @@ def discover(
         search = SymbolicSearch("pysr" if used == "pysr" else "operon", functions, options.effort, seed)
     with stage_reporter("discover", wanted=options.progress) as now:
         now("libraries")
-        studies, line, note = _choose_terms(given, libraries, target, degree, texts, input, options.line)
+        studies, line, note = _choose_terms(
+            given, libraries, target, degree, texts, input, options.line, least_effect
+        )
         now("sparse sums of terms" if search is None else "symbolic regression")
         proposed = propose_structures(studies, used, search)
         open_terms = proposed.study.open_terms
@@ -319,11 +332,15 @@ def _choose_terms(
     texts: Sequence[str],
     column: str | None,
     wanted: HeightLine | None,
+    least_effect: float,
 ) -> tuple[list[Study], HeightLine, str]:
     """Studies with library, user-defined and parametric terms; the line of their z; a note on the choice."""
     left_side = _LEFT_SIDES[target]
 
     def integrals(line: HeightLine) -> WeakForm:
+        if target == "acceleration" and libraries != (MEMORY,):
+            motions = [estimate_motion(record, line, column, least_effect) for record in records]
+            return weak_form(*motions, least_effect=least_effect)
         motions = [estimate_motion(record, line, column) for record in records]
         if target == "acceleration":
             return weak_form(*motions)
@@ -338,7 +355,8 @@ def _choose_terms(
     # In user-defined terms and libraries other than the physical one, z is the height.
     automatic, usual = libraries == (AUTO,), not texts and libraries in ((AUTO,), (PHYSICAL,))
     line = wanted or (normalising_line(records) if usual else HeightLine())
-    drive = OpenTerms() if "w" in opened.names else split_parametric_terms(_DRIVE, None, ())[1]
+    drives = [split_parametric_terms(drive, None, ())[1] for drive in _DRIVES]
+    drives = [OpenTerms() if {*drive.names} & {*opened.names} else drive for drive in drives]
     filled = ParametricTerms()
     if automatic and target == "acceleration":
         own = tuple(parse_custom_terms(plain, column))
@@ -349,7 +367,9 @@ def _choose_terms(
             degree,
             line_is_given=bool(texts) or wanted is not None,
             coordinate_unit=records[0].coordinate_unit,
-            drive_terms=lambda weak, known: ParametricTerms().fit_open_terms(drive, weak, known),
+            drive_terms=lambda number, weak, known: ParametricTerms().fit_open_terms(
+                drives[number], weak, known
+            ),
         )
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *own))))
     else:
@@ -357,7 +377,7 @@ def _choose_terms(
         proposal = LibraryProposal("", known, line, integrals(line))
     _check_terms_finite(proposal.weak, proposal.terms)
     known = proposal.terms
-    for item in (drive if proposal.driven else OpenTerms(), opened):
+    for item in (*drives[: proposal.drives], opened):
         known = (*known, *filled.fit_open_terms(item, proposal.weak, known))
     return [Study(proposal.weak, known, left_side, open_terms=filled)], proposal.line, proposal.note
 

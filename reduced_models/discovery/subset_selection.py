@@ -49,7 +49,8 @@ class EquationScorer:
         # Chen 2008, doi:10.1093/biomet/asn034); excess as in a quasi-likelihood (Burnham & Anderson 2002).
         choices = math.log(math.comb(max(self.library_size, count), count))
         samples = math.log(self.weak.sample_count)
-        return squares / self.excess + count * samples + 2.0 * choices
+        statistical = count * samples + 2.0 * choices
+        return (squares + max(self.excess * statistical, count * self.weak.effect_squares)) / self.excess
 
 
 def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationScorer]:

@@ -81,6 +81,17 @@ LIBRARIES = MappingProxyType(
 )
 """Terms of each library and its purpose."""
 
+_WITH_INPUT = MappingProxyType(
+    {
+        "polynomial": ("u", "u*z"),
+        "trigonometric": ("u", "u*sin(z)", "u*cos(z)"),
+        "rational": ("u", "u/z"),
+        "dry friction": ("u",),
+        "contact": ("u", "u*max(0, z)"),
+    }
+)
+"""Terms of libraries with an input u: a force, and a motion of the support that changes the spring."""
+
 _OPERON = {"/": "div", "max": "fmax", "min": "fmin"}
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "min", "/")
 """Functions of symbolic regressions in addition to sums, differences and products."""
@@ -104,7 +115,8 @@ def library_terms(
         elif name == "driven" and column is None:
             raise InputError("library = 'driven' needs an input; give its column by input=")
         else:
-            terms |= dict.fromkeys(parse_custom_terms(LIBRARIES[name][0], column))
+            driven = () if column is None else _WITH_INPUT.get(name, ())
+            terms |= dict.fromkeys(parse_custom_terms((*LIBRARIES[name][0], *driven), column))
     terms |= dict.fromkeys(parse_custom_terms(texts, column))
     if not terms:
         raise InputError("no terms to choose from; give library= or terms=")
@@ -200,8 +212,10 @@ _CLEAR = 10.0
 1995, doi:10.1080/01621459.1995.10476572)."""
 _DEGREES = (3, 5)
 _BETTER = 0.5
-"""Maximum error of a higher degree, or with a drive, relative to the error without, to be accepted."""
-_UNEXPLAINED = 2.0  # residual of all libraries, in noise levels, above which a drive is tried
+"""Maximum error of a higher degree, or excess error with a drive, relative to without, to be accepted."""
+_UNEXPLAINED = 1.2  # residual of all libraries, in noise levels, above which a drive is tried
+_HOPELESS = 2.0  # and above which every library is tried
+_MAXIMUM_DRIVES = 3
 _OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
 """Libraries in which z = 0 has a meaning."""
 _WHY = {
@@ -222,7 +236,7 @@ class LibraryProposal(NamedTuple):
     line: HeightLine  # from the terms' z to the height
     weak: WeakForm
     note: str = ""
-    driven: bool = False  # by sin(w*t), cos(w*t)
+    drives: int = 0  # number of frequencies w of drives sin(w*t), cos(w*t)
 
 
 def propose_library(
@@ -233,47 +247,59 @@ def propose_library(
     *,
     line_is_given: bool,
     coordinate_unit: str,
-    drive_terms: Callable[[WeakForm, Sequence[AnyTerm]], Sequence[AnyTerm]],
+    drive_terms: Callable[[int, WeakForm, Sequence[AnyTerm]], Sequence[AnyTerm]],
 ) -> LibraryProposal:
     """Library whose best sum of terms has the lowest information criterion along some motions."""
-    # Libraries in which z = 0 has a meaning are tried only for angles, motions about z = 0 or a given line,
-    # and negative powers only for z > 0.
+    # Libraries in which z = 0 has a meaning are tried for angles, motions about z = 0 or a given line, and if
+    # the residuals of the others far exceed the noise; negative powers only for z > 0.
     plain = usual_line == HeightLine() or line_is_given
     weak = weak_form_of(usual_line)
-    usual = _physical_proposal(weak, column, degree)
-    proposals = [LibraryProposal(PHYSICAL, usual, usual_line, weak)]
-    for name in LIBRARIES:
+
+    def sums(name: str) -> list[_SumsOfLibrary]:
+        """Score the sums of a library; none where it has no meaning along the motions."""
+        if name == PHYSICAL:
+            terms: tuple[AnyTerm, ...] = _physical_proposal(weak, column, degree)
+            return [_SumsOfLibrary.of(LibraryProposal(name, terms, usual_line, weak))]
         line_here, weak_form_here = usual_line, weak
-        if name == PHYSICAL or (name == "driven" and column is None):
-            continue
         if name in _OF_THE_HEIGHT and not plain:
-            if name == "contact" or (name == "trigonometric" and coordinate_unit != "rad"):
-                continue
             line_here = HeightLine()
             weak_form_here = weak_form_of(line_here)
         if name == "rational" and not all((motion.z > 0.0).all() for motion in weak_form_here.motions):
-            continue
+            return []
         terms = library_terms(name, (), 3, column)
-        if not any(find_term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
-            proposals.append(LibraryProposal(name, terms, line_here, weak_form_here))
-    sums = [_SumsOfLibrary.of(proposal) for proposal in proposals]
-    excess = min(item.scorer.excess for item in sums)
-    if excess > _UNEXPLAINED**2:
+        if any(find_term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
+            return []
+        return [_SumsOfLibrary.of(LibraryProposal(name, terms, line_here, weak_form_here))]
+
+    names = [name for name in LIBRARIES if column is not None or name != "driven"]
+    # A motion away from z = 0 has no contact there.
+    late = () if plain or coordinate_unit == "rad" else ("trigonometric",)
+    early = [name for name in names if name not in late and (plain or name != "contact")]
+    libraries = [item for name in early for item in sums(name)]
+    if min(item.scorer.excess for item in libraries) > _HOPELESS**2:
+        libraries += [item for name in late for item in sums(name)]
+    drive = list[AnyTerm]()
+    for number in range(_MAXIMUM_DRIVES):
+        excess = min(item.scorer.excess for item in libraries)
+        if excess <= _UNEXPLAINED**2:
+            break
         # A wrong library biases the frequency, so the drive with the smallest held-out error is taken.
-        drives = [drive_terms(proposal.weak, proposal.terms) for proposal in proposals]
+        proposals = [item.proposal for item in libraries]
+        drives = [drive_terms(number, item.weak, item.terms) for item in proposals]
         errors = [
             held_out_error_of_terms(proposal.weak, (*proposal.terms, *item))
             for proposal, item in zip(proposals, drives, strict=True)
         ]
-        drive = drives[int(np.argmin(errors))]
+        further = drives[int(np.argmin(errors))]
         driven = [
-            _SumsOfLibrary.of(proposal._replace(terms=(*proposal.terms, *drive), driven=True))
-            for proposal in proposals
+            _SumsOfLibrary.of(item._replace(terms=(*item.terms, *further), drives=number + 1))
+            for item in proposals
         ]
-        if min(item.scorer.excess for item in driven) < _BETTER**2 * excess:
-            chosen = _choose_proposal(driven)
-            return chosen._replace(terms=tuple(term for term in chosen.terms if term not in drive))
-    return _choose_proposal(sums)
+        if min(item.scorer.excess for item in driven) - 1.0 >= _BETTER**2 * (excess - 1.0):
+            break
+        libraries, drive = driven, [*drive, *further]
+    chosen = _choose_proposal(libraries)
+    return chosen._replace(terms=tuple(term for term in chosen.terms if term not in drive))
 
 
 class _SumsOfLibrary(NamedTuple):
@@ -311,10 +337,11 @@ def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
     if gain < _CLEAR or set(terms[best]) <= set(proposals[0].terms):
         best = 0
     name, notes = proposals[best].name, list[str]()
-    if proposals[best].driven:
+    if proposals[best].drives:
+        several = ["a drive", "two drives", "three drives"][proposals[best].drives - 1]
         notes.append(
-            "the residuals of all libraries exceed the noise, but are much smaller with a drive sin(w*t), "
-            "cos(w*t): the record suggests a drive that no column gives"
+            f"the residuals of all libraries exceed the noise, but are much smaller with {several} sin(w*t), "
+            f"cos(w*t): the record suggests {several} that no column gives"
         )
     if best:
         below = f"{gain:.0f}" if gain < 1e4 else "far"

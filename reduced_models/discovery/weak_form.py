@@ -12,6 +12,7 @@ likelihood.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -202,6 +203,18 @@ class WeakForm:
     """The integrals of several motions against bumps, to be explained by one equation."""
 
     parts: tuple[MotionIntegrals, ...]
+    least_effect: float = 0.0  # change of the motion that a term must make, over its rms displacement
+
+    @property
+    def effect_squares(self) -> float:
+        """Sum of squares, in units of the noise, of the smallest change of the motions that counts."""
+        # Whitened by the covariance of the whole equation, the integrals of a term have the sum of squares
+        # of the change of z that the term makes.
+        return sum(
+            len(motion.time)
+            * (self.least_effect * displacement_size(motion.time, motion.z) / motion.noise) ** 2
+            for motion in self.motions
+        )
 
     @property
     def motions(self) -> tuple[SmoothedMotion, ...]:
@@ -237,11 +250,11 @@ class WeakForm:
         return np.asarray(block_diag(*(part.whitening_matrix(terms, coefficients) for part in self.parts)))
 
 
-def weak_form(*motions: SmoothedMotion) -> WeakForm:
-    """Weak form of the equation of motion of some motions."""
+def weak_form(*motions: SmoothedMotion, least_effect: float = 0.0) -> WeakForm:
+    """Weak form of the equation of motion of some motions; see `WeakForm.least_effect`."""
     # Bumps (1 - s^2)^6 with a half-width of 0.4 periods, a tenth of a period apart, except for very short or
     # long records (Messenger & Bortz 2021, doi:10.1137/20M1343166).
-    return WeakForm(tuple(map(_motion_integrals, motions)))
+    return WeakForm(tuple(map(_motion_integrals, motions)), least_effect)
 
 
 def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
@@ -277,15 +290,23 @@ def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
     return MotionIntegrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
 
 
+_WHOLE_TURNS = 2.0  # net rotation above which an angle whirls
+_NET = 0.7  # net rotation over the range of angles, which a decaying oscillation does not reach
 _FLOOR = 1e-6  # smallest noise, relative to the standard deviation of the record or force: rounding
 
 
-def estimate_motion(record: PistonRecord, line: HeightLine, drive: str | None = None) -> SmoothedMotion:
+def estimate_motion(
+    record: PistonRecord, line: HeightLine, drive: str | None = None, least_noise: float = _FLOOR
+) -> SmoothedMotion:
     """Estimate derivatives, noise and period of a record's motion in z; record [s, m], line [m]."""
+    # Noise below `least_noise` of the rms displacement may be the error of a solver.
     guess = first_guesses(record.time, record.height)
     smooth = derivatives(record)
     size = abs(line.scale)
-    deviation = float(record.height.std())
+    deviation = displacement_size(record.time, record.height)
+    period = guess.period
+    if whirls(record):  # a force that depends on the angle repeats with each turn
+        period = min(period, 2.0 * math.pi / float(np.sqrt((smooth.velocity**2).mean())))
     return SmoothedMotion(
         time=record.time - record.time[0],
         z=np.asarray(line.coordinate(record.height)),
@@ -293,14 +314,27 @@ def estimate_motion(record: PistonRecord, line: HeightLine, drive: str | None = 
         velocity=smooth.velocity / line.scale,
         acceleration=smooth.acceleration / line.scale,
         drive=None if drive is None else input_column(record, drive),
-        noise=max(smooth.record_noise, _FLOOR * deviation) / size,
+        noise=max(smooth.record_noise, max(least_noise, _FLOOR) * deviation) / size,
         acceleration_noise=max(smooth.acceleration_noise, _FLOOR * deviation) / size,
-        period=guess.period,
+        period=period,
     )
+
+
+def displacement_size(time: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> float:
+    """Rms displacement from a straight line, which an angle that whirls follows; time [s]."""
+    return float((z - np.polynomial.Polynomial.fit(time, z, 1)(time)).std())
+
+
+def whirls(record: PistonRecord) -> bool:
+    """Return whether the coordinate, an angle, makes a net rotation of two or more turns."""
+    net = abs(float(record.height[-1] - record.height[0]))
+    return net > max(_WHOLE_TURNS * 2.0 * math.pi, _NET * float(np.ptp(record.height)))
 
 
 def normalising_line(records: Sequence[PistonRecord]) -> HeightLine:
     """Line from z to the height, from the record with the largest amplitude."""
+    if any(map(whirls, records)):  # z is an angle
+        return HeightLine()
     guesses = (first_guesses(record.time, record.height) for record in records)
     guess = max(guesses, key=lambda guess: guess.amplitude)
     # Powers of a nearly constant height would be indistinguishable.

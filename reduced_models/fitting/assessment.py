@@ -48,6 +48,7 @@ from reduced_models.records.envelope import (
 )
 from reduced_models.records.free_motion import PredictionErrorEstimate, prediction_error_on_cycles
 from reduced_models.records.release import release_sample
+from reduced_models.records.second_mode import find_second_mode
 from reduced_models.records.sensor import Sensor
 from reduced_models.records.sources import describe_record
 
@@ -169,6 +170,7 @@ def _make_model_of_record(
     else:
         fitted = record.height + residuals * unknowns.residual_unit
         rest, remarks = _damping_from_peaks(rest, motions[k], fitted)
+        remarks = (*_second_mode_texts(unknowns, record, quality), *remarks)
     known = {name: value for name, value in parameters.items() if name not in problem.unidentified}
     ends = (float(record.height.min()), float(record.height.max()))
     observed = {unknowns.observation: ends} if unknowns.observation else {}
@@ -256,6 +258,15 @@ def _damping_from_peaks(
         rest = dataclasses.replace(rest, peaks=peaks)
     low, high = (0.0, 0.0) if rest is None or rest.peaks else rest.intervals["damping_ratio"]
     return rest, amplitude_remarks(cycles, low > 0.0 or high < 0.0)
+
+
+def _second_mode_texts(unknowns: Unknowns, record: PistonRecord, quality: Quality) -> tuple[str, ...]:
+    """Text on a second mode that a law of one free coordinate leaves in its residual; none elsewhere."""
+    of_height = unknowns.sensor is None and not unknowns.observation and not unknowns.law.prescribed
+    if not of_height or unknowns.law.other_coordinates or not quality.has_structured_residuals:
+        return ()
+    mode = find_second_mode(record.time, record.height)
+    return (mode.text,) if mode is not None and mode.is_seen_beside(quality.residual) else ()
 
 
 def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:

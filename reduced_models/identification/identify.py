@@ -110,6 +110,7 @@ def identify(
     discovery: str | None = None,
     drive: str | None = None,
     mass: float | None = None,
+    coordinates: int = 1,
     starts: int = STARTS,
     options: IdentifyOptions | None = None,
     progress: bool | Callable[[Identification], None] = True,
@@ -141,6 +142,9 @@ def identify(
     mass : float, optional
         Moving mass [kg], above 0, for stiffness in N/m and damping in N s/m; by default the mass of a
         scene's piston. Not for a record of an angle.
+    coordinates : int
+        1, or 2 for a free decay of two linear modes in one column: their frequencies and damping ratios
+        are fitted together, and compared with one linear mode.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
     options : IdentifyOptions, optional
@@ -174,6 +178,8 @@ def identify(
         For each note: an interrupted run, a failed check, and the notes of `fit`.
     """
     _check_arguments(laws, mass)
+    if coordinates != 1:
+        laws = _laws_of_two_modes(coordinates, laws, discovery, drive)
     check_fit_options(starts=starts)
     options = options or IdentifyOptions()
     target = None if out is None else make_directory(out)
@@ -279,6 +285,22 @@ def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> No
             law_named(law)
     if mass is not None and (not isinstance(mass, Real) or not 0.0 < float(mass) < math.inf):
         raise InputError(f"mass = {quote(mass)} kg; give a mass above 0")
+
+
+def _laws_of_two_modes(
+    coordinates: object, laws: Sequence[str | Law] | None, discovery: str | None, drive: str | None
+) -> list[Law]:
+    """Laws of one linear mode and of two."""
+    from reduced_models.laws.two_modes import TWO_MODES
+
+    if coordinates != 2:
+        raise InputError(f"coordinates = {quote(coordinates)}; give 1 or 2")
+    if laws is not None or discovery is not None or drive is not None:
+        raise InputError(
+            "coordinates = 2 fits two linear modes to a free decay; leave out laws, discovery and drive, or "
+            "give a law of two coordinates as a text"
+        )
+    return [law_named("linear"), TWO_MODES]
 
 
 def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | None) -> float | None:

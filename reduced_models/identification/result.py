@@ -229,6 +229,7 @@ class Identification:
         for words in self._derived_texts:
             start += [part for line in words.splitlines() for part in wrap_words(line, "")]
         end = model.equation_lines(self.parameters or None)
+        end += [f"  {words}" for words in model.mode_texts]
         if self.elliptic_motion is not None:
             end += wrap_words(f"initial motion {self.elliptic_motion.text()}, m = k^2")
         end += self._fall_lines
@@ -284,7 +285,7 @@ class Identification:
         if self.own is not None and not self.own.law_agrees:
             yield Caution(f"{page.capitalise(self.own.agreement_text)}.")
         yield from page.answer(self.figures, self.best, self.mass, self.parameters)
-        for words in self._derived_texts:
+        for words in (*self.best.mode_texts, *self._derived_texts):
             yield Text(f"{page.capitalise(' '.join(words.split()))}.")
         yield from cautions(
             f"{page.capitalise(words)}." for words in (*self.cautions, *self._record_texts[1:])

@@ -59,11 +59,7 @@ class PrintedModel(FittedLaw):
             relative = self.quality.zero_drift * self.quality.relative / max(self.quality.residual, 1e-300)
             size += f", {format_percent(relative)} {self.rms_noun}"
             lines.append(f"  drift of the record's zero: {size}, fitted as a random walk")
-        for mode in faster_modes(self):
-            lines.append(
-                f"  further mode: {mode.frequency:.5g} ± {mode.frequency_error:.2g} Hz, damping ratio "
-                f"{100.0 * mode.damping_ratio:.4g} ± {100.0 * mode.damping_ratio_error:.2g} %"
-            )
+        lines += [f"  {words}" for words in self.mode_texts]
         for name, quality in self.qualities.items():
             lines.append(f"  residual of {name}: {format_percent(quality.relative)} of its rms")
         lines += [f"  {direction}" for direction in self.undetermined]
@@ -75,6 +71,15 @@ class PrintedModel(FittedLaw):
                 f"  search: {self.quality.converged} of {self.quality.starts} starts end here{second}"
             )
         return "\n".join([*lines, *caution_lines(self.cautions)])
+
+    @property
+    def mode_texts(self) -> list[str]:
+        """Texts on the modes above the slowest, of a law with several coordinates."""
+        return [
+            f"further mode: {mode.frequency:.5g} ± {mode.frequency_error:.2g} Hz, damping ratio "
+            f"{100.0 * mode.damping_ratio:.4g} ± {100.0 * mode.damping_ratio_error:.2g} %"
+            for mode in faster_modes(self)
+        ]
 
     @property
     def _error_text(self) -> str:

@@ -1,0 +1,233 @@
+"""A second mode in a free decay: found by its line in the spectrum, confirmed by a fit of both modes.
+
+A decay of one mode may change its frequency with the amplitude, carry harmonics, hum and a drift.
+None of these is a second mode: two damped cosines have to leave clearly less than one whose
+frequency changes with the amplitude, their difference has to decay, and it has to stand out of the
+noise at its own frequency.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.shared.array_types import Float
+from granular.shared.errors import GranularError
+from reduced_models.records.first_guesses import first_guesses, spectral_peaks
+
+_MOST_SAMPLES = 4000  # that a fit sees: more are averaged
+_STANDS_OUT = 12.0
+"""Energy of a mode over what noise at its frequency gives four numbers: chance gives 3 or less."""
+_ALIVE = 3.0  # decay times, or the record, in which a mode is seen
+_CYCLES = 2.0  # of a mode in that time, so that it is no drift
+_BEATS = 0.9  # of a cycle by which two modes get out of step in that time
+_STEADY = 0.5  # amplitude at the end over that at the start from which on a line is hum or a drive
+_HARMONIC = 0.02  # relative distance of a line from a multiple of the frequency
+_MULTIPLES = (2, 3, 4, 5)
+_LARGE = 0.15  # fraction of the amplitude that no harmonic has
+_UNEXPLAINED = 0.5  # of the gain, by which a law's mean squared residual exceeds that of both modes
+_LEFT = 0.05
+"""Energy of the residuals about the first mode, over the gain: more is the error of a nonlinear decay."""
+_LOCAL = 0.3  # half-width of the band of a mode's noise, of its frequency
+_DAMPINGS = (0.3, 1.0, 3.0)  # of the first mode, tried for the second
+_BESIDE = (-0.3, -0.2, -0.13, -0.08, -0.05, 0.05, 0.08, 0.13, 0.2, 0.3)
+"""Relative distances from the first mode that are tried: lines that the first one hides."""
+_REFINED = 4  # trials that are refined
+
+
+class SecondMode(NamedTuple):
+    """A second mode of a free decay."""
+
+    frequency: float  # [Hz]
+    damping_ratio: float
+    fraction: float  # of the sum of both amplitudes at the start
+    first_frequency: float  # [Hz]
+    residual: float  # rms that both modes leave [m, or the record's unit]
+    gain: float  # decrease of the mean squared residual by the second mode, in that unit squared
+
+    def is_seen_beside(self, law_residual: float) -> bool:
+        """Return whether a law leaves the mode in its residual, of that rms [m]."""
+        return law_residual**2 - self.residual**2 > _UNEXPLAINED * self.gain
+
+    @property
+    def text(self) -> str:
+        """Sentence that names the mode and the remedy."""
+        return (
+            f"a second mode at {self.frequency:.4g} Hz has {100.0 * self.fraction:.2g} % of the amplitude at "
+            f"the start (first mode: {self.first_frequency:.4g} Hz); fit both: identify --coordinates 2"
+        )
+
+
+class TwoModes(NamedTuple):
+    """Two damped cosines that fit a decay, the first one the stronger where it can be told."""
+
+    frequencies: tuple[float, float]  # angular, of the damped motion [rad/s]
+    decay_rates: tuple[float, float]  # [1/s]
+    amplitudes: tuple[complex, complex]  # of exp((i frequency - decay rate) t), whose real part is taken [m]
+    level: float  # equilibrium [m]
+
+
+def find_second_mode(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> SecondMode | None:
+    """Find a second mode beside the strongest one of a free decay; None if there is none; time [s]."""
+    return _find_second_mode(time.tobytes(), height.tobytes())
+
+
+@functools.lru_cache(maxsize=4)  # every law of a record is compared with it
+def _find_second_mode(times: bytes, heights: bytes) -> SecondMode | None:
+    time, height = np.frombuffer(times), np.frombuffer(heights)
+    try:
+        pair, single = _fit_modes(time, height)
+    except GranularError:
+        return None
+    decay = _Decay(time, height)
+    squares = min(float((decay.residuals(vector) ** 2).sum()) for vector in single)
+    return decay.judge(pair, squares)
+
+
+def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> TwoModes:
+    """Fit two damped cosines to a decay; time [s], height [m]."""
+    (pair, _), decay = _fit_modes(time, height), _Decay(time, height)
+    factors = decay.without(decay.both(pair))[1]
+    amplitudes = [complex(factors[k], -factors[k + 1]) for k in (0, 2)]
+    return TwoModes(
+        (float(pair[0]), float(pair[2])),
+        (float(pair[1]), float(pair[3])),
+        (amplitudes[0], amplitudes[1]),
+        float(height.mean() + (decay.slow @ factors[4:]).mean()),
+    )
+
+
+def _fit_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Frequencies and decay rates of two modes, and of one mode without and with a chirp."""
+    guess = first_guesses(time, height)
+    decay = _Decay(*_evenly_thinned(time, height))
+    start = np.array([guess.frequency, min(guess.decay, 0.5 * guess.frequency), 0.0])
+    chirped = decay.refine(start, chirp=True)
+    single = decay.refine(np.array([chirped[0], chirped[1], 0.0]), chirp=False)
+    lines = [
+        *spectral_peaks(decay.time, decay.residuals(single)),
+        *(single[0] * (1.0 + by) for by in _BESIDE),
+    ]
+    trials = [
+        np.array([*single[:2], line, factor * single[1]])
+        for line in lines
+        for factor in _DAMPINGS
+        if line > 0.0
+    ]
+    costs = [float((decay.residuals_of_two(trial) ** 2).sum()) for trial in trials]
+    best = [decay.refine_two(trials[k]) for k in np.argsort(costs)[:_REFINED]]
+    pair = min(best, key=lambda vector: float((decay.residuals_of_two(vector) ** 2).sum()))
+    return pair, [single, chirped]
+
+
+def _evenly_thinned(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Record at even times, its samples averaged where there are many."""
+    even = np.linspace(time[0], time[-1], len(time))
+    height = np.interp(even, time, height)
+    every = max(1, len(time) // _MOST_SAMPLES)
+    count = len(time) // every * every
+    return even[:count].reshape(-1, every).mean(1) - even[0], height[:count].reshape(-1, every).mean(1)
+
+
+class _Decay:
+    """A record, and damped cosines next to a slow drift that fit it."""
+
+    def __init__(self, time: np.ndarray, height: np.ndarray) -> None:
+        self.time, self.height = time, height - height.mean()
+        self.duration = float(time[-1])
+        self.slow = np.polynomial.chebyshev.chebvander(2.0 * time / self.duration - 1.0, 3)
+
+    def _cosines(self, frequency: float, decay: float, chirp: float = 0.0) -> np.ndarray:
+        faded = np.exp(np.clip(-decay * self.time, -50.0, 2.0))
+        phase = frequency * self.time
+        if chirp:
+            phase = phase + chirp * (1.0 - faded**2)
+        return np.stack([faded * np.cos(phase), faded * np.sin(phase)], axis=1)
+
+    def both(self, pair: np.ndarray) -> np.ndarray:
+        """Columns (n, 4) of two modes: frequency and decay rate of each."""
+        return np.hstack([self._cosines(*pair[:2]), self._cosines(*pair[2:])])
+
+    def without(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (n,) of columns (n, k) and a slow drift, and the factors of these."""
+        basis = np.hstack([columns, self.slow])
+        factors = np.linalg.lstsq(basis, self.height, rcond=1e-10)[0]
+        return self.height - basis @ factors, factors
+
+    def residuals(self, vector: np.ndarray) -> np.ndarray:
+        """Residuals (n,) of one mode: frequency, decay rate, and phase that the amplitude adds."""
+        return self.without(self._cosines(*vector))[0]
+
+    def residuals_of_two(self, vector: np.ndarray) -> np.ndarray:
+        """Residuals (n,) of two modes: frequency and decay rate of each."""
+        return self.without(self.both(vector))[0]
+
+    def refine(self, start: np.ndarray, *, chirp: bool) -> np.ndarray:
+        """Frequency, decay rate and chirp of one mode that leave least."""
+        from scipy.optimize import least_squares
+
+        count = 3 if chirp else 2
+        scale = np.array([1.0 / self.duration, 1.0 / self.duration, 1.0])[:count]
+        solution = least_squares(
+            lambda x: self.residuals(np.append(x, start[count:])), start[:count], x_scale=scale, max_nfev=40
+        )
+        return np.append(solution.x, start[count:])
+
+    def refine_two(self, start: np.ndarray) -> np.ndarray:
+        """Frequencies and decay rates of two modes that leave least."""
+        from scipy.optimize import least_squares
+
+        solution = least_squares(
+            self.residuals_of_two, start, x_scale=np.full(4, 1.0 / self.duration), max_nfev=60
+        )
+        return np.asarray(solution.x)
+
+    def judge(self, pair: np.ndarray, squares: float) -> SecondMode | None:
+        """Second of two modes, if it stands out of what one mode leaves and decays; None otherwise."""
+        left, factors = self.without(self.both(pair))
+        sizes = np.hypot(factors[[0, 2]], factors[[1, 3]])
+        parts = [slice(2 * k, 2 * k + 2) for k in (0, 1)]
+        motions = [self._cosines(*pair[part]) @ factors[part] for part in parts]
+        order = (0, 1) if motions[0] @ motions[0] >= motions[1] @ motions[1] else (1, 0)
+        (first, first_decay), (frequency, decay) = (pair[parts[k]] for k in order)
+        frequency, first = abs(float(frequency)), abs(float(first))
+        if not (frequency > 0.0 and first > 0.0 and decay > 0.0):
+            return None
+        alive = min(self.duration, _ALIVE / max(decay, first_decay, 1e-300))
+        if frequency * min(self.duration, _ALIVE / decay) < 2.0 * math.pi * _CYCLES:
+            return None
+        if abs(frequency - first) * alive < 2.0 * math.pi * _BEATS:
+            return None
+        if math.exp(-decay * self.duration) > _STEADY:
+            return None
+        fraction = float(sizes[order[1]] / sizes.sum())
+        multiple = any(abs(frequency / (factor * first) - 1.0) < _HARMONIC for factor in _MULTIPLES)
+        if multiple and fraction < _LARGE:
+            return None
+        gain = squares - float((left**2).sum())
+        power, near = self._spectrum(left, frequency)
+        noise = max(float(power[near].mean()) if near.any() else 0.0, float(np.median(power)), 1e-300)
+        if gain < 4.0 * _STANDS_OUT * noise:
+            return None
+        power, near = self._spectrum(left, first)
+        if 2.0 * float(power[near].sum()) > _LEFT * gain:
+            return None
+        turn, count = 2.0 * math.pi, len(left)
+        return SecondMode(
+            frequency / turn,
+            float(decay) / math.hypot(frequency, decay),
+            fraction,
+            first / turn,
+            math.sqrt(float((left**2).mean())),
+            gain / count,
+        )
+
+    def _spectrum(self, left: np.ndarray, frequency: float) -> tuple[np.ndarray, np.ndarray]:
+        """Energy of residuals (n,) at each line of their spectrum, half of it, and lines near a frequency."""
+        window = np.hanning(len(left))
+        power = np.abs(np.fft.rfft(left * window)) ** 2 / (window**2).sum()
+        lines = 2.0 * math.pi * np.fft.rfftfreq(len(left), self.duration / (len(left) - 1))
+        return power, np.abs(lines / frequency - 1.0) <= _LOCAL
