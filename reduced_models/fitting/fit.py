@@ -4,7 +4,8 @@ The motion itself is compared, not its derivatives: for trial parameters the equ
 a fitted initial state, and Levenberg-Marquardt changes the parameters until the solution follows the
 record. Many random starts, first on the first two cycles and then on horizons that double, avoid
 wrong local minima. The result is compared with a second estimate, from accelerations in the record,
-which needs no solution of the equation.
+which needs no solution of the equation. A law of a force also starts from fits of the smaller laws that
+it contains, without its inputs or without their lag.
 
 Hidden states at the start of a record can follow from the motion before it. The history of a
 hysteretic or visco-elastic part is in the record before the fitted stretch: its hidden states are
@@ -287,6 +288,12 @@ def fit(
     check_fit_options(starts, test_fraction, confidence, intervals, loss, seed)
     declared = as_parameters(parameters)
     law = resolve_law(law, records[0], tuple(declared), how.measured)
+    lowest = min(float(item.height.min()) for item in records)
+    if law.given and lowest <= 0.0:
+        raise InputError(
+            f"the law {quote(law.name)} is for heights above 0, and the stroke goes down to {lowest:.3g} m; "
+            "count the stroke from the floor, or take another law"
+        )
     if law.given and law.given not in declared:
         mean_height = float(np.mean([item.height.mean() for item in records]))
         declared[law.given] = Parameter(mean_height, fixed=True)

@@ -214,6 +214,7 @@ class Unknowns:
     sensor: Sensor | None = None
     signal: float = 1.0  # amplitude of the compared signal, in its unit
     observation: str = ""  # of the law, which is compared; empty for the height or a sensor's signal of it
+    hidden_sizes: tuple[float, ...] = ()  # of hidden states along a stroke; 1 if not given
 
     @property
     def compares_heights(self) -> bool:
@@ -256,7 +257,7 @@ class Unknowns:
     def prior(self) -> np.ndarray:
         """Prior precision of each entry, in the information of one sample."""
         # The initial height and velocity need none: the first samples determine them.
-        hidden = [_PRIOR_SPREAD**-2] * len(self.law.hidden)
+        hidden = [(_PRIOR_SPREAD * size) ** -2 for size in self.hidden_sizes or (1.0,) * len(self.law.hidden)]
         sensor = [_PRIOR_SPREAD**-2] * self.sensor_entry_count
         return np.array([_PRIOR_SPREAD**-2] * len(self.law.parameters) + [0.0, 0.0] + hidden + sensor)
 

@@ -4,22 +4,18 @@ A fit of a long record all together ends in local minima in which the solution g
 whole cycle. Here the first two cycles are fitted, then four, eight, sixteen, until the whole
 training stretch is included: at each doubling the previous fit gives the phase at the new end to a
 fraction of a cycle. The search compares means of the samples on coarse grids.
-
-A fit along a prescribed stroke solves no equation of motion. Most of its parameters are factors in
-the force, so for random draws of the others they follow from linear least squares. The best draws
-start the search.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 from reduced_models.fitting.fit_data import COARSE_STEPS, FitData
 from reduced_models.fitting.levenberg_marquardt import Normal, Prior, levenberg_marquardt, promising_starts
@@ -33,105 +29,14 @@ from reduced_models.fitting.residuals import (
     normal_equations,
     residual_function,
 )
-from reduced_models.fitting.start_values import parameters_linear_in, scale_unknowns, start_vectors
+from reduced_models.fitting.start_values import scale_unknowns, start_vectors
+from reduced_models.fitting.stroke_starts import SmallerLaw, StrokeStart, smaller_laws
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
 
-_DRAW_COUNT = 1024
-_LOG_DRAW_MINIMUM, _LOG_DRAW_MAXIMUM = -4.0, 2.0  # logarithm of a drawn value over its natural size
-_GIVEN_VALUE_SPREAD = 0.1  # spread of the logarithm of given values
-_MINIMUM_FACTOR_SHARE = 1e-3  # of the signal: minimum contribution of a positive factor
-_NEARLY_ZERO = 1e-12  # of a natural size: a positive factor that is nearly zero
-_UNIT_EXPONENTS = {
-    "m": (1, 0, 0), "1/m": (-1, 0, 0), "m/s": (0, 1, 0), "s/m": (0, -1, 0), "s": (1, -1, 0),
-    "1/s": (-1, 1, 0), "rad/s": (-1, 1, 0), "1": (0, 0, 0), "N": (0, 0, 1), "N/m": (-1, 0, 1),
-    "N s/m": (0, -1, 1), "kg": (1, -2, 1),
-}  # fmt: skip
-"""Exponents of half the stroke, its maximum speed and the signal whose product has each unit."""
-
-
-def stroke_start_vectors(problem: FitProblem) -> tuple[tuple[float, ...], Float[np.ndarray, "s q"]]:
-    """Units of the parameters, and search vectors in them: the best of many draws."""
-    random, unknowns, law = np.random.default_rng(problem.seed), problem.unknowns, problem.law
-    low, high = problem.edges
-    # Some parameters have a separate entry for each record.
-    names = {
-        int(k): name for data in problem.data for k, name in zip(data.entries, law.parameters, strict=False)
-    }
-    free_entries = [k for k in names if low[k] < high[k]]
-    known = {str(symbol) for rate in law.parsed_equation.rates for symbol in rate.free_symbols}
-    linear = parameters_linear_in(law.parsed_equation.observations[unknowns.observation], law, known)
-    factors = [k for k in free_entries if names[k] in linear and names[k] not in problem.start]
-    drawn = [k for k in free_entries if k not in factors]
-    logs = np.array([names.get(k) in law.positive for k in range(len(low))])
-    values = _drawn_values(problem, unknowns, {k: names[k] for k in drawn}, len(low), random)
-    held = low == high
-    values[:, held] = np.where(logs, np.exp(np.where(logs, low, 0.0)), low)[held]
-    sizes = np.ones(len(low))
-    sizes[factors] = [_natural_size(unknowns, names[k]) for k in factors]
-    values[:, factors] = np.where(logs, _NEARLY_ZERO * sizes, 0.0)[factors]
-
-    def residuals(values: np.ndarray) -> np.ndarray:
-        vectors = np.clip(np.where(logs, np.log(np.where(logs, values, 1.0)), values), low, high)
-        left = [
-            residual_function(data.unknowns, "several")(
-                vectors[:, data.entries], data.samples, data.unknowns.scales
-            )
-            for data in problem.data
-        ]
-        return np.nan_to_num(np.concatenate(left), nan=1e9, posinf=1e9, neginf=-1e9)
-
-    left, columns = residuals(values), []
-    for k in factors:
-        changed = values.copy()
-        changed[:, k] += sizes[k]
-        columns.append(residuals(changed) - left)
-    for draw in range(len(values) if factors else 0):
-        matrix = np.stack([column[:, draw] for column in columns], axis=1)
-        scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-        steps = -np.linalg.lstsq(matrix / scale, left[:, draw], rcond=1e-9)[0] / scale
-        least = _MINIMUM_FACTOR_SHARE * np.linalg.norm(left[:, draw]) / scale
-        steps = np.where(logs[factors], np.maximum(steps, least), steps)
-        values[draw, factors] += sizes[factors] * steps
-    order = np.argsort((residuals(values) ** 2).sum(axis=0), kind="stable")
-    values = values[order[np.arange(problem.starts) % len(order)]]
-    best = np.abs(values[0, : len(low)])
-    units = np.where(logs | (best == 0.0) | ~np.isin(np.arange(len(low)), list(names)), 1.0, best)
-    theta = np.where(logs, np.log(np.where(logs, values, 1.0)), values / units)
-    return tuple(units[problem.data[0].entries[: len(law.parameters)]]), theta
-
-
-def _natural_size(unknowns: Unknowns, name: str, random: np.random.Generator | None = None) -> float:
-    """Natural size of a parameter from its unit; without a unit a random one, or 1."""
-    powers = _UNIT_EXPONENTS.get(unknowns.law.units.get(name, ""))
-    if powers is None:
-        powers = (0, 0, 0) if random is None else (*random.integers(-1, 2, 2), 0)
-    scales = (unknowns.amplitude, unknowns.speed, unknowns.signal)
-    return float(math.prod(scale**power for scale, power in zip(scales, powers, strict=True)))
-
-
-def _drawn_values(
-    problem: FitProblem, unknowns: Unknowns, drawn: Mapping[int, str], size: int, random: np.random.Generator
-) -> np.ndarray:
-    """Values (draws, size) of some entries about their natural sizes, or near given values."""
-    from scipy.stats.qmc import LatinHypercube
-
-    count = max(_DRAW_COUNT, problem.starts) if drawn else 1
-    values = np.zeros((count, size))
-    cube = LatinHypercube(max(1, len(drawn)), rng=random).random(count)
-    for (k, name), column in zip(drawn.items(), cube.T, strict=False):
-        if name in problem.start:
-            spread = _GIVEN_VALUE_SPREAD * random.normal(size=count) * (np.arange(count) > 0)
-            values[:, k] = problem.start[name] * np.exp(spread)
-            continue
-        sizes = np.array([_natural_size(unknowns, name, random) for _ in range(count)])
-        values[:, k] = sizes * np.exp(_LOG_DRAW_MINIMUM + (_LOG_DRAW_MAXIMUM - _LOG_DRAW_MINIMUM) * column)
-        if name not in unknowns.law.positive:
-            values[:, k] *= random.choice([-1.0, 1.0], count)
-    return values
-
-
+_STROKE_HORIZON = 8.0  # cycles of a stroke beyond which all of it is fitted
+_STROKE_TRIALS, _STROKE_TOLERANCE = 25, 1e-3  # of parts of a stroke
 # Of all horizons but the last: a start that lags behind loses its phase.
 _HORIZON_TRIALS, _HORIZON_TOLERANCE = 60, 1e-4
 # Steps over which all starts are followed, 512 periods; beyond them only the best one is.
@@ -150,11 +55,9 @@ def multistart_search(problem: FitProblem) -> SearchResult:
     points = max(len(data.samples.weight) for data in coarse.data)
     _check_memory(problem.starts, points, len(problem.unknowns.prior))
     if problem.law.prescribed:
-        units, theta = stroke_start_vectors(coarse)
-        unknowns = dataclasses.replace(problem.unknowns, units=units)
-        problem, coarse = problem.with_scales(unknowns), coarse.with_scales(unknowns)
-        normal, prior = coarse_normal_equations(coarse, math.inf)
-        vectors = levenberg_marquardt(normal, theta, prior, bounds=coarse.edges)
+        start = StrokeStart.of(coarse)
+        problem, coarse = problem.with_scales(start.unknowns), coarse.with_scales(start.unknowns)
+        vectors = _search_along_strokes(coarse, start)
     else:
         vectors = _search_over_horizons(coarse)
     return refine_best_start(problem, coarse, vectors)
@@ -171,6 +74,38 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
         theta, samples, unknowns.scales, Loss().compiled_arguments
     )
     compile_solution_ahead(law)
+
+
+def _search_along_strokes(problem: FitProblem, start: StrokeStart) -> tuple[np.ndarray, np.ndarray]:
+    """Search vectors (s, p) along a prescribed stroke, and their costs (s,)."""
+    stages = smaller_laws(problem)
+    normal, prior = coarse_normal_equations(problem, math.inf)
+    theta = _follow_stroke_horizons(problem, start.theta)
+    if stages:
+        # Half of the starts come from fits of smaller laws, the others from draws of the law itself.
+        grown = start.drawn(stages[0].held_in(problem))
+        for smaller, larger in itertools.pairwise((*stages, SmallerLaw({}))):
+            grown = _follow_stroke_horizons(smaller.held_in(problem), grown)
+            released = [name for name in smaller.held if name not in larger.held]
+            grown = start.grown(larger.held_in(problem), released, grown)
+        both = [rows[np.argsort(np.asarray(normal(rows)[0]), kind="stable")] for rows in (grown, theta)]
+        theta = np.stack(both, axis=1).reshape(-1, theta.shape[1])[: len(theta)]
+    return levenberg_marquardt(normal, theta, prior, bounds=problem.edges)
+
+
+def _follow_stroke_horizons(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
+    """Search vectors (s, p) after fits of growing parts of a stroke, before all of it is fitted."""
+    # Hidden states forget: a few cycles determine a law, at a fraction of the time.
+    horizons = [count for count in _horizons_in_cycles(problem) if count <= _STROKE_HORIZON]
+    for cycle_count in horizons if problem.law.hidden else ():
+        start, (normal, prior) = theta, coarse_normal_equations(problem, cycle_count)
+        moved = levenberg_marquardt(
+            normal, start, prior, _STROKE_TOLERANCE, problem.edges, trials=_STROKE_TRIALS
+        )[0]
+        normal = coarse_normal_equations(problem, 2.0 * cycle_count)[0]
+        worse = np.asarray(normal(start)[0]) < np.asarray(normal(moved)[0])
+        theta = np.where(worse[:, None], start, moved)
+    return theta
 
 
 def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:

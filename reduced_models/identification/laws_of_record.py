@@ -257,6 +257,7 @@ def _suggest_next_steps(
     if run is None and columns:
         words.append(f"drive the laws by an unused column: {drive_option_text(columns[0])}")
     if record.measured == "force":
+        words.append('discover a law with memory: discover(record, target="force", library="memory")')
         words.append("give a custom law: --law \"force = c*z' + k*z + friction*tanh(z'/creep)\"")
         return tuple(words)
     if comparison.best.at_rest is not None:

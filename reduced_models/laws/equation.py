@@ -115,6 +115,7 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
             raise InputError(f"{law} has the input {name!r}, which is one of its states; rename it")
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     symbols = {"z": z, "z'": v, "z''": a}
+    symbols |= {f"{name}'": sympy.Symbol(f"{name}_first") for name in trees.hidden}
     for name in trees.coordinates[1:]:
         symbols |= {f"{name}'": sympy.Symbol(f"{name}_first"), f"{name}''": sympy.Symbol(f"{name}_second")}
     try:
@@ -125,6 +126,10 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
         )
     except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
+    rates = _written_out_rates(law, hidden)
+    motion = [[side.xreplace(rates) for side in sides] for sides in motion]
+    hidden = {name: rates[symbols[f"{name}'"]] for name in hidden}
+    observations = {name: value.xreplace(rates) for name, value in observations.items()}
     seconds = [symbols[f"{name}''"] for name in trees.coordinates]
     accelerations = _solve_for_accelerations(law, [left - right for left, right in motion], seconds)
     for name, rate in zip(trees.coordinates[1:], accelerations[1:], strict=True):
@@ -153,6 +158,23 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
     return ParsedEquation(
         left, right, first, parameters, z, v, a, hidden, inputs, observations, line, written
     )
+
+
+def _written_out_rates(law: str, hidden: Mapping[str, Any]) -> dict[Any, Any]:
+    """Rates of hidden states by their symbols, with the rates in them written out."""
+    import sympy
+
+    waiting = {sympy.Symbol(f"{name}_first"): rate for name, rate in hidden.items()}
+    rates: dict[Any, Any] = {}
+    while waiting:
+        ready = {symbol: rate for symbol, rate in waiting.items() if not rate.has(*waiting)}
+        if not ready:
+            raise InputError(
+                f"{law} has a rate of a hidden state that depends on itself; solve the equation for the rate"
+            )
+        rates |= ready
+        waiting = {symbol: rate.xreplace(rates) for symbol, rate in waiting.items() if symbol not in ready}
+    return rates
 
 
 def _height_line(height: Any, parameters: Collection[str]) -> tuple[Any, Any] | None:
@@ -269,7 +291,7 @@ def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.No
 
 def _check_equation_names(law: str, trees: EquationTrees, coordinates: tuple[str, ...]) -> None:
     """Refuse names with two meanings, and primes that do not follow a coordinate."""
-    motion = dict.fromkeys(trees.coordinates or ("z",), 2)
+    motion = dict.fromkeys(trees.coordinates or ("z",), 2) | dict.fromkeys(trees.hidden, 1)
     for name in trees.observations:
         if name in (*trees.names, *trees.hidden, *coordinates, TIME):
             raise InputError(
@@ -283,7 +305,7 @@ def _check_equation_names(law: str, trees: EquationTrees, coordinates: tuple[str
             first = coordinates[0]
             raise InputError(
                 f"{law} has a prime that does not follow {first}, {item.text}; write {first}, {first}' and "
-                f"{first}'', and the rate of a hidden state in a separate equation"
+                f"{first}'', or w' of a hidden state w that has an equation"
             )
         if item.name in _RATES.values():
             raise InputError(f"{law} contains {item.name}; write z' or z'', or use another name")

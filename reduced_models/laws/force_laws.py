@@ -10,7 +10,10 @@ from __future__ import annotations
 from granular.shared.registry import Registry
 from reduced_models.laws.catalogue import WANTED, is_law_of_name
 from reduced_models.laws.law import Law
+from reduced_models.laws.maxwell_chain import MAXWELL_CHAIN, STANDARD_LINEAR_SOLID
+from reduced_models.laws.modified_bouc_wen import MODIFIED_BOUC_WEN
 from reduced_models.laws.rubbing_bed import CREEP, RUBBING_BED, SLIP_SUM, slip_states
+from reduced_models.laws.two_slope_damper import TWO_SLOPE_DAMPER
 
 _SPRING = {"k": "N/m", "zero": "N"}
 
@@ -35,6 +38,9 @@ _ALL = (
         units={"limit": "N", "speed": "m/s", **_SPRING},
         source="a dashpot whose force ends at a limit, as behind a relief valve",
     ),
+    TWO_SLOPE_DAMPER,
+    STANDARD_LINEAR_SOLID,
+    MAXWELL_CHAIN,
     Law(
         "backlash",
         "force = friction*((gap + travel)*w - min(max((gap + travel)*w, -gap), gap))/travel "
@@ -51,6 +57,7 @@ _ALL = (
         units={"c": "N s/m", "friction": "N", "rho": "1/m", "sigma": "1", **_SPRING},
         source="F. Ikhouane, J. Rodellar 2005, doi:10.1007/s11071-005-0069-3",
     ),
+    MODIFIED_BOUC_WEN,
     Law(
         "rubbing-bed",
         f"force = c*z' + k*z + friction*{SLIP_SUM} + zero; "

@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granular.shared.errors import InputError
 from research.recovery import peer, runner
 from research.recovery.__main__ import CAMPAIGN
-from research.recovery.silverbox import silverbox
 from research.recovery.systems import REACHED, SYSTEMS, clean_motion, law_of_system, made_record
 from research.recovery.text import recovery_markdown, recovery_text
 
@@ -76,13 +74,3 @@ def test_scipy_is_stopped_at_a_number_of_calls(monkeypatch: pytest.MonkeyPatch) 
     text = recovery_text(runner.recovery(progress=False))
     assert "1 of 1 at 20,000 calls" in text
     assert "A start of SciPy is stopped after" in text
-
-
-def test_a_wrong_benchmark_file_is_reported(tmp_path: Path) -> None:
-    file = tmp_path / "other.csv"
-    file.write_text("V1,V2\n0.1,0.2\n0.2,0.3\n")
-    with pytest.raises(InputError, match="2 samples; the benchmark's record has"):
-        silverbox(file)
-    file.write_text("time,height\n0.1,0.2\n0.2,0.3\n")
-    with pytest.raises(InputError, match="no column 'v1'"):
-        silverbox(file)

@@ -10,19 +10,19 @@ part of this package.
 from __future__ import annotations
 
 import csv
-import time
-import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.blocks import Table
 from granular.shared.errors import InputError, sanitize
 from granular.shared.files import read_text
+from reduced_models import ReducedModel
 from reduced_models.records.inputs import input_column
+from research.benchmarks.benchmark import Benchmark, Curve, Published, rms_error
 
+_FILE = "SNLS80mV.csv"
+_SHOWN = slice(2000, 2600)
 SAMPLING = 1e7 / 2**14
 """[Hz]"""
 ARROW = 40_400
@@ -37,49 +37,27 @@ LAWS = {
 }
 
 
-def silverbox(path: str | Path) -> dict[str, Any]:
-    """Fit two laws to a file with the columns V1 and V2 [V]; free-run errors in millivolts.
-
-    Raises
-    ------
-    InputError
-        If the file does not hold the benchmark's record.
-    """
-    from reduced_models.fitting.fit import fit
-
-    force, height = _read(Path(path))
+def _load(folder: Path) -> tuple[PistonRecord, dict[str, PistonRecord]]:
+    force, height = _read(folder / _FILE)
     clock = np.arange(len(force)) / SAMPLING
     first = next(k for k in range(ARROW, len(force)) if abs(force[k]) > 1e-2)
     training = _part(clock, height, force, first, len(force) - _TEST)
-    tests = {
+    return training, {
         "multisine": _part(clock, height, force, len(force) - _TEST, len(force)),
         "arrow": _part(clock, height, force, 0, ARROW),
         "arrow, no extrapolation": _part(clock, height, force, 0, _SMALL_ARROW),
     }
-    rows = []
-    for name, law in LAWS.items():
-        begun = time.perf_counter()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            model = fit(training, law, test_fraction=0.1)
-        seconds = time.perf_counter() - begun
-        errors = {}
-        for part, record in tests.items():
-            inputs = {"force": input_column(record, "force")}
-            start, speed = (float(record.height[0]), float(np.gradient(record.height, record.time)[0]))
-            run = model.simulate(record.time, z0=start, v0=speed, inputs=inputs)
-            left = (run.height - record.height)[_WASHED_OUT:]
-            errors[part] = 1e3 * float(np.sqrt((left**2).mean()))
-        rows.append(
-            {
-                "law": name,
-                "interpolation": model.input_interpolation,
-                "seconds": seconds,
-                "parameters": dict(model.parameters),
-                "errors": errors,
-            }
-        )
-    return {"rows": rows}
+
+
+def _judge(model: ReducedModel, tests: dict[str, PistonRecord]) -> tuple[tuple[float, ...], Curve]:
+    errors, runs = [], {}
+    for part, record in tests.items():
+        inputs = {"force": input_column(record, "force")}
+        start, speed = (float(record.height[0]), float(np.gradient(record.height, record.time)[0]))
+        runs[part] = model.simulate(record.time, z0=start, v0=speed, inputs=inputs).height
+        errors.append(1e3 * rms_error(runs[part][_WASHED_OUT:], record.height[_WASHED_OUT:]))
+    record = tests["multisine"]
+    return tuple(errors), Curve(record.time[_SHOWN], record.height[_SHOWN], runs["multisine"][_SHOWN])
 
 
 def _part(clock: np.ndarray, height: np.ndarray, force: np.ndarray, start: int, stop: int) -> PistonRecord:
@@ -110,17 +88,18 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return force, height
 
 
-def silverbox_text(result: dict[str, Any]) -> str:
-    """Return the errors of the free runs as a table."""
-    parts = tuple(result["rows"][0]["errors"])
-    rows = [
-        (
-            row["law"],
-            *(f"{row['errors'][part]:.3f}" for part in parts),
-            row["interpolation"],
-            f"{row['seconds']:.0f}",
-        )
-        for row in result["rows"]
-    ]
-    header = ("law", *(f"{part} [mV]" for part in parts), "input between samples", "s")
-    return str(Table(header, rows))
+SILVERBOX = Benchmark(
+    name="Silverbox",
+    split="fit to nine multisines; free runs over the tenth and over the arrow",
+    measure="rms error of a free run [mV]",
+    files=(_FILE,),
+    get_it="https://www.nonlinearbenchmark.org, or github.com/biaslab/nsi-silverbox",
+    laws=LAWS,
+    tests=("multisine [mV]", "arrow [mV]", "arrow, no extrapolation [mV]"),
+    published=(
+        Published("several, lowest", "grey box", ("0.26", None, None), "nonlinearbenchmark.org"),
+        Published("several, highest", "grey box", ("0.4", None, None), "nonlinearbenchmark.org"),
+    ),
+    read=_load,
+    judge=_judge,
+)

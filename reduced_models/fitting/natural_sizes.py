@@ -1,0 +1,105 @@
+"""Natural sizes of a law's parameters and hidden states: from the dimensions in its equations.
+
+Terms of a sum have the same dimension, and arguments of functions have none. This gives linear equations
+for the dimensions of all symbols. A size is then a product of powers of the stroke's amplitude and
+speed, of the signal and of the inputs, as the record has them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from reduced_models.laws.equation import ParsedEquation
+from reduced_models.records.inputs import TIME
+
+_CONSISTENT = 1e-9
+_LENGTH, _TIME, _SIGNAL = range(3)
+
+
+class _Dimensions:
+    """Linear equations for the dimensions of symbols: rows over the symbols and a constant part."""
+
+    def __init__(self, names: Mapping[str, int], count: int) -> None:
+        self.names, self.count = names, count
+        self.rows: list[np.ndarray] = []
+
+    def of(self, expression: Any) -> np.ndarray:
+        """Dimension of an expression; adds the equations that its parts must obey."""
+        zero = np.zeros(len(self.names) + self.count)
+        if expression.is_Symbol:
+            result = zero.copy()
+            result[self.names[expression.name]] = 1.0
+            return result
+        if expression.is_number:
+            return zero
+        if expression.is_Pow:
+            base, exponent = (self.of(item) for item in expression.args)
+            if expression.exp.is_number:
+                return np.asarray(float(expression.exp) * base)
+            self.rows += [base, exponent]
+            return zero
+        parts = [self.of(item) for item in expression.args]
+        if expression.is_Mul:
+            return np.asarray(np.sum(parts, axis=0))
+        name = type(expression).__name__
+        if name == "Abs":
+            return parts[0]
+        if expression.is_Add or name.lower() in ("max", "min", "maximum", "minimum"):
+            self.rows += [part - parts[0] for part in parts[1:]]
+            return parts[0]
+        if name.lower() not in ("sign", "heaviside"):
+            self.rows += parts
+        return zero
+
+
+def natural_sizes(
+    parsed: ParsedEquation, amplitude: float, speed: float, signals: Mapping[str, float]
+) -> dict[str, float]:
+    """Sizes of parameters and hidden states; of inputs and observed columns by name they are given."""
+    seconds = amplitude / speed
+    known = {"z": (1.0, 0.0), "z_first": (1.0, -1.0), "z_second": (1.0, -2.0), TIME: (0.0, 1.0)}
+    open_names = [*parsed.hidden, *parsed.parameters]
+    columns = [name for name in signals if name not in (*known, *open_names)]
+    names = {name: k for k, name in enumerate([*open_names, *known, *columns])}
+    count = 2 + len(columns)
+    equations = _Dimensions(names, count)
+
+    def constant(powers: Mapping[int, float]) -> np.ndarray:
+        row = np.zeros(len(names) + count)
+        for k, power in powers.items():
+            row[len(names) + k] = power
+        return row
+
+    def symbol(name: str) -> np.ndarray:
+        row = np.zeros(len(names) + count)
+        row[names[name]] = 1.0
+        return row
+
+    for name, (length, time) in known.items():
+        equations.rows.append(symbol(name) - constant({_LENGTH: length, _TIME: time}))
+    for k, name in enumerate(columns):
+        equations.rows.append(symbol(name) - constant({_SIGNAL + k: 1.0}))
+    for name, expression in parsed.observations.items():
+        equations.rows.append(equations.of(expression) - symbol(name))
+    for name, rate in parsed.hidden.items():
+        equations.rows.append(equations.of(rate) - symbol(name) + constant({_TIME: 1.0}))
+    rows = np.array(equations.rows)
+    # A state that may have any unit is a pure number.
+    for name in parsed.hidden:
+        trial = np.vstack([rows, symbol(name)])
+        if _solve(trial, len(names))[1] < _CONSISTENT:
+            rows = trial
+    powers = _solve(rows, len(names))[0]
+    sizes = np.array([amplitude, seconds, *(signals[name] for name in columns)])
+    return {name: float(math.prod(sizes ** powers[names[name]])) for name in open_names}
+
+
+def _solve(rows: np.ndarray, count: int) -> tuple[np.ndarray, float]:
+    """Powers (symbols, units) of least norm, and how far the equations miss."""
+    matrix, constants = rows[:, :count], -rows[:, count:]
+    powers = np.linalg.lstsq(matrix, constants, rcond=1e-9)[0]
+    return powers, float(np.abs(matrix @ powers - constants).max())

@@ -1,0 +1,242 @@
+"""Start vectors of a fit along a prescribed stroke, which solves for no motion.
+
+Most parameters are factors of terms in a force. For random draws of the others, at the sizes that the
+dimensions of the equations give, they follow from linear least squares. The best draws start the search.
+
+A law may contain smaller ones: without the terms that an input multiplies, and with hidden states that
+follow an input at once. These are fitted first, and their fits start the larger law.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.shared.array_types import Float
+from reduced_models.fitting.natural_sizes import natural_sizes
+from reduced_models.fitting.parameter import Unknowns
+from reduced_models.fitting.problem import FitProblem
+from reduced_models.fitting.residuals import residual_function, rms
+from reduced_models.fitting.start_values import parameters_linear_in
+from reduced_models.records.inputs import STROKE, TIME, input_column
+
+_DRAWS = 512
+_LOW, _HIGH = -4.0, 4.0  # logarithm of a drawn value, over its natural size
+_POSITIVE = 0.85  # share of draws above zero of a parameter that may have either sign
+_NEAR = 0.1  # spread of the logarithm of values that are given
+_LEAST = 1e-3  # of the signal: least part of a factor that is above zero
+_TINY = 1e-12  # of a natural size: a positive factor that is nearly zero
+_AT_ONCE = 2.0  # steps of the coarse grid, within which a state follows an input
+
+
+class SmallerLaw(NamedTuple):
+    """A law with some of its parameters at the values with which it is a smaller one."""
+
+    held: Mapping[str, float]
+
+    def held_in(self, problem: FitProblem) -> FitProblem:
+        """Return the problem with these parameters held."""
+        edges = {name: (value, value) for name, value in self.held.items()}
+        return problem.with_data(
+            dataclasses.replace(data, bounds={**data.bounds, **edges}) for data in problem.data
+        )
+
+
+def smaller_laws(problem: FitProblem) -> tuple[SmallerLaw, ...]:
+    """Laws that a law contains, the smallest first: without inputs, then with states that follow at once."""
+    import sympy
+
+    law, parsed = problem.law, problem.law.parsed_equation
+    taken = {*problem.bounds, *problem.start, *problem.data[0].bounds, *problem.data[0].per_record}
+    inputs = {sympy.Symbol(name) for name in law.inputs if name not in (*STROKE, TIME)}
+    step = _AT_ONCE * max(data.grid.step for data in problem.data)
+    drives, lags = set(inputs), dict[str, float]()
+    for name, rate in parsed.hidden.items():
+        slope = -rate.diff(sympy.Symbol(name))
+        symbols = [item.name for item in slope.free_symbols]
+        if len(symbols) != 1 or symbols[0] not in law.parameters or not rate.free_symbols & inputs:
+            continue
+        drives.add(sympy.Symbol(name))
+        is_time = slope == 1 / sympy.Symbol(symbols[0])
+        if (is_time or slope == sympy.Symbol(symbols[0])) and symbols[0] not in taken:
+            lags[symbols[0]] = step if is_time else 1.0 / step
+    still = dict.fromkeys(drives, 0)
+    formulas = [*parsed.rates, *parsed.observations.values()]
+    factors = {
+        name: 0.0
+        for name in law.parameters
+        if name not in (*taken, *law.positive, *lags)
+        and all(formula.diff(sympy.Symbol(name)).subs(still) == 0 for formula in formulas)
+    }
+    stages = [{**factors, **lags}] * bool(factors) + [lags] * bool(lags)
+    return tuple(SmallerLaw(held) for held in stages if len(held) < len(law.parameters))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StrokeStart:
+    """Draws of the parameters of a law of force, and the units in which a search counts them."""
+
+    unknowns: Unknowns
+    theta: Float[np.ndarray, "s q"]  # best draws of the law itself
+    sizes: Mapping[str, float]
+
+    @classmethod
+    def of(cls, problem: FitProblem) -> StrokeStart:
+        """Best draws for a problem."""
+        unknowns, law = problem.unknowns, problem.law
+        record = problem.data[0].record
+        signals = {name: 1.0 for name in law.inputs if name not in (*STROKE, TIME)}
+        signals = {name: rms(input_column(record, name)) or 1.0 for name in signals}
+        signals |= {data.unknowns.observation: data.unknowns.signal for data in problem.data}
+        sizes = natural_sizes(law.parsed_equation, unknowns.amplitude, unknowns.speed, signals)
+        draws = _Draws(problem, sizes)
+        values = draws.best(draws.drawn(draws.zeros(_DRAWS), draws.nonlinear), problem.starts)
+        units = tuple(
+            1.0 if name in law.positive else abs(values[0, k]) or sizes[name]
+            for k, name in zip(problem.data[0].entries, law.parameters, strict=False)
+        )
+        hidden = tuple(sizes[name] for name in law.hidden)
+        unknowns = dataclasses.replace(unknowns, units=units, hidden_sizes=hidden)
+        return cls(unknowns, draws.with_units(unknowns).vectors(values), sizes)
+
+    def drawn(self, problem: FitProblem) -> Float[np.ndarray, "s q"]:
+        """Best draws of a smaller law."""
+        draws = _Draws(problem, self.sizes)
+        return draws.vectors(draws.best(draws.drawn(draws.zeros(_DRAWS), draws.nonlinear), problem.starts))
+
+    def grown(
+        self, problem: FitProblem, released: Sequence[str], theta: Float[np.ndarray, "s q"]
+    ) -> Float[np.ndarray, "s q"]:
+        """Fits of a smaller law as starts of a larger one, which has some more parameters to fit."""
+        draws = _Draws(problem, self.sizes)
+        count = len(theta)
+        values = np.repeat(draws.values(theta), max(1, _DRAWS // count), axis=0)
+        names = [k for k in draws.nonlinear if draws.names[k] in released]
+        fresh = draws.solved(draws.drawn(values, names))
+        # Each fit as it is stays among its own draws, so that nothing is lost.
+        shape = (count, -1, values.shape[1])
+        several = np.concatenate([draws.values(theta)[:, None], fresh.reshape(shape)], axis=1)
+        flat = several.reshape(-1, values.shape[1])
+        costs = np.concatenate(
+            [draws.costs(part) for part in (several[:, 0], several[:, 1:].reshape(-1, flat.shape[1]))]
+        )
+        costs = np.concatenate([costs[:count, None], costs[count:].reshape(count, -1)], axis=1)
+        return draws.vectors(several[np.arange(count), np.argmin(costs, axis=1)])
+
+
+class _Draws:
+    """Values (draws, q) of all entries of a search vector, in SI units."""
+
+    def __init__(self, problem: FitProblem, sizes: Mapping[str, float]) -> None:
+        self.problem, self.law, self.sizes = problem, problem.law, sizes
+        self.unknowns, self.random = problem.unknowns, np.random.default_rng(problem.seed)
+        self.low, self.high = problem.edges
+        # Records have entries of their own for some parameters.
+        self.names = {
+            int(k): name
+            for data in problem.data
+            for k, name in zip(data.entries, self.law.parameters, strict=False)
+        }
+        self.logs = np.array([self.names.get(k) in self.law.positive for k in range(len(self.low))])
+        self.units = self._units()
+        law = self.law
+        known = {str(symbol) for rate in law.parsed_equation.rates for symbol in rate.free_symbols}
+        linear = parameters_linear_in(law.parsed_equation.observations[self.unknowns.observation], law, known)
+        open_ones = [k for k in self.names if self.low[k] < self.high[k]]
+        self.linear = [k for k in open_ones if self.names[k] in linear and self.names[k] not in problem.start]
+        self.nonlinear = [k for k in open_ones if k not in self.linear]
+
+    def _units(self) -> np.ndarray:
+        units = np.ones(len(self.low))
+        for data in self.problem.data:
+            here = data.entries[: len(self.law.parameters)]
+            units[here] = self.unknowns.units
+        return units
+
+    def with_units(self, unknowns: Unknowns) -> _Draws:
+        """Return the draws for search vectors in other units."""
+        return _Draws(self.problem.with_scales(unknowns), self.sizes)
+
+    def zeros(self, count: int) -> np.ndarray:
+        """Values of entries that are held, of factors nearly zero."""
+        held = self.low == self.high
+        here = np.where(held, np.where(self.logs, np.exp(np.where(held, self.low, 0.0)), self.low), 0.0)
+        here[held] *= np.where(self.logs, 1.0, self.units)[held]
+        tiny = [k for k in self.linear if self.logs[k]]
+        here[tiny] = [_TINY * self.sizes[self.names[k]] for k in tiny]
+        return np.tile(here, (count, 1))
+
+    def values(self, theta: np.ndarray) -> np.ndarray:
+        """Values of search vectors."""
+        return np.where(self.logs, np.exp(np.where(self.logs, theta, 0.0)), theta * self.units)
+
+    def vectors(self, values: np.ndarray) -> np.ndarray:
+        """Search vectors of values, within the bounds."""
+        logs = np.log(np.where(self.logs, np.maximum(values, 1e-300), 1.0))
+        return np.clip(np.where(self.logs, logs, values / self.units), self.low, self.high)
+
+    def drawn(self, values: np.ndarray, entries: Sequence[int]) -> np.ndarray:
+        """Values with some entries drawn about their natural sizes, or near given values."""
+        from scipy.stats.qmc import LatinHypercube
+
+        if not entries:
+            return values
+        values, count = values.copy(), len(values)
+        cube = LatinHypercube(len(entries), rng=self.random).random(count)
+        for k, column in zip(entries, cube.T, strict=True):
+            name = self.names[k]
+            if name in self.problem.start:
+                spread = _NEAR * self.random.normal(size=count) * (np.arange(count) > 0)
+                values[:, k] = self.problem.start[name] * np.exp(spread)
+                continue
+            values[:, k] = self.sizes[name] * np.exp(_LOW + (_HIGH - _LOW) * column)
+            if name not in self.law.positive:
+                values[:, k] *= np.where(self.random.uniform(size=count) < _POSITIVE, 1.0, -1.0)
+        return values
+
+    def residuals(self, values: np.ndarray) -> np.ndarray:
+        """Residuals (n, draws), large where a solution diverges."""
+        vectors = self.vectors(values)
+        left = [
+            residual_function(data.unknowns, "several")(
+                vectors[:, data.entries], data.samples, data.unknowns.scales
+            )
+            for data in self.problem.data
+        ]
+        return np.nan_to_num(np.concatenate(left), nan=1e9, posinf=1e9, neginf=-1e9)
+
+    def costs(self, values: np.ndarray) -> np.ndarray:
+        """Sum of the squares of the residuals (draws,)."""
+        return np.asarray((self.residuals(values) ** 2).sum(axis=0))
+
+    def solved(self, values: np.ndarray) -> np.ndarray:
+        """Values with the factors by linear least squares."""
+        if not self.linear:
+            return values
+        values = values.copy()
+        sizes = np.array([self.sizes[self.names[k]] for k in self.linear])
+        logs = self.logs[self.linear]
+        values[:, self.linear] = np.where(logs, _TINY * sizes, 0.0)
+        left, columns = self.residuals(values), []
+        for k, size in zip(self.linear, sizes, strict=True):
+            changed = values.copy()
+            changed[:, k] += size
+            columns.append(self.residuals(changed) - left)
+        matrices = np.stack(columns, axis=-1)
+        for draw in range(len(values)):
+            matrix = matrices[:, draw]
+            scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+            steps = -np.linalg.lstsq(matrix / scale, left[:, draw], rcond=1e-9)[0] / scale
+            least = _LEAST * np.linalg.norm(left[:, draw]) / scale
+            steps = np.where(logs, np.maximum(steps, least), steps)
+            values[draw, self.linear] += sizes * steps
+        return values
+
+    def best(self, values: np.ndarray, count: int) -> np.ndarray:
+        """Return the best of some draws, their factors solved for."""
+        values = self.solved(values)
+        order = np.argsort(self.costs(values), kind="stable")
+        return values[order[np.arange(count) % len(order)]]

@@ -1,0 +1,32 @@
+"""Elastomers: a spring and Maxwell elements in parallel, each a spring and a dashpot in series.
+
+The spring of element i has the stiffness ki and the elongation xi, which its dashpot takes back within the
+time taui: xi' = z' - xi/taui. With one element this is the standard linear solid (Zener 1948). Several, with
+times apart by factors, describe the loss of rubber over decades of frequency.
+"""
+
+from __future__ import annotations
+
+from reduced_models.laws.law import Law
+
+_SOURCE = "C. Zener, Elasticity and Anelasticity of Metals, 1948"
+
+
+def maxwell_chain(name: str, order: int) -> Law:
+    """Law of the force of a spring and so many Maxwell elements in parallel."""
+    numbers = range(1, order + 1)
+    force = " + ".join(["k*z", *(f"k{i}*x{i}" for i in numbers), "zero"])
+    rates = (f"x{i}' = z' - x{i}/tau{i}" for i in numbers)
+    return Law(
+        name,
+        "; ".join([f"force = {force}", *rates]),
+        positive=tuple(f"tau{i}" for i in numbers),
+        units={"k": "N/m", "zero": "N"}
+        | {f"k{i}": "N/m" for i in numbers}
+        | {f"tau{i}": "s" for i in numbers},
+        source=_SOURCE,
+    )
+
+
+STANDARD_LINEAR_SOLID = maxwell_chain("standard-linear-solid", 1)
+MAXWELL_CHAIN = maxwell_chain("maxwell-chain", 2)
