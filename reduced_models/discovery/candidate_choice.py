@@ -46,7 +46,7 @@ doi:10.1080/01621459.1995.10476572); below it the simpler equation is chosen."""
 _EQUAL = 0.1  # difference of criteria between sums that are the same function along the record
 _MAXIMUM_FURTHER_FITS = 20
 _PREFERRED_FRACTION, _MAXIMUM_PREFERRED = 0.25, 2
-"""Structures that win this fraction of the random halves or more are fitted too, up to this number."""
+"""Structures that win at least this fraction of the random halves are fitted too, up to this number."""
 _HOPELESS_DIFFERENCE = 15.0  # fitting does not make up for a larger difference of criteria
 
 
@@ -58,7 +58,7 @@ def polish_and_choose_candidate(
     *,
     integrated: bool = False,
 ) -> tuple[list[CandidateEquation], int]:
-    """Fit the best candidates and, with a seed, winners of random halves; choose the simplest good one."""
+    """Fit the best candidates and, with a seed, winners of random halves; choose the simplest good fit."""
     # The choice is the fitted candidate with the fewest parameters to which no other is strongly preferred,
     # i.e. by 6 of the criterion (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
     candidates, scorer = proposed.candidates, proposed.scorer
@@ -101,7 +101,7 @@ def _add_pruned_candidates(
     polish: Callable[[CandidateEquation], CandidateEquation],
     proposed: ProposedStructures,
 ) -> list[CandidateEquation]:
-    """Polished candidates, followed by their versions without the terms that may be zero."""
+    """Append fitted versions of the candidates without the terms that may be zero."""
     candidates = list(done)
     for candidate in candidates:  # the list grows: a pruned candidate may be pruned further
         needed = _needed_terms(candidate, proposed.scorer)
@@ -113,7 +113,7 @@ def _add_pruned_candidates(
 
 
 def _with_needed_terms(fitted: list[CandidateEquation], scorer: EquationScorer) -> list[CandidateEquation]:
-    """Candidates all of whose terms pay by their own errors; all of them if there is none."""
+    """Drop candidates with a term that their solution does not need; keep all if none would remain."""
     # Errors of a solver are smooth: further terms follow them, but by intervals that allow for correlated
     # residuals their coefficients are not determined.
     rises = [_rises_by_solution(item, scorer) for item in fitted]
@@ -138,7 +138,7 @@ def _structure(candidate: CandidateEquation) -> Collection[AnyTerm] | sympy.Expr
 
 
 def _needed_terms(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:
-    """Terms with 95 % intervals that exclude zero; if all do, the weakest term may be dropped."""
+    """Terms whose 95 % intervals exclude zero; if all intervals do, the weakest term may be dropped."""
     rises = _rises_by_solution(candidate, scorer)
     if rises is None or candidate.model is None:
         return []
@@ -152,7 +152,7 @@ def _needed_terms(candidate: CandidateEquation, scorer: EquationScorer) -> list[
 
 
 def _rises_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> dict[AnyTerm, float] | None:
-    """Rise of the solution's criterion without each term, from the term's coefficient / standard error."""
+    """Rise of the criterion if a term is removed, from the ratio of its coefficient to its standard error."""
     model = candidate.model
     if model is None or not candidate.terms:
         return None
@@ -186,7 +186,7 @@ def _preferred_by_halves(
 
 
 def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[float]) -> CandidateEquation:
-    """Candidate with the fewest parameters among those whose criterion is within 6 of the best one."""
+    """Candidate with the fewest parameters among those whose criterion is at most 6 above the lowest."""
     limit = min(criteria) + _STRONG
     near = [
         (candidate, value) for candidate, value in zip(candidates, criteria, strict=True) if value <= limit
@@ -206,7 +206,7 @@ def _parameter_count(candidate: CandidateEquation) -> int:
 
 
 def _solution_criteria(fitted: list[CandidateEquation], scorer: EquationScorer) -> list[float]:
-    """Criterion of each candidate, from residuals of its solutions instead of the weak form."""
+    """Information criterion of each candidate, from the residuals of its solutions, not of the weak form."""
     squares = np.zeros(len(fitted))
     for k, motion in enumerate(scorer.weak.motions):
         models = [fit.models[k] for fit in fitted]
@@ -237,7 +237,7 @@ def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple
     if residual_ratio > _POOR_FIT:
         notes.append(
             f"the residual of the chosen equation is {format_factor(residual_ratio)} times the record's "
-            "noise: the true law is not among the searched ones; read it as a summary of this record"
+            "noise: the true law is not among the searched ones; take the equation as a summary of the record"
         )
     if best.model is None and best.note:
         notes.append(f"the chosen equation was not fitted to the record: {best.note}")
@@ -247,11 +247,11 @@ def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple
 # A fraction of `_MINIMUM_FRACTION` then has a standard error of 0.02.
 _RESAMPLES = 200
 _MINIMUM_FRACTION = 0.1
-"""A structure that wins a smaller fraction of the resamples does not count as a rival."""
+"""A structure that wins a smaller fraction of the resamples does not count as a competing structure."""
 
 
 class StructureEvidence(NamedTuple):
-    """Evidence for a structure: the criterion's rise without each term, and rivals by stability selection."""
+    """Evidence for a structure: rise of the criterion without each term, and competing structures."""
 
     criterion_increases: dict[str, float]  # without each term
     fraction: float  # of the random halves that choose the structure, or it with more terms
@@ -260,12 +260,12 @@ class StructureEvidence(NamedTuple):
 
     @property
     def rival_note(self) -> str:
-        """Structures chosen by other halves of the data, and why they are rejected; empty without rivals."""
+        """Text on structures that other halves of the data choose, and on their rejection; may be empty."""
         notes = []
         if self.rivals:
             notes.append(
                 f"the data cannot distinguish this structure from {' or '.join(self.rivals)}: "
-                f"{100 * self.fraction:.0f} % of {_RESAMPLES} random halves of the data choose it"
+                f"{100 * self.fraction:.0f} % of {_RESAMPLES} random halves of the data choose this structure"
             )
         notes += [
             f"{100 * fraction:.0f} % of random halves of the record's integrals choose {text}, but its "
@@ -283,7 +283,7 @@ def weigh_structure_evidence(
     seed: int,
     fitted: Sequence[CandidateEquation] = (),
 ) -> StructureEvidence | None:
-    """Weigh the terms of the chosen sum by its criterion, and rival structures by stability selection."""
+    """Evidence for each term of the chosen sum from the criterion, for other sums from random halves."""
     # Stability selection: each random half of the integrals votes for one structure (Meinshausen &
     # Buhlmann 2010, doi:10.1111/j.1467-9868.2010.00740.x).
     if chosen.terms is None or not chosen.terms:
@@ -327,7 +327,7 @@ def weigh_structure_evidence(
 def _criteria_above(
     chosen: CandidateEquation, fitted: Sequence[CandidateEquation], scorer: EquationScorer
 ) -> dict[frozenset[AnyTerm], float]:
-    """Criteria of the fitted sums minus the chosen sum's, from their solutions, keyed by their terms."""
+    """Map the terms of each fitted sum to its criterion minus the chosen sum's, both from solutions."""
     sums = [item for item in fitted if item.terms and item.models]
     if chosen not in sums:
         return {}
@@ -339,7 +339,7 @@ def _criteria_above(
 def _selection_fractions(
     scorer: EquationScorer, structures: Sequence[tuple[AnyTerm, ...]], seed: int
 ) -> np.ndarray:
-    """Fraction of the resamples of the whitened integrals in which each structure is best."""
+    """Fraction of the resamples of the whitened integrals in which each structure is the best."""
     union = sort_terms({term for terms in structures for term in terms})
     index = {term: k for k, term in enumerate(union)}
     columns, _ = normalise_columns(scorer.whitening @ scorer.weak.term_integral_matrix(union))
@@ -367,7 +367,7 @@ def _selection_fractions(
 
 
 def _gains_of_subsets(grams: np.ndarray, moments: np.ndarray, subsets: np.ndarray) -> np.ndarray:
-    """Decrease of the sum of squares of each half h by each subset s, all of one size: (h, s)."""
+    """Decrease (h, s) of the sum of squares of each half if fitted by each subset; all have one size."""
     inner = grams[:, subsets[:, :, None], subsets[:, None, :]] + 1e-12 * np.eye(subsets.shape[1])
     sides = moments[:, subsets]
     solved = np.linalg.solve(inner, sides[..., None])
@@ -393,7 +393,7 @@ def polish_candidate(
     seed: int = 0,
     open_terms: ParametricTerms = _NONE_OPEN,
 ) -> CandidateEquation:
-    """Fit a candidate's numbers to the records themselves by `fit`; line [m]."""
+    """Fit the numbers of a candidate to the records with `fit`; line is in m."""
     template, values = open_terms.with_symbols(candidate)
     if len(values) > _MAXIMUM_PARAMETERS:
         return dataclasses.replace(
@@ -445,7 +445,7 @@ def law_of_candidate(
     line: HeightLine,
     column: str | None = None,
 ) -> Law:
-    """Law of a candidate with symbols for its numbers, fitted from their values on; line [m]."""
+    """Law of a candidate whose numbers become parameters, with their values as initial values; line in m."""
     import sympy
 
     z, v, u = state_symbols()
@@ -527,7 +527,7 @@ def _damping_term_words(term: AnyTerm, coefficient: float) -> str:
 
 
 def _spring_words(springs: Mapping[int, float]) -> list[str]:
-    """Word for a spring from the coefficients of the powers of z; empty without a spring."""
+    """Describe the spring by the coefficients of the powers of z; empty without a spring."""
     linear, curved = springs.get(1, 0.0), {power: value for power, value in springs.items() if power > 1}
     if not curved:
         return ["linear spring"] if linear else []
@@ -542,7 +542,7 @@ def _spring_words(springs: Mapping[int, float]) -> list[str]:
 def replace_sign_by_tanh(
     template: sympy.Expr, records: Sequence[PistonRecord], line: HeightLine
 ) -> sympy.Expr:
-    """Expression with sign(z'), at which solvers fail, replaced by a steep tanh(z'); line [m]."""
+    """Replace sign(z') in an expression, at which solvers fail, by a steep tanh(z'); line is in m."""
     import sympy
 
     _, v, _ = state_symbols()

@@ -54,7 +54,7 @@ from reduced_models.records.inputs import column_names
 Method = Literal["auto", "sindy", "pysindy", "operon", "pysr"]
 Target = Literal["acceleration", "force", "height"]
 LEAST_EFFECT = 1e-3
-"""Smallest change of the motion, over its rms displacement, that a term must make."""
+"""Smallest change of the motion that a term must make, relative to the rms displacement."""
 SPARSE = ("sindy", "pysindy")
 """Methods that only choose among the terms of a library."""
 _MAXIMUM_SEED = 2**32 - 1  # accepted by the programs for symbolic regression
@@ -69,20 +69,20 @@ class DiscoveryOptions:
     height : str
         Height as a linear function of z with numbers, as in the text of a law: ``"0.06 + 1e-3*z"``, or
         ``"z"``. With ``"auto"``, z is the height itself if the equilibrium is within one amplitude of
-        zero. Otherwise z is the displacement from equilibrium in amplitudes, both taken from the
-        record with the largest amplitude. With user-defined terms or a library that gives z = 0 a
-        meaning, z is the height itself.
+        height zero. Otherwise z is the displacement from equilibrium in units of the amplitude;
+        equilibrium and amplitude are taken from the record with the largest amplitude. With
+        user-defined terms or a library that gives z = 0 a meaning, z is the height itself.
     polish : int
-        Maximum number of candidates, 0 or more, whose solutions are fitted to the records, best first.
-        Candidates whose criterion is hopelessly above the best one's are skipped. With 0 no candidate
-        has a model.
+        Maximum number of candidates, 0 or more, whose solutions are fitted to the records, the best
+        candidates first. Candidates whose criterion is far above the lowest one are skipped. With 0
+        no candidate has a model.
     functions : sequence of str
         Functions that symbolic regressions may use in addition to sums, differences and products:
         ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others.
     effort : float
-        Length of a symbolic regression relative to the default, above 0.
+        Length of a symbolic regression relative to the default length, above 0.
     progress : bool
-        True to show the current step on a line on standard error.
+        True to print the current step on standard error.
 
     Raises
     ------
@@ -154,20 +154,21 @@ def check_arguments(
             raise InputError("target = 'height' needs a symbolic method: give method 'operon' or 'pysr'")
         if terms or column is not None or line is not None or libraries != (AUTO,):
             raise InputError(
-                "target = 'height' searches a formula in the time; remove library, terms, input and height"
+                "target = 'height' searches for height as a function of time; remove the arguments library, "
+                "terms, input and height"
             )
     if libraries == (MEMORY,) and (column is not None or line not in (None, HeightLine())):
         raise InputError(
-            f"library = {MEMORY!r} needs an undriven bed, target z'' or force, and z = height; "
-            "remove input and height"
+            f"library = {MEMORY!r} needs an undriven bed, target 'acceleration' or 'force', and z equal "
+            "to the height; remove the arguments input and height"
         )
 
 
 def text_sequence(name: str, texts: object) -> tuple[str, ...]:
-    """One text or several as a tuple."""
+    """Return one text, or several, as a tuple."""
     result = (texts,) if isinstance(texts, str) else texts
     if not isinstance(result, Sequence) or not all(isinstance(text, str) for text in result):
-        raise InputError(f"{name} = {quote(texts)}; give a text, or several in a list")
+        raise InputError(f"{name} = {quote(texts)}; give one text or a list of texts")
     return tuple(result)
 
 
@@ -176,10 +177,10 @@ _NO_OPERON = (
     "pip install 'granular-damper[discover]'"
 )
 _INTEGRATED = (
-    "terms were proposed from the integrated {0}, whose noise is not white: errors over the noise only rank "
-    "candidates; the model was fitted to the {0} itself"
+    "terms were proposed from the integrated {0}, whose noise is not white: errors relative to the noise "
+    "only rank candidates; the model was fitted to the {0} itself"
 )
-_UNUSED = "columns not used as an input: {0}; input=NAME (--input NAME) takes one as the drive"
+_UNUSED = "columns not used as an input: {0}; to use one as the drive, pass input=NAME (--input NAME)"
 _LINE = 70  # characters of a formula in a line of progress
 _LEFT_SIDES = {"acceleration": "z''", "force": "force", "height": "height"}
 _FORMULA = ("sin", "cos", "exp")  # functions allowed in formulas of the time
@@ -203,11 +204,11 @@ def discover(
     """Discover the equation of motion z'' = f(z, z', input, t) of one record or of several together.
 
     Every method proposes structures, and all are scored by the same whitened residuals of the weak
-    form. Structures that no simpler one beats form the Pareto front. The best of them are fitted
-    through their differential equation. The simplest fitted one is chosen to which the information
-    criterion does not strongly prefer another (Bayesian information criterion; Schwarz 1978,
-    doi:10.1214/aos/1176344136; extended by the number of structures searched; Chen & Chen 2008,
-    doi:10.1093/biomet/asn034).
+    form. The Pareto front consists of structures with a smaller error than every simpler one. The
+    best of them are fitted through their differential equations. The fitted equation with the fewest
+    parameters is chosen whose information criterion is not strongly worse than the best one
+    (Bayesian information criterion, Schwarz 1978, doi:10.1214/aos/1176344136; extended by the number
+    of structures searched, Chen & Chen 2008, doi:10.1093/biomet/asn034).
 
     Parameters
     ----------
@@ -217,28 +218,30 @@ def discover(
     method : str
         ``"auto"``: candidates of ``"sindy"`` and, if pyoperon is installed, of ``"operon"``.
         ``"sindy"``: a sparse sum of library terms (Brunton, Proctor & Kutz 2016,
-        doi:10.1073/pnas.1517384113). It tries all subsets, on integrals that need no derivative of
-        the record except for drag and friction (Messenger & Bortz 2021, doi:10.1137/20M1343166).
+        doi:10.1073/pnas.1517384113). All subsets are tried, on integrals that need derivatives of the
+        record only for drag and friction (Messenger & Bortz 2021, doi:10.1137/20M1343166).
         ``"pysindy"``: sums found by PySINDy's thresholded least squares on smoothed derivatives,
         and the same sums pruned term by term. ``"operon"``: symbolic regression in z, z', |z'| and
-        sign(z') by pyoperon. ``"pysr"``: sparse sums, and symbolic regression by PySR, which needs
-        Julia.
+        sign(z') with pyoperon. ``"pysr"``: sparse sums, and symbolic regression with PySR, which
+        needs Julia.
     library : str, or a sequence of them
-        Terms to choose from. ``"auto"`` takes the library that fits the record best, with a note if
-        it is not the physical one. If the residuals of all libraries exceed the noise, ``"auto"``
-        also tries up to three drives sin(w*t), cos(w*t) and finds each w. Or one or more of
+        Terms to choose from: ``"auto"``, ``"memory"``, or one or more of
         `reduced_models.discovery.term_libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
-        Symbolic regression gets the terms that are not products of powers as variables.
-        ``"memory"``: for beds, powers of the height with and without a hidden state w, a strain
-        that yields or relaxes (`reduced_models.discovery.structure_proposals`); for forces along a
-        stroke about zero, a displacement that yields, as in the models of Bouc and Wen, and of Dahl.
+        ``"auto"`` takes the library that fits the record best, with a note if this is not the
+        physical one. If the residuals of all libraries exceed the noise, ``"auto"`` also tries up to
+        three drives sin(w*t), cos(w*t) and finds each w. In symbolic regression, terms that are not
+        products of powers become variables. ``"memory"`` takes terms with and without a hidden state
+        w. For beds these are powers of the height, and w is a strain that yields or relaxes
+        (`reduced_models.discovery.structure_proposals`). For forces along a stroke about zero, w is
+        a displacement that yields, as in the Bouc-Wen and Dahl models.
     target : "acceleration", "force" or "height"
-        Z''; or the force measured along a prescribed stroke; or, for symbolic regression, the
-        height itself as a formula of the time t.
+        Left side of the equation: z'' for ``"acceleration"``; for ``"force"``, the force measured
+        along a prescribed stroke; for ``"height"`` (symbolic regression only), the height itself as
+        a function of the time t.
     degree : int
-        Highest power of z in the physical library, from 1 to 5. With ``library="auto"`` it is the
-        lowest degree tried: the degree grows while the held-out error falls.
+        Highest power of z in the physical library, from 1 to 5. With ``library="auto"`` the degree
+        starts at this value and increases while the held-out error decreases.
     terms : sequence of str
         User-defined terms in addition to the library, in z, z', the input's column and the time t
         since the start: ``"sin(z)"``, ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a
@@ -250,17 +253,18 @@ def discover(
     seed : int
         Seed of random searches, from 0 to 2^32 - 1.
     least_effect : float
-        Smallest change of the motion, over its rms displacement, that a term must make to be chosen, from
-        0 to below 1; beside the statistical criterion. Errors of an integrator or an interpolation below
-        it are not taken for structure. For ``target="acceleration"``, and not for ``"memory"``.
+        Smallest change of the motion, relative to its rms displacement, that a term must make to be
+        chosen, in addition to the statistical criterion; from 0 to below 1. Smaller errors of an
+        integrator or an interpolation are then not mistaken for structure. Used only with
+        ``target="acceleration"``, and not with ``library="memory"``.
     options : DiscoveryOptions
         Rare options: height, polish, functions, effort, progress.
 
     Returns
     -------
     Discovery
-        Equations of the Pareto front and close rivals, the simplest first; models [s, m] of the
-        polished ones; and the index of the chosen equation.
+        Equations on the Pareto front and close competitors, the simplest first; models (in s and m)
+        of the fitted equations; and the index of the chosen equation.
 
     Raises
     ------
@@ -334,7 +338,7 @@ def _choose_terms(
     wanted: HeightLine | None,
     least_effect: float,
 ) -> tuple[list[Study], HeightLine, str]:
-    """Studies with library, user-defined and parametric terms; the line of their z; a note on the choice."""
+    """Return studies with all terms, the line from their z to the height, and a note on the library."""
     left_side = _LEFT_SIDES[target]
 
     def integrals(line: HeightLine) -> WeakForm:
@@ -385,7 +389,7 @@ def _choose_terms(
 def _notes_on_records(
     records: Sequence[PistonRecord], column: str | None, target: str, candidate_notes: Sequence[str]
 ) -> tuple[str, ...]:
-    """Collect notes on the candidate, or on integrated noise in their place, and on unused columns."""
+    """Collect notes on the candidate, or on integrated noise instead, and on unused columns."""
     first = records[0]
     if first.measured in ("velocity", "acceleration"):  # notes on noise do not hold for these
         candidate_notes = [_INTEGRATED.format(first.measured)]
@@ -413,7 +417,7 @@ def _check_records_for_target(records: Sequence[PistonRecord], target: str) -> N
     if not records:
         raise InputError("discover needs one or more records, got none")
     if target == "height" and len(records) > 1:
-        raise InputError(f"target = 'height' takes one record, got {len(records)}; give one")
+        raise InputError(f"target = 'height' takes one record, got {len(records)}; give a single record")
 
 
 def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
@@ -424,7 +428,7 @@ def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
                 low, high = motion.z.min(), motion.z.max()
                 raise InputError(
                     f"the term {quote(term.text)} {wrong} for z from {low:.3g} to "
-                    f"{high:.3g}; remove the term, or give DiscoveryOptions(height=...)"
+                    f"{high:.3g}; remove the term, or choose another z by DiscoveryOptions(height=...)"
                 )
 
 

@@ -1,8 +1,9 @@
 """Terms with unknown parameters, such as d in ``max(0, z - d)`` or w in ``sin(w*t)``.
 
-Linear least squares cannot find a parameter inside a function. Its value minimises the residual of
-the term together with all terms of the library: first on a grid over the scales of the motion, then
-refined. The frequency of a drive is sought near the peaks in the spectra of the motion and of the
+Linear least squares cannot find a parameter inside a function. Its value is therefore searched for
+the smallest residual of the term together with all terms of the library: first on a grid over the
+scales of the motion, then by refinement. The frequency of a drive is sought near the peaks in the
+spectra of the motion and of the
 library's residual. The fit through the differential equation then gives the parameter and its
 interval. The information criterion counts it like a coefficient.
 """
@@ -66,7 +67,7 @@ class ParametricTerms:
     def fit_open_terms(
         self, open_terms: OpenTerms, weak: WeakForm, library: Sequence[AnyTerm]
     ) -> list[AnyTerm]:
-        """Terms at the parameter values that minimise the residual together with a library."""
+        """Terms with the parameter values at which they and a library leave the smallest residual."""
         # The residual has many local minima. So one parameter is tried on a grid over the scales of the
         # motion, several at random points of their grids; then each is refined by itself (Brent's bounded
         # minimisation). Whitening uses the noise of z'' alone, as the coefficients are not known yet.
@@ -87,7 +88,7 @@ class ParametricTerms:
         return [term for term in terms if term is not None]
 
     def _remember_template(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
-        """Term of a template with given parameters; stores the template under the term."""
+        """Make the term of a template with given parameters; store the template under the term."""
         term = term_with_values(template, values)
         if term is not None:
             inner = {str(symbol) for symbol in template.free_symbols}
@@ -98,7 +99,7 @@ class ParametricTerms:
         return term
 
     def with_symbols(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]]:
-        """Expression with c0, c1 ... for coefficients and names for inner parameters, and their values."""
+        """Expression with symbols for coefficients (c0, ...) and nonlinear parameters, and their values."""
         import sympy
 
         terms = candidate.terms or {}
@@ -114,7 +115,7 @@ class ParametricTerms:
     def with_numbers(
         self, candidate: CandidateEquation, template: sympy.Expr, numbers: Mapping[str, float]
     ) -> sympy.Expr:
-        """Expression of `with_symbols` with fitted values."""
+        """Put fitted values into the expression of `with_symbols`."""
         import sympy
 
         inner = self.inner_parameters(candidate)
@@ -131,7 +132,7 @@ class ParametricTerms:
         )
 
     def inner_parameters(self, candidate: CandidateEquation) -> set[str]:
-        """Names of the parameters inside the terms of a candidate."""
+        """Names of the nonlinear parameters in the terms of a candidate."""
         if not self.templates_by_term:
             return set()
         terms = [term for term in candidate.terms or () if term in self.templates_by_term]
@@ -140,7 +141,7 @@ class ParametricTerms:
     def with_chosen_values(
         self, candidates: Sequence[CandidateEquation], chosen: CandidateEquation
     ) -> list[CandidateEquation]:
-        """Candidates with the inner parameter values of the chosen candidate."""
+        """Candidates with the nonlinear parameters of the chosen candidate."""
         chosen_term_by_template = {
             self.templates_by_term[term][0]: term
             for term in chosen.terms or {}
@@ -209,7 +210,7 @@ def _free_names(text: str, known: set[str]) -> list[str]:
 
 
 class _LibraryResidual:
-    """Residual of a weak form after the fit of a library, and its reduction by open terms."""
+    """Residual of a weak form fitted by a library, and the reduction of that residual by open terms."""
 
     def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], open_terms: OpenTerms) -> None:
         self.weak, self.library, self.open_terms = weak, library, open_terms
@@ -253,7 +254,7 @@ class _LibraryResidual:
 
 
 def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndarray:
-    """Parameter values (k,) among trials (s, k) with the smallest residual and without a pole."""
+    """Return those parameter values (k,) among trials (s, k) without a pole whose residual is smallest."""
     squares = np.array([residual.residual_squares(row) for row in trials])
     for index in np.argsort(squares, kind="stable")[: np.isfinite(squares).sum()]:
         if residual.is_sound(trials[index]):
@@ -261,12 +262,12 @@ def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndar
     raise InputError(
         f"no values of {', '.join(residual.open_terms.names)} make "
         f"{quote(', '.join(map(str, residual.open_terms.templates)))} finite along the record and "
-        "independent of the library; give other terms"
+        "independent of the library; use other terms"
     )
 
 
 def _trial_values(residual: _LibraryResidual, name: str) -> np.ndarray:
-    """Values to try: heights within the motion, multiples of its size, its speed, and their inverses."""
+    """Trial values: heights within the motion, and multiples of its size and speed and of their inverses."""
     motions = residual.weak.motions
     if name in _drive_frequencies(residual.open_terms):
         return _trial_frequencies(max(motions, key=lambda motion: motion.time[-1]), residual.library)
@@ -279,7 +280,7 @@ def _trial_values(residual: _LibraryResidual, name: str) -> np.ndarray:
 
 
 def _drive_frequencies(open_terms: OpenTerms) -> set[str]:
-    """Names of the factors of time in sines and cosines."""
+    """Names of the angular frequencies, the factors of time in sines and cosines."""
     import sympy
 
     time = motion_symbols()[3]
@@ -301,7 +302,7 @@ def _trial_frequencies(motion: SmoothedMotion, library: Sequence[AnyTerm]) -> np
 
 
 def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid: np.ndarray) -> np.ndarray:
-    """Values with one of them moved between its neighbours on the grid to the minimum of the residual."""
+    """Move one value, between its neighbours on the grid, to the minimum of the residual; return all."""
     from scipy.optimize import minimize_scalar
 
     index = int(np.searchsorted(grid, best[k]))

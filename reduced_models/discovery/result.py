@@ -73,7 +73,7 @@ class Discovery:
     ----------
     method : str
     candidates : tuple of CandidateEquation
-        The Pareto front and close rivals that were polished, the simplest first.
+        Equations on the Pareto front and close competitors that were fitted, the simplest first.
     chosen : int
         Index of the chosen candidate.
     line : HeightLine
@@ -104,12 +104,12 @@ class Discovery:
 
     @property
     def model(self) -> ReducedModel:
-        """The chosen candidate, polished through its differential equation, for the first record."""
+        """Model of the chosen candidate for the first record, fitted through its differential equation."""
         if self.best.model is None:
             why = self.best.note or "it was not polished"
             raise InputError(
                 f"the discovered equation {self.best.text} has no model: {why}; see .candidates "
-                "for the others"
+                "for the other equations"
             )
         return self.best.model
 
@@ -161,7 +161,7 @@ class Discovery:
 
 
 def pareto_front(candidates: list[CandidateEquation]) -> list[CandidateEquation]:
-    """Candidates that no simpler one beats in error, the simplest first."""
+    """Candidates with a smaller error than every simpler candidate, the simplest first."""
     front: list[CandidateEquation] = []
     order = sorted(candidates, key=lambda candidate: (candidate.complexity, candidate.error))
     for candidate in order:

@@ -1,8 +1,8 @@
 """Candidate structures: sparse sums of terms, also with a hidden state, and symbolic expressions.
 
-A hidden state is known along the record once its inner scales are: it follows from the preceding
-heights. So it enters the terms like an input, and sums with it are scored like any other sum. The
-scales minimise the residual of all terms together, on a grid that is refined. The information
+If its scales are given, a hidden state follows from the preceding heights. It is then known along
+the record and enters the terms like an input, and sums with it are scored like any other sum. The
+scales are searched on a refined grid for the smallest residual of all terms. The information
 criterion counts each scale like a coefficient.
 """
 
@@ -129,7 +129,7 @@ class Study:
     open_terms: ParametricTerms = dataclasses.field(default_factory=ParametricTerms)
 
     def candidate(self, candidate: CandidateEquation) -> CandidateEquation:
-        """Candidate for these motions, penalised for inner parameters and the hidden state's scales too."""
+        """Candidate whose criterion also counts nonlinear parameters and the scales of the hidden state."""
         scales = 0 if self.hidden_state is None else len(self.hidden_state.scales)
         count = scales + len(self.open_terms.inner_parameters(candidate))
         return dataclasses.replace(
@@ -195,7 +195,7 @@ def _sparse_subsets(study: Study, method: str) -> list[np.ndarray]:
 
 
 def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: Study) -> list[CandidateEquation]:
-    """Candidates of sums, the best first; sums that omit the hidden state count as without memory."""
+    """Candidates of scored sums, the best first; if the study has a hidden state, only sums with it."""
     candidates = [
         study.candidate(candidate_from_terms(item))
         for item in ranked
@@ -207,7 +207,7 @@ def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: Study) -> list[Can
 def _add_eliminated_supports(
     weak: WeakForm, terms: Sequence[AnyTerm], supports: Sequence[Sequence[int]]
 ) -> list[np.ndarray]:
-    """Supports, together with all steps of their backward elimination."""
+    """Add to the supports every step of their backward elimination."""
     whitening = weak.whitening_matrix((), np.zeros(0))
     matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target
     paths = (path for support in supports if support for path in eliminate_backward(matrix, target, support))
@@ -217,7 +217,7 @@ def _add_eliminated_supports(
 def propose_symbolic_candidates(
     study: Study, search: SymbolicSearch, subsets: Sequence[np.ndarray] = (), excess: float | None = None
 ) -> tuple[list[CandidateEquation], EquationScorer]:
-    """Propose expressions of a symbolic regression, and each of them pruned term by term."""
+    """Propose expressions of a symbolic regression, in full and pruned term by term."""
     weak, terms = study.weak, study.terms
     expressions = _find_motion_expressions(study, search)
     sums = [(expression, split_terms(expression)) for expression in expressions]
@@ -283,7 +283,7 @@ def _find_motion_expressions(study: Study, search: SymbolicSearch) -> list[sympy
 def _search_samples(
     motion: SmoothedMotion, left_side: str, motion_count: int, custom_terms: Sequence[CustomTerm]
 ) -> dict[str, np.ndarray]:
-    """Return one motion's share of the samples for a symbolic regression, away from the motion's ends."""
+    """Return the samples that one motion contributes to a symbolic regression, without the motion's ends."""
     motion = motion.inner
     every = max(1, math.ceil(len(motion.time) * motion_count / _MAXIMUM_POINTS))
     samples = {"target": motion.acceleration}
@@ -336,14 +336,14 @@ HIDDEN_TERMS = ("w", "w*z**-2", "w*z**-2.5", "w*z**-3")
 _CLEAR = 10.0
 """Difference of criteria that is decisive (Kass & Raftery 1995)."""
 _FAR = 10.0
-"""Residual of all terms together, in noise levels, above which residuals are not weighted by that noise."""
+"""Ratio of the residual of all terms to the noise above which that noise does not weight residuals."""
 _FINER = 9
-"""Values of each scale on the finer grids."""
+"""Number of values of each scale on the finer grids."""
 _SCALE_ROUNDS = 2
 
 
 def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -> list[Study]:
-    """Studies without a hidden state, and with each one at the scales that minimise the residual."""
+    """One study without a hidden state, and one with each hidden state at the scales of smallest residual."""
     # z is the height [m] here, because the states are strains.
     states: Sequence[HiddenState] = HIDDEN_STATES
     plain_texts: Sequence[str] = PLAIN_TERMS
@@ -351,8 +351,8 @@ def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -
     if any(motion.z.min() <= 0.0 for motion in weak.motions):
         if left_side != "force":
             raise InputError(
-                f"library = {MEMORY!r} uses strains of the bed, but a height is not above zero; give "
-                "heights above the floor"
+                f"library = {MEMORY!r} uses strains of the bed, but some heights are not above zero; measure "
+                "heights from the floor"
             )
         states, plain_texts, hidden_texts = DAMPER_STATES, DAMPER_TERMS, (HIDDEN,)
     plain = parse_custom_terms(plain_texts, HIDDEN)
@@ -392,7 +392,7 @@ class _ScaleSearch:
         return scales[best], math.sqrt(squares[best] / max(1, len(self.target) - len(self.known)))
 
     def study(self, state: HiddenState) -> tuple[Study, float]:
-        """Return the terms with a hidden state whose scales are refined on a grid, and their misfit."""
+        """Return the study of a hidden state whose scales are refined on a grid, and the misfit."""
         scales = state.trial_scales * (self.weak.motions[0].period if state.in_periods else 1.0)
         lows, highs = scales.min(axis=0), scales.max(axis=0)
         best, misfit = self.best_scales(state, scales)
@@ -425,10 +425,10 @@ def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray
 
 
 def memory_notes(groups: Sequence[Sequence[CandidateEquation]]) -> tuple[str, ...]:
-    """Describe the gain by the hidden state and equally good states, from the best sum of each study."""
+    """Describe the improvement by a hidden state and equally good ones, from the best sum of each study."""
     lead = min((group[0] for group in groups), key=lambda item: item.criterion)
     if lead.hidden_state is None:
-        return ("no hidden state tried improves the fit enough for its parameters: the law has no memory",)
+        return ("no hidden state improves the fit enough to justify its parameters: the law has no memory",)
     gain = groups[0][0].criterion - lead.criterion
     notes = [
         f"the force has memory: with a {lead.hidden_state.kind.name} the information criterion is "
@@ -442,5 +442,5 @@ def memory_notes(groups: Sequence[Sequence[CandidateEquation]]) -> tuple[str, ..
         and group[0].criterion < lead.criterion + _CLEAR
     ]
     if rivals:
-        notes.append(f"the data cannot distinguish it from {', '.join(rivals)}")
+        notes.append(f"the data cannot distinguish this state from {', '.join(rivals)}")
     return tuple(notes)

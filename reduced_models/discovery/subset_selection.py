@@ -54,13 +54,13 @@ class EquationScorer:
 
 
 def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationScorer]:
-    """Scorers that share the smallest of their excesses, so that their criteria can be compared."""
+    """Give all scorers the smallest of their values of ``excess``, so that their criteria are comparable."""
     excess = min(scorer.excess for scorer in scorers)
     return [dataclasses.replace(scorer, excess=excess) for scorer in scorers]
 
 
 def score_again(ranked: Iterable[ScoredTerms], scorer: EquationScorer) -> list[ScoredTerms]:
-    """Subsets rescored by the criterion of another scorer, the best first."""
+    """Score subsets again with another scorer, the best first."""
     again = []
     for item in ranked:
         count = len(item.terms)
@@ -159,7 +159,7 @@ def _rank_subsets(
 def eliminate_backward(
     white_columns: Float[np.ndarray, "q p"], target: Float[np.ndarray, "q"], start: Sequence[int]
 ) -> list[list[int]]:
-    """Backward elimination: drop the weakest term of a subset until one is left; returns each step."""
+    """Drop the weakest term of a subset until one remains (backward elimination); return each step."""
     columns, _ = normalise_columns(white_columns)
     gram, moment = columns.T @ columns, columns.T @ target
     remaining = list(start)

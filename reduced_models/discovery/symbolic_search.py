@@ -134,11 +134,11 @@ _MAXIMUM_NODES = 30
 
 
 def require_pysr() -> None:
-    """Raise an error with the commands that install them unless PySR and Julia can run."""
+    """Raise an error with installation commands unless PySR and Julia can run."""
     lack = missing_pysr_requirements()
     if lack is not None:
         raise InputError(
-            f"method 'pysr' needs Julia 1.10 or newer, and {lack}; install it with: "
+            f"method 'pysr' needs PySR and Julia 1.10 or newer, but {lack}; install both with: "
             f"{COMMANDS[0]} && {COMMANDS[1]}"
         )
 
@@ -154,7 +154,8 @@ def import_pysr_regressor() -> Any:
             from pysr import PySRRegressor
     except Exception as error:  # errors of Julia, juliapkg and the network share no base class
         raise InputError(
-            f"PySR could not be started: {type(error).__name__}: {quote(str(error))}; try {COMMANDS[1]}"
+            f"PySR could not be started: {type(error).__name__}: {quote(str(error))}; try the command "
+            f"{COMMANDS[1]}"
         ) from error
     return PySRRegressor
 
@@ -162,7 +163,7 @@ def import_pysr_regressor() -> Any:
 def pysr_regressor_settings(
     functions: Sequence[str] = (), effort: float = 1.0, seed: int = 0
 ) -> dict[str, Any]:
-    """Keywords of ``pysr.PySRRegressor`` for a search that is repeatable by its seed."""
+    """Keyword arguments of ``pysr.PySRRegressor`` that make a search repeatable from its seed."""
     return {
         "binary_operators": ["+", "-", "*", *(name for name in functions if name in _BINARY)],
         "unary_operators": [name for name in functions if name not in _BINARY],
@@ -205,8 +206,8 @@ def search_expressions_with_pysr(
 
 EXE, PROJECT = "PYTHON_JULIACALL_EXE", "PYTHON_JULIACALL_PROJECT"
 _READS_BOTH = (0, 9, 28)
-"""First juliacall version that uses a Julia and a project if both variables are set (PythonCall.jl's
-changelog); otherwise juliapkg finds them and downloads the missing parts."""
+"""First version of juliacall that takes Julia and its project from these variables if both are set
+(changelog of PythonCall.jl); otherwise juliapkg finds Julia and a project and downloads missing parts."""
 
 _PACKAGES = ("SymbolicRegression", "PythonCall")
 _MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")

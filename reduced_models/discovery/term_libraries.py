@@ -105,10 +105,10 @@ def library_terms(
     for name in (names,) if isinstance(names, str) else names:
         if name not in LIBRARIES:
             if name == MEMORY:
-                raise InputError(f"library = {MEMORY!r} cannot be combined with others; give it alone")
+                raise InputError(f"library = {MEMORY!r} excludes all other libraries; use it alone")
             raise InputError(
                 f"library = {quote(name)}; give one or more of {', '.join(LIBRARIES)}, or auto, "
-                f"or {MEMORY}, and further terms by terms="
+                f"or {MEMORY}; add further terms by terms="
             )
         if name == PHYSICAL:
             terms |= dict.fromkeys(physical_library_terms(degree, column is not None))
@@ -119,7 +119,7 @@ def library_terms(
             terms |= dict.fromkeys(parse_custom_terms((*LIBRARIES[name][0], *driven), column))
     terms |= dict.fromkeys(parse_custom_terms(texts, column))
     if not terms:
-        raise InputError("no terms to choose from; give library= or terms=")
+        raise InputError("there are no terms to choose from; give library= or terms=")
     return tuple(sort_terms(terms))
 
 
@@ -138,7 +138,8 @@ def functions_known_to_program(names: Sequence[str], method: str) -> tuple[str, 
     """Translate names of functions to the names in a method's program."""
     if names and method in ("sindy", "pysindy"):
         raise InputError(
-            f"functions are for symbolic regression; for method {method!r} give whole terms by terms="
+            f"the argument functions is for symbolic regression; for method {method!r} give whole terms "
+            "by terms="
         )
     for name in names:
         if name not in FUNCTIONS:
@@ -212,7 +213,7 @@ _CLEAR = 10.0
 1995, doi:10.1080/01621459.1995.10476572)."""
 _DEGREES = (3, 5)
 _BETTER = 0.5
-"""Maximum error of a higher degree, or excess error with a drive, relative to without, to be accepted."""
+"""Factor by which a higher degree must reduce the error, or a drive the excess error, to be accepted."""
 _UNEXPLAINED = 1.2  # residual of all libraries, in noise levels, above which a drive is tried
 _HOPELESS = 2.0  # and above which every library is tried
 _MAXIMUM_DRIVES = 3
@@ -256,7 +257,7 @@ def propose_library(
     weak = weak_form_of(usual_line)
 
     def sums(name: str) -> list[_SumsOfLibrary]:
-        """Score the sums of a library; none where it has no meaning along the motions."""
+        """Score the sums of a library; empty if it has no meaning for these motions."""
         if name == PHYSICAL:
             terms: tuple[AnyTerm, ...] = _physical_proposal(weak, column, degree)
             return [_SumsOfLibrary.of(LibraryProposal(name, terms, usual_line, weak))]

@@ -1,7 +1,7 @@
 """The terms of discovered equations, their texts, and hidden states of a bed.
 
 Each hidden state is a strain of the bed that is zero at the start of the record: the logarithmic
-strain dz/z minus its losses by yielding or relaxation. Inner scales set the yield strain and the
+strain dz/z minus its losses by yielding or relaxation. Its scales are the yield strain and the
 relaxation time. The equations
 
     yielding:  w' = -(z' + |z'| |w| w/yield^2)/z
@@ -390,7 +390,7 @@ def complexity(expression: sympy.Expr) -> int:
 
 
 StateStep = Callable[[np.ndarray, float, float, np.ndarray], np.ndarray]
-"""Function of the state (k,), the step's strain -d(log z), its duration and the scales (k,); returns
+"""Function of the state (k,), the strain -d(log z) and duration of a step, and the scales (k,); returns
 the next state (k,)."""
 _NEAR_ONE = 1.0 - 1e-12
 
@@ -420,7 +420,7 @@ class HiddenState(NamedTuple):
         return np.asarray(first + scales[:, 2:] * _integrate_states(self.step, time, heights, scales[:, 1]))
 
     def substitute_into(self, equation: str) -> str:
-        """Equation with the force variable in place of the input, followed by the rate equations."""
+        """Replace the input in an equation by the force variable, and append the rate equations."""
         forces = re.sub(rf"\b{INPUT}\b", self.force_variable, equation)
         return f"{forces}; {self.rate_equations}"
 
@@ -449,7 +449,7 @@ def _step_relaxing_state(state: np.ndarray, strain: float, step: float, scale: n
 
 
 def _integrate_states(step: StateStep, time: np.ndarray, height: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Values (k, n) of a state along a motion, for each value (k,) of its one scale."""
+    """Values (k, n) of a state along a motion, for each value (k,) of its only scale."""
     strains, steps = -np.diff(np.log(height)), np.diff(time)
     values = np.zeros((len(time), len(scale)))
     for k, (strain, value) in enumerate(zip(strains.tolist(), steps.tolist(), strict=True)):
@@ -512,7 +512,7 @@ class ScaledHiddenState(NamedTuple):
     scales: tuple[float, ...]
 
     def substitute_into(self, equation: str) -> str:
-        """Equation with the hidden state in place of the input, the rate equations, and values of scales."""
+        """Replace the input by the hidden state; append its rate equations with the values of its scales."""
         text = self.kind.substitute_into(equation)
         for name, value in zip(self.kind.scales, self.scales, strict=True):
             text = re.sub(rf"\b{name}\b", f"{value:.4g}", text)

@@ -69,7 +69,7 @@ class SmoothedMotion(NamedTuple):
 
     @property
     def inner(self) -> SmoothedMotion:
-        """The motion without its ends, which have poor derivatives."""
+        """The motion without its ends, where derivatives are inaccurate."""
         edge = int(_EDGE * len(self.time))
         rows = slice(edge, len(self.time) - edge)
         columns: Any = (value[rows] if isinstance(value, np.ndarray) else value for value in self)
@@ -110,7 +110,7 @@ class MotionIntegrals:
         Returns
         -------
         float64 (r,)
-            One for each bump, in the unit of the term times s.
+            One integral for each bump, in the unit of the term times s.
         """
         motion = self.motion
         if term.is_total_derivative:
@@ -129,12 +129,12 @@ class MotionIntegrals:
         Returns
         -------
         float64 (r,)
-            One for each bump, in the unit of the expression times s.
+            One integral for each bump, in the unit of the expression times s.
         """
         return np.asarray(self.bump @ evaluate_expression(expression, self.motion.smooth_state))
 
     def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]) -> Any:
-        """Compute the derivatives of an equation's weak-form residuals by the noise of each sample of z.
+        """Compute derivatives of an equation's weak-form residuals with respect to the noise of each sample.
 
         To first order in the noise (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
 
@@ -143,12 +143,12 @@ class MotionIntegrals:
         terms : sequence of terms
             Terms of the equation.
         coefficients : float64 (p,)
-            Coefficient of each.
+            Coefficient of each term.
 
         Returns
         -------
         sparse float64 (r, n)
-            A row for each bump, a column for each sample [1/s].
+            One row for each bump and one column for each sample [1/s].
         """
         motion, weights = self.motion, self.curvature
         if self.white_noise is not None:
@@ -184,7 +184,7 @@ class MotionIntegrals:
         terms : sequence of terms
             Terms of the equation; empty for the noise of z'' alone.
         coefficients : float64 (p,)
-            Coefficient of each.
+            Coefficient of each term.
 
         Returns
         -------
@@ -200,14 +200,14 @@ class MotionIntegrals:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WeakForm:
-    """The integrals of several motions against bumps, to be explained by one equation."""
+    """Integrals of several motions against bumps, which one equation has to explain."""
 
     parts: tuple[MotionIntegrals, ...]
-    least_effect: float = 0.0  # change of the motion that a term must make, over its rms displacement
+    least_effect: float = 0.0  # change of the motion that a term must make, relative to rms displacement
 
     @property
     def effect_squares(self) -> float:
-        """Sum of squares, in units of the noise, of the smallest change of the motions that counts."""
+        """Sum of squares, in units of the noise, of the smallest change that a term must make."""
         # Whitened by the covariance of the whole equation, the integrals of a term have the sum of squares
         # of the change of z that the term makes.
         return sum(
@@ -228,7 +228,7 @@ class WeakForm:
 
     @property
     def target(self) -> np.ndarray:
-        """Integrals of z'' (or of the force) against all bumps, float64 (r,), in the unit of z over s."""
+        """Integrals of z'' (or of the force) against all bumps, float64 (r,), in the unit of z per s."""
         return np.concatenate([part.target for part in self.parts])
 
     def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> Float[np.ndarray, "r p"]:
@@ -298,7 +298,7 @@ _FLOOR = 1e-6  # smallest noise, relative to the standard deviation of the recor
 def estimate_motion(
     record: PistonRecord, line: HeightLine, drive: str | None = None, least_noise: float = _FLOOR
 ) -> SmoothedMotion:
-    """Estimate derivatives, noise and period of a record's motion in z; record [s, m], line [m]."""
+    """Estimate derivatives, noise and period of a record's motion in z; record in s and m, line in m."""
     # Noise below `least_noise` of the rms displacement may be the error of a solver.
     guess = first_guesses(record.time, record.height)
     smooth = derivatives(record)
@@ -321,7 +321,7 @@ def estimate_motion(
 
 
 def displacement_size(time: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> float:
-    """Rms displacement from a straight line, which an angle that whirls follows; time [s]."""
+    """Rms displacement from a straight line in time [s], as a whirling angle grows with time."""
     return float((z - np.polynomial.Polynomial.fit(time, z, 1)(time)).std())
 
 
@@ -355,7 +355,7 @@ def observed_weak_form(
         if values is None:
             raise RecordError(
                 "target = 'force' needs a measured force, but the record has none; give "
-                "a record with a column force"
+                "a record with a column named force"
             )
         noise = max(noise_level(values, record.time), _FLOOR * float(values.std()))
         motion = part.motion._replace(acceleration=values, acceleration_noise=noise, noise=noise)
@@ -365,7 +365,7 @@ def observed_weak_form(
 
 
 def white_noise_weak_form(weak: WeakForm) -> WeakForm:
-    """Weak form of z'' with errors taken as white noise of z'', with the noise level of its estimate."""
+    """Weak form of z'' whose error is taken as white noise, with the noise level of the estimate of z''."""
     # Weights for noise of the height emphasise the fastest errors. A simulated bed has no such noise, so an
     # equation whose error exceeds it needs other weights.
     return WeakForm(

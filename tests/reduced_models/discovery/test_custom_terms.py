@@ -220,11 +220,11 @@ def test_a_parameter_inside_a_term_is_found() -> None:
         ({"terms": ["z**-2"]}, r"the term 'z\*\*\(-2\)' has a pole for z from"),
         ({"terms": ["sqrt(max(0, z))"]}, r"has no finite slope for z from"),
         ({"terms": "sin(w)"}, r"the term 'sin\(w\)' contains w"),
-        ({"library": None}, r"library = None; give a text, or several"),
-        ({"library": 3}, r"library = 3; give a text, or several"),
+        ({"library": None}, r"library = None; give one text or a list"),
+        ({"library": 3}, r"library = 3; give one text or a list"),
         ({"seed": -1}, r"seed = -1; give an integer from 0"),
         ({"method": "operon", "seed": -3}, r"seed = -3; give an integer from 0"),
-        ({"terms": [3]}, r"terms = \[3\]; give a text, or several"),
+        ({"terms": [3]}, r"terms = \[3\]; give one text or a list"),
         ({"library": "cubic"}, r"library = 'cubic'; give one or more of physical"),
         ({"library": "driven"}, r"needs an input"),
         ({"library": ()}, r"no terms to choose from"),
@@ -239,7 +239,7 @@ def test_invalid_terms_are_refused(options: dict[str, object], words: str) -> No
 @pytest.mark.parametrize(
     ("method", "functions", "words"),
     [
-        ("sindy", "sin", r"functions are for symbolic regression"),
+        ("sindy", "sin", r"argument functions is for symbolic regression"),
         ("operon", "gamma", r"the function 'gamma' is unknown"),
         ("operon", ["gamma"], r"the function 'gamma' is unknown"),
     ],

@@ -278,7 +278,7 @@ def test_symbolic_regression_finds_a_damped_cosine() -> None:
         ({"target": "speed"}, "acceleration, force, height"),
         ({"degree": 9}, "from 1 to 5"),
         ({"target": "height"}, "symbolic"),
-        ({"target": "height", "method": "operon", "library": "own"}, "remove library, terms, input"),
+        ({"target": "height", "method": "operon", "library": "own"}, "arguments library, terms, input"),
         ({"input": "wind"}, "wind"),
     ],
 )
@@ -299,7 +299,7 @@ def test_invalid_arguments_are_refused(arguments: dict[str, Any], words: str) ->
         ({"height": "0.06 m + z"}, "straight line in z"),
         ({"height": "z; w' = 1"}, "straight line in z"),
         ({"effort": 0.0}, r"effort = 0\.0; give a number above 0"),
-        ({"functions": 3}, r"functions = 3; give a text, or several"),
+        ({"functions": 3}, r"functions = 3; give one text or a list"),
     ],
 )
 def test_invalid_options_are_refused(options: dict[str, Any], words: str) -> None:

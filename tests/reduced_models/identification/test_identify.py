@@ -328,7 +328,7 @@ def test_a_note_lists_columns_that_discovery_does_not_use() -> None:
     time = np.linspace(0.0, 2.0, 2000)
     record = PistonRecord(time, damped_cosine(time), force=np.sin(5.0 * time))
     found = discover(record, "sindy", library="physical", degree=1, options=DiscoveryOptions(polish=0))
-    assert "columns not used as an input: force; input=NAME (--input NAME) takes one" in str(found)
+    assert "columns not used as an input: force; to use one as the drive, pass input=NAME" in str(found)
 
 
 def test_the_line_before_the_checks_has_no_uncertain_digit(spring: tuple[Identification, Path]) -> None:
