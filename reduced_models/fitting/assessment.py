@@ -50,6 +50,7 @@ from reduced_models.records.free_motion import PredictionErrorEstimate, predicti
 from reduced_models.records.release import release_sample
 from reduced_models.records.second_mode import find_second_mode
 from reduced_models.records.sensor import Sensor
+from reduced_models.records.sensor_filter import find_sensor_filter
 from reduced_models.records.sources import describe_record
 
 MINIMUM_AGREEING_FRACTION = 0.25
@@ -170,7 +171,7 @@ def _make_model_of_record(
     else:
         fitted = record.height + residuals * unknowns.residual_unit
         rest, remarks = _damping_from_peaks(rest, motions[k], fitted)
-        remarks = (*_second_mode_texts(unknowns, record, quality), *remarks)
+        remarks = (*_mode_and_filter_texts(unknowns, record, quality), *remarks)
     known = {name: value for name, value in parameters.items() if name not in problem.unidentified}
     ends = (float(record.height.min()), float(record.height.max()))
     observed = {unknowns.observation: ends} if unknowns.observation else {}
@@ -260,13 +261,16 @@ def _damping_from_peaks(
     return rest, amplitude_remarks(cycles, low > 0.0 or high < 0.0)
 
 
-def _second_mode_texts(unknowns: Unknowns, record: PistonRecord, quality: Quality) -> tuple[str, ...]:
-    """Text on a second mode that a law of one free coordinate leaves in its residual; none elsewhere."""
+def _mode_and_filter_texts(unknowns: Unknowns, record: PistonRecord, quality: Quality) -> tuple[str, ...]:
+    """Text on a second mode or a sensor's filter in the residual of a law of one free coordinate."""
     of_height = unknowns.sensor is None and not unknowns.observation and not unknowns.law.prescribed
     if not of_height or unknowns.law.other_coordinates or not quality.has_structured_residuals:
         return ()
     mode = find_second_mode(record.time, record.height)
-    return (mode.text,) if mode is not None and mode.is_seen_beside(quality.residual) else ()
+    if mode is not None and mode.is_seen_beside(quality.residual):
+        return (mode.text,)
+    sensor_filter = find_sensor_filter(record.time, record.height, quality.residual)
+    return () if sensor_filter is None else (sensor_filter.text(quality.residual),)
 
 
 def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:

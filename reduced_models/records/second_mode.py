@@ -82,14 +82,14 @@ def _find_second_mode(times: bytes, heights: bytes) -> SecondMode | None:
         pair, single = _fit_modes(time, height)
     except GranularError:
         return None
-    decay = _Decay(time, height)
+    decay = DampedCosines(time, height)
     squares = min(float((decay.residuals(vector) ** 2).sum()) for vector in single)
     return decay.judge(pair, squares)
 
 
 def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> TwoModes:
     """Fit two damped cosines to a decay; time [s], height [m]."""
-    (pair, _), decay = _fit_modes(time, height), _Decay(time, height)
+    (pair, _), decay = _fit_modes(time, height), DampedCosines(time, height)
     factors = decay.without(decay.both(pair))[1]
     amplitudes = [complex(factors[k], -factors[k + 1]) for k in (0, 2)]
     return TwoModes(
@@ -103,7 +103,7 @@ def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
 def _fit_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """Frequencies and decay rates of two modes, and of one mode without and with a chirp."""
     guess = first_guesses(time, height)
-    decay = _Decay(*_evenly_thinned(time, height))
+    decay = DampedCosines(*thin_to_even_times(time, height))
     start = np.array([guess.frequency, min(guess.decay, 0.5 * guess.frequency), 0.0])
     chirped = decay.refine(start, chirp=True)
     single = decay.refine(np.array([chirped[0], chirped[1], 0.0]), chirp=False)
@@ -123,7 +123,7 @@ def _fit_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[n
     return pair, [single, chirped]
 
 
-def _evenly_thinned(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def thin_to_even_times(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Record at even times, its samples averaged where there are many."""
     even = np.linspace(time[0], time[-1], len(time))
     height = np.interp(even, time, height)
@@ -132,15 +132,16 @@ def _evenly_thinned(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, n
     return even[:count].reshape(-1, every).mean(1) - even[0], height[:count].reshape(-1, every).mean(1)
 
 
-class _Decay:
+class DampedCosines:
     """A record, and damped cosines next to a slow drift that fit it."""
 
-    def __init__(self, time: np.ndarray, height: np.ndarray) -> None:
-        self.time, self.height = time, height - height.mean()
-        self.duration = float(time[-1])
-        self.slow = np.polynomial.chebyshev.chebvander(2.0 * time / self.duration - 1.0, 3)
+    def __init__(self, time: np.ndarray, height: np.ndarray, slow_degree: int = 3) -> None:
+        self.time, self.height = time - time[0], height - height.mean()
+        self.duration = float(self.time[-1])
+        self.slow = np.polynomial.chebyshev.chebvander(2.0 * self.time / self.duration - 1.0, slow_degree)
 
-    def _cosines(self, frequency: float, decay: float, chirp: float = 0.0) -> np.ndarray:
+    def cosines(self, frequency: float, decay: float, chirp: float = 0.0) -> np.ndarray:
+        """Columns (n, 2) of one mode: cosine and sine of its phase, with its decay."""
         faded = np.exp(np.clip(-decay * self.time, -50.0, 2.0))
         phase = frequency * self.time
         if chirp:
@@ -149,7 +150,7 @@ class _Decay:
 
     def both(self, pair: np.ndarray) -> np.ndarray:
         """Columns (n, 4) of two modes: frequency and decay rate of each."""
-        return np.hstack([self._cosines(*pair[:2]), self._cosines(*pair[2:])])
+        return np.hstack([self.cosines(*pair[:2]), self.cosines(*pair[2:])])
 
     def without(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (n,) of columns (n, k) and a slow drift, and the factors of these."""
@@ -159,7 +160,7 @@ class _Decay:
 
     def residuals(self, vector: np.ndarray) -> np.ndarray:
         """Residuals (n,) of one mode: frequency, decay rate, and phase that the amplitude adds."""
-        return self.without(self._cosines(*vector))[0]
+        return self.without(self.cosines(*vector))[0]
 
     def residuals_of_two(self, vector: np.ndarray) -> np.ndarray:
         """Residuals (n,) of two modes: frequency and decay rate of each."""
@@ -190,7 +191,7 @@ class _Decay:
         left, factors = self.without(self.both(pair))
         sizes = np.hypot(factors[[0, 2]], factors[[1, 3]])
         parts = [slice(2 * k, 2 * k + 2) for k in (0, 1)]
-        motions = [self._cosines(*pair[part]) @ factors[part] for part in parts]
+        motions = [self.cosines(*pair[part]) @ factors[part] for part in parts]
         order = (0, 1) if motions[0] @ motions[0] >= motions[1] @ motions[1] else (1, 0)
         (first, first_decay), (frequency, decay) = (pair[parts[k]] for k in order)
         frequency, first = abs(float(frequency)), abs(float(first))
