@@ -49,8 +49,8 @@ def find_sensor_filter(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], law_residual: float
 ) -> SensorFilter | None:
     """Find a filter that halves the residual [m] of a law of a free decay, or None; time [s]."""
-    found = _find_sensor_filter(time.tobytes(), height.tobytes())
-    return found if found is not None and found.residual <= _HALVED * law_residual else None
+    candidate = _find_sensor_filter(time.tobytes(), height.tobytes())
+    return candidate if candidate is not None and candidate.residual <= _HALVED * law_residual else None
 
 
 @functools.lru_cache(maxsize=4)  # every law of a record is compared with it
