@@ -115,7 +115,7 @@ def test_a_part_is_listed_and_a_broken_one_reported(group: str) -> None:
     with pytest.raises(InputError, match=BROKEN) as told:
         registry.find(broken)
     assert "\n" not in str(told.value)
-    with pytest.warns(UserWarning, match=f"{BROKEN}.*left out"):
+    with pytest.warns(UserWarning, match=f"{BROKEN}.*is not used"):
         working = registry.working()
     assert set(working) == set(registry) - {broken}
     assert re.search(BROKEN, registry.descriptions()[broken])

@@ -46,8 +46,8 @@ def files(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 BAD = [
-    (("lab.csv", "-o", "lab.csv/out"), "cannot be made"),
-    (("lab.csv", "-o", "x" * 300), "cannot be made"),
+    (("lab.csv", "-o", "lab.csv/out"), "cannot be created"),
+    (("lab.csv", "-o", "x" * 300), "cannot be created"),
     (("lab.csv", "-o", "lab.csv"), "is a file; give a directory"),
     (("damper", "-o", "lab.csv"), "is a file; give a directory"),
     (("x" * 300,), "x"),
@@ -60,7 +60,7 @@ BAD = [
     (("lab.csv", "--dt", "1e-5"), "applies to a scene only"),
     (("damper", "--dt", "-1"), "above 0 s"),
     (("damper", "--dt", "1 s^-200"), "is beyond 9"),
-    (("damper", "--dt", "auto*9"), "at most 8"),
+    (("damper", "--dt", "auto*9"), "above 0 and up to 8"),
     (("lab.csv", "--threads", "2"), "applies to a scene only"),
     (("lab.csv", "--set", "piston.mass=1"), "applies to a scene only"),
     (("lab.csv", "--law", "linaer"), "did you mean 'linear'"),
@@ -130,7 +130,7 @@ def test_fit_compare_and_simulate(command: Callable[..., Any]) -> None:
         ("fit lab.csv --law linear --bound lam=2:1", "give them in order"),
         ("fit lab.csv --law linear --own mass", "unknown parameter 'mass'"),
         ("fit lab.csv --law linear --bound 'lam=1 m:2'", "in 1/s is wanted"),
-        ("fit lab.csv --law linear --bound 'omega=3 Hz:'", "give 2 pi times it"),
+        ("fit lab.csv --law linear --bound 'omega=3 Hz:'", "give the angular frequency, 2 pi times it"),
         ("fit lab.csv --law \"q'' + k*q = g0\" --bound k=one:2", "give a number in SI"),
         ("fit lab.csv --fix lam", "--fix 'lam' is not NAME=VALUE"),
         ("fit lab.csv --start 'lam=1 m'", "in 1/s is wanted"),
@@ -140,7 +140,7 @@ def test_fit_compare_and_simulate(command: Callable[..., Any]) -> None:
         ("fit", "required: SOURCE; see python -m reduced_models fit --help"),
         ("compare lab.csv --response out", "SOURCE cannot be combined with --response"),
         ("design --damping 0.1", "required: --frequency"),
-        ("design --frequency 3.3 --damping 0.9", "reach a damping ratio of 0.023 to 0.27"),
+        ("design --frequency 3.3 --damping 0.9", "reach damping ratios from 0.023 to 0.27"),
     ],
 )
 @pytest.mark.usefixtures("files")
@@ -154,7 +154,7 @@ def test_numbers_have_units_where_they_are_taken() -> None:
     found = parse_parameters(["rest=1 cm:20 mm", "k2=-1e-3 1/(mm s^2):", "lam=0:2"], ["lam"])
     settings = parameter_settings(LAWS["polynomial-spring"], found, 1)
     assert settings.bounds == {"rest": (0.01, 0.02), "k2": (-1.0, math.inf), "lam": (0.0, 2.0)}
-    assert settings.own == ("lam",)
+    assert settings.per_record == ("lam",)
     found = parse_parameters(["lam=0:2"], [], ["rest=12 mm"], ["k2=1e-3 1/(mm s^2)", "lam=0.5"])
     settings = parameter_settings(LAWS["polynomial-spring"], found, 1)
     assert settings.bounds == {"rest": (0.012, 0.012), "lam": (0.0, 2.0)}

@@ -126,7 +126,7 @@ def test_laws_beyond_the_budget_are_skipped_and_listed(made: Any, monkeypatch: p
     monkeypatch.setattr(levenberg_marquardt.time, "process_time", lambda: spent[0])
     monkeypatch.setattr(comparison, "_fit_law_to_row", make_slowly)
     laws = ["linear", "coulomb", "duffing"]
-    with pytest.warns(UserWarning, match=r"fit of duffing failed: not done .*--budget 1500\)"):
+    with pytest.warns(UserWarning, match=r"fit of duffing failed: not finished .*--budget 1500\)"):
         found = identify(made("linear"), laws=laws, starts=2, progress=False)
     assert {model.law.name for model in found.models} == {"linear", "coulomb"}
     assert found.comparison.rows[-1].failure
