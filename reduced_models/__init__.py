@@ -5,12 +5,12 @@
 >>> print(model)
 
 Each folder uses only the folders before it. ``records`` holds motions of a piston and their analysis
-without a law; ``laws`` holds its equations of motion with their solutions. ``models`` predict, and are
+without a law; ``laws`` holds equations of motion and their solutions. ``models`` predict motions and are
 written to files; ``fitting`` makes a model from a record and a law, ``derived`` from a bed's equilibria
-and roots. The next folders build on these: ``falls`` (a law compared with records of other falls),
-``discovery`` (of a law), ``calibration`` (of a scene's parameters), ``designs`` (of a damper),
-``machines`` (its use in a machine), and ``identification`` (from a source to a report).
-``commands`` call all of these, and ``jax_setup`` imports JAX.
+and roots. The next folders build on these. ``falls`` compares a law with records of other falls;
+``discovery`` finds a law; ``calibration`` fits a scene's parameters; ``designs`` designs a damper;
+``machines`` couples a damper to a machine; ``identification`` leads from a source to a report.
+``commands`` calls all of these, and ``jax_setup`` imports JAX.
 """
 
 import lazy_loader

@@ -54,7 +54,7 @@ def calibrate(
     reading: Reading,
     output: Output,
 ) -> None:
-    """Fit numbers of a scene to a record, by simulations."""
+    """Fit parameters of a scene to a record, by simulations."""
     from granular.records.record import PistonRecord
     from granular.scene.scene import Scene
     from reduced_models.calibration.calibrate import calibrate as calibrate_scene
@@ -100,7 +100,7 @@ def design(
     workers: WorkerCount = None,
     output: Output,
 ) -> None:
-    """Choose mass, grains and drag for a wanted frequency and damping."""
+    """Choose mass, grains and drag of a damper for a given frequency and damping."""
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}; give 1 or more")
     from granular.studies.tolerances import read_parts, tolerances_at
@@ -198,7 +198,7 @@ def derive(
     save: Annotated[str | None, Option("model, as JSON", "FILE", "-o")] = None,
     output: Output,
 ) -> None:
-    """Derive a damper's law from its equilibria and roots, without a fit."""
+    """Derive a damper's law from its equilibria and the roots of its small motions, without a fit."""
     from granular.scene.scene import Scene
     from reduced_models.derived.derive import derive as derive_law
     from reduced_models.records.sources import open_source

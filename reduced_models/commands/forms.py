@@ -1,4 +1,4 @@
-"""Forms of commands from other packages: without its package, a form is refused."""
+"""Forms of commands that other packages provide; without its package, a form is refused."""
 
 from __future__ import annotations
 

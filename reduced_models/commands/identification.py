@@ -109,7 +109,9 @@ def identify(
         named_method = None if method == DEFAULT_METHOD else method
         of_scene = {"dt": dt, "method": named_method, "threads": threads, "set": changes.changes or None}
         for name in given(**of_scene):
-            raise InputError(f"--{name} applies to a scene only; this is a run or a record: remove it")
+            raise InputError(
+                f"--{name} applies to a scene, but the source is a run or a record: remove --{name}"
+            )
     tolerances = parts.of_scene(getattr(opened, "scene", None)) if parts else None
     records = [opened] if isinstance(opened, PistonRecord) else []
     result = identify_source(
@@ -401,7 +403,7 @@ def compare(
 
 
 def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tuple[str, ...]:
-    """Distinct names of the laws to fit; "all" means all laws of the package for such records."""
+    """Distinct names of the laws to fit; "all" means all laws of the package that suit the records."""
     from reduced_models.identification.candidate_laws import candidate_force_laws
     from reduced_models.laws.catalogue import LAWS
 
@@ -415,5 +417,5 @@ def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tu
 
 
 def _are_of_force(records: Sequence[PistonRecord]) -> bool:
-    """Return whether the records are forces along prescribed strokes."""
+    """Return whether the records contain forces along prescribed strokes."""
     return bool(records) and records[0].measured == "force"

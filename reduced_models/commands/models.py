@@ -33,7 +33,7 @@ def simulate(
     out: Annotated[str | None, Option("CSV file", "FILE", "-o")] = None,
     output: Output,
 ) -> None:
-    """Predict a motion by a saved model."""
+    """Predict a motion with a saved model."""
     import numpy as np
 
     from reduced_models.models.model import load_model

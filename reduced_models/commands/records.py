@@ -26,7 +26,7 @@ Source = Annotated[str, _A_SOURCE]
 Sources = Annotated[tuple[str, ...], _A_SOURCE]
 
 _PAIRS = re.compile(r",(?=[^,=]+=)")
-"""Commas between pairs, but not commas within a column's heading."""
+"""Matches commas between pairs, but not commas within a column's heading."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Reading:
         )
 
     def load(self, sources: Sequence[str], output: Output) -> list[PistonRecord]:
-        """Load the records of some sources; scenes are simulated first; optionally all releases of a file."""
+        """Load the records of some sources, optionally all releases of a file; scenes are simulated first."""
         from reduced_models.records.sources import (
             is_record_file,
             load_record,
@@ -139,7 +139,7 @@ def _parse_time_range(text: str | None) -> tuple[float, float] | None:
 
 
 def _parse_by_column(option: str, items: Sequence[str]) -> dict[str, str] | None:
-    """Read texts with a column's name in front; the height's name is the default."""
+    """Read texts that begin with a column's name; the default is the name of the height."""
     result: dict[str, str] = {}
     for item in items:
         column, equals, text = item.rpartition("=")
@@ -179,7 +179,7 @@ def leave_cautions_to_print_out(output: Output) -> None:
 def print_result_and_report_path(
     result: Any, out: str | None, output: Output, text: str | None = None
 ) -> None:
-    """Print a result, or the given text in its place, and the path of its report."""
+    """Print a result, or a given text instead, and the path of its report."""
     text = str(result) if text is None else text
     if out is not None:
         text += f"\nreport: {out}/report.html"

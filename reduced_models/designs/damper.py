@@ -1,4 +1,4 @@
-"""A damper with its design parameters, and its figures by scaling laws."""
+"""A damper with its design parameters, and its oscillation by scaling laws."""
 
 from __future__ import annotations
 
@@ -16,45 +16,47 @@ from granular.shared.errors import InputError, quote
 DIAMETER = 0.006
 """Diameter of a large grain [m], as in the packaged damper."""
 ASPECT = 0.6
-"""Diameter of small grains over that of large ones."""
+"""Ratio of the diameters of small and large grains."""
 REST_TOLERANCE = "1e-2 D"
-"""The piston counts as settled when it stays within this height, a twentieth of the lift; figures then agree
-with those for 1e-3 D within 0.1 %."""
+"""The piston counts as settled when it stays within this height, a twentieth of the lift. Frequency and
+damping then agree within 0.1 % with the values for 1e-3 D."""
 RELEASE_DURATION = "3 s"
-"""Duration of the recorded motion: 7 cycles or more."""
+"""Duration of the recorded motion; it contains 7 or more cycles."""
 EXPONENT = 2.86
 """The force of the published damper's bed decreases with this power of the equilibrium height."""
 
 LOADS, COUNTS, DAMPINGS = (1.6, 10.0), (92, 368), (0.023, 0.27)
-"""Limits of the piston's mass over the relative width of the cell [kg], of the number of grains and of the
-damping ratio: the range of 144 simulated dampers and of further falls from 1.6 to 2 kg. Under a lighter
-piston the bed keeps its initial disorder, and dampers differ between packings; a heavier piston presses
-small grains into contact. With less damping the bed takes minutes to settle. With more damping the grains
-lag behind the piston, and second-order laws no longer agree on frequency and damping."""
+"""Limits of three numbers: the piston's mass divided by the relative width of the cell [kg], the number of
+grains, and the damping ratio. They are the range of 144 simulated dampers and of further falls with 1.6 to
+2 kg. Under a lighter piston the bed keeps its initial disorder, and dampers differ between packings; a
+heavier piston presses small grains into contact. With less damping the bed takes minutes to settle. With
+more damping the grains lag behind the piston, and second-order laws no longer agree on frequency and
+damping."""
 LARGEST_SHARE = 0.5
-"""Maximum fraction of small grains in these dampers."""
+"""Maximum fraction of small grains in the simulated dampers."""
 REFERENCE = np.log([7.5, REFERENCE_COUNT, 0.1, 1.0])
 """Logarithms of load [kg], number of grains, drag [kg/s] and mean grain mass ratio of the packaged damper."""
 REFERENCE_FIGURES = np.log([0.0602, 3.396, 0.0391])
 POWERS = np.array(
     [[-0.4, 0.185, -1.185], [0.5, -0.2406, 0.7406], [0.0, 0.0125, 0.9875], [0.8, -0.3825, 1.3825]]
 )
-"""Exponents of equilibrium height [m], frequency [Hz] and damping ratio in these numbers. They hold for a
-crystal of dipoles (pressure proportional to density^(5/2)) that follows its piston affinely, with a
-frequency proportional to (damping ratio)^(1/80). The exponent 1/80 and the figures above come from 144
-simulated dampers within these limits, from 2 kg on; the rms errors of the laws are 2.5, 1.4 and 7.1 %."""
+"""Exponents of these four numbers in equilibrium height [m], frequency [Hz] and damping ratio. They hold for
+a crystal of dipoles (pressure proportional to density^(5/2)) that follows its piston affinely, with a
+frequency proportional to (damping ratio)^(1/80). The exponent 1/80 and the values above come from 144
+simulated dampers within the limits, with 2 kg or more; the rms errors of the laws are 2.5, 1.4 and 7.1 %."""
 ONE_SIZE = np.array([-0.020, 0.018, -0.055])
-"""Errors of the laws for beds of one grain size, in logarithms: medians of the first falls of 15 dampers
-(`benchmarks.design_targets`), including the packaged damper."""
+"""Errors of the logarithms by the scaling laws for beds of one grain size: medians over the first falls of
+15 dampers (`benchmarks.design_targets`), including the packaged damper."""
 DISCS = np.log([1.08, 0.95, 1.05])
-"""Logarithms of the figures of discs over the figures of dipoles. The packaged discs between rows of discs
-rest at 64.4 and 62.7 mm with 3.25 and 3.33 Hz from two packings; damping ratios scale as 1/frequency."""
+"""Logarithms of the ratios, discs to dipoles, of equilibrium height, frequency and damping ratio. The
+packaged discs between rows of discs have equilibria at 64.4 and 62.7 mm and frequencies of 3.25 and 3.33 Hz
+for two packings; damping ratios scale as 1/frequency."""
 
 
 class DamperCandidate(NamedTuple):
     """A damper, given by its design parameters.
 
-    They are not checked here; methods raise an error for a value out of range.
+    The parameters are not checked here; methods raise an error for a value out of range.
 
     Attributes
     ----------
@@ -158,7 +160,7 @@ def check_above_zero(name: str, value: Any, unit: str = "") -> None:
 
 
 def check_fraction(name: str, value: Any, largest: float) -> None:
-    """Raise an error unless a value is a number from 0 to the largest one."""
+    """Raise an error unless a value is a number from 0 to ``largest``."""
     if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 <= float(value) <= largest:
         raise InputError(f"{name} = {quote(value)}; give a fraction from 0 to {largest:g}")
 
@@ -172,7 +174,7 @@ def _check_figures(candidate: DamperCandidate) -> None:
 
 
 class PredictedFigures(NamedTuple):
-    """Figures of a damper by scaling laws."""
+    """Oscillation of a damper by scaling laws."""
 
     rest_height: float  # [m]
     frequency: float  # [Hz]
@@ -195,7 +197,7 @@ def scaled_logarithms(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
 
 
 def figures_of(logarithms: np.ndarray) -> PredictedFigures:
-    """Complete figures from the law of a bed whose force decreases with a power of its height."""
+    """Complete the values by the law of a bed whose force decreases with a power of its height."""
     height, frequency, ratio = np.exp(logarithms).tolist()
     k1 = (2.0 * math.pi * frequency) ** 2
     return PredictedFigures(

@@ -1,10 +1,10 @@
 """`design`: a damper for a given frequency and damping, checked by simulation.
 
-Scaling laws propose a first damper, whose fall is simulated. If its figures miss the target, the laws
-corrected by the errors propose the next damper. Every fall gives another packing, so the errors are the
-median over all falls. Small beds settle into few rows of grains, and the piston's mass changes the number
-of rows: their frequency depends on the mass more steeply than any law predicts. Between a fall above and
-a fall below the target, dampers are therefore interpolated.
+Scaling laws propose a first damper, whose fall is simulated. If its frequency or damping misses the target,
+the laws are corrected by the errors and propose the next damper. Every fall gives another packing, so the
+correction is the median error over all falls. Small beds settle into few rows of grains, and the piston's
+mass changes the number of rows. The frequency of small beds therefore depends on the mass more steeply than
+any law predicts, and dampers are interpolated between a fall above and a fall below the target.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _resting_frame(run: Trajectory) -> int:
 
 @keep_measure_name("reduced_models.designs.study:check#2")
 def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
-    """Heights and gaps [m], positions at equilibrium [m], and the motion after the release as columns."""
+    """Return heights, gaps and positions at equilibrium [m], and the motion after the release, as columns."""
     columns, settings = run.piston("release").with_time_from_zero().columns, run.settings()
     return {
         "rest_height": run.stage("drop").height,
@@ -76,7 +76,7 @@ def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
 
 
 def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures of a check, and its motion (times [s], heights [m]) for a plot."""
+    """Return the results of a check, and its motion (times [s], heights [m]) for a plot."""
     from reduced_models.fitting.fit import fit
 
     motion = PistonRecord.from_columns(columns["motion"])
@@ -95,28 +95,30 @@ def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
 
 
 MARGIN = 1.01
-"""Tolerance factor of a frequency beyond the limits: the scaling laws have an rms error of 1.4 %."""
+"""Factor by which a frequency may exceed the limits, since the scaling laws have an rms error of 1.4 %."""
 SMALLEST = 0.97
-"""Frequencies of 92 grains of one size under 8 to 10 kg relative to the laws: 0.95 to 0.99 in 8 falls."""
+"""Ratio of simulated to predicted frequency for 92 equal grains under 8 to 10 kg: 0.95 to 0.99 in 8 falls."""
 
 HEAVY = 8.0
-"""Load [kg] above which fewer grains are used: heavier pistons press grains of 6 mm to within 1.03 of
-contact, and beds differ between packings."""
+"""Load [kg] above which fewer grains are used. Heavier pistons press grains of 6 mm to within 1.03 times the
+contact distance, and beds then differ between packings."""
 
 
 def propose_design(target: DesignTarget) -> DamperCandidate:
-    """Propose a damper with the target figures by scaling laws, without a simulation.
+    """Propose a damper for a target frequency and damping from scaling laws, without a simulation.
 
     Parameters
     ----------
     target : DesignTarget
-        Target frequency [Hz] and damping ratio. With neither grains nor mass fixed, 368 grains are used if
-        a piston of 1.6 to 8 kg meets the target; otherwise fewer grains, and with 92 grains heavier pistons.
+        Target frequency [Hz] and damping ratio. If neither grains nor mass are fixed, 368 grains are used
+        if a piston of 1.6 to 8 kg then meets the target. Otherwise fewer grains are used, and if 92 grains
+        are still too many, a heavier piston.
 
     Returns
     -------
     DamperCandidate
-        Damper that meets the target by the scaling laws, up to the rounding of its number of grains.
+        Damper that meets the target according to the scaling laws, except that the number of grains is
+        rounded.
 
     Raises
     ------
@@ -130,8 +132,8 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
     fixed += "" if target.mass is None else f" with a piston of {target.mass:g} kg"
     if not DAMPINGS[0] <= target.damping <= DAMPINGS[1]:
         raise InputError(
-            f"damping = {target.damping:g}; dampers reach damping ratios from {DAMPINGS[0]:g} to "
-            f"{DAMPINGS[1]:g}: give a value in this range"
+            f"damping = {target.damping:g} is out of reach: dampers have damping ratios from {DAMPINGS[0]:g} "
+            f"to {DAMPINGS[1]:g}; give a damping in this range"
         )
     if not low <= target.frequency <= high:
         more = ", do not fix grains or mass" if fixed else ""
@@ -145,10 +147,10 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
 def damper_by_laws(
     target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None, grains: int | None = None
 ) -> DamperCandidate:
-    """Damper that meets the target by scaling laws corrected by errors of the logarithms.
+    """Return the damper that meets the target by scaling laws, corrected by the errors of the logarithms.
 
-    First the mass is varied, for the given number of grains within all limits, otherwise for 368 grains up to
-    8 kg. Then the number of grains is varied, and at its limit the mass again.
+    First the mass is varied: within its limits if the number of grains is given, otherwise up to 8 kg with
+    368 grains. Then the number of grains is varied and, if that reaches its limit, the mass again.
     """
     damper = _limiting_dampers(target)[0]
     wanted = np.log([target.frequency, target.damping])
@@ -188,7 +190,7 @@ def _meet_damping(damper: DamperCandidate, wanted: float) -> DamperCandidate:
 
 
 def reachable_frequencies(target: DesignTarget) -> tuple[float, float]:
-    """Minimum and maximum frequency [Hz] of dampers with a target's damping ratio and fixed numbers."""
+    """Minimum and maximum frequency [Hz] of dampers with the target's damping ratio and fixed parameters."""
     dampers = _limiting_dampers(target)
     low, high = (
         math.exp(scaled_logarithms(_meet_damping(damper, math.log(target.damping)))[1]) for damper in dampers
@@ -211,13 +213,14 @@ def _limiting_dampers(target: DesignTarget) -> tuple[DamperCandidate, DamperCand
     if target.mass is not None and not 0.99 * LOADS[0] <= target.mass / width <= 1.01 * LOADS[1]:
         least = LOADS[0] * math.sqrt(COUNTS[0] / COUNTS[1])
         raise InputError(
-            f"mass = {target.mass:g} kg; grains carry {least:.3g} to {LOADS[1]:g} kg: give a mass in between"
+            f"mass = {target.mass:g} kg is out of range: beds carry {least:.3g} to {LOADS[1]:g} kg; give a "
+            "mass in this range"
         )
     return dampers[0], dampers[1]
 
 
 SEEDS = (2,)
-"""Random packings of the checks; the simulations behind the scaling laws used the first one."""
+"""Seeds of the random packings of the checks; the scaling laws come from packings with the first seed."""
 WANTED = 0.01
 """Relative error of the mean frequency that ends the search."""
 MOST = 12
@@ -250,35 +253,36 @@ def design(
 ) -> Design:
     """Design a magnetic granular damper with a given frequency and damping ratio of its piston.
 
-    Scaling laws propose a damper, which falls, settles, is lifted and released. The laws are corrected by the
-    figures of all falls until a proposal meets the target, for at most twelve proposals.
+    Scaling laws propose a damper, which falls, settles, is lifted and released in a simulation. The laws are
+    then corrected by the results of all falls, until one of at most twelve proposals meets the target.
 
-    Pistons of 1.6 to 10 kg on 368 grains (times sqrt(N/368) on N) and 92 to 368 grains reach 2.5 to 5.1 Hz
-    with damping ratios of 0.023 to 0.27; with half of the grains small, 2.9 to 6.1 Hz.
+    Dampers with 92 to 368 grains reach 2.5 to 5.1 Hz with damping ratios of 0.023 to 0.27, or 2.9 to 6.1 Hz
+    if half of the grains are small. Their pistons have 1.6 to 10 kg on 368 grains, and sqrt(N/368) times as
+    much on N grains.
 
     Parameters
     ----------
     frequency : float
         Undamped frequency of small oscillations about equilibrium [Hz], above 0; the damped frequency
-        is sqrt(1 - damping^2) of it.
+        is sqrt(1 - damping^2) times this frequency.
     damping : float
         Damping ratio, a fraction of critical damping, above 0.
     grains : int, optional
-        Number of grains, from 92 to 368. If neither it nor ``mass`` is given: 368, the published
-        number, if a piston of up to 8 kg meets the target, otherwise fewer.
+        Number of grains, from 92 to 368. If neither ``grains`` nor ``mass`` is given: 368, the
+        published number, if a piston of up to 8 kg meets the target, otherwise fewer.
     mass : float, optional
-        Mass of the piston [kg], for a given load; the number of grains is then free.
+        Mass of the piston [kg]; if given, the number of grains is chosen.
     small_share : float
-        Fraction of grains with 0.6 of the diameter, from 0 to 0.5. Small grains make the bed softer: the
-        equilibrium is lower, and the frequency higher.
+        Fraction of small grains, with 0.6 times the diameter, from 0 to 0.5. They make the bed softer:
+        the equilibrium is lower, and the frequency higher.
     magnets : str
         ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``.
     seeds : sequence of int
-        Random packings of the checks, integers >= 0, each of which must meet the target; three or
-        more show the spread over packings.
+        Seeds of the random packings of the checks, integers >= 0. The damper must meet the target with
+        each of them; three or more show the spread over packings.
     out : str or Path, optional
         Directory for simulations, scene.toml, design.json and report.html; a further call uses the
-        existing simulations. Nothing is written if not given.
+        existing simulations. By default nothing is written.
     executor : concurrent.futures.Executor, optional
         Executor of the simulations, as in `granular.sweep`.
     workers : int, optional
@@ -290,9 +294,10 @@ def design(
     Returns
     -------
     Design
-        Damper within 1 % of the frequency and 3 % of the damping ratio in the mean over the checks, and
-        within 2 % and 5 % in every check. If there is none, the closest proposal within 2 % and 5 % in
-        every check (discs: 3 % and 5 %), with a note. It holds all proposals and their simulations.
+        Damper whose frequency is within 1 % and whose damping ratio is within 3 % of the target in the
+        mean over the checks, and within 2 % and 5 % in every check. If no proposal achieves this, the
+        closest one within 2 % and 5 % in every check (discs: 3 % and 5 %), with a note. The result
+        contains all proposals and their simulations.
 
     Raises
     ------
@@ -310,7 +315,7 @@ def design(
     Warns
     -----
     UserWarning
-        Once for each proposal with warnings in its simulations, as in `granular.sweep`.
+        Once for each proposal whose simulations give warnings, as in `granular.sweep`.
     """
     target = DesignTarget(frequency, damping, grains, mass, small_share, magnets)
     if not isinstance(seeds, Sequence | np.ndarray) or any(

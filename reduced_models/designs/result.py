@@ -1,4 +1,4 @@
-"""A design: the damper, its figures by scaling laws, and its figures by simulations."""
+"""A design: the damper, and its oscillation by scaling laws and by simulations."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ if TYPE_CHECKING:
 
 
 class DesignTarget(NamedTuple):
-    """Target figures of a damper, and its fixed parameters.
+    """Target frequency and damping of a damper, and its fixed parameters.
 
-    They are not checked here; `check_ranges` raises an error for a value out of range.
+    Values are not checked here; `check_ranges` raises an error for a value out of range.
 
     Attributes
     ----------
@@ -61,9 +61,9 @@ class DesignTarget(NamedTuple):
     grains : int or None
         Number of grains, from 92 to 368; None if free.
     mass : float or None
-        Mass of the piston [kg], above 0; None if free. At most one of both is fixed.
+        Mass of the piston [kg], above 0; None if free. At most one of ``grains`` and ``mass`` is fixed.
     small_share : float
-        Fraction of grains with 0.6 of the diameter, from 0 to 0.5.
+        Fraction of small grains, with 0.6 times the diameter, from 0 to 0.5.
     magnets : str
         ``"dipoles"``, or ``"cylinders"``: discs.
     """
@@ -94,7 +94,7 @@ class DesignTarget(NamedTuple):
         if self.grains is not None and self.mass is not None:
             raise InputError(
                 f"grains = {quote(self.grains)} and mass = {quote(self.mass)} together fix the frequency; "
-                "give one of them, or none"
+                "give at most one of them"
             )
         low, high = COUNTS
         if self.grains is not None and not (isinstance(self.grains, Integral) and low <= self.grains <= high):
@@ -105,10 +105,10 @@ class DesignTarget(NamedTuple):
 
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
-"""Maximum relative errors of every check of a proposal."""
+"""Maximum relative errors of frequency and damping ratio in every check of a proposal."""
 DISC_FREQUENCY_TOLERANCE = 0.03
-"""Used for discs if no proposal is closer: their beds settle into different orders, and of two similar
-proposals for 4 Hz one has 3.90 and the other 4.09 Hz."""
+"""Maximum errors for discs if no proposal is closer. Beds of discs settle into different orders: of two
+similar proposals for 4 Hz one has 3.90 and the other 4.09 Hz."""
 _LISTS = ("times", "heights", "positions")
 """Fields of a check omitted from tables."""
 
@@ -123,14 +123,15 @@ class DesignCheck(NamedTuple):
     rest_height, frequency, damping_ratio : float
         Equilibrium height [m], undamped frequency [Hz], fraction of critical damping.
     lam, k1, k2, k3 : float
-        Of z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 = 0, h = equilibrium height (SI).
+        Coefficients, in SI units, of z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 = 0 with
+        the equilibrium height h.
     misfit : float
         Rms error of the law relative to the rms displacement.
     rest_gap, fall_gap : float
-        Minimum distance of two grains at equilibrium relative to their contact distance, and in the
-        whole run relative to the large diameter.
+        Minimum distance of two grains: at equilibrium, divided by their contact distance; in the whole
+        run, divided by the large diameter.
     ledger : float
-        Error of the energy ledger over the energy turned over.
+        Ratio of the error of the energy ledger to the energy turned over.
     times, heights : list of float
         The motion after the release [s], [m].
     positions : list of pairs of float
@@ -154,19 +155,19 @@ class DesignCheck(NamedTuple):
     positions: Sequence[Sequence[float]]
 
     def equilibrium(self, damper: DamperCandidate) -> Equilibrium:
-        """Equilibrium nearest to the settled state; an error if it has no equilibrium nearby."""
+        """Equilibrium nearest to the settled state; raises an error if the state has none nearby."""
         return equilibrium_from(damper.scene(self.seed), np.array(self.positions), self.rest_height)
 
 
 class DesignRound(NamedTuple):
-    """A proposal with its figures by scaling laws, and its checks."""
+    """A proposal with its oscillation by scaling laws, and its checks."""
 
     damper: DamperCandidate
     promised_figures: PredictedFigures
     checks: tuple[DesignCheck, ...]
 
     def mean_figure(self, name: str) -> float:
-        """Mean of a figure over the checks."""
+        """Mean of a quantity over the checks."""
         return sum(getattr(check, name) for check in self.checks) / len(self.checks)
 
     @property
@@ -184,7 +185,7 @@ class DesignRound(NamedTuple):
         )
 
     def mean_miss(self, target: DesignTarget) -> float:
-        """Larger error of the mean frequency and damping ratio, relative to the tolerances 1 and 3 %."""
+        """Larger error of mean frequency and mean damping ratio, divided by the tolerances, 1 and 3 %."""
         return max(
             abs(self.mean_figure("frequency") / target.frequency - 1.0) / 0.01,
             abs(self.mean_figure("damping_ratio") / target.damping - 1.0) / 0.03,
@@ -200,17 +201,17 @@ class Design:
 
     @property
     def damper(self) -> DamperCandidate:
-        """Damper: mass of the piston, number of grains, drag, mixture; ``viscosity`` of the liquid."""
+        """Designed damper: piston mass, number of grains, drag, mixture, ``viscosity`` of the liquid."""
         return self.rounds[-1].damper
 
     @property
     def promised_figures(self) -> PredictedFigures:
-        """Figures by scaling laws, corrected by their errors in the preceding falls."""
+        """Oscillation by the scaling laws, corrected by the errors of the laws in the preceding falls."""
         return self.rounds[-1].promised_figures
 
     @property
     def checks(self) -> tuple[DesignCheck, ...]:
-        """Figures of the damper by simulations."""
+        """Results of the simulations of the damper."""
         return self.rounds[-1].checks
 
     @property
@@ -234,7 +235,7 @@ class Design:
         return self.rounds[-1].mean_figure("rest_height")
 
     def range_over_seeds(self, name: str) -> tuple[float, float]:
-        """Minimum and maximum of a figure over the random packings of the last round."""
+        """Minimum and maximum of a quantity over the random packings of the last round."""
         values = [getattr(check, name) for check in self.checks]
         return min(values), max(values)
 
@@ -261,7 +262,7 @@ class Design:
 
     @property
     def figures(self) -> tuple[QuantityWithError, ...]:
-        """Natural frequency, damping ratio and equilibrium: means, with the spread over packings."""
+        """Natural frequency, damping ratio and equilibrium: means with the spread over packings."""
         named = (
             ("natural frequency", "f0", "Hz", "frequency", 1.0),
             (DAMPING_RATIO, "zeta", "%", "damping_ratio", 100.0),
@@ -320,7 +321,7 @@ class Design:
         }
 
     def plot(self) -> Figure:
-        """Draw the motions of its checks [mm, s]."""
+        """Draw the motions in the checks [mm, s]."""
         with figure(width=7.0, height=3.4) as (drawing, axes):
             for colour, check in zip(COLOURS, self.checks, strict=False):
                 axes.plot(
@@ -336,7 +337,7 @@ class Design:
             return drawing
 
     def page(self, of_parts: Tolerances | None = None) -> Page:
-        """Report page of the design, with the tolerances of its parts if given."""
+        """Report page of the design, with the effects of tolerances of parts if these are given."""
         from granular.studies.study_page import tolerance_blocks
 
         chosen, target = self.damper, self.target

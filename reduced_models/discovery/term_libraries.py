@@ -119,7 +119,7 @@ def library_terms(
             terms |= dict.fromkeys(parse_custom_terms((*LIBRARIES[name][0], *driven), column))
     terms |= dict.fromkeys(parse_custom_terms(texts, column))
     if not terms:
-        raise InputError("there are no terms to choose from; give library= or terms=")
+        raise InputError("discover has no terms to choose from; give library= or terms=")
     return tuple(sort_terms(terms))
 
 

@@ -1,22 +1,24 @@
 """The law of a fall from its scene alone, without a simulation.
 
 A crystal of N equal dipoles with moments normal to its plane, in a cell of width W below a piston at
-height z, has the pressure p = 1.6674 (F*/D) rho^(5/2), rho = N D^2/(W z). It is minus the derivative of
-the hexagonal lattice sum by the area; for a random mixture the square of the mean moment replaces the
-square of a grain's moment. The piston's weight M g = p W then gives the equilibrium height
+height z, has the pressure p = 1.6674 (F*/D) rho^(5/2), rho = N D^2/(W z). The pressure is minus the
+derivative of the hexagonal lattice sum with respect to the area; for a random mixture the square of the
+mean moment replaces the square of a grain's moment. The piston's weight M g = p W then gives the
+equilibrium height
 
     r = (N D^2/W) (1.6674 F* W/(D M g))^(2/5).
 
-Discs at short distances repel more strongly: the pressure of their lattice (`lattice`) gives their
-equilibrium height, and grows there with a power n of the density above 5/2. The law's power is then
-larger by n - 5/2, and its modulus by the ratio of the shear moduli of both lattices, (n/2 - 1)/(1/4).
+Discs at short distances repel more strongly. The pressure of their lattice gives their equilibrium
+height, and at this height it grows with a power n > 5/2 of the density. The power of the law is then
+larger by n - 5/2, and the modulus of the law is larger by the factor (n/2 - 1)/(1/4), the ratio of the
+shear moduli of both lattices.
 
 Grains are less dense at walls: r is larger by a fraction that decreases as N^(-1/2). Grains that
-follow the piston affinely have the velocity z' y/z at height y; their drag equals the drag of a third
-of them at the piston's speed, so lam = N gamma/(6 M).
+follow the piston affinely have the velocity z' y/z at height y; all grains together have the drag of
+N/3 grains at the piston's speed, so lam = N gamma/(6 M).
 
-The piston also moves part of their mass, N m/3, and drag delays the bed. It acts as a column with
-diffusion, whose stiffness relative to the static one is f(s) = sqrt(s) coth sqrt(s), s = i x,
+The piston also moves a third of their mass, N m/3, and drag delays the bed. The bed acts as a column
+with diffusion. Its stiffness relative to the static stiffness is f(s) = sqrt(s) coth sqrt(s), s = i x,
 x = omega N gamma r/(5/2 M g). To the next order f = 1 + (s/3)/(1 + s/15): affine drag, and a
 stiffness that grows with omega^2 like a negative mass,
 
@@ -31,10 +33,10 @@ two numbers of the walls were fitted together, by least squares, to 120 falls of
 (two packings each) and 1104 grains like the packaged damper: pistons of 5, 7.5 and 10 kg, drags of 0.1
 and 0.2 kg/s, heights of 17, 20, 24 and 28 D (masses and heights times sqrt(N/368)).
 
-Between rows of discs a bed is softer: a power smaller by 0.172, and factors 0.785 on the modulus and
-0.892 on the strength. With these the rms error of the law for falls of discs is 1.0 to 2.1 % of the
-drop, without 4.7 to 7.4 %. These three numbers were fitted to five falls from 20 and 24 D, of 276 and
-368 grains under 5 and 7.5 kg; for two others, of 552 grains and from 18 D, the errors are 1.9 and
+Between rows of discs a bed is softer: the power is smaller by 0.172, and the modulus is multiplied by
+0.785 and the strength by 0.892. With these three numbers the rms error of the law for falls of discs is
+1.0 to 2.1 % of the drop, without them 4.7 to 7.4 %. They were fitted to five falls from 20 and 24 D, of
+276 and 368 grains under 5 and 7.5 kg; for two others, of 552 grains and from 18 D, the errors are 1.9 and
 3.1 %. The equilibrium height does not change within its spread of 1.5 % between beds.
 
 The hexagonal lattice of a scene's grains under pressure, dipoles or discs, is computed by closed sums.
@@ -80,7 +82,7 @@ POWER = 2.5
 PRESSURE = 1.6674
 """Pressure of the hexagonal lattice of dipoles [F*/D] at rho = 1: see the module docstring."""
 SHELLS = 8.0
-"""The remainder beyond is 1e-6 of the pressure."""
+"""Number of shells of lattice points summed; the remainder is 1e-6 of the pressure."""
 _LEAST = 1e-9
 """Pressure below which discs are far enough apart to act as dipoles [F*/D]."""
 # The table extends down to e^-12 of the density of touching discs, at which discs act as dipoles.
@@ -102,7 +104,7 @@ class PressedLattice(NamedTuple):
 
 
 def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
-    """Compute the hexagonal lattice [1/D^2] of grains in equilibrium with a pressure [F*/D]."""
+    """Compute the hexagonal lattice of grains (density in 1/D^2) in equilibrium with a pressure [F*/D]."""
     # The virial's lattice sum is solved for the density: for dipoles p = 1.6674 rho^(5/2) times the squared
     # mean moment, for discs by Brent's method.
     if grains.magnets == "dipoles" or pressure < _LEAST:
@@ -116,8 +118,8 @@ def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
     if not pressure < greatest:
         raise InputError(
             f"the pressure of the piston is {pressure / greatest:.3g} times the pressure at which these "
-            "discs touch; the law of a fall is known for magnets that repel: give less piston.mass, or "
-            "stronger magnets"
+            "discs touch; the law of a fall is known only for magnets that do not touch: use a smaller "
+            "piston.mass or stronger magnets"
         )
     root = brentq(lambda x: logarithm(x) - math.log(pressure), 0.0, _THINNEST, xtol=1e-9)
     return PressedLattice(touching * math.exp(-(root**2)), -0.5 * float(logarithm(root, 1)) / root)
@@ -138,7 +140,7 @@ def lattice_pressure(grains: Grains, density: float) -> float:
     Parameters
     ----------
     grains : Grains
-        Dipoles or discs; a mixture at random.
+        Dipoles or discs; a mixture is random.
     density : float
         Number of grains per area, rho [1/D^2].
 
@@ -154,7 +156,7 @@ def lattice_pressure(grains: Grains, density: float) -> float:
 
 
 def _discs_with_moment_fractions(grains: Grains) -> tuple[tuple[Disc, float], ...]:
-    """Discs of each species, with the species' contribution to a grain's mean moment."""
+    """Discs of each species, with the contribution of the species to the mean moment of a grain."""
     from granular.effects.dipole import discs_unless_dipoles
 
     weights = np.array(grains.species_fractions()) * grains.moment_ratios()
@@ -225,20 +227,20 @@ RUBBING = dataclasses.replace(
 # Ratio of equilibrium heights of bed and lattice, BULK + WALLS/sqrt(N), from the falls in the docstring.
 BULK, WALLS = 0.9567, 0.7838
 WEIGHT, FALL_POWER, MODULUS, STRENGTH = 1.046, 2.355, 0.3655, 0.04085
-"""Weight over g, and the law's other numbers, of falling beds."""
+"""Ratio of weight to g, and further parameters of the law, for falling beds."""
 ROWS = (-0.172, 0.785, 0.892)
-"""Change of the power, and factors on modulus and strength, between rows of discs (see above)."""
+"""Change of the power, and factors of modulus and strength, for beds between rows of discs (see above)."""
 # Factor on the lag of a falling bed relative to a column, from the same falls: grains rearrange.
 LATE = 5.19
 FEWEST = 250
 """Number of grains above which modulus and strength are the same for all beds."""
 LATEST = 0.9
-"""Largest LATE x/15 compared with falls: a drag of 1 kg/s with 7.5 kg on 368 grains."""
+"""Largest LATE x/15 at which the law was compared with falls: 1 kg/s of drag, 7.5 kg on 368 grains."""
 _SHAPED = {"dipole", "walls", "gravity", "drag", "contact"}
 
 
 class OutsideRangeWarning(UserWarning):
-    """A law is used outside the range in which it was tested."""
+    """Warning that a law is used outside the range in which it was tested."""
 
 
 class PredictedLaw(FittedLaw):
@@ -248,13 +250,14 @@ class PredictedLaw(FittedLaw):
 def predict(scene: Scene) -> PredictedLaw:
     """Predict the law of a scene's fall from the scene alone, without a simulation or a fit.
 
-    The law is ``elastoplastic-bed``: the pressure of a triangular lattice, proportional to the height
-    to the power -2.5 for dipoles and growing faster for discs, and a shear stress that yields; its
-    derivation is "The laws, derived" in the documentation.
+    The law is ``elastoplastic-bed``: the pressure of a triangular lattice and a shear stress that yields.
+    The pressure is proportional to height^(-2.5) for dipoles and depends more steeply on the height for
+    discs. For the derivation see "The laws, derived" in the documentation.
 
-    The effect of changed parts is only approximate: for the packaged damper the law gives
-    d ln f/d ln B = -0.40 and d ln f/d ln M = +0.20, the settled bed -0.23 and +0.11 (B remanence, M mass).
-    Exact slopes need a settled bed: ``granular.linear.slopes(granular.equilibrium(scene))``.
+    Effects of changed parts are only approximate: for the packaged damper the law gives
+    d ln f/d ln B = -0.40 and d ln f/d ln M = +0.20, but the settled bed has -0.23 and +0.11 (f frequency,
+    B remanence, M mass). Exact slopes need a settled bed:
+    ``granular.linear.slopes(granular.equilibrium(scene))``.
 
     Motions from other heights: ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
 
@@ -268,8 +271,8 @@ def predict(scene: Scene) -> PredictedLaw:
     PredictedLaw
         Law with its parameters (``lam`` [1/s], ``weight`` [m/s^2], ``rest`` [m]; ``power``,
         ``modulus`` and ``strength`` without unit), the initial height [m] at rest, and the small
-        oscillations, ``at_rest``: None if there are none, for example if overdamped. With friction of
-        the piston the law has one more parameter, ``friction`` [m/s^2], and no small oscillations.
+        oscillations, ``at_rest`` (None without oscillations, for example if overdamped). With friction
+        of the piston the law has one more parameter, ``friction`` [m/s^2], and no small oscillations.
 
     Raises
     ------
@@ -309,7 +312,7 @@ def predict(scene: Scene) -> PredictedLaw:
 
 
 def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
-    """Return the moving mass [kg] of a predicted law: force / acceleration."""
+    """Return the moving mass [kg] of a predicted law, the ratio of force to acceleration."""
     mass, gravity = mass_and_gravity(scene)
     return WEIGHT * mass * gravity / values["weight"]
 
@@ -346,13 +349,14 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     if others or piston.friction or effects.dipole is None:
         obstacles = ", ".join(others) or "friction of the piston, or no dipoles"
         raise InputError(
-            f"the scene {quote(scene.name)} has {obstacles}; the law of a fall is known for dipoles or "
-            "discs, walls, gravity, drag and contact: fit it to a fall instead (friction: the command modes)"
+            f"the scene {quote(scene.name)} has {obstacles}, but the law of a fall is known only for dipoles "
+            "or discs, walls, gravity, drag and contact: fit a law to a simulated fall (for friction use the "
+            "command modes)"
         )
     if unknown := ", ".join(_unknown_keys(scene)):
         raise InputError(
-            f"the scene {quote(scene.name)} has {unknown}; the law of a fall is known for cells with four "
-            "walls of the package's laws and repulsion of all pairs: simulate the scene instead"
+            f"the scene {quote(scene.name)} has {unknown}, but the law of a fall is known only for cells "
+            "with four walls of the package's laws and repulsion of all pairs: simulate the scene instead"
         )
     scales, width = Scales.from_grains(grains), scene.cell.width
     drag = 0.0 if effects.drag is None else effects.drag.coefficient
@@ -370,7 +374,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     missing = LATE * resistance**2 / (45.0 * stiffness * (1.0 + late**2))
     outside = _outside_range_text(scene, late)
     if outside and refuse_outside_range:
-        raise InputError(f"{outside}, or fit the law to a fall instead")
+        raise InputError(f"{outside}, or fit the law to a simulated fall")
     if outside:
         words = f"{outside}; the law was not tested there: simulate the scene"
         warnings.warn(words, OutsideRangeWarning, stacklevel=3)
@@ -386,7 +390,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
 
 
 def _unknown_keys(scene: Scene) -> Iterator[str]:
-    """Yield keys with values that let grains leave the cell or omit pairs that carry the piston."""
+    """Yield keys whose values let grains leave the cell or omit pairs that carry the piston."""
     if scene.cell.is_polygon:
         yield "cell.sides, and no cell.width"
     walls = scene.effects.walls
@@ -419,7 +423,7 @@ def has_rows(scene: Scene) -> bool:
 
 
 def _outside_range_text(scene: Scene, late: float) -> str:
-    """Reason why such a fall is outside the tested range of the law; empty inside."""
+    """Return why such a fall is outside the tested range of the law; empty if it is inside."""
     if scene.grains.count < FEWEST:
         return (
             f"{scene.grains.count} grains; the law was tested for {FEWEST} and more: give more grains.count"
@@ -456,15 +460,15 @@ class ValidShakingRange(NamedTuple):
 AMPLITUDES, FREQUENCIES = (0.5, 1.5), (1.0, 8.0)
 """Amplitudes [D] for 368 grains, and frequencies [Hz], at which the law may replace the bed."""
 RESPONSE_ERROR = 0.13
-"""Maximum error for pushed pistons in this range (tests/reduced_models/falls/test_both_worlds.py)."""
+"""Maximum relative error for pushed pistons (tests/reduced_models/falls/test_both_worlds.py)."""
 LOSS_ERROR = 0.13
-"""Maximum error for prescribed sines of 0.5 to 3 D, for 368 and 736 grains."""
+"""Maximum relative error for prescribed sines of 0.5 to 3 D, for 368 and 736 grains."""
 
 
 def valid_shaking_range(scene: Scene) -> ValidShakingRange:
     """Return the range in which ``annealing-bed`` may replace the bed of a scene.
 
-    Frequencies are 1 to 8 Hz, and amplitudes 0.5 to 1.5 D sqrt(N/368), D the diameter of the first
+    The range is 1 to 8 Hz and 0.5 to 1.5 D sqrt(N/368) in amplitude, where D is the diameter of the first
     species and N the number of grains. Smaller amplitudes were not tested. The bounds come from simulated
     responses of the packaged damper with 368 grains: see `ValidShakingRange`.
 

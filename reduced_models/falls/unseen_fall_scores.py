@@ -1,9 +1,10 @@
-"""Scores of laws on held-out falls, and figures of a whole fall from the scene alone, in milliseconds.
+"""Scores of laws on held-out falls, and a whole fall computed from the scene alone, in milliseconds.
 
-The law of a fall times the moving mass, m = WEIGHT M g/weight, gives the energy balance: the
+The law of a fall, multiplied by the moving mass m = WEIGHT M g/weight, gives the energy balance: the
 piston's potential energy M g (height - rest) becomes work on the bed. Without friction of the grains
-drag dissipates all of it. Grains that follow the piston affinely dissipate the power m 2 lam z'^2; the
-work of the shear stress, -m weight (rest/z)^power w z', is the additional loss as they rearrange.
+drag dissipates all of this energy. Grains that follow the piston affinely dissipate the power
+m 2 lam z'^2. Grains that rearrange cause the additional loss, the work of the shear stress with the power
+-m weight (rest/z)^power w z'.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class DropScore:
     model : ReducedModel or None
         None if the fit failed.
     errors : tuple of float
-        Error for each held-out fall: rms difference of the heights over the height of the drop;
+        Error for each held-out fall: rms difference of the heights divided by the height of the drop;
         infinite if the law diverges.
     failure : str
         Reason for a failed fit.
@@ -66,12 +67,12 @@ class DropScore:
 
     @property
     def median_error(self) -> float:
-        """Median of the errors over the height of the drop; infinite without an error."""
+        """Median error, relative to the height of the drop; infinite if there are no errors."""
         return float(np.median(self.errors)) if self.errors else math.inf
 
     @property
     def greatest_error(self) -> float:
-        """Maximum of the errors over the height of the drop; infinite without an error."""
+        """Maximum error, relative to the height of the drop; infinite if there are no errors."""
         return max(self.errors, default=math.inf)
 
 
@@ -93,7 +94,7 @@ class DropScores:
         Scores of the laws, the smallest median first.
     scatter : tuple of float
         Spread over packings: for each held-out fall from the same height, rms difference from the
-        fitted one over the height of the drop. No law can be expected to be more precise.
+        fitted fall divided by the height of the drop. No law can be expected to be more precise.
     """
 
     record: PistonRecord
@@ -110,7 +111,7 @@ class DropScores:
 
     @property
     def header(self) -> tuple[str, ...]:
-        """Headings of the table: law, numbers fitted, a label for each held-out fall, median."""
+        """Headings of the table: law, number of fitted parameters, label of each held-out fall, median."""
         return ("law", "numbers fitted", *self.labels, "median")
 
     def cells(self) -> list[tuple[str, ...]]:
@@ -164,7 +165,7 @@ class DropScores:
         return axes
 
     def to_plain(self) -> dict[str, Any]:
-        """Figures and models as plain data, in SI units."""
+        """Scores and models as plain data, in SI units."""
         return {
             "verdict": self.verdict,
             "rest": self.rest,
@@ -179,13 +180,13 @@ class DropScores:
 
 
 def format_percent_of_drop(value: float) -> str:
-    """Text of an error over the height of the drop, in percent."""
+    """Text of an error in percent of the height of the drop."""
     return "diverges" if math.isinf(value) else f"{100.0 * value:.2g} %"
 
 
 FALL_LAWS = ("elastoplastic-bed", "power-law-spring", "van-der-pol-like", "linear")
 SAME = 1e-3
-"""Relative difference of drop heights that count as equal."""
+"""Relative difference below which drop heights count as equal."""
 
 
 def score_drops(
@@ -210,17 +211,17 @@ def score_drops(
     rest : float, optional
         Height at which the piston comes to rest [m]; by default the mean of the record's last tenth.
     scene : Scene, optional
-        Scene of the fall; fits of ``elastoplastic-bed`` start at the parameters from
-        `reduced_models.predict`, if the scene is in its tested range.
+        Scene of the fall. Fits of ``elastoplastic-bed`` start at the parameters from
+        `reduced_models.predict` if the scene is in the tested range of that law.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
 
     Returns
     -------
     DropScores
-        Rms difference of the heights for each law and fall, over the height of the drop, without unit;
-        infinite if a law diverges. The law with the smallest median comes first. A law that could not
-        be fitted comes last, without errors and with the reason.
+        Rms difference of the heights for each law and fall, divided by the height of the drop, without
+        unit; infinite if a law diverges. The law with the smallest median error comes first. A law that
+        could not be fitted comes last, without errors and with the reason.
 
     Raises
     ------
@@ -249,14 +250,14 @@ def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_
         if not item.height[0] > rest_height:
             raise InputError(
                 f"{label} starts at {item.height[0]:g} m, not above the height of rest, "
-                f"{rest_height:g} m; give a fall"
+                f"{rest_height:g} m; give a record that starts above this height"
             )
 
 
 def score_fitted_laws(
     record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], rest_height: float
 ) -> DropScores:
-    """Score the laws of `fit_law_to_fall` on held-out falls; record, rest_height [m]."""
+    """Score laws from `fit_law_to_fall` on held-out falls; rest_height is in m."""
     _check_falls(record, unseen, rest_height)
     rows = []
     for row in fits:
@@ -273,7 +274,7 @@ def score_fitted_laws(
 
 
 def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
-    """Fit a law to one fall from rest, without a score; record [s, m]."""
+    """Fit a law to one fall from rest, without a score; the record is in s and m."""
     law = resolve_law(name, record)
     known: dict[str, float] = {}
     if scene is not None and law.name == "elastoplastic-bed":
@@ -295,7 +296,7 @@ def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, 
 
 
 def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: float) -> float:
-    """Rms error of a law's prediction of a fall from its initial height, over the drop; rest_height [m]."""
+    """Rms error of a fall predicted from its initial height, relative to the drop; rest_height is in m."""
     first = float(fall.height[0])
     try:
         motion = model.simulate(fall.time, z0=first, v0=0.0)
@@ -313,17 +314,17 @@ def _rms_difference(record: PistonRecord, time: np.ndarray, height: np.ndarray) 
 
 
 SETTLED = 0.05
-"""Fraction of the drop within which a settled piston stays about its height of rest."""
+"""A piston counts as settled while it stays within this fraction of the drop about its equilibrium."""
 TOUCHING = 1.05
-"""Minimum height, relative to the lattice of touching discs, down to which falls were compared with the law:
-from 1.09 on it is within 3 % of the drop, at 1.02 and 0.89 it is 5 and 8 % off."""
+"""Minimum height, relative to the lattice of touching discs, down to which falls were compared with the law.
+For heights of 1.09 or more the law is within 3 % of the drop; at 1.02 and 0.89 it is off by 5 and 8 %."""
 DURATION = 3.0
-"""Duration of a fall [s], to be multiplied by (grains/368)^(1/4), as its period scales."""
+"""Duration of a fall [s], to be multiplied by (grains/368)^(1/4), as the period scales."""
 SAMPLES = 3001
 
 
 class FallSummary(NamedTuple):
-    """Figures of a fall that starts from rest.
+    """Heights, times, forces and losses of a fall that starts from rest.
 
     Attributes
     ----------
@@ -341,7 +342,7 @@ class FallSummary(NamedTuple):
     excess_loss : float
         Additional energy loss by grains that rearrange [J].
     simulated : FallSummary or None
-        Figures of a simulation, if one was run.
+        The same quantities from a simulation, if one was run.
     """
 
     height: float
@@ -355,7 +356,7 @@ class FallSummary(NamedTuple):
 
     @property
     def loss_over_affine(self) -> float:
-        """Total energy loss over the loss by affine motion, without unit."""
+        """Ratio of the total energy loss to the loss by affine motion."""
         return 1.0 + self.excess_loss / self.affine_loss
 
     def __str__(self) -> str:
@@ -378,7 +379,7 @@ class FallSummary(NamedTuple):
 def whole_fall(
     scene: Scene, height: float | None = None, *, simulate: bool | None = None, progress: bool = True
 ) -> FallSummary:
-    """Compute figures of a fall by the law of `predict`, and simulate it if the law is uncertain.
+    """Compute a fall from the law of `predict`, and simulate the fall if the law is uncertain.
 
     The fall starts from rest, and lasts 3 s (N/368)^(1/4), N the number of grains.
 
@@ -390,7 +391,8 @@ def whole_fall(
         Height of the start [m], finite and above the height of rest; by default the height of the
         scene's piston.
     simulate : bool, optional
-        Simulate the fall always, or never; by default only outside the law's range, with a warning.
+        True: always simulate the fall; False: never; by default only outside the law's range, with a
+        warning.
     progress : bool
         Show a progress bar of the simulation on standard error, with the remaining time.
 
@@ -399,7 +401,7 @@ def whole_fall(
     FallSummary
         Heights of start and rest and the minimum height [m], settling time [s] (infinite if it does
         not settle within the computed time), maximum force [N] and energy losses [J]; and the same
-        figures of the simulation, if one was run.
+        quantities from the simulation, if one was run.
 
     Raises
     ------
@@ -483,7 +485,7 @@ def _summary(
 
 
 def _summarise_simulated_fall(scene: Scene, start: float, progress: bool) -> FallSummary:
-    """Figures of the same fall in a simulation; the last tenth gives the height of rest."""
+    """Summarise the same fall in a simulation, whose last tenth gives the height of rest."""
     from granular import simulate
 
     diameter = scene.grains.species[0].diameter

@@ -47,17 +47,17 @@ if TYPE_CHECKING:
 PartRow = tuple[str, str, str, str]
 """Part, number, dimensions, mass."""
 GAPS = (5e-5, 1e-4, 2e-4, 5e-4)
-"""Gaps between a face of a grain and its plate [m]."""
+"""Gaps [m] between a face of a grain and the plate, for the table of gaps."""
 _SIDES = {"top": "piston", "bottom": "floor"}
 COEFFICIENTS = (0.05, 0.1)
 """Static friction coefficients of metal on PTFE: 0.05 to 0.1."""
 LEAVES = 0.05
-"""Maximum loss of the repulsion of two discs on opposite plates: 7.5 p^2/r^2 at the play p, from the energy
-(1 - 4.5 p^2/r^2)/r^3."""
+"""Maximum relative loss of repulsion between two discs at distance r on opposite plates. At the play p the
+loss is 7.5 p^2/r^2, from the energy (1 - 4.5 p^2/r^2)/r^3."""
 GLASS = (4, 5, 6, 8, 10, 12, 15, 19, 25)
 """Thicknesses of float glass (EN 572-2) [mm]."""
 BOWS = 0.25
-"""Maximum bow of the plates relative to the play; the load grows with the play."""
+"""Maximum ratio of the bow of the plates to the play; the load grows with the play."""
 GAP_COLUMNS = (
     "gap on each side [mm]",
     "depth of the cell [mm]",
@@ -175,7 +175,7 @@ def _grades_of(remanence: float) -> list[Grade]:
 
 
 def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, ...]]:
-    """Gaps that keep the bed in its plane, with their effects at an amplitude [m]."""
+    """Rows of gaps that keep the bed in its plane, and of their effects at an amplitude [m]."""
     from scipy.spatial.distance import pdist
 
     scene, drag = bed.scene, bed.scene.effects.drag
@@ -221,7 +221,7 @@ def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, 
 
 
 def _plates_text(load: float, width: float, height: float, play: float) -> str:
-    """Thinnest glass that bows by at most a fraction of the play under a load [N]; lengths [m]."""
+    """Text on the thinnest glass that bows by at most a fraction of the play; load in N, lengths in m."""
     for thick in GLASS:
         bow, enough = bow_of_plate(load, width, height, 1e-3 * thick), ""
         if bow.supported <= BOWS * play:
@@ -282,7 +282,7 @@ def workshop_sheet(
     scatter: Sequence[str],
     notes: Sequence[str] = (),
 ) -> Page:
-    """Page for building a damper, for screen or print; equilibrium height, amplitude of use [m].
+    """Page for building a damper, for screen or print; equilibrium height and amplitude of use are in m.
 
     If the bed has no equilibrium nearby, the page has a note.
     """

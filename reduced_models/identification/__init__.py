@@ -1,1 +1,1 @@
-"""The main job: from a scene, a run or a lab record to its equation, tested and reported."""
+"""Identification: from a scene, a run or a lab record to a tested equation of motion and a report."""

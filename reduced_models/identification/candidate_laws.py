@@ -38,15 +38,15 @@ CANDIDATES = (
     "viscous-coulomb",
     "duffing",
 )
-"""Laws that can win on a free decay; the package's other laws are special cases or have memory."""
+"""Laws that can be best for a free decay; the package's other laws are special cases or have memory."""
 _NODES_A_PERIOD = 32
 _LEAST_STROKE, _NOISES = 0.02, 10.0
-"""Smallest strokes between turning points to consider, relative to the largest one and to the noise."""
+"""Smallest stroke between turning points to consider, relative to the largest stroke and to the noise."""
 _FASTER = 0.9
-"""Maximum ratio of the last to the first stroke's duration for a rising frequency; without friction a
-bed's changes by 1 % at an amplitude of 1 D."""
+"""Maximum ratio of the last stroke's duration to the first one's for a rising frequency. In a bed without
+friction the duration changes by 1 % at an amplitude of 1 D."""
 REFERENCE = "linear"
-"""Always fitted, as the reference for better laws."""
+"""Law that is always fitted, as the reference for better laws."""
 LIKELY = (REFERENCE, "polynomial-spring")
 """Laws that pass the screening for the packaged damper's motion."""
 _SPREAD = 1.5  # standard deviation of the logarithm of a gain's start values
@@ -61,7 +61,7 @@ class CandidateLaws(NamedTuple):
 
     @property
     def exclusion_texts(self) -> tuple[str, ...]:
-        """One sentence for each law that is not fitted, with its misfit relative to the smallest one."""
+        """One sentence for each law that is not fitted, with its misfit relative to the smallest misfit."""
         smallest, fitted = max(self.screening.smallest_misfit, 1.0), {law.name for law in self.laws}
         texts = []
         for name, misfit in self.screening.misfits.items():
@@ -77,7 +77,7 @@ class CandidateLaws(NamedTuple):
 def choose_candidate_laws(
     record: PistonRecord, drive: str | None = None, known: MotionFriction | None = None
 ) -> CandidateLaws:
-    """Choose the laws that can win on a record, with a given drive column or known dry friction."""
+    """Choose the laws that can be best for a record; a drive column or dry friction may be given."""
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
         return CandidateLaws(tuple(driven_law(law, record, drive) for law in laws), LawScreening({}, 1.0))
@@ -89,7 +89,7 @@ def choose_candidate_laws(
 
 
 def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
-    """Laws for a force on prescribed strokes; laws for heights > 0 are included if all heights are > 0."""
+    """Laws for a force on prescribed strokes; laws that need heights > 0 only if all heights are > 0."""
     above = all(record.height.min() > 0.0 for record in records)
     return [law for law in FORCE_LAWS.working().values() if above or not law.given]
 
@@ -115,19 +115,19 @@ def frequency_rises(record: PistonRecord) -> bool:
 
 
 def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
-    """Law of the package with a record's column times a fitted gain added to z''."""
+    """Law of the package with a drive: a record's column, times a fitted gain, is added to z''."""
     there = column_names(record)
     if drive not in there:
         others = ", ".join(map(quote, there)) or "none"
         raise InputError(f"the record has no column {quote(drive)}; further columns: {others}")
     if not _can_name_input(drive, law):
         raise InputError(
-            f"the column name {quote(drive)} cannot be used in an equation; rename it, e.g. to u"
+            f"the column name {quote(drive)} cannot be used in an equation; rename the column, e.g. to u"
         )
     size = float(np.abs(input_column(record, drive)).max())
     if not size > 0.0:
         raise InputError(
-            f"the column {quote(drive)} is zero everywhere and cannot drive; give another column"
+            f"the column {quote(drive)} is zero everywhere and cannot drive a motion; give another column"
         )
     own, gain = law_named(law.name).start, "gain"
 
@@ -177,9 +177,9 @@ def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]
 
 
 HOPELESS = 4.0
-"""Misfit relative to the smallest one above which a law is excluded."""
+"""Ratio of a law's misfit to the smallest misfit above which the law is excluded."""
 CLEARLY_LESS = 0.7
-"""Misfit of all terms of a library, relative to the best law's, below which discovery may help."""
+"""Ratio of the misfit of all library terms to the best law's misfit below which discovery may help."""
 _UNDEFINED_MISFIT = 1e6  # a law with a larger relative misfit is not defined along the motion
 _STARTS = 4
 _LINEAR = (Term(0), Term(1), Term(0, 1, True))
@@ -198,11 +198,11 @@ class LawScreening:
 
     @property
     def smallest_misfit(self) -> float:
-        """Smallest misfit of the laws in noise levels; infinite if no law was screened."""
+        """Smallest misfit of the laws, relative to the noise; infinite if no law was screened."""
         return min(self.misfits.values(), default=math.inf)
 
     def is_hopeless(self, name: str) -> bool:
-        """Return whether a law's misfit is too large for it to win."""
+        """Return whether a law has such a large misfit that it cannot be the best."""
         return self.misfits.get(name, 0.0) > HOPELESS * max(self.smallest_misfit, 1.0)
 
     @property

@@ -2,9 +2,9 @@
 
 Laws are ranked by their prediction errors on held-out data: simulations over held-out cycles of each
 record and over held-out records. Among laws within one standard error of the best, the simplest law
-of the package wins. If the errors are at the noise level, the Bayesian information criterion of the
-fits decides (Schwarz 1978, doi:10.1214/aos/1176344136). Laws whose criteria do not differ strongly
-are equivalent, and the simplest law of the package wins.
+of the package is chosen. If the errors are at the noise level, the Bayesian information criterion of
+the fits decides (Schwarz 1978, doi:10.1214/aos/1176344136). Laws whose criteria do not differ strongly
+are equivalent, and the simplest law of the package is chosen.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from reduced_models.models.quantities import Quality, format_percent
 
 STRONG = 6.0
 """Difference of information criteria above which evidence is strong (Kass & Raftery 1995,
-doi:10.1080/01621459.1995.10476572); below it laws are equivalent."""
+doi:10.1080/01621459.1995.10476572); laws with a smaller difference are equivalent."""
 # Twice the difference of two log-likelihoods below which the data cannot distinguish two laws: the threshold
 # of "very strong" evidence (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
 CLEAR = 10.0
@@ -64,7 +64,7 @@ def compare(
 ) -> Comparison:
     """Compare laws on held-out data.
 
-    Among laws within one standard error of the best, the simplest wins (Breiman et al. 1984,
+    Among laws within one standard error of the best, the simplest is chosen (Breiman et al. 1984,
     Classification and Regression Trees, ch. 3.4). If the errors are at the noise level, the Bayesian
     information criterion decides (Schwarz 1978, doi:10.1214/aos/1176344136).
 
@@ -99,8 +99,8 @@ def compare(
     InputError
         If no record or law is given, a law's name is unknown, an argument is out of range, a discovery
         has no model, the laws observe different columns, no law has a given parameter, a parameter with
-        a value for each record is combined with ``test_records``, or no law can be fitted, for example
-        to records that are too short or do not move.
+        a separate value for each record is combined with ``test_records``, or no law can be fitted, for
+        example to records that are too short or do not move.
     RecordError
         If a table is not a record, or a record holds no heights.
 
@@ -124,7 +124,8 @@ def compare(
     known = as_parameters(parameters)
     if test_records and any(map(is_per_record, known.values())):
         raise InputError(
-            "test_records have no values of parameters that differ between records; remove one of the two"
+            "parameters that differ between records have no values for test_records; remove test_records or "
+            "these parameters"
         )
     chosen = [_law_to_compare(law, records[0], tuple(known)) for law in laws]
     check_parameter_names(known, [*dict.fromkeys(name for law, _ in chosen for name in law.parameters)])
@@ -137,7 +138,7 @@ def compare(
 
 
 def compare_on_further_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
-    """Comparison of the same models on further held-out records."""
+    """Compare the same models on further held-out records."""
     # A law that diverges within the first period, which determines the initial state, cannot predict.
     rows = []
     for row in table.rows:
@@ -169,7 +170,7 @@ def _total_test_error(models: Sequence[ReducedModel], roll_outs: Sequence[RollOu
 
 
 def _qualities_of_observations(models: Sequence[ReducedModel]) -> list[Quality]:
-    """Quality of each model in each column that it observes."""
+    """Quality of each model for each column that the model observes."""
     return [quality for model in models for quality in (model.quality, *model.qualities.values())]
 
 
@@ -187,13 +188,13 @@ def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
     columns = {law.name: sorted(law.observations or (record.measured,)) for law in laws}
     if len(set(map(tuple, columns.values()))) > 1:
         listed = "; ".join(f"{name}: {', '.join(seen)}" for name, seen in columns.items())
-        raise InputError(f"the laws observe different columns ({listed}); compare laws of the same columns")
+        raise InputError(f"the laws observe different columns ({listed}); compare laws that observe the same")
 
 
 def _law_to_compare(
     law: Any, record: PistonRecord, declared: Sequence[str]
 ) -> tuple[Law, dict[str, Parameter]]:
-    """Law to compare, with fixed parameters of a given line from z to the height."""
+    """Law to compare; a given line from z to the height becomes fixed parameters."""
     if isinstance(law, str | Law):
         return resolve_law(law, record, declared), {}
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)
@@ -253,7 +254,7 @@ def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) ->
 
 
 def simplest_known_first(tied: Sequence[ComparisonRow], *, at_noise: bool) -> list[ComparisonRow]:
-    """Sort laws with equally good predictions: among equivalent ones the package's simplest law first."""
+    """Sort laws that predict equally well: the simplest law of the package comes first among equivalents."""
     lowest_bic = min(row.bic for row in tied)
     known = list(LAWS)
 
@@ -276,7 +277,7 @@ def merge_comparisons(*tables: Comparison) -> Comparison:
 
 
 def _add_information_criteria(row: ComparisonRow, correlation: float) -> ComparisonRow:
-    """Add information criteria to a row; ``correlation`` is the residuals' correlation time in samples."""
+    """Add information criteria to a row; ``correlation`` is the correlation time of residuals in samples."""
     samples = [model.quality.samples for model in row.models]
     squares = sum(
         count
@@ -315,7 +316,7 @@ def _ranking_text(
         f"{best.models[0].rms_noun} ({baseline}: {format_percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
-        words += f", not better than a {baseline}, so only the residuals of the fits can rank the laws"
+        words += f", not smaller than for a {baseline}, so only the residuals of the fits can rank the laws"
     for row in tied[1:]:
         words += f"; {_tie_text(row, best, at_noise=at_noise)}"
     for row in worse:
@@ -327,7 +328,7 @@ def _ranking_text(
 
 
 def _tie_text(row: ComparisonRow, best: ComparisonRow, *, at_noise: bool) -> str:
-    """Describe a law that predicts as well as the first one."""
+    """Describe a law that predicts as well as the first law."""
     extra = row.parameters - best.parameters
     more = f"{extra} more parameter{'s' * (extra != 1)}"
     if not at_noise:
@@ -335,8 +336,8 @@ def _tie_text(row: ComparisonRow, best: ComparisonRow, *, at_noise: bool) -> str
         return words + (f" despite its {more}" if extra > 0 else "")
     gain = row.deviance - best.deviance
     if abs(gain) < CLEAR:
-        words = f"the data cannot distinguish {row.name} from it ({format_percent(row.error)})"
-        return words + (f", which has {more}" if extra > 0 else "")
+        words = f"the data cannot distinguish {row.name} from {best.name} ({format_percent(row.error)})"
+        return words + (f", although {row.name} has {more}" if extra > 0 else "")
     if gain > 0.0:
-        return f"{row.name} predicts as well, but fits the whole record less closely"
+        return f"{row.name} predicts equally well, but fits the whole record less closely"
     return f"{row.name} does not predict better despite its {more}"

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 
 TIE = 0.05
-"""Held-out errors that differ by a smaller fraction count as equal."""
+"""Fraction: held-out errors that differ by less count as equal."""
 NOISE_TIE = 1.25
-"""Held-out errors below this number of noise levels count as equal."""
+"""Held-out errors below this multiple of the noise count as equal."""
 LINEAR = "linear"
 _MAXIMUM_NAME_LENGTH = 44  # characters of a law's name in a table
 
@@ -48,23 +48,24 @@ class ComparisonRow:
     ----------
     name : str
     models : tuple of ReducedModel
-        One for each record; empty if the fit failed.
+        One model for each record; empty if the fit failed.
     parameters : int
         Number of free parameters of the law, without the initial states.
     stretches : tuple of float
         Prediction error over the held-out cycles of each record, relative to the record's rms
         displacement; infinite if the simulation diverges. Empty without held-out cycles.
     records : tuple of RollOut
-        One for each held-out record.
+        Prediction of each held-out record.
     error : float
-        Test error: root mean square over all held-out data; the residual of the fit if nothing was
-        held out.
+        Test error: root mean square over all held-out data; if nothing was held out, the residual of
+        the fit.
     standard_error : float
-        Standard error of the test error, from its scatter over the held-out cycles; 0 for too few
-        cycles.
+        Standard error of the test error, from the scatter between held-out cycles; 0 if there are too
+        few cycles.
     deviance, aic, bic : float
-        n log of the mean squared residual of the fit to all records, where n is the number of
-        independent samples; for AIC plus twice, for BIC plus log n times the number of parameters.
+        The deviance is n times the logarithm of the mean squared residual of the fit to all records,
+        where n is the number of independent samples. AIC is the deviance plus 2 for each parameter,
+        BIC the deviance plus log n for each parameter.
     failure : str
         Reason for a missing model; empty if the law was fitted.
     """
@@ -83,7 +84,7 @@ class ComparisonRow:
 
     @property
     def divergence_count(self) -> int:
-        """Number of records, trained on or held out, over whose held-out data the law diverges."""
+        """Number of records in whose held-out data the law diverges; training and test records count."""
         errors = (*self.stretches, *(record.relative for record in self.records))
         return sum(math.isinf(error) for error in errors)
 
@@ -111,14 +112,14 @@ class Comparison:
     Attributes
     ----------
     rows : tuple of ComparisonRow
-        One row for each law, with its models, errors and information criteria; one row or more,
-        fitted laws first.
+        One row for each law, with its models, errors and information criteria; never empty. Fitted
+        laws come first.
     verdict : str
-        Statement in plain words on the laws that predict best.
+        Statement, in plain words, of the laws that predict best.
     noise : float
-        White noise of the records, relative to the rms displacement, without unit.
+        White noise of the records relative to the rms displacement, without unit.
     at_rest : float
-        Test error of the baseline, a motionless piston, relative to the rms displacement, without
+        Test error of a motionless piston (the baseline) relative to the rms displacement, without
         unit; 1 if nothing was held out.
     """
 
@@ -129,15 +130,15 @@ class Comparison:
 
     @property
     def best(self) -> ReducedModel:
-        """Model of the first law, for the first of its records."""
+        """Model of the best law for the first record."""
         return self.rows[0].models[0]
 
     def model_tied_with_best(self, name: str) -> ReducedModel | None:
-        """Model of a law that was fitted to one record and predicts as well as the best one.
+        """Model of a law that was fitted to one record and predicts as well as the best law.
 
-        Its test error is at most one standard error above the smallest one (Breiman et al. 1984,
-        Classification and Regression Trees, ch. 3.4), 5 % above it, or 1.25 times the noise,
-        whichever is largest.
+        A law predicts as well as the best one if its test error is at most the largest of three
+        limits: the smallest test error plus its standard error (Breiman et al. 1984, Classification
+        and Regression Trees, ch. 3.4), 1.05 times the smallest test error, and 1.25 times the noise.
 
         Parameters
         ----------
@@ -147,8 +148,8 @@ class Comparison:
         Returns
         -------
         ReducedModel or None
-            Its model; None if it predicts less well, the name is unknown, the law could not be
-            fitted, or it was fitted to several records together.
+            Model of the law; None if the law predicts less well, could not be fitted, or was fitted to
+            several records together, or if the name is unknown.
         """
         limit = largest_tied_error([row for row in self.rows if not row.failure], self.noise)
         for row in self.rows:
@@ -157,13 +158,13 @@ class Comparison:
         return None
 
     def ranking_on_last_record(self) -> list[tuple[RollOut, str]]:
-        """Predictions of the last held-out record with names of the laws, the smallest error first.
+        """Predictions of the last held-out record by all laws, the smallest error first.
 
         Returns
         -------
         list of (RollOut, str)
-            Prediction of the record, with its errors, and name of each fitted law; empty if no whole
-            record was held out.
+            For each fitted law the prediction, with its errors, and the name of the law; empty if no
+            whole record was held out.
         """
         scored = [(row.records[-1], row.name) for row in self.rows if row.records]
         return sorted(scored, key=lambda pair: pair[0].relative)
@@ -172,7 +173,8 @@ class Comparison:
     def header(self) -> tuple[str, ...]:
         """Names of the columns of `cells`: law, parameters, errors, criteria, divergences.
 
-        Columns for held-out cycles and for each held-out record appear only if some were held out.
+        There is a column for held-out cycles only if cycles were held out, and one for each held-out
+        record.
         """
         held = len(self.rows[0].records)
         return (
@@ -187,7 +189,7 @@ class Comparison:
         )
 
     def cells(self) -> list[tuple[str, ...]]:
-        """Cells of the table as texts: errors in % of the rms displacement, AIC and BIC minus the lowest.
+        """Cells of the table as texts: errors in % of rms displacement; AIC and BIC minus their minimum.
 
         Returns
         -------
@@ -214,7 +216,7 @@ class Comparison:
 
     @staticmethod
     def _errors_by_part(row: ComparisonRow) -> list[str]:
-        """Errors of a law on held-out cycles and on each held-out record."""
+        """Return the errors of a law on held-out cycles and on each held-out record."""
         if not row.records:
             return [format_percent(row.error, row.standard_error)]
         cycles = format_percent(root_mean_square(row.stretches)) if row.stretches else "-"
@@ -228,11 +230,11 @@ class Comparison:
         Parameters
         ----------
         records : sequence of str
-            Headings of the columns of held-out records; their numbers if not given.
+            Headings for the columns of held-out records; by default the numbers of the records.
         most : int, optional
             Maximum number of laws; all if not given. The linear law is always included.
         criteria : bool
-            True to add AIC and BIC, minus the lowest ones.
+            True to add AIC and BIC, minus their lowest values.
 
         Returns
         -------
@@ -261,7 +263,7 @@ class Comparison:
         return [*align_columns(table).splitlines(), *(wrap_words(linear) if linear else ())]
 
     def _linear_text(self, records: Sequence[str]) -> str:
-        """Sentence on whether a linear model suffices; empty if it was not compared with other laws."""
+        """State whether a linear model suffices; empty if the linear law was not compared with other laws."""
         sound = [row for row in self.rows if not row.failure]
         linear = next((row for row in sound if row.name == LINEAR), None)
         if linear is None or len(sound) < 2:
@@ -287,7 +289,7 @@ class Comparison:
         return "\n".join([*lines, *caution_lines(best.cautions)])
 
     def to_plain(self) -> dict[str, Any]:
-        """Table and verdict as plain data, as in JSON except for infinite errors.
+        """Table and verdict as plain data (JSON, except that errors may be infinite).
 
         Returns
         -------
@@ -319,17 +321,18 @@ class Comparison:
         return latex_array(self.table)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Make a table of the laws with numbers; `cells` gives texts.
+        """Make a numerical table of the laws; `cells` gives texts.
 
         Returns
         -------
         pandas.DataFrame
-            One row for each law, the best first. ``law``; ``parameters``, their number; ``test error``,
-            ``standard error``, ``test swings`` (the held-out cycles) and, for each held-out record,
-            ``record 1`` and so on, all relative to the rms displacement, without unit; ``AIC``,
-            ``BIC``; ``diverged``, the number of divergences; and ``failure``. Errors are infinite if
-            a law diverges. For a law that was not fitted, errors, AIC and BIC are infinite, and
-            ``test swings`` and records are NaN. ``test swings`` is NaN without held-out cycles.
+            One row for each law, the best first. Columns: ``law``; ``parameters`` (their number);
+            ``test error``; ``standard error``; ``test swings`` (error on held-out cycles);
+            ``record 1`` and so on (error on each held-out record); ``AIC``; ``BIC``; ``diverged``
+            (number of divergences); ``failure``. Errors are relative to the rms displacement, without
+            unit, and infinite if a law diverges. For a law that was not fitted, errors, AIC and BIC
+            are infinite, and ``test swings`` and records are NaN. ``test swings`` is also NaN
+            without held-out cycles.
         """
         import pandas
 
@@ -354,8 +357,8 @@ class Comparison:
         """Draw the test errors of the laws, with the noise level and the error of a motionless piston.
 
         Laws that could not be fitted are omitted. The bar of a law that diverges extends to ten times
-        the largest error of the others and of a motionless piston. Noise level and motionless piston
-        are not drawn if they are below a thousandth of the smallest error.
+        the largest of the other errors, including that of a motionless piston. Noise level and
+        motionless piston are not drawn if they are below a thousandth of the smallest error.
 
         Parameters
         ----------
@@ -416,23 +419,23 @@ _DERIVED = (
 
 
 class DerivedFigures(NamedTuple):
-    """Figures of small oscillations, derived from the stiffness of the bed at equilibrium."""
+    """Small oscillations derived from the stiffness of the bed at equilibrium."""
 
     level: float  # equilibrium height [m]
     frequency: float  # [Hz]
     damping_ratio: float
     step_errors: tuple[float, float] | None
-    """Relative errors of frequency and damping ratio by the run's time step; None if not available."""
+    """Relative errors of frequency and damping ratio due to the run's time step; None if unknown."""
 
     def step_error(self, figure: QuantityWithError) -> float:
-        """Error of a figure by the time step: zero for the equilibrium; a bound for a law's parameters."""
+        """Error of a quantity due to the time step: 0 for the equilibrium, a bound for a law's parameters."""
         assert self.step_errors is not None
         of_frequency, of_damping = self.step_errors
         relative = {FREQUENCY: of_frequency, DAMPING_RATIO: of_damping, LEVEL: 0.0, "rest": 0.0}
         return abs(figure.value) * relative.get(figure.name, 2.0 * of_frequency + of_damping)
 
     def text(self, figures: Sequence[QuantityWithError]) -> str:
-        """Figures in words, with relative differences of the fitted ones, marked if beyond their errors."""
+        """Return the derived values, with relative differences of fitted values, marked if beyond errors."""
         fitted = {figure.name: figure for figure in figures}
         words, differences = [], []
         for field, name, symbol, unit, factor in _DERIVED:

@@ -57,7 +57,7 @@ class EllipticMotion(NamedTuple):
 
 
 def elliptic_motion(k: float, beta: float, rest: float, z0: float, v0: float) -> EllipticMotion | None:
-    """Motion of z'' + k (z - rest) + beta (z - rest)^3 = 0 from z0 [m] and v0 [m/s]."""
+    """Return the motion of z'' + k (z - rest) + beta (z - rest)^3 = 0 from z0 [m] and v0 [m/s]."""
     # Energy conservation: the squared amplitude solves k a^2/2 + beta a^4/4 = energy, with k [1/s^2] and
     # beta [1/(m^2 s^2)].
     swing = z0 - rest
@@ -105,7 +105,7 @@ OSCILLATORS: Mapping[str, Callable[[Mapping[str, float]], DuffingVanDerPolOscill
     DUFFING.name: lambda values: DuffingVanDerPolOscillator(values["k"], values["beta"], values["lam"]),
     VAN_DER_POL_LIKE.name: _van_der_pol_like_oscillator,
 }
-"""Functions by the name of a law that map its parameters to an oscillator."""
+"""Functions that map the parameters of a law to an oscillator, by the name of the law."""
 
 
 def averaged_amplitude(
@@ -136,7 +136,7 @@ def averaged_frequency(
 
 
 def maximum_damping_over_rate(amplitude: float, oscillator: DuffingVanDerPolOscillator) -> float:
-    """Maximum damping within a cycle relative to the rate of its elliptic function; amplitude [m]."""
+    """Ratio of the maximum damping in a cycle to the rate of its elliptic function; amplitudes in m."""
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
     rate, _ = _elliptic_rate_and_parameter(np.array([amplitude]), oscillator)
     return float(np.abs(oscillator.decay + oscillator.tilt * x + oscillator.bend * x**2).max() / rate[0])
@@ -161,7 +161,7 @@ def _elliptic_rate_and_parameter(
 
 
 def _amplitude_rate(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> np.ndarray:
-    """Da/dt (n,) at amplitudes (n,), averaged over a quarter period."""
+    """Return da/dt (n,) at amplitudes (n,), averaged over a quarter period."""
     from scipy.special import ellipk
 
     _, m = _elliptic_rate_and_parameter(amplitude, oscillator)
@@ -190,7 +190,7 @@ _MOST_LOST = 0.5
 
 
 class SolvedMotion(NamedTuple):
-    """The elliptic motion at the start of a fitted cubic law."""
+    """Elliptic motion with which the motion of a fitted cubic law begins."""
 
     model: ReducedModel
     motion: EllipticMotion
@@ -198,7 +198,7 @@ class SolvedMotion(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Sentence that the law and the elliptic function are one motion."""
+        """State the elliptic function that describes the same motion as the law."""
         loss = f" at the start (drag takes {100 * self.lost:.2g} % of the amplitude)"
         start = "" if self.lost < 0.01 else loss
         return (
@@ -209,7 +209,7 @@ class SolvedMotion(NamedTuple):
 
 
 def solve_elliptic_motion(model: ReducedModel, duration: float) -> SolvedMotion | None:
-    """Elliptic motion at the start of a fitted cubic law, if drag is small; duration [s]."""
+    """Elliptic motion that a fitted cubic law starts with, if drag is small; duration in s."""
     # Jacobi's functions solve the undamped law (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
     spring = _symmetric_cubic_spring(model)
     if spring is None or (lost := 1.0 - math.exp(-spring[0] * duration)) > _MOST_LOST:
@@ -247,7 +247,7 @@ def _symmetric_cubic_spring(model: ReducedModel) -> tuple[float, float, float, f
 
 
 class EllipticAveraging(NamedTuple):
-    """Decay of a law's amplitude by elliptic averaging, compared with the numerical solution."""
+    """Decay of a law's amplitude from elliptic averaging, compared with the numerical solution."""
 
     law: str
     unit: str
@@ -259,7 +259,7 @@ class EllipticAveraging(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Amplitude and frequency [Hz] of first and last cycle, by averaging and by numerical solution."""
+        """Text with amplitude and frequency of first and last cycle, from averaging and from the solution."""
         head = f"amplitude of {self.law} by elliptic averaging: "
         if not self.critical < 1.0:
             return (
@@ -276,7 +276,7 @@ class EllipticAveraging(NamedTuple):
 
 
 def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> EllipticAveraging | None:
-    """Amplitude and frequency of a fitted law by elliptic averaging and by numerical solution; time [s]."""
+    """Amplitude and frequency of a fitted law, from elliptic averaging and numerically; time in s."""
     # Krylov-Bogoliubov averaging with elliptic functions (Barkham & Soudack 1969,
     # doi:10.1080/00207176908905886).
     make = OSCILLATORS.get(model.law.name)
@@ -311,7 +311,7 @@ _TRIES = 8  # doublings of the time within which the motion must return
 
 
 def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
-    """Positions of two wells [mm or degrees], their frequencies and the frequency over both [Hz], if any."""
+    """Positions [mm, degrees] and frequencies [Hz] of two wells, and the frequency over both, if any."""
     figures = _well_figures(model)
     errors = None if figures is None else errors_of_figures(model, _well_figures, figures)
     if figures is None or errors is None or not len(model.covariance):
@@ -332,7 +332,7 @@ def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
 
 
 def _well_figures(model: ReducedModel) -> np.ndarray | None:
-    """Heights [m], undamped frequencies [Hz] of two wells; frequency [Hz], amplitude [m] over both."""
+    """Heights [m] and undamped frequencies [Hz] of two wells; frequency and amplitude [m] over both."""
     law = model.law
     if law.hidden or law.inputs or "height" not in model.domain:
         return None

@@ -41,7 +41,7 @@ from reduced_models.records.sensor_artefacts import without_clipped_samples
 from reduced_models.records.sources import DEFAULT_METHOD, make_directory, open_and_check_source, run_plan
 
 BUDGET = 300.0
-"""Processor time for discovery and fits [s], ten times the need of a damper's motion."""
+"""Processor time for discovery and fits [s], ten times the time that a damper's motion needs."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,16 +54,16 @@ class IdentifyOptions:
         Processor time for discovery and fits [s], above 0. Laws that would exceed it are not fitted and
         are listed in a note; a discovery may use half of the time.
     checks : bool
-        Whether to run the scene again with another time step and from other random packings, for the
-        step error and spread of the figures, and with a higher lift, which all laws have to predict.
-        If no laws are given and the scene begins with a fall, laws of the whole fall
-        (`reduced_models.falls.unseen_fall_scores.FALL_LAWS`) are fitted to it and tested on falls from
-        other heights and random packings. A check that fails becomes a note.
+        Whether to run the scene again: with another time step, for the step error of the results;
+        from other random packings, for their spread; and with a higher lift, which all laws have to
+        predict. If no laws are given and the scene begins with a fall, laws of the whole fall
+        (`reduced_models.falls.unseen_fall_scores.FALL_LAWS`) are fitted to this fall and tested on
+        falls from other heights and random packings. A check that fails becomes a note.
     executor : concurrent.futures.Executor, optional
-        Executor of the checks, as in `granular.sweep`; by default local processes.
+        Executor for the runs of the checks, as in `granular.sweep`; by default local processes.
     parts : mapping of str to str or float, optional
-        Tolerances of the scene's parts, as in `granular.tolerances`. The resulting standard deviations
-        of the small-oscillation figures are printed separately from the errors of the figures.
+        Tolerances of the scene's parts, as in `granular.tolerances`. The standard deviations that
+        they cause in frequency, damping and equilibrium are printed separately from the errors.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def check_budget(budget: object) -> None:
 
 
 RUNS = 9
-"""Number of runs of a scene and its checks, which share compiled code."""
+"""Number of runs of a scene and of its checks; all of them share compiled code."""
 
 if TYPE_CHECKING:
     from granular.run.plan import Plan
@@ -121,43 +121,45 @@ def identify(
     ----------
     source : str, Path, Scene, Plan, Trajectory, PistonRecord or table
         A scene (its packaged name or TOML file), a run directory, a CSV file, or one of these as
-        an object; or a table of a record, of pandas or xarray. Times are in s, heights in m. A scene
-        is simulated first. A `granular.Plan` gives method, time step, pair sum and threads. Otherwise the
-        stored work-precision table gives the coarsest step whose errors are below the spread between
-        random packings; scenes not in the table get the automatic step. The pair sum is then the mesh if
-        that is faster and its errors are below the spread too. A pair sum given by the scene is kept.
-        If the heights are a prescribed stroke, laws of the force are fitted.
+        an object; or a record as a table of pandas or xarray. Times are in s, heights in m. A scene
+        is simulated first, by a `granular.Plan` with its method, time step, pair sum and threads.
+        Without a plan, the stored work-precision table gives the coarsest step whose errors are below
+        the spread between random packings; scenes not in the table get the automatic step. The mesh
+        is then used as the pair sum if it is faster and its errors are also below the spread. A pair
+        sum given by the scene is kept. If the heights are a prescribed stroke, laws of the force are
+        fitted.
     out : str or Path, optional
         Directory for the report, the models, the record and the run. An existing run of the same scene
-        and pair sum in the directory is used, and continued if it was interrupted. Nothing is written if
-        not given.
+        and pair sum in the directory is used, and continued if it was interrupted. By default nothing
+        is written.
     laws : sequence of str or Law, optional
-        Names, equations or laws. By default the laws that can win: see
+        Names, equations or laws. By default the laws that can be best: see
         `reduced_models.identification.candidate_laws`.
     discovery : str, optional
-        Also discover a law by this method, and compare it with the others. If no laws are given
-        and other terms explain the record clearly better, a law is discovered by ``"sindy"``.
+        Method of `discover`: also discover a law, and compare it with the others. If no laws are given
+        and other terms explain the record clearly better, a law is discovered with ``"sindy"``.
     drive : str, optional
         Column of the record that drives the motion; it becomes an input of every law.
     mass : float, optional
-        Moving mass [kg], above 0, for stiffness in N/m and damping in N s/m; by default the mass of a
-        scene's piston. Not for a record of an angle.
+        Moving mass [kg], above 0, which gives stiffness in N/m and damping in N s/m; by default the
+        mass of a scene's piston. Not allowed for a record of an angle.
     coordinates : int
-        1, or 2 for a free decay of two linear modes in one column: their frequencies and damping ratios
-        are fitted together, and compared with one linear mode.
+        1, or 2 for a free decay of two linear modes in one column: the frequencies and damping ratios
+        of both modes are fitted together, and the fit is compared with a single linear mode.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
     options : IdentifyOptions, optional
-        Processor time, checks of a simulated record, and tolerances of parts. The identification is
-        saved before the checks.
+        Processor time, checks of a simulated record, and tolerances of parts. The result is saved
+        once before the checks.
     progress : bool or callable
-        Whether to show progress; or a function that is called with the identification before the checks.
+        Whether to show progress; or a function that is called before the checks with the
+        identification.
 
     Returns
     -------
     Identification
-        Models, verdict, engineering figures (SI units, with errors) and checks. Figures are missing if
-        no law oscillates about an equilibrium.
+        Models, verdict, checks, and frequency, damping, stiffness and equilibrium (SI units, with
+        errors). These are missing if no law oscillates about an equilibrium.
 
     Raises
     ------
@@ -175,7 +177,7 @@ def identify(
     Warns
     -----
     UserWarning
-        For each note: an interrupted run, a failed check, and the notes of `fit`.
+        For each note: on an interrupted run, on a failed check, and for each note of `fit`.
     """
     _check_arguments(laws, mass)
     if coordinates != 1:
@@ -244,7 +246,7 @@ def plan_run(
     *,
     checks: bool = True,
 ) -> Plan:
-    """Plan a scene's run, by default with the coarsest step with errors below the spread of packings."""
+    """Plan a scene's run; the default is the coarsest step whose errors are below the packings' spread."""
     from granular.run.plan import SCATTER, plan
 
     accuracy = SCATTER if dt is None else None
@@ -259,7 +261,7 @@ def _run_with_checks(
     lift: bool,
     progress: bool,
 ) -> tuple[Trajectory, SceneChecks | None]:
-    """Start the checks, then run the plan unless it is already a run; return the run and its checks."""
+    """Start the checks, then simulate unless a run is given; return the run and its checks."""
     from granular.run.trajectory import Trajectory
 
     if not isinstance(planned, Trajectory):
@@ -279,7 +281,7 @@ def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> No
     if laws is not None and not laws:
         raise InputError("laws is empty; give one or more laws")
     if isinstance(laws, str) or (laws is not None and not isinstance(laws, Iterable)):
-        raise InputError(f"laws = {quote(laws)}; give names, equations or laws in a list")
+        raise InputError(f"laws = {quote(laws)}; give a list of names, equations or laws")
     for law in laws or ():
         if isinstance(law, str) and "'" not in law and "=" not in law and law not in FORCE_LAWS:
             law_named(law)
@@ -290,23 +292,23 @@ def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> No
 def _laws_of_two_modes(
     coordinates: object, laws: Sequence[str | Law] | None, discovery: str | None, drive: str | None
 ) -> list[Law]:
-    """Laws of one linear mode and of two."""
+    """Laws of one linear mode and of two linear modes."""
     from reduced_models.laws.two_modes import TWO_MODES
 
     if coordinates != 2:
         raise InputError(f"coordinates = {quote(coordinates)}; give 1 or 2")
     if laws is not None or discovery is not None or drive is not None:
         raise InputError(
-            "coordinates = 2 fits two linear modes to a free decay; leave out laws, discovery and drive, or "
-            "give a law of two coordinates as a text"
+            "coordinates = 2 fits two linear modes to a free decay; remove the arguments laws, discovery "
+            "and drive, or pass a law of two coordinates as a text"
         )
     return [law_named("linear"), TWO_MODES]
 
 
 def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | None) -> float | None:
-    """Return the moving mass [kg]: as given, else the mass of a scene's piston."""
+    """Return the moving mass [kg]: the given one, else the mass of a scene's piston."""
     if mass is not None and record.coordinate_unit == "rad":
-        raise InputError(f"mass = {mass:g} kg, but the record is an angle; remove mass")
+        raise InputError(f"mass = {mass:g} kg, but the record is an angle; remove the argument mass")
     if mass is None and run is not None and run.scene.piston is not None:
         return run.scene.piston.mass
     return mass
@@ -315,7 +317,7 @@ def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | Non
 def _add_check_outcomes(
     result: Identification, run: Trajectory, further: SceneChecks, progress: bool
 ) -> Identification:
-    """Test the laws on another lift and other falls; add step errors and spread to the figures."""
+    """Test the laws on another lift and other falls; add step error and spread to the results."""
     # Another lift is useful only if there are several laws.
     checks = further.wait_for_outcomes(run, progress)
     comparison, model, figures = result.comparison, result.model_of_figures, result.figures

@@ -41,11 +41,11 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 GLANCED = "sindy"
-"""Method of an automatic discovery: it needs no further package."""
+"""Method of an automatic discovery; this method needs no further package."""
 POOR = 0.05
-"""Held-out error, relative to the rms displacement, above which a law is poor if the noise is smaller."""
+"""Held-out error, relative to rms displacement, above which a law is poor unless the noise is as large."""
 LEAVES = 0.1
-"""Held-out error of the best known law, relative to the rms displacement, above which one is discovered."""
+"""Held-out error of the best law, relative to rms displacement, above which a further law is discovered."""
 _NOISE_TIMES = 3.0
 # A larger relative error of the frequency causes a note; 5 % noise with 8 samples per cycle gives less.
 _NOTED_FREQUENCY_ERROR = 2.5e-3
@@ -77,7 +77,7 @@ def compare_laws_of_record(
     budget: float,
     clock: Stopwatch,
 ) -> Identification:
-    """Fit laws to a record and compare them; arguments as for `identify`."""
+    """Fit laws to a record and compare them; for arguments see `identify`."""
     friction = None if run is None else friction_of(run)
     along_stroke = record.measured == "force"
     wanted, left_out, glanced = _laws_to_fit(record, laws, drive, friction)
@@ -149,7 +149,7 @@ def compare_laws_of_record(
 def _laws_to_fit(
     record: PistonRecord, laws: Sequence[str | Law] | None, drive: str | None, friction: MotionFriction | None
 ) -> tuple[list[Any], tuple[str, ...], str | None]:
-    """Laws to fit, reasons for excluding others, and the discovery method suggested by the screening."""
+    """Laws to fit, reasons to exclude others, and the discovery method that the screening suggests."""
     if laws is not None:
         if drive is None:
             return list(laws), (), None
@@ -168,7 +168,7 @@ def _laws_to_fit(
 def measure_record_if_possible(
     record: PistonRecord, model: ReducedModel
 ) -> tuple[MeasuredOscillation | None, str]:
-    """Frequency and damping measured from the record itself, or the reason why it is impossible."""
+    """Frequency and damping measured from the record itself, or the reason for their absence."""
     if record.measured == "force":
         return None, "the record prescribes the motion"
     try:
@@ -180,7 +180,7 @@ def measure_record_if_possible(
 def _compare_without_spikes(
     record: PistonRecord, run: Trajectory | None, laws: Sequence[Any], starts: int
 ) -> tuple[PistonRecord, Comparison]:
-    """Compare laws, and again without the record's spikes if that finishes within the budget."""
+    """Compare laws; compare them again without the record's spikes if the budget allows."""
     comparison = compare(record, laws, starts=starts)
     if run is not None or record.measured == "force":
         return record, comparison
@@ -223,7 +223,7 @@ def _collect_notes(
 
 
 def _frequency_error_notes(figures: Sequence[QuantityWithError]) -> tuple[str, ...]:
-    """Return a note if the frequency's error is larger than usual in a laboratory."""
+    """Return a note if the error of the frequency is larger than usual in a laboratory."""
     figure = next((item for item in figures if item.name == FREQUENCY), None)
     if (
         figure is None

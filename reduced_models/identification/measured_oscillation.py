@@ -1,4 +1,4 @@
-"""Frequency and damping against amplitude measured from a record (model-free), compared with a law's."""
+"""Frequency and damping against amplitude: measured from a record (model-free), and those of a law."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _HOW = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MeasuredOscillation:
-    """Frequency and damping against amplitude, measured from a record, and a law's for comparison."""
+    """Frequency and damping against amplitude: measured from a record, and of a law for comparison."""
 
     record: Backbone
     law: Backbone | None
@@ -53,7 +53,7 @@ class MeasuredOscillation:
 
     @property
     def law_agrees(self) -> bool:
-        """True if frequency and damping of law and record agree at all amplitudes shown."""
+        """True if law and record agree in frequency and damping at all amplitudes shown."""
         if self.law is None:
             return False
         differences, errors = self._relative_differences
@@ -61,7 +61,7 @@ class MeasuredOscillation:
 
     @property
     def _relative_differences(self) -> tuple[np.ndarray, np.ndarray]:
-        """Relative differences (n, 2) of frequency and damping ratio at each amplitude, and their errors."""
+        """Relative differences (n, 2) of frequency and damping ratio at each amplitude, and the errors."""
         assert self.law is not None
         measured, law = (
             np.array([curve.interpolate_at(size) for size in self.amplitudes])
@@ -75,7 +75,7 @@ class MeasuredOscillation:
     def agreement_text(self) -> str:
         """Sentence on the agreement of law and record, with the size of the differences."""
         if self.law is None:
-            return f"the law, {self.law_name}, contradicts the record: it does not oscillate"
+            return f"the law, {self.law_name}, contradicts the record: the law does not oscillate"
         differences, _ = self._relative_differences
         if self.law_agrees:
             frequency, damping = (
@@ -87,7 +87,7 @@ class MeasuredOscillation:
         k = int(differences.sum(axis=1).argmax())
         law = self.law.interpolate_at(self.amplitudes[k])
         return (
-            f"the law, {self.law_name}, contradicts the record: at {self.amplitude_text(k)} it has "
+            f"the law, {self.law_name}, contradicts the record: at {self.amplitude_text(k)} the law has "
             f"{law.frequency / math.tau:.4g} Hz and {100.0 * law.damping_ratio:.3g} %, the record "
             f"{' and '.join(figure.text_without_error for figure in self.quantities_at(k))}"
         )
@@ -102,7 +102,7 @@ class MeasuredOscillation:
 
     @property
     def range_text(self) -> str:
-        """Range of amplitudes with the variation of frequency and damping; empty for one amplitude."""
+        """Range of amplitudes, and variation of frequency and damping in it; empty for one amplitude."""
         if self.amplitudes[0] < _NARROW * self.amplitudes[-1]:
             return ""
         words: list[str] = []
@@ -125,7 +125,7 @@ class MeasuredOscillation:
         return f"{ends}: {', '.join(words)} ({source})"
 
     def to_plain(self) -> dict[str, Any]:
-        """Return method, agreement, and figures by amplitude as plain data."""
+        """Return method, agreement, and the results at each amplitude as plain data."""
         return {
             "method": self.record.method,
             "agreement": self.agreement_text,
@@ -196,7 +196,7 @@ def format_amplitude(size: float, units: EngineeringUnits) -> str:
 
 
 def measure_oscillation(record: PistonRecord, model: ReducedModel) -> MeasuredOscillation:
-    """Frequency and damping of a record against amplitude, compared with a law's motion.
+    """Frequency and damping of a record against amplitude, compared with the motion of a law.
 
     Raises RecordError if there are too few cycles, or if the extremes do not belong to the fitted motion.
     """
@@ -232,13 +232,13 @@ def measure_oscillation(record: PistonRecord, model: ReducedModel) -> MeasuredOs
 
 
 def _known_amplitudes(measured: Backbone, amplitudes: Sequence[float]) -> tuple[float, ...]:
-    """Amplitudes at which the extremes determine the frequency as precisely as a typical fit."""
+    """Amplitudes at which the peaks determine the frequency as precisely as a typical fit."""
     points = [measured.interpolate_at(size) for size in amplitudes]
     relative_errors = [point.frequency_error / point.frequency for point in points]
     known = tuple(size for size, error in zip(amplitudes, relative_errors, strict=True) if error < _KNOWN)
     if not known:
         raise RecordError(
-            f"their scatter makes the frequency uncertain by {100.0 * min(relative_errors):.2g} %"
+            f"the scatter of the peaks makes the frequency uncertain by {100.0 * min(relative_errors):.2g} %"
         )
     return known
 
@@ -246,7 +246,7 @@ def _known_amplitudes(measured: Backbone, amplitudes: Sequence[float]) -> tuple[
 def quantities_at_amplitudes(
     record: PistonRecord, reference: MeasuredOscillation
 ) -> tuple[QuantityWithError, ...] | None:
-    """Frequency [Hz] and damping [%] of another free decay at the amplitudes of a reference."""
+    """Frequency [Hz] and damping ratio [%] of another free decay at the amplitudes of a reference."""
     try:
         return _frequency_and_damping(free_backbone(record), reference.amplitudes, reference.units)
     except GranularError:
@@ -254,7 +254,7 @@ def quantities_at_amplitudes(
 
 
 def _driven_backbone(motion: PistonRecord, record: PistonRecord, model: ReducedModel) -> Backbone:
-    """Backbone of a driven motion; ``record`` has the inputs of the model."""
+    """Frequency and damping of a driven motion against amplitude; ``record`` has the model's inputs."""
     law = model.law
     rates = compile_rates(law.equation, law.inputs, "numpy")
     values = list(model.all_parameters.values())

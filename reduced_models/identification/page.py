@@ -1,4 +1,4 @@
-"""Blocks of the report of an identification: the figures, the residuals, and each law."""
+"""Blocks of the report of an identification: results, residuals, and each law."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def comparison_page(table: Comparison) -> Page:
     Returns
     -------
     Page
-        Page with verdict, table and plot; a notebook shows it, and ``save`` writes it.
+        Page with verdict, table and plot; notebooks display it, and ``save`` writes it to a file.
     """
     blocks = [*comparison_section(table)]
     for row in table.rows:
@@ -68,7 +68,7 @@ def answer(
     mass: float | None,
     parameters: Sequence[QuantityWithError],
 ) -> Iterator[Block]:
-    """Figures, equation and parameters as in the print-out, for the first screen; mass [kg]."""
+    """Results, equation and parameters as in the print-out, for the first screen; mass in kg."""
     rows = figure_rows(figures, mass)
     if rows:
         yield Table(("", "", "value", ""), rows)
@@ -102,7 +102,7 @@ def source_section(source: RecordSource | None) -> Iterator[Block]:
 def oscillation_section(
     figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None, averaging: str
 ) -> Iterator[Block]:
-    """Equilibrium, frequency, damping and stiffness by the law, and the parts of their errors."""
+    """Equilibrium, frequency, damping and stiffness from the law, and the parts of their errors."""
     if not figures:
         return
     yield Heading("Frequency, damping, stiffness and equilibrium by the model")
@@ -128,12 +128,12 @@ def oscillation_section(
 
 
 def name_in_table(figure: QuantityWithError) -> str:
-    """Return the name of a figure as in the print-out."""
+    """Return the name of a quantity as in the print-out."""
     return figure.label if figure.name == LEVEL else figure.name
 
 
 _FOLLOWING = ("fd", "delta", "Q")
-"""Symbols of figures whose errors follow from those of frequency and damping ratio."""
+"""Symbols of quantities whose errors follow from the errors of frequency and damping ratio."""
 _MEANING_OF_PARTS = {
     "fit": "Fit: half-width of the {:g} % interval from the residual of the law, noise or misfit.",
     "step": "Step: change of the same fit by twice the time step (if twice is too coarse, from half the "

@@ -1,4 +1,4 @@
-"""Sections of the report with plots: the record with its laws, the laws compared, falls, the run."""
+"""Sections of the report with plots: record and laws, comparison of the laws, falls, and the run."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _ENERGIES = {
 
 
 def downsample(*columns: np.ndarray) -> list[np.ndarray]:
-    """Return columns with as many samples as are visible in a plot."""
+    """Return columns with only as many samples as a plot can show."""
     every = max(1, len(columns[0]) // _MAXIMUM_POINTS)
     return [column[::every] for column in columns]
 
@@ -89,7 +89,7 @@ def _draw_curves_and_residuals(
     height: float = 6.2,
     legend: bool = True,
 ) -> Figure:
-    """Draw a record with curves over it, and their residuals below."""
+    """Draw a record and curves over it; draw the residuals of the curves below."""
     shown, time = _coordinate_axis(record), record.time - record.time[0]
     with figure(2, 1, height=height, **_STACKED) as (drawing, (top, bottom)):
         signal = record.signal
@@ -119,7 +119,7 @@ def _draw_curves_and_residuals(
 
 
 def record_section(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
-    """Record, and the best law over it."""
+    """Section with the record and the best law."""
     yield Heading("The record")
     yield Picture(
         partial(
@@ -136,7 +136,7 @@ def record_section(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
 
 
 def fits_section(record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel) -> Iterator[Block]:
-    """All fits over the record, and their residuals."""
+    """Section with the record, all fits and their residuals."""
     yield Heading("The record and the fits")
     curves = [
         (model.law.name, model.simulate_signal(record), line_style(k)) for k, model in enumerate(models)
@@ -149,7 +149,7 @@ def fits_section(record: PistonRecord, models: Sequence[ReducedModel], best: Red
 
 
 def phase_portrait(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
-    """Velocity against height, or force against stroke, of the record and of the best law."""
+    """Section with velocity against height (or force against stroke) of the record and the best law."""
     if best.law.prescribed:
         yield Picture(partial(_draw_loop, record, best), "Force against stroke, with the best law.")
     if record.measured == "height":
@@ -205,7 +205,7 @@ def higher_lift_section(lift: PistonRecord, table: Comparison) -> Iterator[Block
 
 
 def comparison_section(table: Comparison) -> Iterator[Block]:
-    """Table of laws and their held-out errors."""
+    """Section with a table of the laws and their held-out errors."""
     yield Heading("The laws compared")
     header, cells = table.header, table.cells()
     baseline = "constant force" if table.best.law.prescribed else "motionless piston"
@@ -232,7 +232,7 @@ def _draw_errors(scored: Comparison | DropScores, height: float) -> Figure:
 
 
 def falls_section(falls: DropScores) -> Iterator[Block]:
-    """Predictions of held-out falls, and their errors."""
+    """Section with predictions of held-out falls and the errors of the predictions."""
     yield falls.table
     yield Text(
         "Each law was fitted to the scene's fall, and predicts the other falls from the height at "
@@ -267,7 +267,7 @@ def _draw_far_fall(falls: DropScores) -> Figure:
 
 
 def run_sections(run: Trajectory, frequency: QuantityWithError | None) -> Iterator[Block]:
-    """Bed before and after the run, energy ledger, and settings."""
+    """Sections with the bed before and after the run, the energy ledger, and the settings."""
     yield from _bed_section(run)
     yield from _energy_ledger_section(run)
     yield from _settings_section(run, frequency)
@@ -363,7 +363,7 @@ def _settings_section(run: Trajectory, frequency: QuantityWithError | None) -> I
 
 
 def checked_work_precision_text(run: Trajectory, frequency: QuantityWithError | None) -> str:
-    """Time and error of a run with a checked frequency; without a check, `work_precision_text`."""
+    """Run time and error of the frequency from the step check; without a check, `work_precision_text`."""
     # Imported here, since fits alone do not need the simulation.
     from granular.run.work_precision import price_text, work_precision_text
 

@@ -1,4 +1,4 @@
-"""The result of an identification: its data, verdict, print-out, report and files."""
+"""The result of an identification, with its verdict, print-out, report and files."""
 
 from __future__ import annotations
 
@@ -47,28 +47,28 @@ if TYPE_CHECKING:
     from granular.studies.tolerances import Tolerances
 
 LINES = 24
-"""Maximum number of lines above the line with the report's path; a first run then prints at most 30."""
+"""Maximum number of lines before the path of the report; a first run then prints at most 30 lines."""
 _FEWEST = 3
-"""Lines of laws, and of cautions, that are always printed."""
+"""Number of lines of laws, and number of lines of cautions, that are always printed."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Identification:
-    """The laws of a motion, with their test errors and the figures of the best one.
+    """Laws of a motion with their test errors, and frequency, damping and equilibrium of the best law.
 
     Attributes
     ----------
     record : PistonRecord
     models : tuple of ReducedModel
-        One for each fitted law, in the given order.
+        One model for each fitted law, in the given order.
     comparison : Comparison
         Table of the laws, and the verdict.
     run : Trajectory or None
         The run, for a simulated record.
     figures : tuple of QuantityWithError
-        Equilibrium height, frequency, damping, stiffness of the oscillation about equilibrium, with errors.
+        Equilibrium height, and frequency, damping and stiffness of the oscillation about it, with errors.
     figures_law : str
-        The law whose fit gives the figures.
+        The law whose fit gives ``figures``.
     notes : tuple of str
         Cautions about the run and its checks, and unused columns.
     seconds : mapping of str to float
@@ -76,7 +76,7 @@ class Identification:
     mass : float or None
         Moving mass [kg], if known.
     left_out : tuple of str
-        Laws that were not fitted, with reasons.
+        Laws that were not fitted, each with the reason.
     residuals : mapping of str to ResidualTests
         Tests of the residual of each law.
     advice : tuple of str
@@ -88,9 +88,11 @@ class Identification:
     own : MeasuredOscillation or None
         Frequency and damping against amplitude measured from the record (model-free).
     friction : MotionFriction or None
-        Dry friction along the piston's motion, from the bed at its first equilibrium, if the scene has it.
+        Dry friction along the piston's motion, from the bed at its first equilibrium; None if the scene
+        has no friction.
     of_parts : Tolerances or None
-        Standard deviations of the small-oscillation figures by the tolerances of parts, if given.
+        Standard deviations of frequency, damping and equilibrium due to the tolerances of parts, if
+        given.
     """
 
     record: PistonRecord
@@ -122,12 +124,12 @@ class Identification:
 
     @property
     def model_of_figures(self) -> ReducedModel:
-        """Model that gives the figures: the best one with an equilibrium."""
+        """Model that gives ``figures``: the best model with an equilibrium."""
         return next((model for model in self.models if model.law.name == self.figures_law), self.best)
 
     @property
     def elliptic_motion(self) -> EllipticMotion | None:
-        """Elliptic motion of the best law, or of an equally good one, with a symmetric cubic spring."""
+        """Elliptic motion of the best (or an equally good) law, if its spring is cubic and symmetric."""
         return None if self._solved_motion is None else self._solved_motion.motion
 
     @functools.cached_property
@@ -139,16 +141,16 @@ class Identification:
 
     @functools.cached_property
     def elliptic_averaging(self) -> EllipticAveraging | None:
-        """Elliptic averaging of the best law, if it is the Duffing or the Van der Pol-like law."""
+        """Elliptic averaging, if the best law is the Duffing or the Van der Pol-like law."""
         return average_elliptically(self.best, self.record.time)
 
     def figure(self, name: str) -> QuantityWithError | None:
-        """Figure of the law's oscillation by its name; None if there is none."""
+        """Quantity of the law's oscillation with a given name; None if the law does not have it."""
         return next((figure for figure in self.figures if figure.name == name), None)
 
     @property
     def figures_to_print(self) -> tuple[QuantityWithError, ...]:
-        """Figures to print, without damping ratios at an amplitude if the record gives measured ones."""
+        """Quantities to print; damping ratios at an amplitude are omitted if the record gives them."""
         if self.own is None:
             return self.figures
         return tuple(figure for figure in self.figures if not figure.name.startswith(f"{DAMPING_RATIO} at "))
@@ -179,7 +181,7 @@ class Identification:
         return " ".join(words)
 
     def to_plain(self) -> dict[str, Any]:
-        """Return figures, verdict and models as plain data."""
+        """Return results, verdict and models as plain data."""
         return {
             "verdict": self.verdict,
             "best": self.best.law.name,
@@ -205,7 +207,7 @@ class Identification:
 
     @property
     def line_before_checks(self) -> str:
-        """Equilibrium, frequency and damping ratio, rounded, for display before their uncertainties."""
+        """Rounded equilibrium, frequency and damping ratio, for display before their errors are known."""
         level, frequency = self.figure(LEVEL), self.figure("natural frequency")
         ratio = next((item for item in self.figures if item.name.startswith(DAMPING_RATIO)), None)
         words = [
@@ -216,7 +218,7 @@ class Identification:
         return f"{', '.join(words)}; uncertainties follow"
 
     def printout(self, most: int | None = LINES) -> str:
-        """Record, figures, model and cautions as text, in at most ``most`` lines; in full for None."""
+        """Record, results, model and cautions as text, in at most ``most`` lines; None: no limit."""
         model, contradiction = self.best, []
         if self.own is not None and not self.own.law_agrees:
             contradiction = wrap_words(f"caution: {self.own.agreement_text}", "", "  ")
@@ -243,7 +245,7 @@ class Identification:
 
     @property
     def _derived_texts(self) -> list[str]:
-        """Figures from the bed's stiffness and load without a fit."""
+        """Text of the values derived from the bed's stiffness and load, without a fit."""
         texts = [] if self.friction is None else [str(self.friction)]
         if self.derived is not None:
             texts.append(f"  derived without a fit: {self.derived.text(self.figures)}")
@@ -276,7 +278,7 @@ class Identification:
         return f"{self.printout(None)}\n{blocks_text(self._details())}"
 
     def page(self) -> Page:
-        """Make the report: the figures and the equation, the record, then the details."""
+        """Make the report: results and equation, the record, then the details."""
         title = self._record_texts[0]
         name = f"The equation of {title.partition(':')[0]}"
         return Page(name, title, tuple(self._blocks()), made_with(page.LIBRARIES), self)
@@ -294,7 +296,7 @@ class Identification:
         yield from self._details()
 
     def _details(self) -> Iterator[Block]:
-        """Blocks after the figures and the equation."""
+        """Blocks after the results and the equation."""
         if self.own is not None:
             yield from self.own.blocks()
         if self.of_parts is not None:
@@ -333,7 +335,7 @@ class Identification:
         yield Table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
 
     def save(self, out: str | Path) -> None:
-        """Write report.html, model.json and equations.txt (the best), models/ and record.csv."""
+        """Write report.html, record.csv, models/, and model.json and equations.txt of the best model."""
         out = Path(out)
         make_directory(out / "models")
         self.record.to_csv(out / "record.csv")

@@ -1,4 +1,4 @@
-"""Further runs of a scene: step error and spread of its figures, another lift, other falls."""
+"""Further runs of a scene: for step error and spread over packings, with another lift, and other falls."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ if TYPE_CHECKING:
 CHECK_SEEDS = 2
 """Number of further random packings for the spread."""
 LIFT_TIMES = 3.0
-"""Height of the held-out lift relative to the scene's, large enough to distinguish laws."""
+"""Ratio of the held-out lift to the scene's lift, large enough to distinguish laws."""
 DROPS = (0.4, 0.6, 1.4, 1.8)
-"""Heights of the other drops relative to the scene's."""
+"""Ratios of the heights of the other drops to the height of the scene's drop."""
 PERIODS = 10.0
-"""Duration of falls in periods of small oscillations, after which the motion has decayed or is small."""
+"""Duration of falls in periods of small oscillations; the motion is then small."""
 FEWEST = 100
 """Number of samples of a fall."""
 STARTS = 8
-"""Starts of each fit: few suffice, since falls have no noise and the scene gives start values."""
+"""Number of random starts of each fit; few suffice, since falls have no noise and start values are known."""
 TITLE = "checks of step, random starts, lift and falls"
 _MINIMUM_FALL = 0.05  # relative to the height after it; a shorter motion does not count as a fall
 
@@ -66,7 +66,7 @@ class RunCheck(NamedTuple):
 
 
 class CheckOutcomes(NamedTuple):
-    """Records of further runs of a scene, and scores of laws on its falls."""
+    """Records of further runs of a scene, and scores of laws on falls."""
 
     step_check: RunCheck | None
     derived: DerivedFigures | None  # replaces a run with another step
@@ -131,7 +131,7 @@ def release_stages(scene: Scene) -> tuple[Mapping[str, Any], ...]:
 
 
 def rest_of(run: Trajectory) -> Equilibrium:
-    """Equilibrium nearest to the end of a run's first stage."""
+    """Find the equilibrium nearest to the end of a run's first stage."""
     from granular.linear.equilibrium import equilibrium_from
     from granular.run.trajectory import frame_heights
 
@@ -144,12 +144,12 @@ def rest_of(run: Trajectory) -> Equilibrium:
 def read_parts_of_source(
     source: Scene | Plan | Trajectory | PistonRecord, parts: Mapping[str, str | float]
 ) -> tuple[Part, ...]:
-    """Read tolerances of the parts of a scene, or of a run's scene, that begins with a rest stage."""
+    """Read tolerances of the parts of a scene or of a run's scene, which must begin with a rest stage."""
     from granular.linear.bed_forces import check_free_piston
     from granular.studies.tolerances import read_parts
 
     if isinstance(source, PistonRecord):
-        raise InputError("a record has no parts with tolerances; give a scene or a run")
+        raise InputError("a record has no parts with tolerances; pass a scene or a run instead of a record")
     given: Any = source
     scene: Scene = getattr(given, "scene", given)
     check_free_piston(scene)
@@ -162,7 +162,7 @@ def read_parts_of_source(
 
 
 def friction_of(run: Trajectory) -> MotionFriction | None:
-    """Dry friction along the piston's motion, from the bed at its first rest; None if unknown."""
+    """Dry friction along the piston's motion, from the bed at its first equilibrium; None if unknown."""
     from granular.linear.friction import has_friction, motion_friction
 
     if not has_friction(run.scene) or not is_rest(run.scene, 0):
@@ -174,7 +174,7 @@ def friction_of(run: Trajectory) -> MotionFriction | None:
 
 
 def derive_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:
-    """Derive the figures of a bed's small oscillations, and their error by the run's time step."""
+    """Derive a bed's small oscillations, and their error due to the run's time step."""
     from granular.linear import piston_roots, root_of_steps
 
     exact = piston_roots(rest)[0]
@@ -189,7 +189,7 @@ def derive_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:
 
 
 def compile_fits_ahead(background: BackgroundCaseRunner, scene: Scene, starts: int) -> None:
-    """Compile the likely fits in parallel with the simulation, for which all runs wait."""
+    """Compile the likely fits while the simulation runs, since all other runs wait for it."""
     falls = FALL_LAWS if begins_with_fall(scene) else ()
     for name, count in [*((name, starts) for name in LIKELY), *((name, STARTS) for name in falls)]:
         background.submit_call(compile_fit_ahead, law_named(name), count)
@@ -219,7 +219,7 @@ class SceneChecks:
         return list(zip(checks, started, strict=True))
 
     def _derive_figures(self, run: Trajectory) -> tuple[DerivedFigures | None, list[str]]:
-        """Derive the figures of the bed at equilibrium, and start the other lift from there."""
+        """Derive small oscillations of the bed at equilibrium, and start the other lift from there."""
         begin, derived, failures = {}, None, []
         if self._release:
             try:
@@ -310,7 +310,7 @@ def add_check_errors(
 ) -> tuple[
     tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], MeasuredOscillation | None, list[str]
 ]:
-    """Add errors of step and start, if runs give them, to figures, parameters and measured oscillation."""
+    """Add step and start errors from the further runs to results, parameters and measured oscillation."""
     # The same law over the same duration [s], so that only the run differs.
     check, derived = outcomes.step_check, outcomes.derived
     every = (*figures, *model.parameter_quantities())
@@ -352,7 +352,7 @@ def _cut_to_duration(record: PistonRecord, duration: float) -> PistonRecord:
 def _quantities_by_law(
     record: PistonRecord, model: ReducedModel, mass: float | None, reference: Sequence[QuantityWithError]
 ) -> tuple[QuantityWithError, ...]:
-    """Figures of a further run's record, from a fit of the model's law."""
+    """Results for the record of a further run, from a fit of the model's law."""
     with warnings.catch_warnings(action="ignore"):
         again = fit(
             record,
@@ -363,12 +363,12 @@ def _quantities_by_law(
         )
     figures = (*oscillation_quantities(again, mass), *again.parameter_quantities())
     if [figure.symbol for figure in figures] != [figure.symbol for figure in reference]:
-        raise InputError("the fit does not give these figures")
+        raise InputError("the fit of the further run does not give the same quantities")
     return figures
 
 
 def choose_step_check(run: Trajectory) -> RunCheck:
-    """Check of a run by twice its time step, or by half of it if twice is too coarse."""
+    """Check a run with twice its time step, or with half of the step if twice is too coarse."""
     # Richardson extrapolation (Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, sec.
     # II.4): halving the step changes the result by 1 - 2^-p of the error. For twice the step the full change
     # is taken as the error, a bound also if the bed packs differently and no order holds.
@@ -385,7 +385,7 @@ def choose_step_check(run: Trajectory) -> RunCheck:
 
 
 def random_start_checks(scene: Scene) -> list[RunCheck]:
-    """Make checks from other random packings; beds that settle are released from equilibrium."""
+    """Make runs from other random packings; beds that settle are released from equilibrium."""
     from granular.linear.equilibrium import COARSE_REST, settling_changes
 
     first = scene.arrangement.seed + 1
@@ -397,7 +397,7 @@ def random_start_checks(scene: Scene) -> list[RunCheck]:
 
 
 def higher_lift_check(scene: Scene) -> RunCheck | None:
-    """Check of a scene with a lift three times as high; None unless it has exactly one lift."""
+    """Make a run with a lift three times as high; None unless the scene has exactly one lift."""
     from granular.protocol.stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
@@ -407,7 +407,7 @@ def higher_lift_check(scene: Scene) -> RunCheck | None:
 
 
 def end_time_of_open_run(run: Trajectory) -> float | None:
-    """End time [s] of a run whose last stage has no end condition; None otherwise."""
+    """Return the end time [s] of a run whose last stage has no end condition; None otherwise."""
     height = 1.0 if run.scene.piston is None else run.scene.piston.height
     if run.scene.protocol[-1].total_duration(height) is not None:
         return None
@@ -445,7 +445,7 @@ def _height_after_fall(run: Trajectory) -> float:
 
 
 def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
-    """Make checks of the fall alone, from other heights under which the grains fit."""
+    """Make runs of the fall alone from other heights, if the grains fit below them."""
     scene = run.scene
     assert scene.piston is not None
     first = scene.protocol[0]

@@ -1,4 +1,4 @@
-"""The identified law coupled to a machine: responses in milliseconds, and designs from them."""
+"""The identified law coupled to a machine, for responses in milliseconds and for designs."""
 
 import lazy_loader
 

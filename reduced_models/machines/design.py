@@ -1,4 +1,4 @@
-"""Bed, piston and drag that minimise a host's vibration, by the identified law.
+"""Design of the bed, piston and drag that minimise a host's vibration, by the identified law.
 
 Also exports the bed of a scene as an element between two bodies, from the scene alone. The bed's force
 acts on the piston, and its reaction on the cell. The bed's mass is not part of the element: grains that
@@ -49,10 +49,10 @@ if TYPE_CHECKING:
 HELPS = 0.9
 """A damper is worthwhile if it reduces the peak below this fraction."""
 _COARSE = np.linspace(0.6, 1.3, 15)
-"""Frequencies at which a candidate is tried, relative to the host's."""
+"""Frequencies at which a candidate is tried, relative to the natural frequency of the host."""
 _DRAGS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.65, 0.9)
 _FRACTIONS = (0.6, 0.8, 1.0)
-"""Fractions of the mass limit in the piston."""
+"""Fractions of the mass limit that the piston may have."""
 _COUNTS = (276, 368, 460, 552, 736)
 _HELD_STILL = {
     "effects.host": None,
@@ -60,10 +60,10 @@ _HELD_STILL = {
 }
 """Changes of a scene that hold the machine still and let the bed settle."""
 _FILLED = 0.55
-"""Maximum fraction of the cell's area below the piston at equilibrium covered by grains."""
+"""Maximum fraction of the area below the piston at equilibrium that grains cover."""
 POINTS, NEAR, MARGIN = 9, 0.6, 0.03
-"""Frequencies of a simulated peak: where the law exceeds this fraction of its peak, extended by this relative
-margin. The law may confuse the heights of the two resonance peaks of a host with a damper."""
+"""A peak is simulated at frequencies at which the law exceeds this fraction of its peak, extended by this
+relative margin. A host with a damper has two resonance peaks; the law may confuse which one is higher."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class DamperDesign:
 
     @property
     def verdict(self) -> str:
-        """Description of the damper and its figures in words."""
+        """Description, in words, of the damper and of its effect on the host."""
         drag, piston = self.scene.effects.drag, self.scene.piston
         assert piston is not None
         description = (
@@ -130,7 +130,7 @@ class DamperDesign:
         return f"{description}, reduce the peak by {100.0 * self.reduction:.3g} %: {figures}"
 
     def workshop_sheet_page(self) -> Page:
-        """Workshop sheet for building the damper; its bed is settled first, with the machine held still."""
+        """Workshop sheet for building the damper; the bed settles first, with the machine held still."""
         scatter = [
             "By the law alone: the spread over packings is unknown, and in comparisons with simulations "
             "the error of the peak was up to 10 %; simulate=True adds a simulation."
@@ -168,12 +168,12 @@ def design_for(
     workers: int | None = None,
     progress: bool = True,
 ) -> DamperDesign:
-    """Design a damper like the packaged one, with limited mass, that minimises a host's peak.
+    """Design a damper of limited mass, like the packaged one, that minimises a host's peak.
 
-    Grains of 6 mm in a cell of 60 D; their number, the piston's mass and the drag are optimised by the
-    law. The law does not include the spread over packings. If the piston's amplitude is outside of
-    `RANGE`, in which the law was compared with simulations, the damper is simulated at 9 frequencies
-    about its peak, with a warning.
+    The damper has grains of 6 mm in a cell of width 60 D. The number of grains, the piston's mass and the
+    drag are optimised with the law, which does not include the spread over packings. If the piston's
+    amplitude is outside of `RANGE`, in which the law was compared with simulations, the damper is
+    simulated at 9 frequencies about the peak, with a warning.
 
     Parameters
     ----------
@@ -186,9 +186,9 @@ def design_for(
     magnets : str
         ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``.
     simulate : bool, optional
-        Simulate the damper always, or never; by default only outside of the law's range.
+        True: always simulate the damper; False: never; by default only outside of the law's range.
     out : str or Path, optional
-        Directory for the simulations; the same call continues there.
+        Directory for the simulations; the same call continues them.
     workers : int, optional
         Number of processes; by default the number of processors.
     progress : bool
@@ -197,7 +197,7 @@ def design_for(
     Returns
     -------
     DamperDesign
-        Damper, and the peak [m] with and without it.
+        Damper, and the peaks of the host [m] with and without the damper.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def design_for(
     Warns
     -----
     OutsideRangeWarning
-        If the law is outside of its range: its prediction, and the planned simulation.
+        If the law is outside of its range; the warning gives its prediction and the planned simulation.
     """
     if len(host.bodies) != 1 or host.bodies[0].stiffness <= 0.0:
         raise InputError("design_for needs a host of one body on a spring; give such a host")
@@ -224,7 +224,7 @@ def design_for(
     ]
     if not tried:
         raise InputError(
-            f"limit = {limit:g} kg leaves no mass for a piston on {FEWEST} or more grains; give a larger one"
+            f"limit = {limit:g} kg leaves no mass for a piston on {FEWEST} or more grains; increase limit"
         )
     _, best = min(tried, key=lambda pair: pair[0].peak)
     fine = [float(own * ratio) for ratio in np.linspace(0.6, 1.4, 81)]
@@ -254,7 +254,7 @@ def design_for(
 
 
 def _frequencies_near_peak(response: PredictedResponse) -> list[float]:
-    """Frequencies [Hz] that cover the peak even if law and simulation differ slightly in its position."""
+    """Frequencies [Hz] that cover the peak even if law and simulation put it at slightly different ones."""
     near = response.frequencies[response.displacement > NEAR * response.peak]
     low, high = (1.0 - MARGIN) * near.min(), (1.0 + MARGIN) * near.max()
     return [float(frequency) for frequency in np.linspace(low, high, POINTS)]
@@ -306,8 +306,8 @@ def _candidate_dampers(host: Host, excitation: Excitation, limit: float, magnets
 def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
     """Write the bed of a scene as an element between two bodies, from the scene alone.
 
-    Its inputs are height [m] and velocity [m/s] of the piston relative to the cell; its output is the
-    force of the bed on the piston [N]. It does not include the bed's mass.
+    The element's inputs are height [m] and velocity [m/s] of the piston relative to the cell; its output
+    is the force of the bed on the piston [N]. It does not include the bed's mass.
 
     Parameters
     ----------

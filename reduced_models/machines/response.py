@@ -1,4 +1,4 @@
-"""A bed on a host as an ordinary differential equation: the annealing bed's law coupled to the host.
+"""Ordinary differential equation of a bed on a host: the law of the annealing bed coupled to the host.
 
 Grains that follow the piston affinely have the velocity W + z' y/z relative to the base, where W is the
 cell's velocity. With the masses M_h of the host, M of the piston and m of the bed, the momentum
@@ -46,14 +46,14 @@ from reduced_models.falls.predicted_law import (
 from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
 
 RANGE = (0.5, 2.0)
-"""Amplitudes of the piston relative to the cell [D] at which the peak of the packaged machine is within
-10 % of the simulated one; outside the error is 20 % (`python docs/pictures.py machine-law`)."""
+"""Range of the piston's amplitude relative to the cell [D] in which the law's peak of the packaged machine is
+within 10 % of the simulated peak; outside the error is 20 % (`python docs/pictures.py machine-law`)."""
 # The relative phase error of the classical Runge-Kutta method is (2 pi/64)^4/120 = 8e-7.
 STEPS_A_PERIOD = 64
 ORDER = 0.5
-"""Order of the bed at the start, the hidden state q of its law."""
+"""Order of the bed at the start: the hidden state q of the law."""
 SETTLING, MEASURED = 14.0, 0.4
-"""Duration of a sine [s], and its final part from which the amplitude is computed."""
+"""Duration of a sine [s], and duration of its final part, from which the amplitude is computed."""
 
 
 class LinearOscillator(NamedTuple):
@@ -85,8 +85,8 @@ class CoupledSystem(NamedTuple):
         host = scene.effects.host
         if host is None or host.mount != "cell" or len(host.bodies) != 1 or host.pistons or host.springs:
             raise InputError(
-                f"the scene {quote(scene.name)} has no host of one body that carries the cell, which the "
-                "law needs; give such a host"
+                f"the law needs a host of one body that carries the cell, but the scene {quote(scene.name)} "
+                "has none; give the scene such a host"
             )
         (body,) = host.bodies
         return cls.from_bed_scene(scene)._replace(
@@ -122,7 +122,7 @@ class CoupledSystem(NamedTuple):
         return LinearOscillator(math.sqrt(spring / self.moving), 0.5 * self.drag / self.moving)
 
     def linear_response(self, frequencies: Sequence[float], force: float) -> Complex[np.ndarray, "f"]:
-        """Displacement (f,) [m] of the host with a linear law for the bed; frequencies [Hz], force [N]."""
+        """Displacement (f,) [m] of the host with a linear law for the bed; frequencies in Hz, force in N."""
         omega = math.tau * np.asarray(frequencies, dtype=np.float64)
         own = self.stiffness + 1j * omega * self.damping
         own = own - omega**2 * (self.host + self.piston + self.bed)
@@ -151,7 +151,7 @@ def _state_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -
 
 @entry
 def fill_rates(law: CoupledSystem, force: float, state: Float[Array, "6"], rates: Float[Array, "6"]) -> None:
-    """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]; state [m, m/s]."""
+    """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]; state in m and m/s."""
     _state_rates(law, force, state, rates)
 
 
@@ -159,7 +159,7 @@ def fill_rates(law: CoupledSystem, force: float, state: Float[Array, "6"], rates
 def squared_amplitudes(
     law: CoupledSystem, force: float, omega: float, steps: int, last: int
 ) -> Float[Array, "2"]:
-    """Squared amplitudes of host and piston over the last steps [m^2], by classical Runge-Kutta."""
+    """Squared amplitudes [m^2] of host and piston in the last steps, by classical Runge-Kutta."""
     h = 2.0 * math.pi / omega / STEPS_A_PERIOD
     state, middle = np.zeros(6), np.zeros(6)
     state[2], state[5] = law.rest, ORDER
@@ -253,7 +253,7 @@ def predicted_response(
 
 
 def solve_host_response(law: CoupledSystem, frequencies: Sequence[float], force: float) -> PredictedResponse:
-    """Solve a host's response for given parameters of the law; frequencies [Hz], force [N]."""
+    """Solve a host's response for given parameters of the law; frequencies in Hz, force in N."""
     pairs = []
     for frequency in frequencies:
         periods = max(math.ceil(SETTLING * frequency), 10)
@@ -274,7 +274,7 @@ POINTS = 201
 
 @dataclasses.dataclass(frozen=True)
 class PeakComparison:
-    """Maximum displacements at a force, simulated and by the law, over the same frequencies."""
+    """Maximum displacements at a force, simulated and from the law, in the same range of frequencies."""
 
     force: float  # [N]
     simulated: float  # [m]
@@ -295,7 +295,7 @@ class PeakComparison:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ResponseComparison:
-    """The law's curves for comparison with a response."""
+    """Curves of the law for comparison with a simulated response."""
 
     peaks: tuple[PeakComparison, ...]
     frequencies: Float[np.ndarray, "f"]  # [Hz]
@@ -312,7 +312,7 @@ _HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error [%]", "linear [mm]", 
 
 
 def compare_response(response: FrequencyResponse) -> ResponseComparison:
-    """Solve the law for a response's scene and forces, between its frequencies.
+    """Solve the law for the scene, the forces and the frequency range of a response.
 
     Parameters
     ----------
@@ -322,8 +322,8 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
     Returns
     -------
     ResponseComparison
-        Peaks of law and simulation [m] at each amplitude of the force [N], and the law's curves against
-        frequency [Hz]. The law is described in `reduced_models.falls.predicted_law`.
+        Peaks [m] of law and simulation at each amplitude of the force [N], and curves of the law against
+        frequency [Hz]. `reduced_models.falls.predicted_law` describes the law.
 
     Raises
     ------
@@ -351,7 +351,7 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
 
 
 def response_page_with_law(response: FrequencyResponse) -> tuple[Page, ResponseComparison | None, str]:
-    """Report of a response with the law; the comparison; and the reason if there is none."""
+    """Return the report of a response with the law, the comparison, and the reason for its absence."""
     try:
         law = compare_response(response)
     except InputError as error:

@@ -1,7 +1,7 @@
 """Small oscillations of a law about its equilibrium, with figures in engineering units.
 
 Stiffness and damping belong to the equivalent oscillator m z'' + c z' + k z = 0. They are per
-kilogram if no mass is known, and divided by the moment of inertia for an angle.
+kilogram if the mass is unknown, and divided by the moment of inertia if the coordinate is an angle.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _STEP = 1e-4  # relative step for derivatives
 
 @dataclasses.dataclass(frozen=True)
 class EquivalentDamping:
-    """Equivalent damping at finite amplitudes, by the energy loss of harmonic cycles."""
+    """Equivalent damping at finite amplitudes, from the energy loss of harmonic cycles."""
 
     amplitude: Size  # [m]
     tenth_ratio: float  # fraction of critical damping at a tenth of the maximum amplitude
@@ -55,17 +55,17 @@ class AtRest:
     ----------
     height, period, damping_ratio : float
         Equilibrium height [m], period of undamped small oscillations [s], fraction of critical
-        damping. If the damping of small oscillations differs strongly from the record's, as with
-        dry friction, the damping ratio is the energy loss of a harmonic cycle of the amplitude
-        ``equivalent.amplitude``, over 4 pi times its oscillation energy.
+        damping. If the damping of small oscillations differs strongly from the damping in the
+        record, as with dry friction, the damping ratio is the energy loss of a harmonic cycle of
+        amplitude ``equivalent.amplitude``, divided by 4 pi times the oscillation energy of the cycle.
     intervals : mapping of str to (float, float)
     equivalent : EquivalentDamping or None
         None if the damping ratio is for small oscillations.
     peaks : PeakDamping or None
-        Damping ratios from the decrease of the record's peaks, if they contradict the law's; they
-        are then printed instead.
+        Damping ratios from the decrease of the record's peaks if they contradict the law; they are
+        then printed instead of the law's damping ratio.
     calibration : mapping of str to float
-        Contribution of the sensor's calibration to half the intervals, if there is one.
+        Contribution of the sensor's calibration to the half-widths of the intervals, if calibrated.
     coordinate_unit : "m" or "rad"
         Unit of the height.
     """
@@ -80,13 +80,13 @@ class AtRest:
     coordinate_unit: CoordinateUnit = "m"
 
     def to_series(self) -> pandas.Series[float]:
-        """Height, period and damping ratio with errors (half of the intervals) as a row of a table.
+        """Height, period and damping ratio with errors (half-widths of the intervals) as a table row.
 
         Returns
         -------
         pandas.Series
-            ``height`` [m] (for an angle [rad]), ``period`` [s], ``damping_ratio``, and the errors of
-            these, with ``_error`` after the name.
+            ``height`` [m] (for an angle [rad]), ``period`` [s], ``damping_ratio``, and their errors
+            ``height_error``, ``period_error``, ``damping_ratio_error``.
         """
         import pandas
 
@@ -100,7 +100,7 @@ class AtRest:
 
     @property
     def peak_texts(self) -> tuple[str, ...]:
-        """Sentence on the damping ratio of the record's peaks if it contradicts the law's; else empty."""
+        """Sentence on the damping ratio of the record's peaks if it contradicts the law; else empty."""
         if self.peaks is None:
             return ()
         return (
@@ -111,7 +111,7 @@ class AtRest:
 
 @dataclasses.dataclass(frozen=True)
 class EngineeringUnits:
-    """Units of the coordinate and its forces in print-outs."""
+    """Units of the coordinate and of its forces in print-outs."""
 
     length: str
     scale: float  # from SI
@@ -122,7 +122,7 @@ class EngineeringUnits:
 
 
 def engineering_units(coordinate_unit: str, mass: float | None) -> EngineeringUnits:
-    """Units of a coordinate and its forces in print-outs; mass [kg]."""
+    """Return the units of a coordinate and of its forces in print-outs; mass in kg."""
     if coordinate_unit == "rad":
         return EngineeringUnits("°", 180.0 / math.pi, "1/s²", "1/s", "rad/s²", 1.0)
     if mass is None:
@@ -142,7 +142,7 @@ def signal_units(measured: str, coordinate_unit: str) -> EngineeringUnits:
 
 
 def quantities_at_rest(rest: AtRest, mass: float | None) -> tuple[QuantityWithError, ...]:
-    """Equilibrium [mm or degrees], frequency [Hz], damping ratio [%], stiffness and damping; mass [kg]."""
+    """Equilibrium [mm or degrees], frequency [Hz], damping ratio [%], stiffness, damping; mass in kg."""
     units = engineering_units(rest.coordinate_unit, mass)
     inertia, quantity = units.inertia, functools.partial(_quantity_with_propagated_errors, rest)
     figures = [
@@ -178,7 +178,7 @@ def _damping_of_small_oscillations(rest: AtRest) -> list[QuantityWithError]:
 def _damping_at_two_amplitudes(
     rest: AtRest, equivalent: EquivalentDamping, units: EngineeringUnits
 ) -> list[QuantityWithError]:
-    """Damping ratios at two amplitudes, if the motion there is underdamped, and friction."""
+    """Friction, and damping ratios at two amplitudes if the motion there is underdamped."""
     wide, narrow = (
         f"{DAMPING_RATIO} at {units.scale * size:.3g} {units.length}"
         for size in (equivalent.amplitude, equivalent.tenth_of_maximum_amplitude)
@@ -222,21 +222,22 @@ def _quantity_with_propagated_errors(
 
 
 def _slowdown(ratio: float) -> float:
-    """Ratio of damped and natural frequency."""
+    """Ratio of the damped to the natural frequency."""
     return math.sqrt(1.0 - ratio**2)
 
 
 class HarmonicCycle(NamedTuple):
-    """A harmonic cycle: per kilogram for a motion, in newtons for a force on a prescribed stroke.
+    """A harmonic cycle: forces per kilogram for a motion, in newtons on a prescribed stroke.
 
     Attributes
     ----------
     amplitude, frequency, centre : float
         [m], [rad/s], [m].
     stiffness, damping, energy : float
-        Of the first harmonic, and energy loss: [1/s^2], [1/s], [J/kg], or [N/m], [N s/m], [J].
+        Stiffness and damping of the first harmonic, and energy loss of the cycle: in 1/s^2, 1/s and
+        J/kg for a motion; in N/m, N s/m and J for a force on a prescribed stroke.
     errors : (float, float, float)
-        Half-widths of the intervals of these three; zero if unknown.
+        Half-widths of the intervals of stiffness, damping and energy; zero if unknown.
     measured : int
         Number of measured cycles; 0 for a law's cycle.
     """

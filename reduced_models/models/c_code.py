@@ -175,7 +175,7 @@ void {name}_rates(const double *parameters, const double *states, const double *
 
 
 def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
-    """Header and source in C99 of a bed; the given name is the prefix of all declared names."""
+    """C99 header and source of a bed; ``name`` is the prefix of all declared names."""
     parts = prepare_port_for_export(port)
     force, *rates = parts.outputs
     words = {

@@ -1,7 +1,7 @@
 """Export of a model as text or code; the file's ending selects the language.
 
-This module writes equations, LaTeX, and a Python function that needs only NumPy. C, MATLAB, Modelica
-and FMUs have separate modules, which are used only by the table of writers here.
+This module writes equations, LaTeX, and a Python function that needs only NumPy. Separate modules
+write C, MATLAB, Modelica and FMUs; the table of writers below calls them.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def simulate(times, state=INITIAL, {inputs_default}steps=8):
 
 
 def numpy_source(model: FittedLaw) -> str:
-    """Python source of a stand-alone module: rates and a solver, or the force along a prescribed stroke."""
+    """Python source of a stand-alone module with rates and a solver, or with the force on a stroke."""
     if model.law.prescribed:
         return port_python_source(force_port(model, None))
     parts, names = prepare_law_for_export(model), model.law.parameters

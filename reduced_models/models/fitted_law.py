@@ -39,7 +39,7 @@ _METRE = re.compile(r"\bm\b")
 FEWEST_DIGITS, MOST_DIGITS = 4, 9
 """Maximum digits of printed numbers; records without noise would give more, but they are useless."""
 _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
-"""Minimum relative width of an interval, for a record without noise or a number fixed by the law."""
+"""Minimum relative width of an interval; used for records without noise and numbers fixed by the law."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +85,7 @@ class FittedLaw:
 
     @property
     def all_parameters(self) -> dict[str, float]:
-        """Values of all parameters of the law; undetermined ones have their conventional values."""
+        """Values of all parameters of the law; undetermined parameters have conventional values."""
         known = {**self.conventions, **self.parameters}
         return {name: known[name] for name in self.law.parameters}
 
@@ -105,7 +105,7 @@ class FittedLaw:
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Texts with the references of its law; see `granular.cite`."""
+        """References of the law as texts; see `granular.cite`."""
         return self.law.literature
 
     @property
@@ -139,7 +139,7 @@ class FittedLaw:
         return next(enough, MOST_DIGITS)
 
     def _digits_suffice(self, digits: int) -> bool:
-        """Return whether equilibrium and small oscillations with these digits are within their intervals."""
+        """Return whether numbers rounded to these digits keep small oscillations within their intervals."""
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
         reach = float(np.ptp(self.domain.get("height", (0.0,))))
@@ -193,13 +193,13 @@ class FittedLaw:
         v0: float | None = None,
         inputs: Mapping[str, np.ndarray] | None = None,
     ) -> PistonRecord:
-        """Motion predicted by the law; t [s], initial coordinate z0 [m] and velocity v0 [m/s]."""
+        """Motion predicted by the law; times t [s], initial coordinate z0 [m] and velocity v0 [m/s]."""
         from reduced_models.laws.solution import observed_signal, solve_law
 
         if self.law.prescribed:
             raise InputError(
-                f"the record prescribes the motion of the law {quote(self.law.name)}; take its "
-                f"{self.observation} along a stroke from .simulate_signal(record)"
+                f"the record prescribes the motion of the law {quote(self.law.name)}, so none is predicted; "
+                f"compute the {self.observation} along a stroke with .simulate_signal(record)"
             )
         times = np.asarray(t, dtype=np.float64)
         if times.ndim != 1 or len(times) < 2 or not (np.diff(times) > 0.0).all():
@@ -234,7 +234,7 @@ class FittedLaw:
         return PistonRecord(times, result.z, result.velocity, coordinate_unit=self.coordinate_unit)
 
     def _further_coordinates_at_rest(self, values: list[float]) -> dict[str, float]:
-        """Equilibrium values of the further coordinates, as initial values of another motion."""
+        """Equilibrium values of the further coordinates: initial values for another motion."""
         if self.at_rest is None or not self.law.other_coordinates:
             return {}
         swing = small_oscillation(self.law, values, self.at_rest.height)
@@ -247,7 +247,7 @@ class FittedLaw:
         return self.simulate(record.time, inputs=inputs)
 
     def predict(self, t: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """Heights [m, rad] of the motion from the record's initial state; t [s]."""
+        """Heights [m, rad] of the motion from the record's initial state; times t [s]."""
         return self.simulate(t).height
 
 

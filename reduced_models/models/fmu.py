@@ -57,7 +57,7 @@ _BUILD = f"""<?xml version="1.0" encoding="UTF-8"?>
 
 
 class FmuVariable(NamedTuple):
-    """A variable of an FMU: value reference, role, start value, and for a rate its state."""
+    """A variable of an FMU: value reference, role, start value, and the state if it is a rate."""
 
     name: str
     reference: int
@@ -69,7 +69,7 @@ class FmuVariable(NamedTuple):
 
 
 class FmuContents(NamedTuple):
-    """Contents of an FMU independent of its version: source, variables, step [s], and comments."""
+    """Contents of an FMU that do not depend on the version: source, variables, step [s], comments."""
 
     source: str
     variables: tuple[FmuVariable, ...]
@@ -122,7 +122,7 @@ def port_jacobian(parts: PortForExport) -> list[list[sympy.Expr]] | None:
 
 
 def _free_motion_contents(model: FittedLaw) -> FmuContents:
-    """Contents for the free motion of a record; its states are also outputs."""
+    """Contents for the free motion of a record; the states are also outputs."""
     parts = prepare_law_for_export(model)
     glue = f"""
 #define MODEL_START model_initial
@@ -185,7 +185,7 @@ def _variables(
     parameters: Sequence[tuple[str, float, str]],
     outputs: Sequence[tuple[str, str]],
 ) -> tuple[FmuVariable, ...]:
-    """Variables with their start values and units; states and their rates get the given causality."""
+    """Variables with start values and units; states and their rates get the given causality."""
     rates = [(f"der({name})", None, "") for name, *_ in states]
     groups: tuple[tuple[int, str, str, Sequence[tuple[str, float | None, str]]], ...] = (
         (0, causality, "continuous", states),
@@ -288,7 +288,7 @@ def _model_description_3(contents: FmuContents, guid: str) -> str:
 
 
 def _document(contents: FmuContents, version: str, kinds: str, variables: str, structure: str) -> str:
-    """Text of a modelDescription.xml from the parts specific to a version of FMI."""
+    """Text of modelDescription.xml, from the parts that depend on the version of FMI."""
     units = "".join(f'    <Unit name="{name}"><BaseUnit {base}/></Unit>\n' for name, base in _UNITS.items())
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription {version} modelName="{NAME}"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 OPEN = 20.0
-"""Relative width of an interval above which a parameter counts as undetermined."""
+"""A parameter with a larger relative width of its interval counts as undetermined."""
 _MARGIN = 0.05  # tolerated excess, relative to the range of fitted heights
 
 
@@ -41,8 +41,8 @@ class ReducedModel(PrintedModel):
     parameters : mapping of str to float
         In the units of ``law.units``.
     intervals : mapping of str to (float, float)
-        Confidence intervals of the parameters, and of ``shift`` and ``scale`` where fitted, in their
-        units; their ends may be infinite.
+        Confidence intervals of the parameters, and of ``shift`` and ``scale`` if fitted, in their
+        units; ends of intervals may be infinite.
     confidence : float
         Confidence level of the intervals, between 0 and 1.
     initial : (float, float)
@@ -50,7 +50,7 @@ class ReducedModel(PrintedModel):
     at_rest : AtRest or None
         Small oscillations about equilibrium; None if the law has no equilibrium near the record.
     quality : Quality
-        Quality of the fit: residual, noise, test error and the search.
+        Quality of the fit: residual, noise, test error, and success of the search.
     undetermined : tuple of ParameterDirection
         Directions of the parameters not determined by the data.
     domain : mapping of str to (float, float)
@@ -58,32 +58,33 @@ class ReducedModel(PrintedModel):
     notes : tuple of str
         Warnings in plain words.
     provenance : mapping of str to str
-        Data and fit behind the model.
+        Data and fit from which the model was made.
     hidden : mapping of str to float
         Nonzero hidden states at the record's start.
     input_interpolation : str
         Interpolation of the inputs between samples.
     covariance_names : tuple of str
-        Entries of the covariance: parameters, ``height``, ``velocity`` and hidden states at the start.
+        Names of the rows of the covariance: parameters, and ``height``, ``velocity`` and hidden states
+        at the start.
     covariance : float64 (p, p)
-        Covariance of these entries, in their units.
+        Covariance of the quantities in ``covariance_names``, in their units.
     no_swing : str
-        Reason if ``at_rest`` is None.
+        Reason for a missing ``at_rest``.
     coordinate_unit : "m" or "rad"
         Unit of the height; for an angle, [m] means [rad] throughout.
     sensor : Sensor or None
-        Sensor with the fitted signal, its gain and offset; residual and noise are in its unit. None
-        if heights were fitted.
+        Sensor of the fitted signal, with gain and offset; residual and noise are in the unit of the
+        signal. None if heights were fitted.
     untold : tuple of str
-        Parameters not determined by the signal, and ``level`` or ``size`` of the motion: these
-        numbers are conventions, and not printed.
+        Parameters that the signal does not determine, also ``level`` or ``size`` of the motion. Their
+        values are conventions and are not printed.
     conventions : mapping of str to float
-        Conventional values of those parameters, so that the motion can be computed; they are neither in
-        ``parameters`` nor in ``intervals``.
+        Conventional values of the undetermined parameters, so that the motion can be computed. They are
+        neither in ``parameters`` nor in ``intervals``.
     observation : str
-        Column observed by the law and compared; empty for the height.
+        Column that the law describes and the fit compares; empty for the height.
     quantile : float
-        Half-width of an interval over the standard deviation.
+        Ratio of the half-width of an interval to the standard deviation.
     cycles : tuple of HarmonicCycle
         Measured cycles of a force on a prescribed stroke; similar cycles are averaged.
     qualities : mapping of str to Quality
@@ -101,8 +102,8 @@ class ReducedModel(PrintedModel):
     def residuals(self, record: PistonRecord) -> np.ndarray:
         """Heights of a fitted record minus the heights of the model.
 
-        If a sensor's signal was fitted, its signal minus the model's, in its unit. The model starts at
-        the record's first time from the fitted state, ``initial``.
+        If a sensor's signal was fitted: measured minus modelled signal, in the unit of the signal. The
+        model starts at the record's first time from the fitted state, ``initial``.
 
         Parameters
         ----------
@@ -127,8 +128,8 @@ class ReducedModel(PrintedModel):
     def simulate_signal(self, record: PistonRecord) -> np.ndarray:
         """Heights of the fitted motion at a record's times, or the fitted signal.
 
-        Along a prescribed stroke, which is smoothed first, it is the quantity observed by the law, such
-        as the force.
+        For a law along a prescribed stroke, the stroke is smoothed and the result is the quantity that
+        the law describes, such as the force.
 
         Parameters
         ----------
@@ -164,11 +165,11 @@ class ReducedModel(PrintedModel):
         Parameters
         ----------
         t : float64 (n,)
-            Two or more increasing times [s]; the fitted initial state is at the first.
+            Two or more increasing times [s]; the motion has the fitted initial state at the first.
         inputs : mapping of str to array, optional
             Inputs (n,) of the law at these times, in the units of the records' columns.
         confidence : float, optional
-            Confidence level, between 0 and 1; by default the fit's level.
+            Confidence level, between 0 and 1; by default the confidence level of the fit.
 
         Returns
         -------
@@ -196,8 +197,8 @@ class ReducedModel(PrintedModel):
     def plot(self, record: PistonRecord | None = None, ax: Axes | None = None) -> Axes:
         """Draw the model's motion over a fitted record.
 
-        Without a record: the free decay from the fitted height farthest from equilibrium, with zero
-        inputs. A new figure also shows the residuals below. In [mm], or [rad] for an angle.
+        Without a record, draw the free decay with zero inputs from the fitted height farthest from
+        equilibrium. A new figure also shows the residuals below. Heights are in mm, angles in rad.
 
         Parameters
         ----------
@@ -235,18 +236,18 @@ class ReducedModel(PrintedModel):
         state: Float[np.ndarray, "s"],
         inputs: Mapping[str, float | Callable[[float], float]] | None = None,
     ) -> Float[np.ndarray, "s"]:
-        """Rates of all states, as `scipy.integrate.solve_ivp` calls them; they start at `initial_state`.
+        """Time derivatives of all states, for `scipy.integrate.solve_ivp` with `initial_state`.
 
         Parameters
         ----------
         t : float
             Time since the start [s].
         state : float64 (s,) or (s, k)
-            Height [m] and velocity [m/s], then the states in ``law.hidden`` in that order; k states at a
-            time with ``vectorized=True``.
+            Height [m] and velocity [m/s], then the states in ``law.hidden`` in that order; with
+            ``vectorized=True``, k such states.
         inputs : mapping of str to float or callable, optional
             Inputs of the law, in the units of the records' columns: each a number, or a function of the
-            time. ``solve_ivp(..., args=(inputs,))`` hands them over.
+            time. Pass them by ``solve_ivp(..., args=(inputs,))``.
 
         Returns
         -------
@@ -263,7 +264,7 @@ class ReducedModel(PrintedModel):
 
     @property
     def initial_state(self) -> Float[np.ndarray, "s"]:
-        """States at the record's start, in the order that `rhs` takes."""
+        """States at the record's start, in the order of the argument of `rhs`."""
         return prediction.initial_state(self)
 
     def __repr__(self) -> str:
@@ -294,7 +295,7 @@ class ReducedModel(PrintedModel):
         Parameters
         ----------
         amplitude : float
-            Height above equilibrium at the release [m]; negative below it.
+            Height above equilibrium at the release [m]; negative below equilibrium.
         periods : float
             Duration in periods of small oscillations, above 0.
 
@@ -312,18 +313,18 @@ class ReducedModel(PrintedModel):
         return prediction.free_decay(self, amplitude, periods)
 
     def harmonic_cycle(self, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
-        """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`.
+        """Equivalent stiffness and damping of a harmonic cycle, and the dissipated energy.
 
-        In one-harmonic approximation (Krylov and Bogoliubov 1947, Introduction to Non-Linear Mechanics),
-        with zero inputs. For a force on a prescribed stroke: in newtons, with errors, about the middle
-        of the fitted heights.
+        Computed in the one-harmonic approximation (Krylov and Bogoliubov 1947, Introduction to
+        Non-Linear Mechanics) with zero inputs. For a force on a prescribed stroke the results are in
+        newtons, with errors, for a cycle about the middle of the fitted heights.
 
         Parameters
         ----------
         amplitude : float
             Amplitude about the cycle's centre, above 0 [m].
         frequency : float, optional
-            Angular frequency, above 0 [rad/s]; by default the root of the equivalent stiffness.
+            Angular frequency, above 0 [rad/s]; by default the square root of the equivalent stiffness.
 
         Returns
         -------
@@ -334,8 +335,8 @@ class ReducedModel(PrintedModel):
         ------
         InputError
             If the amplitude is not above zero, the frequency is not above zero and finite, the law has no
-            equilibrium, has no stiffness at this amplitude and no frequency is given, or the cycle leaves
-            the range in which the law is defined.
+            equilibrium, no frequency is given for a law without stiffness at this amplitude, or the cycle
+            leaves the range in which the law is defined.
         """
         if self.law.prescribed:
             return observed.force_cycle(self, amplitude, frequency)
@@ -344,7 +345,7 @@ class ReducedModel(PrintedModel):
     def frequency_response(
         self, force: float, frequencies: np.ndarray, largest: float | None = None
     ) -> prediction.SteadyAmplitudes:
-        """Steady amplitudes under a harmonic force, by describing functions as in `harmonic_cycle`.
+        """Steady amplitudes under a harmonic force, from describing functions as in `harmonic_cycle`.
 
         Parameters
         ----------
@@ -358,8 +359,8 @@ class ReducedModel(PrintedModel):
         Returns
         -------
         prediction.SteadyAmplitudes
-            Smallest and largest amplitude (k,) [m] at each frequency; NaN if there is none up to the
-            maximum searched.
+            Smallest and largest amplitude (k,) [m] at each frequency; NaN if no steady amplitude exists
+            up to ``largest``.
 
         Raises
         ------
@@ -398,15 +399,15 @@ class ReducedModel(PrintedModel):
         path : str or Path
             File to write; its ending selects the language, and an existing file is replaced.
         port : str, optional
-            ``"force"``: in place of the record's motion, an element with the inputs height [m] and
-            velocity [m/s] of the piston relative to the cell, and the output force [N]. A law along a
-            prescribed stroke is always written as an element with the force that moves the coordinate
-            upwards.
+            With ``"force"`` the file contains an element instead of the record's motion. Its inputs are
+            height [m] and velocity [m/s] of the piston relative to the cell, and its output is the
+            force [N]. A law along a prescribed stroke is always written as an element; its force is
+            the one that moves the coordinate upwards.
         mass, gravity : float, optional
-            Mass of the recorded piston, above 0 [kg], and gravity [m/s^2]; a port of a motion needs the
-            mass.
+            Mass of the recorded piston, above 0 [kg], and gravity [m/s^2]; ``port="force"`` needs the
+            mass if the law is for a motion.
         fmi : int
-            Version of FMI of an ``.fmu``, 2 or 3.
+            Version of FMI for an ``.fmu``, 2 or 3.
 
         Returns
         -------
@@ -432,9 +433,9 @@ class ReducedModel(PrintedModel):
         return export.equations_text(self)
 
     def outside_range_text(self, motion: PistonRecord) -> str:
-        """Warning in words about a motion that leaves the range of the fit; empty if it stays inside.
+        """Warning in words about a motion that leaves the range of the fit; empty if it does not.
 
-        Only heights are checked; they may exceed the range by a twentieth of it on each side.
+        Only heights are checked; on each side they may exceed the range by a twentieth of its width.
 
         Parameters
         ----------
@@ -444,7 +445,7 @@ class ReducedModel(PrintedModel):
         Returns
         -------
         str
-            Warning, or an empty text, also if the model has no range of heights.
+            Warning; empty if the motion stays inside or the model has no range of heights.
         """
         low, high = self.domain.get("height", (-math.inf, math.inf))
         margin = _MARGIN * (high - low)
@@ -500,7 +501,7 @@ class ReducedModel(PrintedModel):
         Returns
         -------
         ReducedModel
-            Model; its law is the package's law if name and equation are the same.
+            Model. Its law is a law of the package if name and equation agree with that law.
 
         Raises
         ------

@@ -58,7 +58,7 @@ def modelica_parts(
     inputs: Iterable[str],
     states: Iterable[tuple[str, float, sympy.Expr]],
 ) -> dict[str, str]:
-    """Lines of a Modelica model: parameters with units, inputs, states with start values and rates."""
+    """Lines of a Modelica model for parameters, inputs, states with start values, and rates."""
     hidden, rates = [], []
     for name, start, rate in states:
         hidden.append(f"  Real {name}(start = {start!r}, fixed = true);\n")
@@ -106,7 +106,7 @@ equation
 
 
 def port_modelica_source(port: ForcePort, name: str) -> str:
-    """Modelica text of a model with the given name, between the flanges of cell and piston."""
+    """Modelica text of a named model that acts between the flanges of cell and piston."""
     import sympy
 
     parts = prepare_port_for_export(port)

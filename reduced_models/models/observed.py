@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 _NODES, _TURNS = 400, 3
-"""Samples of a harmonic cycle, and number of cycles after which hidden states count as periodic."""
+"""Number of samples of a harmonic cycle, and of cycles after which hidden states count as periodic."""
 _ALIKE = 0.05  # maximum relative difference of amplitude and frequency of cycles averaged in one row
 _NEAR = 0.1  # maximum distance of their centres, relative to the amplitude
 _MOST_ROWS = 12
@@ -59,14 +59,14 @@ def _signal_with_values(
     solution = solve_law(law, record.time, *model.initial, values, size, inputs, hidden, how)
     if solution.ending != "complete":
         raise InputError(
-            f"the solution of the law {quote(law.name)} does not reach the end of the record: it diverges, "
-            "or is too fast for the samples; give a record with more samples"
+            f"the solution of the law {quote(law.name)} does not reach the end of the record: the solution "
+            "diverges, or is too fast for the samples; give a record with more samples"
         )
     return observed_signal(law, model.observation, solution, values, inputs)
 
 
 def plot_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
-    """Draw the observed quantity against the stroke [mm], measured and by the law."""
+    """Draw the measured quantity and the quantity from the law against the stroke [mm]."""
     if record is None:
         raise InputError(
             f"the record prescribes the motion of the law {quote(model.law.name)}; give a record"
@@ -83,7 +83,7 @@ def plot_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
 def force_cycle(
     model: FittedLaw, amplitude: float, frequency: float | None, centre: float | None = None
 ) -> HarmonicCycle:
-    """Steady cycle of a force along a harmonic stroke; amplitude, centre [m], frequency [rad/s]."""
+    """Steady cycle of a force along a harmonic stroke; amplitude and centre in m, frequency in rad/s."""
     # First Fourier coefficients of the force in phase with stroke and velocity (Krylov and Bogoliubov 1947,
     # Introduction to Non-Linear Mechanics). Hidden states start at zero; the last cycle counts as steady.
     for name, value in (("amplitude", amplitude), ("frequency", frequency)):
@@ -93,10 +93,11 @@ def force_cycle(
     columns = [name for name in model.law.inputs if name not in STROKE]
     if columns:
         raise InputError(
-            f"the law has the inputs {', '.join(columns)}; compute cycles from .simulate_signal(record)"
+            f"the law has the inputs {', '.join(columns)}, so that cycles depend on the record; compute the "
+            "signal with .simulate_signal(record)"
         )
     if centre is None and "height" not in model.domain:
-        raise InputError("the model has no range of heights; give centre, the middle of the stroke")
+        raise InputError("the model has no range of heights; give centre, the middle of the stroke [m]")
     middle = sum(model.domain["height"]) / 2.0 if centre is None else centre
     time = np.arange(_TURNS * _NODES + 1) * (2.0 * math.pi / (_NODES * frequency))
     wave, turn = np.sin(frequency * time), np.cos(frequency * time)
@@ -119,7 +120,7 @@ def force_cycle(
 
 
 def measured_and_lawful_cycles(model: FittedLaw) -> list[tuple[HarmonicCycle, HarmonicCycle | None]]:
-    """Measured force cycles, each with the law's cycle; None for a law with inputs."""
+    """Measured force cycles, each with the cycle of the law (None if the law has inputs)."""
     by_law = set(model.law.inputs) <= set(STROKE)
     return [
         (cycle, force_cycle(model, cycle.amplitude, cycle.frequency, cycle.centre) if by_law else None)

@@ -19,7 +19,7 @@ _LARGEST = 1e100  # its square and cube are still finite
 
 
 class Limits(NamedTuple):
-    """Limits of a number in an annotation, and the value of null if null is allowed."""
+    """Limits of a number in an annotation, and the meaning of null if null is allowed."""
 
     minimum: float = -_LARGEST
     maximum: float = _LARGEST
@@ -125,7 +125,7 @@ def _read_table(kind: Any, path: str, value: Any) -> dict[str, Any]:
 
 
 def _read_list(kinds: Sequence[Any], path: str, value: Any, *, ordered: bool) -> tuple[Any, ...]:
-    """Several values of one kind, or a pair of numbers; in an ordered pair null means infinite."""
+    """Read several values of one kind, or a pair of numbers; in an ordered pair null means infinite."""
     most = 2 if len(kinds) == 2 and kinds[1] is float else _MOST_ITEMS
     if not isinstance(value, list | tuple) or len(value) > most:
         raise wrong_value_error(path, value, f"a list of at most {most} items")

@@ -1,4 +1,4 @@
-"""A fitted law as an element between two bodies, with inputs height and velocity and output force.
+"""A fitted law as an element between two bodies: height and velocity are inputs, the force is the output.
 
 A law gives the acceleration of a piston of mass M on a cell at rest, so the force of the bed is
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 DERIVED = "derived"
 """Name of the laws from `derive`."""
 GRAVITY = 9.8
-"""Default [m/s^2], as in the packaged scenes."""
+"""Default gravitational acceleration [m/s^2], as in the packaged scenes."""
 
 
 class ForcePort(NamedTuple):
@@ -49,17 +49,17 @@ class PortForExport(NamedTuple):
 
 
 def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -> ForcePort:
-    """Make an element from a law of a record; mass [kg], gravity [m/s^2]."""
+    """Make an element from a law of a record; mass in kg, gravity in m/s^2."""
     if model.coordinate_unit == "rad":
         raise InputError("the law is for an angle; a force between two bodies needs a height")
     if model.law.name == DERIVED:
         raise InputError(
-            "a derived law includes the moving mass of the bed, so its force depends on the acceleration; "
+            "the force of a derived law includes the bed's moving mass, so it depends on the acceleration; "
             "export the whole model, or fit a law to a run"
         )
     if model.law.prescribed:
         if len(model.law.observations) > 1:
-            raise InputError("the law observes several columns; an element has one force")
+            raise InputError("the law observes several columns, but an element has one force; fit one column")
         return ForcePort(model, 0.0, 0.0)
     if mass is None or not mass > 0.0:
         raise InputError(

@@ -43,7 +43,7 @@ _OBSERVATION_OR_RATE = re.compile(r"\s*[^\W\d]\w*'?\s*=")
 
 
 class SteadyAmplitudes(NamedTuple):
-    """Steady amplitudes under a harmonic force, by describing functions."""
+    """Steady amplitudes under a harmonic force, from describing functions."""
 
     frequency: Float[np.ndarray, "n"]  # angular [rad/s]
     low: Float[np.ndarray, "n"]  # [m]
@@ -51,7 +51,7 @@ class SteadyAmplitudes(NamedTuple):
 
 
 def initial_state(model: FittedLaw) -> Float[np.ndarray, "s"]:
-    """States at the record's start: height [m], velocity [m/s], then hidden ones."""
+    """States at the record's start: height [m], velocity [m/s], then hidden states."""
     _refuse_prescribed_stroke(model)
     hidden = [model.hidden.get(name, 0.0) for name in model.law.hidden]
     return np.array([*model.initial, *hidden], dtype=np.float64)
@@ -63,7 +63,7 @@ def state_rates(
     state: Float[np.ndarray, "s"],
     inputs: Mapping[str, float | Callable[[float], float]],
 ) -> Float[np.ndarray, "s"]:
-    """Rates of all states at a time [s], of one state (s,) or of several (s, k)."""
+    """Rates of all states at a time [s]; the state is (s,), or (s, k) for k states."""
     _refuse_prescribed_stroke(model)
     law, states = model.law, np.asarray(state, dtype=np.float64)
     if len(states) != 2 + len(law.hidden):
@@ -86,7 +86,7 @@ def _refuse_prescribed_stroke(model: FittedLaw) -> None:
     if model.law.prescribed:
         raise InputError(
             f"the law {quote(model.law.name)} describes the {model.observation or 'force'} along a "
-            "prescribed stroke, not a motion; take .simulate_signal(record)"
+            "prescribed stroke, not a motion; use .simulate_signal(record)"
         )
 
 
@@ -120,7 +120,7 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
     if not math.isfinite(stiffness):
         raise InputError(
             f"a cycle of amplitude {amplitude:g} m leaves the range in which the law "
-            f"{quote(model.law.name)} is defined; give a smaller one"
+            f"{quote(model.law.name)} is defined; give a smaller amplitude"
         )
     if frequency is None and stiffness <= 0.0:
         raise InputError(
@@ -136,7 +136,7 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
 def frequency_response(
     model: FittedLaw, force: float, frequencies: np.ndarray, largest: float | None = None
 ) -> SteadyAmplitudes:
-    """Steady amplitudes [m] by describing functions; force [m/s^2], frequencies [rad/s], largest [m]."""
+    """Steady amplitudes [m] from describing functions; force in m/s^2, frequencies in rad/s, largest in m."""
     if not 0.0 < force < math.inf:
         raise InputError(f"force = {quote(force)} N/kg; give one above 0")
     _refuse_further_coordinates(model)
@@ -181,8 +181,8 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
     Returns
     -------
     Law
-        Law with z'' minus the input in place of z'' in its first equation of motion with z''; parameters
-        and their units are unchanged. It has no function for start values.
+        Law in which z'' minus the input replaces z'' in the first equation of motion that contains z''.
+        Parameters and their units are unchanged. The new law has no function for start values.
 
     Raises
     ------
@@ -229,7 +229,8 @@ def _rest_height_and_period(model: FittedLaw) -> tuple[float, float]:
     """Equilibrium height [m] and period [s] of small oscillations."""
     if model.at_rest is None:
         raise InputError(
-            f"the law {quote(model.law.name)} has no equilibrium near its record, which this needs"
+            f"the law {quote(model.law.name)} has no equilibrium near its record, but one is needed here; "
+            "fit another law"
         )
     return model.at_rest.height, model.at_rest.period
 
@@ -285,7 +286,7 @@ def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray
 
 
 def with_changed_value(model: M, name: str, value: float) -> M:
-    """Model with another value of a parameter or initial value, by its name."""
+    """Model with another value of a parameter or an initial value, which is given by its name."""
     changes: dict[str, Any] = {"hidden": {**model.hidden, name: value}}
     if name in ("height", "velocity"):
         height, velocity = model.initial
@@ -302,7 +303,7 @@ def predict_with_deviations(
     times: Float[np.ndarray, "n"],
     inputs: Mapping[str, Float[np.ndarray, "n"]] | None,  # at the times
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Return heights [m] at times [s] from the fitted start, with standard deviations by the covariance."""
+    """Return heights [m] at times [s] from the fitted start, and their standard deviations."""
     # The variances of the principal directions of the correlation matrix add.
     covariance, names = model.covariance, model.covariance_names
     if not names:
@@ -314,7 +315,7 @@ def predict_with_deviations(
     values = np.array([parameter_value(model, name) for name in names])
 
     def motion(step: np.ndarray) -> np.ndarray:
-        """Heights with the fitted numbers changed by a step; NaN without a solution."""
+        """Heights for fitted numbers changed by a step; NaN if there is no solution."""
         other = model
         for name, value, change in zip(names, values, step, strict=True):
             if change != 0.0:
@@ -335,7 +336,7 @@ def predict_with_deviations(
 def _change_along_direction(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
-    """Change by one standard deviation along a direction, as if the motion were linear in it."""
+    """Change of the motion by one standard deviation along a direction, by linear extrapolation."""
     # Along an undetermined direction one standard deviation is large and the motion is linear only over a
     # small part of it, so the step is shortened. A change below the solver's error counts as zero.
     fraction = _STEP
@@ -351,7 +352,7 @@ def _change_along_direction(
 
 
 def parameter_value(model: FittedLaw, name: str) -> float:
-    """Value of a parameter or initial value, by its name."""
+    """Value of the parameter or initial value with a given name."""
     known = {**model.all_parameters, "height": model.initial[0], "velocity": model.initial[1]}
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
 
@@ -359,7 +360,7 @@ def parameter_value(model: FittedLaw, name: str) -> float:
 def errors_of_figures(
     model: M, figures: Callable[[M], Float[np.ndarray, "k"] | None], here: Float[np.ndarray, "k"]
 ) -> Float[np.ndarray, "k"] | None:
-    """Half-widths of intervals of a model's figures by linear error propagation; None if a figure fails."""
+    """Half-widths of the intervals of derived quantities, by linear error propagation; None on failure."""
     deviations = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
     slopes = np.zeros((len(here), len(deviations)))
     for k, (name, deviation) in enumerate(zip(model.covariance_names, deviations, strict=True)):

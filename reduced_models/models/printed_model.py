@@ -1,4 +1,4 @@
-"""Print-out of a model: its record, figures, equation and parameters with errors, and cautions."""
+"""Print-out of a model: record, oscillation, equation, parameters with errors, and cautions."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class PrintedModel(FittedLaw):
 
     @property
     def mode_texts(self) -> list[str]:
-        """Texts on the modes above the slowest, of a law with several coordinates."""
+        """Texts on the modes above the slowest one of a law with several coordinates."""
         return [
             f"further mode: {mode.frequency:.5g} ± {mode.frequency_error:.2g} Hz, damping ratio "
             f"{100.0 * mode.damping_ratio:.4g} ± {100.0 * mode.damping_ratio_error:.2g} %"
@@ -107,7 +107,7 @@ class PrintedModel(FittedLaw):
         return (*peaks, *self.notes)
 
     def parameter_quantities(self) -> tuple[QuantityWithError, ...]:
-        """Parameters determined by the record, with errors of the fit."""
+        """Parameters that the record determines, with errors of the fit."""
         quantities = []
         for name, value in self.parameters.items():
             if name in self.untold:
@@ -126,7 +126,7 @@ class PrintedModel(FittedLaw):
 
 
 def oscillation_quantities(model: PrintedModel, mass: float | None) -> tuple[QuantityWithError, ...]:
-    """Figures of a model's oscillation about its equilibrium, empty without an equilibrium; mass [kg]."""
+    """Quantities of a model's oscillation about its equilibrium; empty without one; mass in kg."""
     # Linear oscillator: k = m (2 pi/T)^2 and c = 4 pi m zeta/T (Inman 2014, Engineering Vibration, ch. 1). A
     # damping ratio that contradicts the record's peaks is not shown.
     rest = model.at_rest

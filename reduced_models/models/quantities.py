@@ -1,4 +1,4 @@
-"""Quantities with their errors, their digits, and the blocks of all print-outs.
+"""Quantities with errors and printed digits, and the blocks of all print-outs.
 
 `identify`, `fit`, `discover`, `compare` and `design` use these blocks, so that all print-outs have
 the same words: natural frequency f0, damping ratio zeta, equilibrium z0, held-out cycles, rms
@@ -19,8 +19,8 @@ from granular.shared.blocks import COLUMNS, align_columns, format_number
 from reduced_models.models.plain_data import Interval, Probability, Size, SizeOrInfinity, TextForm
 
 PARTS = ("fit", "step", "start", "calibration")
-"""Parts of an error at 95 %: half of the fit's interval; the change by another time step; Student's
-half-width for another random packing; the uncertainty of the sensor's calibration."""
+"""Parts of an error at 95 %: half-width of the fit's interval; change with another time step; Student's
+half-width for another random packing; uncertainty of the sensor's calibration."""
 ERROR_SOURCES = {
     "fit": "fit",
     "step": "time step",
@@ -57,19 +57,19 @@ class QuantityWithError(NamedTuple):
 
     @property
     def decimals(self) -> int:
-        """Number of decimals that shows the error to two digits."""
+        """Number of decimals at which the error has two digits."""
         return decimal_places_of_interval(
             self.value, self.value - self.total_error, self.value + self.total_error
         )
 
     @property
     def text_without_error(self) -> str:
-        """Text of the value and its unit, with decimals by the error."""
+        """Text of the value and its unit; the error determines the number of decimals."""
         return f"{format_fixed(self.value, self.decimals)} {self.unit}".rstrip()
 
     @property
     def text_with_error(self) -> str:
-        """Text of the value, its total error and its unit, with decimals by the error."""
+        """Text of the value, its total error and its unit; the error determines the number of decimals."""
         value, error = format_fixed(self.value, self.decimals), self.total_error
         if error < 0.5 * 10.0**-self.decimals:  # for a law, or a record without noise
             return f"{self.value:.6g} {self.unit}".rstrip()
@@ -94,7 +94,7 @@ class QuantityWithError(NamedTuple):
 
 
 def decimal_places_of_interval(value: float, low: float, high: float) -> int:
-    """Count the decimals of a value with an interval; negative counts are zeros before the point."""
+    """Count the decimals of a value with an interval; negative: number of zeros before the point."""
     half = 0.5 * (high - low)
     size = abs(value) or 1.0
     finest = _MOST_DIGITS - 1 - math.floor(math.log10(size))
@@ -115,7 +115,7 @@ def format_fixed(value: float, digits: int) -> str:
 
 
 def format_interval(low: float, high: float, digits: int) -> str:
-    """Interval with a given number of decimals, rounded outwards so that it contains the exact one."""
+    """Interval with a given number of decimals, rounded outwards so as to contain the exact interval."""
     last = 10.0**-digits
     slack = 1e-6 * last  # keeps numbers with few decimals from being rounded outwards
     if round(low, digits) > low + slack:
@@ -130,7 +130,7 @@ def add_step_and_start_errors(
     step: Sequence[float] | None,
     *starts: Sequence[QuantityWithError] | None,
 ) -> tuple[QuantityWithError, ...]:
-    """Add to figures the errors of the time step and the spread over other random packings."""
+    """Add the errors of the time step and the spread over random packings to quantities."""
     scattered = [other for other in starts if other is not None]
     checked = []
     for k, figure in enumerate(figures):
@@ -144,7 +144,7 @@ def add_step_and_start_errors(
 
 
 def student_half_width(values: Sequence[float]) -> float:
-    """Half-width of the 95 % interval of a further value, by Student's t, from two values or more."""
+    """Half-width of the 95 % interval of a further value, by Student's t; needs two or more values."""
     # Student's t times the standard deviation (Student 1908, doi:10.1093/biomet/6.1.1).
     from scipy.stats import t
 
@@ -159,7 +159,7 @@ _ANYTHING = 7.0  # standard deviation of a logarithm: a factor of a thousand
 
 @dataclasses.dataclass(frozen=True)
 class ParameterDirection:
-    """A direction in which the parameters can change without a change of the fit."""
+    """A direction in which the parameters can change while the fit hardly changes."""
 
     powers: Mapping[str, float]  # joint change: each parameter is multiplied by t to this power
     spread: Size  # standard deviation of log t allowed by the data
@@ -189,14 +189,14 @@ class Quality:
     residual : float
         Root mean square of height minus model over the record [m].
     relative : float
-        The same relative to the rms displacement of the record.
+        The residual relative to the rms displacement of the record.
     test_error : float or None
-        Rms prediction error over the held-out cycles, by a fit without them, relative to the rms
-        displacement of the whole record; infinite if the simulation diverges. To be compared with
+        Rms prediction error over the held-out cycles of a fit without these cycles, relative to the
+        rms displacement of the whole record; infinite if the simulation diverges. Compare it with
         ``test_error_at_rest``.
     test_swings : sequence of (float, float)
-        Start and end of the held-out cycles, since the record's start [s]; a single entry is the end
-        of the motion, if there are too few cycles to distribute.
+        Start and end of each held-out part, since the record's start [s]. If there are too few cycles
+        to distribute, the single entry is the end of the motion.
     starts, converged : int
         Number of random starts, and number of starts that led to the best fit.
     samples : int
@@ -204,20 +204,20 @@ class Quality:
         Maximum difference between the fitted solution and an adaptive one at a tolerance of 1e-10,
         relative to the amplitude.
     test_error_at_rest : float or None
-        The same error of a motionless piston at the equilibrium of the other samples: the baseline of
-        a prediction.
+        Prediction error of a motionless piston at the equilibrium of the other samples, the baseline
+        of a prediction.
     test_standard_error : float or None
-        Standard error of ``test_error``, from its scatter over the held-out cycles; None for a single one.
+        Standard error of ``test_error``, from the scatter between held-out cycles; None for one cycle.
     shifts : mapping of str to float
         Relative changes of period and damping ratio of small oscillations if the held-out cycles are
-        excluded from the fit: the effect of the law's misfit on the figures.
+        excluded from the fit. They show the effect of the law's misfit.
     noise : float
         Standard deviation of white noise in the record, from its third differences [m].
     correlation : float
         Integrated autocorrelation time of the residuals, in samples.
     collocation : str
-        Result of a fit to the record's accelerations, which needs no solution: ``"same"`` fit,
-        ``"worse"``, ``"better"`` (then the result), or ``"none"`` without such a fit.
+        Outcome of a further fit to the record's accelerations, which needs no solution: ``"same"``
+        fit, ``"worse"``, ``"better"`` (it is then the result), or ``"none"`` (no such fit).
     whiteness, signs : float
         Probabilities that white noise is as strongly correlated as the residuals, and that its sign
         changes as rarely, or as often (tests of Dalla, Giraitis & Phillips, and of Wald & Wolfowitz).
@@ -254,7 +254,7 @@ class Quality:
 
     @property
     def has_structured_residuals(self) -> bool:
-        """True if the residuals are significantly different from white noise, so that the law is wrong."""
+        """True if the residuals differ significantly from white noise, so that the law is wrong."""
         return not self.rounded and min(self.whiteness, self.signs) < SURE
 
     @property
@@ -266,7 +266,7 @@ class Quality:
 
     @property
     def figure_shifts_text(self) -> str:
-        """Changes of the figures in a fit without the held-out cycles, in words; empty without changes."""
+        """Text on changes of period and damping in a fit without the held-out cycles; may be empty."""
         changes = {name.replace("_", " "): f"{100.0 * by:.1g}" for name, by in self.shifts.items()}
         words = [f"{name} by {size} %" for name, size in changes.items() if float(size) > 0.0]
         if not words:
@@ -280,12 +280,12 @@ _JOIN = "\N{NO-BREAK SPACE}"  # keeps a parameter and its error on one line
 
 
 def record_lines(texts: Sequence[str]) -> list[str]:
-    """Title of a record, with the properties of its samples below."""
+    """Title of a record and, below, the properties of its samples."""
     return [line for k, text in enumerate(texts) for line in wrap_words(text, "  " * (k > 0))]
 
 
 def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None) -> list[list[str]]:
-    """Label, symbol, value with error, and remark of each printed figure; mass [kg]."""
+    """Label, symbol, value with error, and remark of each printed quantity; mass in kg."""
     known = {figure.name: figure for figure in figures}
     ratios = [name for name in known if name.startswith(DAMPING_RATIO)]
     remarks = {name: _damping_ratio_text(known[name]) for name in ratios}
@@ -304,7 +304,7 @@ def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None)
 
 
 def error_sources_text(figures: Sequence[QuantityWithError], confidence: float) -> str:
-    """Confidence level of the figures' intervals, and the sources of their errors."""
+    """Text on the confidence level of the intervals and the sources of the errors."""
     parts = [part for part in PARTS if any(part in figure.parts for figure in figures)]
     sources = ", ".join(ERROR_SOURCES[part] for part in parts)
     if "start" in parts:  # simulated figures do not include errors of the force laws
@@ -318,7 +318,7 @@ def figure_lines(
     confidence: float = 0.95,
     amplitude: str = "",
 ) -> list[str]:
-    """Lines of the printed figures, their range of amplitudes, and the sources of their errors."""
+    """Lines of the printed quantities, with the range of amplitudes and the sources of errors."""
     rows = figure_rows(figures, mass)
     if not rows:
         return []
@@ -332,7 +332,7 @@ def figure_lines(
 
 
 def _damping_ratio_text(ratio: QuantityWithError) -> str:
-    """Remark on a damping ratio [%]: its amplitude, logarithmic decrement and quality factor."""
+    """Remark on a damping ratio [%]: amplitude, logarithmic decrement and quality factor."""
     at_amplitude = ratio.name.removeprefix(DAMPING_RATIO).strip()
     words = f"of critical{' ' * bool(at_amplitude)}{at_amplitude}"
     value = ratio.value / 100.0
@@ -355,13 +355,13 @@ def _format_derived(item: QuantityWithError) -> str:
 def equation_lines(
     equation: str, parameters: Sequence[QuantityWithError], intervals: Mapping[str, tuple[float, float]]
 ) -> list[str]:
-    """Equation, and parameters with their errors, or with intervals if these are asymmetric."""
+    """Equation, and parameters with errors, or with intervals if the intervals are asymmetric."""
     values = (parameter_text(item, intervals.get(item.name)) for item in parameters)
     return [*wrap_words(equation), *wrap_words(", ".join(value.replace(" ", _JOIN) for value in values))]
 
 
 def parameter_text(item: QuantityWithError, interval: tuple[float, float] | None) -> str:
-    """Name and value of a parameter with its error, or with its interval if that is asymmetric."""
+    """Name and value of a parameter with its error, or with its interval if it is asymmetric."""
     if interval is not None and set(item.parts) == {"fit"} and math.isfinite(item.total_error):
         low, high = interval
         if abs(low + high - 2.0 * item.value) > _SKEW * (high - low):

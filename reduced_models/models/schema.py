@@ -52,7 +52,7 @@ _IN_FILE = {
     "latex": Annotated[str, TextForm(100_000)],
     "covariance": tuple[tuple[float, ...], ...],
 }
-"""Kinds of entries that are not fields of a model, or are stored in another form."""
+"""Kinds of entries that are not fields of a model, or that are stored in another form."""
 _MAP = {"shift": float, "scale": float, "fitted": bool}
 _MAP_IN_LAW = "read from a file of an earlier version: the map of the height is now part of the law, {0}"
 
@@ -88,7 +88,7 @@ def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
 
 
 def _with_later_entries(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return plain data with entries added that files of earlier versions lack."""
+    """Add to plain data the entries that files of earlier versions lack."""
     since = {"observation": "", "quantile": 1.96, "cycles": [], "qualities": {}}
     data = {"sensor": None, "untold": [], "conventions": {}, **since, **data}
     if isinstance(data.get("quality"), Mapping):
@@ -102,7 +102,7 @@ def _with_later_entries(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_coordinate_unit(path: str, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return plain data with the unit of the coordinate in place of earlier versions' flag for an angle."""
+    """Replace the flag for an angle of earlier versions by the unit of the coordinate."""
     if "angle" not in data:
         return dict(data)
     angle = read_value(bool, f"{path}.angle", data["angle"])
@@ -111,7 +111,7 @@ def _with_coordinate_unit(path: str, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_map_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:
-    """Return entries in which the earlier separate map of the height is part of the law's parameters."""
+    """Move the map of the height, separate in earlier versions, into the law's parameters."""
     values = {name: line[name] for name in ("shift", "scale")}
     if not values["scale"]:
         raise wrong_value_error("model.map.scale", 0.0, "another number")
@@ -120,7 +120,7 @@ def _with_map_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[st
     if set(values) & set(result["parameters"]):
         raise InputError(
             "the data are a model of an earlier version whose law has a parameter shift or scale "
-            "in addition to its map; fit the law again"
+            "in addition to the map of the height; fit the law again"
         )
     text = "height = shift + scale*z"
     return {
@@ -153,7 +153,7 @@ def _check_names(result: Mapping[str, Any]) -> None:
 
 
 def _with_infinite_error(quality: Quality) -> Quality:
-    """Quality with an infinite test error restored, which files cannot store."""
+    """Restore an infinite test error, which files cannot store."""
     diverged = quality.test_error is None and bool(quality.test_swings)
     return dataclasses.replace(quality, test_error=math.inf) if diverged else quality
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import sympy
 
 STEPS = 512
-"""Steps per period, times the law's resolution: the phase error of Runge-Kutta is then below 1e-9."""
+"""Steps per period, to be multiplied by the law's resolution: Runge-Kutta's phase error is below 1e-9."""
 
 
 class LawForExport(NamedTuple):
@@ -126,7 +126,7 @@ def escape_comment(words: str) -> str:
 
 
 def docstring_lines(comments: Iterable[str]) -> str:
-    """Comments as lines of a Python docstring that they cannot end."""
+    """Lines of a Python docstring with comments, escaped so that they cannot end the docstring."""
     return "\n".join(line.replace('"', "'") for line in comments)
 
 
@@ -138,7 +138,7 @@ def python_expression(expression: sympy.Expr) -> str:
 
 
 def array_element_names(element: Any, arrays: Sequence[str], line: str, first: int = 0) -> str:
-    """Lines that give a name to each element of some arrays, which count from ``first``."""
+    """Lines that give a name to each element of some arrays; indices start at ``first``."""
     return "".join(
         line.format(name=name, array=array, index=first + k)
         for array in arrays

@@ -156,7 +156,7 @@ def test_the_separate_map_of_earlier_versions_becomes_part_of_the_law(fitted: bo
     np.testing.assert_allclose(model.simulate(time).height, 0.06 + 0.002 * swing, atol=1e-10)
     assert ReducedModel.from_plain(model.to_plain()).to_plain() == model.to_plain()
     plain["parameters"] = plain["parameters"] | {"scale": 1.0}
-    with pytest.raises(InputError, match="a parameter shift or scale in addition to its map"):
+    with pytest.raises(InputError, match="a parameter shift or scale in addition to the map of the height"):
         ReducedModel.from_plain(plain)
 
 

@@ -307,5 +307,5 @@ def test_a_port_needs_a_mass() -> None:
 
 
 def test_a_derived_law_cannot_be_exported_as_a_port() -> None:
-    with pytest.raises(InputError, match="a derived law includes the moving mass of the bed"):
+    with pytest.raises(InputError, match="the force of a derived law includes the bed's moving mass"):
         force_port(model_of("derived"), MASS)

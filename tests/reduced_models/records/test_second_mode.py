@@ -120,5 +120,5 @@ def test_coordinates_go_with_a_free_decay_alone() -> None:
     record, *_ = decay_of_two_modes(2)
     with pytest.raises(InputError, match="give 1 or 2"):
         identify(record, coordinates=3)
-    with pytest.raises(InputError, match="leave out laws"):
+    with pytest.raises(InputError, match="remove the arguments laws"):
         identify(record, coordinates=2, laws=["linear"])
