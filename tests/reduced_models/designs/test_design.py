@@ -92,7 +92,7 @@ def test_the_published_number_of_grains_is_used_if_possible():
         ({"frequency": 4.8, "damping": 0.1, "grains": 368}, "do not fix grains or mass"),
         ({"frequency": 3.3, "damping": 0.1, "mass": 50.0}, "mass = 50 kg"),
         ({"frequency": 3.3, "damping": 0.1, "grains": 5000}, "integer from 92 to 368"),
-        ({"frequency": 3.3, "damping": 0.1, "grains": 200, "mass": 5.0}, "give one of them"),
+        ({"frequency": 3.3, "damping": 0.1, "grains": 200, "mass": 5.0}, "give at most one of them"),
         ({"frequency": -3.3, "damping": 0.1}, "frequency = -3.3"),
         ({"frequency": 3.3, "damping": float("nan")}, "damping = nan"),
         ({"frequency": None, "damping": 0.1}, "frequency = None"),

@@ -157,7 +157,7 @@ HELD = {"protocol": [{"kind": "hold", "name": "a", "duration": 1.0}], "output.re
         ({"effects.gravity": None}, "nothing falls"),
         ({"effects.friction": True}, "has friction"),
         ({"effects.gravity.acceleration": 0.0}, "nothing falls"),
-        ({"effects.walls.left": "none"}, r"has effects\.walls\.left = 'none'; .* simulate the scene"),
+        ({"effects.walls.left": "none"}, r"has effects\.walls\.left = 'none', .* simulate the scene"),
         ({"effects.walls.bottom": "none"}, r"effects\.walls\.bottom = 'none'"),
         ({"effects.walls.bottom": SLAB}, r"bottom\.gap_start = 0\.1 m"),
         ({"effects.walls.left": FORMULA}, r"walls\.left\.law = 'formula'"),
@@ -262,7 +262,7 @@ def test_the_lattice_under_a_pressure_has_this_pressure(magnets: str) -> None:
 
 
 def test_pistons_that_press_discs_into_contact_are_refused() -> None:
-    with pytest.raises(InputError, match=r"these discs touch.*less piston\.mass"):
+    with pytest.raises(InputError, match=r"these discs touch.*smaller piston\.mass"):
         lattice_under_pressure(discs(), 5.0)
 
 
