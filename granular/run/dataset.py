@@ -77,7 +77,7 @@ FRAME_HEIGHT = DatasetVariable(
 
 
 def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Scalar variables in the records of a scene, according to its effects and parts."""
+    """List the scalar variables that a scene with these effects and parts records."""
     effects, piston, walls = scene.effects, scene.piston, scene.effects.walls
     laws = list(enumerate(effects.in_loop_order))
     custom_records = [record for _, law in laws for record in law.extra_records]
@@ -100,7 +100,7 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
 
 
 def _side_variables(scene: Scene) -> Iterator[DatasetVariable]:
-    """Force on each wall of the cell, and on the piston."""
+    """List the variables for the forces on the walls of the cell and on the piston."""
     walled = {name for name, _ in scene.effects.walls.present_walls} if scene.effects.walls else set()
     for index, line in enumerate(scene.cell.lines):
         if line.body == CELL and line.name in walled:
@@ -113,7 +113,7 @@ def _side_variables(scene: Scene) -> Iterator[DatasetVariable]:
 def _variables_of_summed_records(
     records: Iterable[tuple[str, RecordedVariable | None]],
 ) -> list[DatasetVariable]:
-    """Variable for each record, the sum of the columns of all effects that share it."""
+    """Return one variable per record: it sums the columns of all effects that share the record."""
     columns: dict[RecordedVariable, list[str]] = {}
     for column, record in records:
         if record is not None:
@@ -128,19 +128,19 @@ def _record_variable(
 
 
 def grain_field_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Variables per grain in the frames of a scene's runs."""
+    """List the variables that the frames of a run hold for each grain."""
     grain_records = (record for effect in scene.effects.in_loop_order for record in effect.grain_records)
     return (*GRAIN_FIELDS, *(_record_variable(column, "", ("frame", "grain")) for column in grain_records))
 
 
 def all_run_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """Variables of a scene's runs, in the order of recording."""
+    """List all variables that runs of a scene record, in the order of recording."""
     scalars = (TIME, *scalar_variables(scene), STAGE)
     return (*scalars, FRAME_TIME, FRAME_HEIGHT, *grain_field_variables(scene))
 
 
 def check_variable_names(scene: Scene) -> None:
-    """Refuse equal names of two variables of a scene's runs, before the run starts."""
+    """Raise an error, before the run starts, if two of its variables would have the same name."""
     names = Counter([*COORDINATES, *(variable.name for variable in all_run_variables(scene))])
     for effect in sorted(scene.effects.in_loop_order, key=lambda effect: not effect.user_code_digests):
         effect_records = (
@@ -170,12 +170,12 @@ class RecordBuffer:
     frames: list[dict[str, np.ndarray]] = dataclasses.field(default_factory=list)
 
     def add_records(self, rows: Float[np.ndarray, "r columns"], stage: int) -> None:
-        """Append records of one stage."""
+        """Append the records of one stage."""
         self.rows.append(rows.copy())
         self.stages.append(np.full(len(rows), stage, dtype=np.int64))
 
     def add_frame(self, time: float, state: State, constants: Constants) -> None:
-        """Append a frame: positions, velocities, forces and values of effects for all grains; time [tau]."""
+        """Append a frame at a time [tau]: positions, velocities, forces and effects' values of all grains."""
         frame = {
             "frame_time": np.array(time),
             "frame_height": state.piston[HEIGHT].copy(),
@@ -195,7 +195,7 @@ class RecordBuffer:
         return field
 
     def record_and_frame_counts(self) -> tuple[int, int]:
-        """Count the buffered records and frames: a tuple of two integers."""
+        """Return the number of buffered records and the number of buffered frames."""
         return sum(map(len, self.rows)), len(self.frames)
 
     def clear(self) -> None:

@@ -1,9 +1,9 @@
-"""Engines, which advance a bed by ticks; the built-in engine is the loop that Numba compiles.
+"""Engines advance a bed by ticks; the built-in engine is the loop that Numba compiles.
 
 An engine is a function ``advance(system, state, ticks) -> Rows``. It advances the state in place (positions,
 velocities, piston, clock and ledger) and returns records at a given interval of ticks. An installed
-distribution adds an engine by an entry point of the group of `ENGINES`; `granular.simulate` selects it by
-name.
+distribution adds an engine through an entry point in the group of `ENGINES`; `granular.simulate` selects the
+engine by name.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ NUMBA = "numba"
 """Name of the built-in engine."""
 
 NO_TICKS = TickRange(0.0, 0.0, math.inf, 0, 0)
-"""Request for one record of the present moment, without motion."""
+"""Request for one record of the present state, without advancing it."""
 
 UNDIVIDED = StepSchedule(1.0, 1.0, 1, 1, 1, 0)
 
@@ -36,7 +36,7 @@ NO_STOP_CRITERIA = StopCriteria(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0
 
 
 class Ticks(NamedTuple):
-    """Ticks to advance by, in natural units."""
+    """Request to advance the bed by a number of ticks, in natural units."""
 
     window: TickRange  # range of ticks; empty for a record of the present moment
     schedule: StepSchedule  # steps per tick, and ticks between records
@@ -47,7 +47,7 @@ class Ticks(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Outcome of a call of an engine."""
+    """Result of one call to an engine."""
 
     status: int  # reason for the return, a code of `granular.engine.tick_loop`
     done: int  # number of ticks done
@@ -61,7 +61,7 @@ Engine = Callable[[SceneInNaturalUnits, State, Ticks], Rows]
 
 
 def advance(system: SceneInNaturalUnits, state: State, ticks: Ticks) -> Rows:
-    """Advance the state by ticks in the loop that Numba compiles."""
+    """Advance the state by ticks, using the loop that Numba compiles."""
     window, schedule, tables, motion, measurement, watch = ticks
     rows = np.empty((window.ticks // schedule.every + 2, record_length(system)))
     status, done, saved = advance_ticks(
@@ -71,7 +71,7 @@ def advance(system: SceneInNaturalUnits, state: State, ticks: Ticks) -> Rows:
 
 
 def record_length(system: SceneInNaturalUnits) -> int:
-    """Count the columns of a record: energy ledger, values of effects, and forces on the sides."""
+    """Count the columns of a record: energy ledger, values of effects, and forces on the cell's sides."""
     effects, own = system.effects, sum(len(effect.extra_records) for effect in system.effects)
     return ledger_column_count(len(effects)) + own + len(system.constants.acting.sides)
 

@@ -56,10 +56,10 @@ def evaluate(
     scene : Scene
         Scene whose effects are evaluated.
     positions, velocities : float (n, 2)
-        [m], [m/s]; velocities default to zero. n is the number of grains of the scene.
+        Positions [m] and velocities [m/s] of the n grains of the scene; velocities default to zero.
     piston_height : float or float (1 + p,), optional
-        [m]; default: the height in the scene. Without a top wall it has no effect. The heights of p
-        further pistons may follow; they default to 0.
+        Height of the piston [m]; default: the height in the scene. Without a top wall it has no effect.
+        The heights of p further pistons may follow; they default to 0.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def evaluate(
     ------
     InputError
         If a shape does not fit, a value is not finite, or a grain is behind a wall, above the piston or
-        on another grain.
+        at the position of another grain.
 
     Examples
     --------
@@ -94,8 +94,8 @@ def evaluate(
     except (TypeError, ValueError):
         heights = np.array([np.nan])
     if heights.shape not in ((1,), (1 + further,)) or not np.isfinite(heights).all():
-        others = f", or {1 + further} heights: the piston and each further one" if further else ""
-        raise InputError(f"piston_height = {quote(piston_height)}; give a height [m]{others}")
+        others = f", or {1 + further} heights: of the piston, then of each further piston" if further else ""
+        raise InputError(f"piston_height = {quote(piston_height)} is not a height; give one in m{others}")
     start = (coordinates / scales.length, speed / scales.velocity, float(heights[0]))
     state = new_state(*start, constants.acting, METHODS["stormer-verlet"])
     if len(heights) > 1:
@@ -120,7 +120,9 @@ def evaluate(
 
 
 def _misplaced_positions_error() -> InputError:
-    return InputError("a grain is behind a wall, above the piston or on another grain; move it")
+    return InputError(
+        "a grain is behind a wall, above the piston or at the position of another grain; move it"
+    )
 
 
 def _normal_loads(state: State, system: SceneInNaturalUnits) -> np.ndarray:

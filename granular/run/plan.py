@@ -1,7 +1,8 @@
 """Plan of a run: all decisions before the first step.
 
-The number of threads is chosen by measured step times; results have the same bits for any number. If
-other programs use the processors, waiting threads can be hundreds of times slower than a single one.
+The number of threads is chosen from measured step times; the results have the same bits for any number. If
+other programs use the processors, several threads that wait for each other can be hundreds of times slower
+than a single one.
 """
 
 from __future__ import annotations
@@ -41,12 +42,12 @@ from granular.scene.scene_in_natural_units import SceneInNaturalUnits, scene_in_
 from granular.shared.errors import InputError, quote, unknown_word_message
 
 SHORTEST, LONGEST = 1.0, 60.0
-"""Seconds until the slower number of threads is tried again: initial value, and maximum; each trial doubles
+"""Delay [s] before the slower number of threads is tried again: initial value and maximum. Each trial doubles
 the delay."""
 
 
 class ThreadCountTuner:
-    """Choice between one thread and the maximum number, whichever was faster at the last trial."""
+    """Chooses between one thread and the maximum number: whichever was faster at the last trial."""
 
     def __init__(self, maximum: int) -> None:
         self.maximum = self.count = maximum
@@ -55,7 +56,7 @@ class ThreadCountTuner:
         self._until, self._wait = 0.0, SHORTEST
 
     def record_step_time(self, steps: int, seconds: float) -> None:
-        """Record the time [s] of steps with the present number of threads, and set the next number."""
+        """Record how long steps took [s] with the present number of threads, and choose the next number."""
         if self.maximum == 1 or steps == 0:
             return
         self._took[self.count] = seconds / steps
@@ -71,7 +72,7 @@ class ThreadCountTuner:
 
 
 def choose_thread_count(scene: Scene, requested: int | None) -> int:
-    """Choose the number of threads: the requested one, or the largest that can be faster than one."""
+    """Return the requested number of threads, or else the largest that can be faster than one thread."""
     available = int(numba.config.NUMBA_NUM_THREADS)
     if requested is None:
         parted = scene.pair_method != "verlet-list" and scene.grains.count > MIN_GRAINS_FOR_PARTS
@@ -82,7 +83,7 @@ def choose_thread_count(scene: Scene, requested: int | None) -> int:
 
 
 def _threads_start_quickly(scene: Scene) -> bool:
-    """Return True if threads start within a small fraction of a step."""
+    """Return True if the threads start within a small fraction of a step's time."""
     if scene.pair_method == "direct" and scene.pairs.far_every is None:
         return True
     # Numba's workqueue threads take about 50 us to start, several times a step of near pairs and mesh;
@@ -109,13 +110,13 @@ def set_thread_count(count: int) -> None:
 METHOD = "stormer-verlet"
 
 LATEST = 1e30
-"""Maximum end of a run [s]: the limit of quantities, far from overflow in any natural unit."""
+"""Latest end of a run [s]: the limit of all quantities, far from overflow in any natural unit."""
 
 SCATTER = "scatter"
-"""Accuracy of a run whose errors are below the spread between random packings."""
+"""Value of ``accuracy`` for errors below the spread over random packings."""
 
 MESH_ERROR = 5e-4
-"""Error of the mesh in the forces of a bed at rest, checked by the tests of the benchmark."""
+"""Error that the mesh makes in the forces of a bed at rest; the benchmark's tests check it."""
 
 _ACCURACY = re.compile(
     r"\s*(?P<value>\+?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<percent>%?)\s+(?P<quantity>\D.*?)\s*"
@@ -130,7 +131,7 @@ class Plan:
     Attributes
     ----------
     scene : Scene
-        Scene to run; an accuracy may have changed its sum over pairs.
+        Scene to run. For a requested accuracy its method of summing pairs may have been changed.
     dt : float or str
         Time step [s], or a multiple of the automatic one, such as "auto*2".
     method : Method
@@ -146,9 +147,9 @@ class Plan:
     engine : str
         Name of the engine that advances the bed.
     refusals : mapping of str to str
-        Reasons against the run: a line for each invalid argument, "method", "dt" or "t_end".
+        Reasons why the scene cannot be run with the argument "method", "dt" or "t_end", one line each.
     words : str
-        Choices for an accuracy, with reasons; empty without one.
+        Choices made for a requested accuracy, with reasons; empty if none was requested.
     """
 
     scene: Scene
@@ -174,11 +175,11 @@ class Plan:
 
     @property
     def suits(self) -> bool:
-        """True if method and step suit the scene, regardless of the end."""
+        """True if the method and the step suit the scene; the end of the run is not considered."""
         return self.refusals.keys().isdisjoint(("method", "dt"))
 
     def take_system(self) -> SceneInNaturalUnits:
-        """Hand the scene in natural units to a run, which modifies it; another run makes a new one.
+        """Return the scene in natural units for a run, which modifies it; the next call makes a new one.
 
         Returns
         -------
@@ -218,7 +219,7 @@ class Plan:
 
     def __str__(self) -> str:
         step, seconds = self.step, self.step.seconds
-        automatic = f"{self.dt}, {step.step_times_frequency:.3g} over the highest frequency"
+        automatic = f"{self.dt}, {step.step_times_frequency:.3g} divided by the highest frequency"
         lines = [
             f"method: {self.method.name}, of order {self.method.order}",
             f"step: {automatic if seconds is None else f'{seconds:g} s'}",
@@ -253,16 +254,17 @@ def plan(
     t_end : float, optional
         End of the run [s].
     accuracy : str, optional
-        An error and a quantity, such as "1e-3 rest height": method, step and sum over pairs are then chosen
-        from measured tables, first the package's table, then the user's table filled by
-        `validation.recommend_settings`. Or "scatter": the coarsest step and the fastest pair sum whose errors
-        are below the spread between random packings, and the automatic step for scenes not in a table.
+        An error and a quantity, such as "1e-3 rest height", or "scatter". For an error and a quantity,
+        method, step and sum over pairs are chosen from measured tables: first from the package's table,
+        then from the user's table, which `validation.recommend_settings` fills. "scatter" chooses the
+        coarsest step and the fastest pair sum whose errors are below the spread over random packings; for
+        scenes that are not in a table it chooses the automatic step.
     threads : int, optional
-        Number of threads; default: as many as can reduce the time.
+        Number of threads; default: as many as can shorten the run.
     engine : str
         Name of the engine: "numba", or an installed one (entry points "granular.engines").
     runs : int
-        Number of runs that share compiled code, which decides the fastest sum over pairs.
+        Number of runs that share compiled code; it affects which sum over pairs is fastest in total.
 
     Returns
     -------
@@ -273,8 +275,8 @@ def plan(
     ------
     InputError
         If an argument is invalid, such as an unknown method, or an accuracy cannot be guaranteed. Arguments
-        that do not suit the scene raise no error here; they are in the plan's refusals, and `simulate`
-        raises.
+        that do not suit the scene raise no error here: the plan lists them in ``refusals``, and `simulate`
+        raises the error.
 
     Examples
     --------
@@ -285,14 +287,18 @@ def plan(
     """
     if accuracy is not None:
         if dt != "auto" or (method != METHOD and accuracy != SCATTER):
-            raise InputError("accuracy chooses dt and method; give either accuracy, or dt and method")
+            raise InputError(
+                "accuracy already determines dt and method; give either accuracy, or dt and method"
+            )
         given = partial(plan, t_end=t_end, threads=threads, engine=engine)
         if accuracy == SCATTER:
             return _plan_within_scatter(scene, resolve_method(method), runs, given)
         return _plan_for_accuracy(scene, accuracy, t_end, given)
     number = isinstance(t_end, int | float) and not isinstance(t_end, bool)
     if t_end is not None and not (number and 0.0 < t_end <= LATEST):
-        raise InputError(f"t_end = {quote(t_end)}; give a time above 0 s and up to {LATEST:g} s")
+        raise InputError(
+            f"t_end = {quote(t_end)} is outside the limits; give a time above 0 s and up to {LATEST:g} s"
+        )
     resolved, step = resolve_method(method), parse_time_step(dt, scene)
     ENGINES.find(engine)
     count = choose_thread_count(scene, threads)
@@ -303,7 +309,7 @@ def plan(
 
 
 def can_run(scene: Scene, dt: float | str, method: str | Method) -> bool:
-    """Return True if a scene can be run with a time step [s] and a method, regardless of the end."""
+    """Return True if a scene can be run with a time step [s] and a method; its end is not considered."""
     try:
         return plan(scene, dt, method).suits
     except InputError:  # an invalid multiple of the automatic step
@@ -314,7 +320,7 @@ def can_run(scene: Scene, dt: float | str, method: str | Method) -> bool:
 
 
 def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
-    """Parse a time step [s], or a multiple of a scene's automatic step."""
+    """Parse a time step given in s or as a multiple of a scene's automatic step."""
     step = StepRequest()
     if scene is not None:
         friction, contact = scene.effects.friction, scene.effects.contact
@@ -323,25 +329,30 @@ def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
     if isinstance(dt, str):
         match = _AUTOMATIC.fullmatch(dt)
         if match is None:
-            raise InputError(f"dt = {quote(dt)}; give seconds, 'auto', or a multiple such as 'auto/2'")
+            raise InputError(
+                f"dt = {quote(dt)} is not a time step; give seconds, 'auto', or a multiple such as 'auto/2'"
+            )
         factor = float(match[2] or 1.0)
         factor = 1.0 / factor if match[1] == "/" and factor else factor
         if not 0.0 < factor <= step.maximum_factor:
-            raise InputError(f"dt = {quote(dt)}; give a factor above 0 and up to {step.maximum_factor:g}")
+            raise InputError(
+                f"dt = {quote(dt)} has a factor outside the limits; give a factor above 0 and up to "
+                f"{step.maximum_factor:g}"
+            )
         return dataclasses.replace(step, factor=factor)
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
-        raise InputError(f"dt = {quote(dt)}; give a time step above 0 s, or 'auto'")
+        raise InputError(f"dt = {quote(dt)} is not a time step; give one above 0 s, or 'auto'")
     return dataclasses.replace(step, seconds=float(dt))
 
 
 def multiply_time_step(dt: float | str, by: float) -> float | str:
-    """Multiply a time step [s], or a multiple of the automatic step, by a factor."""
+    """Multiply a time step, given in s or as a multiple of the automatic step, by a factor."""
     step = parse_time_step(dt)
     return auto_step_text(by * step.factor) if step.seconds is None else by * step.seconds
 
 
 def _multiple_of_automatic(scene: Scene, fraction: float) -> str:
-    """Time step for a given product of step and highest frequency, as a multiple of the automatic step."""
+    """Express a step, given by its product with the highest frequency, in automatic steps."""
     step = parse_time_step("auto", scene)
     factor = min(fraction / step.step_times_frequency, step.maximum_factor)
     # Rounded down to hundredths, so that the error stays below the bound.
@@ -359,13 +370,14 @@ def parse_accuracy(text: str) -> tuple[float, str]:
     value = float(match["value"]) if match else math.nan
     if match is None or not 0.0 < value < math.inf:
         raise InputError(
-            f"accuracy = {quote(text)}; give an error above 0 and a quantity, such as '1 % rest height'"
+            f"accuracy = {quote(text)} cannot be read; give an error above 0 and a quantity, such as "
+            "'1 % rest height'"
         )
     return value * (0.01 if match["percent"] else 1.0), match["quantity"]
 
 
 def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Callable[..., Plan]) -> Plan:
-    """Plan with the cheapest method and step for an accuracy, from the first table that guarantees it."""
+    """Plan a run with the cheapest method and step in the first table that guarantees an accuracy."""
     tolerance, quantity = parse_accuracy(text)
     prefix = f"accuracy = {quote(text)}: "
     causes = []
@@ -389,21 +401,21 @@ def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Call
                 return dataclasses.replace(chosen, words=words)
         minimum = min(entry.bounds[quantity] for entry in costs.entries)
         causes.append(
-            f"{prefix}the smallest error in the table of costs is {costs.margin * minimum:.2g}, with "
-            "its margin; request that, or measure: python -m validation cheapest"
+            f"{prefix}the smallest error in the table of costs is {costs.margin * minimum:.2g}, including "
+            "its safety margin; request that error, or measure this scene: python -m validation cheapest"
         )
     names = sorted({name for entry in load_work_precision_scenes() for name in entry.floors})
     if not causes and quantity not in names:
         raise InputError(unknown_word_message(quantity, names, "quantity"))
     not_measured = (
-        f"{prefix}the table of costs has no scene like {scene.name!r} with this quantity; measure it: "
+        f"{prefix}the table of costs has no scene like {scene.name!r} with this quantity; measure the scene: "
         "granular-damper validate cheapest"
     )
     raise InputError(next(iter(causes), not_measured))
 
 
 def _accurate_pair_sum(scene: Scene, quantity: str, tolerance: float, prefix: str) -> tuple[Scene, str]:
-    """Scene with a sum over pairs that meets the tolerance, and the name of the sum."""
+    """Return the scene with a sum over pairs that meets the tolerance, and the name of that sum."""
     method = scene.pair_method
     if method in ("cut-off", "verlet-list"):
         raise InputError(f"{prefix}pairs.method = {method!r} omits pairs at any step; use 'auto'")
@@ -413,7 +425,7 @@ def _accurate_pair_sum(scene: Scene, quantity: str, tolerance: float, prefix: st
 
 
 def _plan_within_scatter(scene: Scene, method: Method, runs: int, given: Callable[..., Plan]) -> Plan:
-    """Plan with the coarsest step and fastest pair sum whose errors are below the spread over packings."""
+    """Plan a run: coarsest step and fastest pair sum with errors below the spread over packings."""
     costs = most_similar_measured_scene(scene, MOTION[0])
     if costs is None:
         return given(scene, "auto", method)
@@ -429,14 +441,15 @@ def _plan_within_scatter(scene: Scene, method: Method, runs: int, given: Callabl
 
 
 MESH_PAYS_FROM = 320
-"""Number of grains from which the mesh is faster than the direct sum over two identifications, of which the
-first compiles. Compilation takes 18.0 s (mesh) and 7.7 s (direct sum); a step takes 22.5 and 37.8 us at 368
-grains, 33.1 and 67.1 us at 500; the runs and checks of a damper are 1.24e6 steps on two processors. The first
-identification alone breaks even at 377 grains; at 368 it loses 0.8 s, and each later one gains 9.5 s."""
+"""Number of grains from which two identifications, the first of which compiles, are faster with the mesh than
+with the direct sum. Compilation takes 18.0 s (mesh) and 7.7 s (direct sum). A step takes 22.5 and 37.8 us at
+368 grains, 33.1 and 67.1 us at 500. The runs and checks of a damper are 1.24e6 steps on two processors. The
+first identification alone breaks even at 377 grains; at 368 it loses 0.8 s, and each later one gains 9.5 s.
+"""
 
 
 def _mesh_is_fastest(scene: Scene, method: Method, runs: int, costs: SceneWorkPrecision) -> bool:
-    """Return True if the mesh is fastest over several runs, with errors below the spread over packings."""
+    """Return True if the mesh is fastest for several runs and its error is below the spread over packings."""
     count = scene.grains.count
     # Inverse square root of the number of grains, also beyond the table.
     spread = min(costs.floors[name] for name in MOTION) * math.sqrt(costs.grains / count)
@@ -457,11 +470,15 @@ def _mesh_is_fastest(scene: Scene, method: Method, runs: int, costs: SceneWorkPr
 def _refusals(
     scene: Scene, method: Method, step: StepRequest, t_end: float | None
 ) -> Iterator[tuple[str, str]]:
-    """Arguments that do not suit a scene, each with the reason."""
+    """Yield the arguments that do not suit a scene, each with the reason."""
     for words in _method_refusals(scene, method):
         yield "method", f"method = {method.name!r} {words}"
     if method.variable and not step.automatic:
-        yield "dt", f"dt = {step.seconds!r}: {method.name!r} adapts its steps; give 'auto' or 'auto/2'"
+        yield (
+            "dt",
+            f"dt = {step.seconds!r} cannot be set for {method.name!r}, which adapts its steps; give 'auto' "
+            "or 'auto/2'",
+        )
     for words in _end_refusals(scene, t_end):
         yield "t_end", words
     if step.seconds is not None:
@@ -477,7 +494,7 @@ def _method_refusals(scene: Scene, method: Method) -> Iterator[str]:
         yield f"supports only forces, and {run} {flows[0]!r}; {verlet}, or remove that part"
     if dry and method.compensated:
         plain = method.name.removesuffix(COMPENSATED)
-        yield f"{run} {dry[0]}, whose velocities are not plain sums; use {plain!r}"
+        yield f"{run} {dry[0]}, with which velocities are not plain sums; use {plain!r}"
     if dry and not method.allows_dry_friction:
         yield f"{run} {dry[0]}, which can neither run backwards in time nor be part of its steps; {verlet}"
     drifting = [effect.key for effect in effects if effect.drifts]
@@ -490,11 +507,11 @@ def _method_refusals(scene: Scene, method: Method) -> Iterator[str]:
 
 
 def _step_refusals(scene: Scene, dt: float, t_end: float | None) -> Iterator[str]:
-    """Reasons why a given time step [s] is too long or far too short."""
+    """Yield the reasons why a given time step [s] is too long or far too short."""
     record = scene.output.scalars
     if record > MAXIMUM_STEPS * dt:
         yield (
-            f"makes {record / dt:.3g} steps between records, the limit is {MAXIMUM_STEPS:g}; lengthen dt "
+            f"makes {record / dt:.3g} steps between records, but the limit is {MAXIMUM_STEPS:g}; lengthen dt "
             "or shorten output.scalars"
         )
     if dt > record * (1.0 + 1e-9):
@@ -510,7 +527,7 @@ def _step_refusals(scene: Scene, dt: float, t_end: float | None) -> Iterator[str
 
 
 def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
-    """Stages whose duration [s] is known before the run, except a last stage that ends at ``t_end``."""
+    """Yield stages with a duration [s] known before the run, without a last stage that ends at ``t_end``."""
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:
         height += stage.initial_jump(height)
@@ -526,9 +543,9 @@ def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[
 
 
 def _end_refusals(scene: Scene, t_end: float | None) -> Iterator[str]:
-    """Reasons why a run has no end."""
+    """Yield the reasons why a run would not end."""
     if not scene.protocol:
-        yield "the scene has no protocol; give it one or more stages, such as a hold"
+        yield "the scene has no protocol; add one or more stages to it, such as a hold"
     height = 1.0 if scene.piston is None else scene.piston.height
     for index, stage in enumerate(scene.protocol):
         if stage.total_duration(height) is None and (t_end is None or index < len(scene.protocol) - 1):

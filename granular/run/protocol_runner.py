@@ -1,4 +1,4 @@
-"""Execution of a run: the stages of a protocol in turn, from the start or the last checkpoint."""
+"""Execution of a run: the stages of a protocol one after another, from the start or the last checkpoint."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ from granular.schema.cell import CELL, PISTON
 from granular.shared.errors import EnergyError, NotFiniteError, RunError
 
 CALL_SECONDS = 0.1
-"""Duration of one call of the compiled loop, and so the maximum delay of an interruption."""
+"""Duration of one call of the compiled loop, which is the maximum delay of an interruption."""
 
 
 class ProtocolRunner(RunState):
-    """State, progress and recorder of a run, advanced call by call."""
+    """A run that is advanced call by call: its state, progress and recorder."""
 
     _call_ticks = 1
 
@@ -52,7 +52,7 @@ class ProtocolRunner(RunState):
         self.threads = ThreadCountTuner(plan.threads if plan.tries_threads else 1)
 
     def summary_figures(self) -> dict[str, Any]:
-        """Return the number of steps, energy residual, and extremes of step and distance so far, in SI."""
+        """Return the number of steps, the energy residual, and the extremes of step and distance, in SI."""
         scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
             "steps": self.steps_made,
@@ -68,7 +68,7 @@ class ProtocolRunner(RunState):
         return figures
 
     def begin_stage(self) -> None:
-        """Set up the present stage: its motion, its step schedule, and its first record."""
+        """Set up the present stage (motion of the piston, step schedule), and make its first record."""
         stage, progress, scales = self.stage, self.progress, self.system.scales
         if self.ledger is None:
             first = self.present_record(ARRANGE)[: self._ledger_columns]
@@ -96,11 +96,11 @@ class ProtocolRunner(RunState):
         before = self.total_energy(ARRANGE)
         self.state.piston[HEIGHT] += by
         self._recoil_cell(by, 0.0)
-        moved = f"stage {self.stage.name!r} moves the piston into the bed; let it end higher"
+        moved = f"stage {self.stage.name!r} moves the piston into the bed; choose a higher end for the stage"
         self.state.ledger[WORK] += self.total_energy(moved) - before
 
     def _set_prescribed_speed(self, speed: float) -> None:
-        """Set the prescribed speed of the piston, and count the work of the drive."""
+        """Set the prescribed speed of the piston, and enter the work of the drive in the ledger."""
         mass, piston = self.constants.piston_mass, self.state.piston
         if self.scene.effects.host is not None:  # the host takes part of the piston's momentum
             before = self.total_energy(ARRANGE)
@@ -112,7 +112,7 @@ class ProtocolRunner(RunState):
         piston[SPEED] = speed
 
     def _recoil_cell(self, height: float, speed: float) -> None:
-        """Move a cell on a host against a jump of the driven piston; grains keep their absolute positions."""
+        """Let a cell on a host recoil when the driven piston jumps; grains keep their absolute positions."""
         law = self.constants.acting.host
         if law is None:
             return
@@ -126,7 +126,7 @@ class ProtocolRunner(RunState):
     # Advancing ---------------------------------------------------------------------------------
 
     def advance(self) -> None:
-        """Make one call of the compiled loop, with its bookkeeping."""
+        """Call the compiled loop once, and record and check its results."""
         progress = self.progress
         if not progress.started:
             self.begin_stage()
@@ -142,7 +142,7 @@ class ProtocolRunner(RunState):
             self._finish_stage("duration", new_frame=between or remaining > 0.0)
 
     def _run_ticks(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
-        """Run ticks; return status, number of ticks and records, with an extra row for the last tick."""
+        """Run ticks; return status, number of ticks, and the records with an extra row for the last tick."""
         rows = self.call_engine(window, schedule, watch)
         self.progress.ticks += rows.done
         if rows.status == OUTSIDE:
@@ -186,7 +186,7 @@ class ProtocolRunner(RunState):
         return any(effect.damps for effect in self.system.effects)
 
     def _remove_outflow(self) -> None:
-        """Remove grains that have left through the gap, with their energy."""
+        """Remove the grains that have left through the gap, and their energy."""
         before, state, scales = self.total_energy(self.remedy_for_long_steps), self.state, self.system.scales
         for i in np.flatnonzero(state.y[: self.constants.grains] < self.constants.exit):
             position = [float(values[i]) * scales.length for values in (state.x, state.y)]
@@ -195,7 +195,7 @@ class ProtocolRunner(RunState):
         self.state.ledger[WORK] += self.total_energy(self.remedy_for_long_steps) - before
 
     def _advance_rest_of_stage(self, remaining: float) -> None:
-        """Advance the fraction of a tick at the end of a stage, in slightly shorter steps."""
+        """Advance by the fraction of a tick that remains at the end of a stage, in slightly shorter steps."""
         if not remaining > 0.0:  # the end coincides with a tick, perhaps between two records
             if self.progress.ticks % self.schedule.every:
                 self._record_rows(self.present_record(self.remedy_for_long_steps)[None])
@@ -219,7 +219,7 @@ class ProtocolRunner(RunState):
         self._record_rows(rows)
 
     def finish_last_partial_tick(self) -> float:
-        """Run the partial tick before ``t_end``, after the last snapshot; return the end [tau]."""
+        """Run the partial tick between the last snapshot and ``t_end``; return the end [tau]."""
         if self.is_protocol_finished or not self.progress.started:
             return self.progress.start
         remaining = self.t_end - self.present_time
@@ -275,7 +275,7 @@ class ProtocolRunner(RunState):
         }
 
     def stage_results(self, until: float) -> list[dict[str, Any]]:
-        """Results of the finished stages, and of the present one up to ``until`` [tau]."""
+        """Return the results of the finished stages, and of the present stage up to ``until`` [tau]."""
         if not self.progress.started:
             return list(self.progress.results)
         cut = self._stage_result("cut", until, float(self.state.piston[HEIGHT]), 0.0)
@@ -298,7 +298,7 @@ class ProtocolRunner(RunState):
             row = rows[unbalanced[0], None]
             turnover = columns.total_energies(row) + columns.total_losses(row) + row[:, columns.WORK]
             error: RunError = EnergyError(
-                f"the energy ledger is off by {unbalanced[1]:.2g} of the energy turnover, "
+                f"the energy ledger is off by {unbalanced[1]:.2g} of the energy turnover; "
                 f"the limit is {self.ledger.wrong:g}",
                 step=self.steps_made,
                 time=moment,

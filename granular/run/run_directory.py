@@ -1,8 +1,9 @@
 """Run directory and its checkpoint.
 
 The directory is made next to its path, moved there atomically, and written to by one process. The
-checkpoint holds arrays in NumPy's format and the manifest of the directory. Its archive holds a checksum
-of each array and is read only if all agree. No other file must be replaced together with it.
+checkpoint holds arrays in NumPy's format and the manifest of the directory. Its archive contains a checksum
+of each array, and is read only if all checksums agree. Replacing the checkpoint requires no change of another
+file.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ RUN_FILES = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT + PART}
 
 
 def lock_directory(path: Path) -> int | None:
-    """Lock a directory against writing by other processes."""
+    """Lock a directory so that other processes do not write to it."""
     if not HAS_LOCKS:
         return None
     # The lock stays with the directory if it is renamed, and ends with the process.
@@ -67,7 +68,7 @@ def create_partial_directory(path: Path) -> tuple[Path, int | None]:
         target = _resolve_links(path)
         if target.is_symlink() or (target.exists() and not target.is_dir()):
             obstacle = "a link to itself" if target.is_symlink() else "a file"
-            raise StoreError(f"{path} is {obstacle}; give a new directory")
+            raise StoreError(f"{path} is {obstacle}, not a directory; give a new directory")
         if target.exists() and any(target.iterdir()):
             raise StoreError(f"{path} is not empty; resume the run in it, or give a new directory")
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -88,7 +89,7 @@ def create_partial_directory(path: Path) -> tuple[Path, int | None]:
 
 
 def move_to_final_path(part: Path, path: Path) -> None:
-    """Move a complete run directory to its path, in one step."""
+    """Move a complete run directory to its path atomically."""
     target = _resolve_links(path)
     try:
         os.replace(part, target)
@@ -102,12 +103,12 @@ def _resolve_links(path: Path) -> Path:
     """Path of a run directory with all links resolved."""
     target = Path(os.path.realpath(path))
     if not target.name:
-        raise StoreError(f"{path} cannot hold a run; give another directory")
+        raise StoreError(f"{path} is not a possible name of a run directory; give another directory")
     return target
 
 
 def _remove_abandoned_parts(target: Path) -> None:
-    """Remove partial directories of runs of this name that were killed at the start."""
+    """Remove partial directories that runs of this name left when they were killed at the start."""
     name = re.compile(rf"\.{re.escape(target.name)}(\.[0-9a-f]{{8}})?\.part")
     for part in target.parent.iterdir():
         if not name.fullmatch(part.name):
@@ -120,7 +121,7 @@ def _remove_abandoned_parts(target: Path) -> None:
 
 
 def replace_run_file(file: Path, content: bytes) -> None:
-    """Replace a file of a run directory in one step."""
+    """Replace a file of a run directory atomically."""
     part = file.with_name(file.name + PART)
     part.write_bytes(content)
     os.replace(part, file)
@@ -142,12 +143,12 @@ _LENGTH = re.compile(rb'(?<="shape": \[)\s*(?:0|[1-9]\d*)')
 """Length of an array in its metadata, which grows with the run: any JSON number."""
 
 _UNREADABLE = (ValueError, EOFError, RuntimeError, struct.error, zipfile.BadZipFile, zlib.error)
-"""Errors from an archive with damaged bytes."""
+"""Errors that reading a damaged archive can raise."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Manifest:
-    """Digests of the files and of the chunks of all arrays of a run directory, with array lengths."""
+    """Digests of a run directory's files and of its arrays' chunks, and the lengths of the arrays."""
 
     files: dict[str, str]
     lengths: dict[str, int]
@@ -184,7 +185,7 @@ def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
 
 
 def digest_files(path: Path) -> dict[str, str]:
-    """Compute the digests of all files of a run directory without records."""
+    """Compute the digests of all files of a run directory that holds no records yet."""
     files = {file.relative_to(path).as_posix(): file for file in path.rglob("*") if file.is_file()}
     return {name: _digest_without_length(name, file.read_bytes()) for name, file in files.items()}
 
@@ -194,23 +195,23 @@ def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
     contents = {name: read_run_file(path / name) for name in manifest.files}
     for name, content in contents.items():
         if _digest_without_length(name, content) != manifest.files[name]:
-            raise StoreError(f"{path / name} differs from the run's file (by its digest); {REMEDY}")
+            raise StoreError(f"{path / name} differs from the run's file (the digests differ); {REMEDY}")
     return contents
 
 
 def read_run_file(file: Path, max_bytes: int = MOST_TOML_BYTES) -> bytes:
-    """Read a file of a run directory with at most ``max_bytes`` bytes."""
+    """Read a file of a run directory; the file may have at most ``max_bytes`` bytes."""
     with _open_run_file(file) as opened:
         content = opened.read(max_bytes + 1)
     if len(content) > max_bytes:
         size = file.stat().st_size
-        raise StoreError(f"{file} has {size} bytes; files of runs have at most {max_bytes}; {REMEDY}")
+        raise StoreError(f"{file} has {size} bytes, but a run's files have at most {max_bytes}; {REMEDY}")
     return content
 
 
 @contextlib.contextmanager
 def _open_run_file(file: Path) -> Iterator[BinaryIO]:
-    """Open a file of a run directory for reading; report any problem in one line."""
+    """Open a file of a run directory for reading; report any problem as a one-line error."""
     try:
         if not stat.S_ISREG(file.stat().st_mode):  # a pipe may never end
             raise StoreError(f"{file} is not a regular file; {REMEDY}")

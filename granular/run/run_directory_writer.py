@@ -95,7 +95,7 @@ class RunDirectoryWriter:
         self._held = None
 
     def read_checkpoint_and_arrays(self) -> dict[str, np.ndarray]:
-        """Read the last checkpoint, and open the arrays to append to."""
+        """Read the last checkpoint, and open the arrays so that values can be appended."""
         checkpoint, manifest = read_checkpoint(self.path)
         self.lengths = {"time": int(checkpoint["rows"]), "frame": int(checkpoint["frames"])}
         self._files = manifest.files
@@ -121,7 +121,7 @@ class RunDirectoryWriter:
 
 
 def take_snapshot(run: RunState) -> dict[str, Any]:
-    """Copy all data that a run needs to continue from the present state."""
+    """Copy all data from which a run can continue at its present state."""
     arrays = _persistent_arrays_by_name(run.state) | {"band": run.band, "seen": run.seen}
     saved: dict[str, Any] = {name: array.copy() for name, array in arrays.items()}
     memory = {
@@ -137,7 +137,9 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     state = run.state
     missing = set(_persistent_arrays_by_name(state)) - set(saved)
     if missing:
-        raise StoreError(f"the checkpoint lacks {min(missing)!r}: another version made it; run it again")
+        raise StoreError(
+            f"the checkpoint lacks {min(missing)!r}, so another version made it; run the scene again"
+        )
     restore_persistent_arrays(state, saved)
     run.band[:], run.seen[:] = saved["band"], saved["seen"]
     memory = json.loads(str(saved["memory"]))
@@ -157,14 +159,18 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
 
 
 def _refuse_unreachable_end(run: RunState) -> None:
-    """Refuse an end that the run can no longer reach."""
+    """Raise an error if ``t_end`` is an end that the run can no longer reach."""
     now, end = run.present_time * run.system.scales.time, run.t_end * run.system.scales.time
     if run.present_time > run.t_end * (1.0 + 1e-9):
-        raise StoreError(f"the run has already reached {now:g} s, after t_end = {end:g} s; give a later one")
+        raise StoreError(
+            f"the run has already reached {now:g} s, after t_end = {end:g} s; give a later t_end"
+        )
     last = run.scene.protocol[-1]
     longer = isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end)
     if run.is_protocol_finished and longer and run.present_time < run.t_end * (1.0 - 1e-9):
-        raise StoreError(f"the protocol ended at {now:g} s; t_end = {end:g} s needs a new run")
+        raise StoreError(
+            f"the protocol ended at {now:g} s, before t_end = {end:g} s; start a new run with this t_end"
+        )
     if not run.is_protocol_finished and run.progress.started and run.remaining_stage_time(0) < 0.0:
         raise StoreError(
             f"the run has reached {now:g} s, after the end of stage {run.stage.name!r}; give a later t_end"
@@ -172,7 +178,7 @@ def _refuse_unreachable_end(run: RunState) -> None:
 
 
 def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
-    """Arrays of a state that cannot be recomputed, by their names in a checkpoint."""
+    """Return the arrays of a state that cannot be recomputed, by their names in a checkpoint."""
     names = [*PERSISTENT, "rounding"] if state.rounding is not None else PERSISTENT
     saved = {name: getattr(state, name) for name in names}
     if state.host is not None:
@@ -192,7 +198,7 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
 
 
 def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
-    """Restore stored arrays of a state; its neighbour lists are rebuilt at their former positions."""
+    """Restore the stored arrays of a state; neighbour lists are rebuilt where they were last listed."""
     for name, array in _persistent_arrays_by_name(state).items():
         array[:] = saved[name]
     lists = state.stripes or state.verlet_list

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from granular.run.protocol_runner import ProtocolRunner
 
 MEASURED_SECONDS = 0.5
-"""Time [s] over which steps are counted to estimate the duration, without the first call, which compiles."""
+"""Time [s] in which steps are counted to estimate the duration, after the first call, which compiles."""
 
 ANNOUNCED_SECONDS = 60.0
 """Wall-clock duration of a run [s] above which it is announced at the start."""
 
 
 class RunProgressBar:
-    """One line with stage, time and piston height during a run."""
+    """A line that shows stage, time and piston height during a run."""
 
     def __init__(self, visible: bool) -> None:
         self.visible = visible
@@ -50,7 +50,7 @@ class RunProgressBar:
                 bar.close()
 
     def _show_compiled_kernels(self, kernels: int) -> None:
-        """Show the compilation of kernels before the first steps."""
+        """Show that kernels are compiled before the first steps."""
         if self._compiling is None:
             words = "compiling for this type of scene, cached for later runs"
             form = "{desc}{postfix} [{elapsed}]"
@@ -87,7 +87,7 @@ class RunProgressBar:
         self._bar.update(reached - self._bar.n)
 
     def _new_stage_bar(self, run: ProtocolRunner) -> tuple[Any, RestApproach | None]:
-        """Bar of the stage's time, or of the approach to rest if the stage ends at rest."""
+        """Make a bar for the stage's time, or for the approach to rest if the stage ends at rest."""
         name = f"{run.scene.name}: {run.stage.name}"
         if run.rest_motion_limit >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
@@ -98,7 +98,7 @@ class RunProgressBar:
         return progress_bar(desc=name, total=total, bar_format=form), None
 
     def _announce_remaining_steps(self, run: ProtocolRunner) -> None:
-        """Announce once the number of remaining steps and their duration, if it is long."""
+        """If the remaining steps take long, announce once their number and duration."""
         now = time.perf_counter()
         started, made = self._first = self._first or (now, run.steps_made)
         if self._announced or now - started < MEASURED_SECONDS or run.steps_made == made:
@@ -110,7 +110,7 @@ class RunProgressBar:
 
 
 class RestApproach:
-    """Motion over the last window, compared with the limit of rest."""
+    """Motion within the last time window, compared with the limit of rest."""
 
     def __init__(self, run: ProtocolRunner) -> None:
         stage = run.stage
@@ -143,7 +143,7 @@ class RestApproach:
 
 
 def remaining_steps(run: ProtocolRunner) -> float:
-    """Count the steps to the end of a run, at the present time step."""
+    """Estimate the number of steps to the end of a run from the present time step."""
     progress, last = run.progress, run.scene.protocol[-1]
     if run.is_protocol_finished or not progress.started:
         return 0.0
@@ -158,7 +158,7 @@ def remaining_steps(run: ProtocolRunner) -> float:
 
 
 def remaining_time_text(steps: float, rate: float) -> str | None:
-    """Duration of the steps in words, or None if short; rate [1/s]."""
+    """Describe how long the steps take at a rate [1/s]; None if the time is short."""
     seconds = steps / rate
     if seconds < ANNOUNCED_SECONDS:
         return None

@@ -52,17 +52,17 @@ REST_TOLERANCE = 1e-4
 """Default tolerance of rest [D], [D/tau]."""
 
 DECAY_LIMIT = 10.0
-"""Maximum ratio of a resolved decay rate of drag to the frequency of the stiffest mode (or to the frequency
-that one step per record resolves). With faster decay grains creep, and the exact flow of drag is accurate for
-any step."""
+"""Maximum ratio of a drag's decay rate that steps resolve to the frequency of the stiffest mode (or to the
+frequency that one step per record resolves). With faster decay grains creep, and the exact flow of drag is
+accurate for any step."""
 
 _MAX_RESOLVED_PRODUCT = 0.5
-"""Step times highest angular frequency below which no oscillation is unstable."""
+"""Product of step and highest angular frequency below which no oscillation is unstable."""
 
 
 @dataclasses.dataclass
 class RunProgress:
-    """Progress of a run: data of a checkpoint besides the arrays of the state."""
+    """Progress of a run: the data that a checkpoint holds in addition to the arrays of the state."""
 
     stage: int = 0  # index of the present stage
     ticks: int = 0  # ticks made in the stage
@@ -160,7 +160,7 @@ class RunState:
         return before_end and self.whole_ticks_until_end() <= 0
 
     def whole_ticks_until(self, time: float) -> float:
-        """Count the whole ticks until a time in the stage; time [tau]."""
+        """Count the whole ticks until a time [tau] since the start of the stage."""
         return completed_ticks(self.schedule, time) - self.progress.ticks
 
     def whole_ticks_until_end(self) -> float:
@@ -172,7 +172,7 @@ class RunState:
         return self.whole_ticks_until(self.t_end - self.progress.start) - reserved
 
     def remaining_stage_time(self, fraction: float = 1e-6) -> float:
-        """Remaining time of the stage after the present tick [tau]; 0 below rounding."""
+        """Time that remains of the stage after the present tick [tau]; 0 if it is only rounding."""
         total = self.stage_length
         if math.isinf(total):
             return 0.0
@@ -182,11 +182,11 @@ class RunState:
         return 0.0
 
     def rounding_time(self, fraction: float = 1e-6) -> float:
-        """Difference of times due to rounding [tau]."""
+        """Difference of two times that rounding can cause [tau]."""
         return fraction * self.schedule.h if self.progress.ticks else 0.0
 
     def ticks_of_next_call(self) -> int:
-        """Count the ticks to the next frame, the next review or the end, whichever comes first."""
+        """Count the ticks to the next frame, to the next review or to the end, whichever comes first."""
         ticks, schedule = self.progress.ticks, self.schedule
         to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
@@ -195,14 +195,14 @@ class RunState:
 
     @property
     def remedy_for_long_steps(self) -> str:
-        """Advice for steps that are too long."""
+        """Advice in case of too long steps."""
         if self.step.automatic:
             return f"shorten dt (for instance {auto_step_text(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
     @property
     def remedy_for_non_finite(self) -> str:
-        """Advice for values that are no longer finite."""
+        """Advice in case of values that are not finite."""
         acting = self.scene.effects.acting
         custom = [
             item.key for item in acting if any(part.user_code_digests for part in item.component_effects)
@@ -222,7 +222,7 @@ class RunState:
 
     @property
     def too_long_step_text(self) -> str:
-        """Statement that a given step is too long for the stiffest mode; empty if it is not."""
+        """Text that a given step is too long for the stiffest mode; empty if the step is short enough."""
         if self.step.seconds is None or self.progress.schedule is None:  # no step was made yet
             return ""
         periods = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.schedule.h / math.tau
@@ -231,7 +231,7 @@ class RunState:
         return f"dt = {self.step.seconds:g} s is {periods:.2g} periods of the stiffest mode: "
 
     def present_record(self, remedy: str) -> Float[np.ndarray, "columns"]:
-        """Compute the forces and a record of the present moment."""
+        """Compute the present forces, and return a record of the present state."""
         # A loop without ticks avoids the compilation of another kernel.
         window = NO_TICKS._replace(start=self.progress.start)
         status, _, records = self.call_engine(window, UNDIVIDED, NO_STOP_CRITERIA)
@@ -242,7 +242,7 @@ class RunState:
         return self._row
 
     def call_engine(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
-        """Advance the state by ticks with the engine."""
+        """Call the engine to advance the state by ticks."""
         ticks = Ticks(window, schedule, self.tables, self.motion, self.measurement, watch)
         return self._advance_by_engine(self.system, self.state, ticks)
 
@@ -251,7 +251,7 @@ class RunState:
         return columns.total_energy(self.present_record(remedy)[: self._ledger_columns])
 
     def misplaced_grain_error(self, remedy: str) -> RunError:
-        """Error for a misplaced grain, with the present step and time."""
+        """Make the error for a misplaced grain, with the present step and time."""
         moment = self.steps_made, self.present_time * self.system.scales.time
         lines, scales = self.scene.cell.lines, self.system.scales
         error = misplaced_grain_error(self.state, self.constants, lines, scales, *moment, remedy)
@@ -262,7 +262,7 @@ class RunState:
     # The step schedule ---------------------------------------------------------------------------
 
     def set_step_schedule(self, row: Float[np.ndarray, "columns"]) -> None:
-        """Divide the stage into ticks and steps, from bounds of speed by its first record."""
+        """Divide the stage into ticks and steps; the first record of the stage bounds the speeds."""
         output, scales, gravity = self.scene.output, self.system.scales, self.system.downward_acceleration
         # A grain may still gain speed from its height.
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
@@ -283,20 +283,20 @@ class RunState:
         self._apply_schedule(schedule)
         end = min(self.stage_length, self.t_end - self.progress.start)
         steps = end / schedule.h if end < math.inf else 0.0
-        self._refuse_too_many_steps("the path to the end", steps, MAXIMUM_COUNT)
+        self._refuse_too_many_steps("the time to the end", steps, MAXIMUM_COUNT)
         if self.tables.fraction is not None:
             half_tick = 0.5 * schedule.length
             initialise_step_density(speed, half_tick, self.tables.fraction, self.state, self.constants)
 
     def set_steps_per_tick(self, frequency: float) -> None:
-        """Divide ticks into steps for another frequency [1/tau]; variable steps adapt by themselves."""
+        """Divide ticks into steps that resolve a frequency [1/tau]; variable steps adapt by themselves."""
         if self.tables.fraction is None:
             length = self.schedule.length
             steps = self.step.steps_per_tick(length, self._frequency_to_resolve(frequency))
             self._apply_schedule(self.schedule._replace(steps=steps, h=length / steps))
 
     def _frequency_to_resolve(self, frequency: float) -> float:
-        """Frequency for an automatic step to resolve, including drive and drag."""
+        """Frequency that an automatic step must resolve, including drive and drag."""
         scales, effects = self.system.scales, self.system.effects
         rates = [effect.decay_rate(scales) for effect in effects if isinstance(effect, DissipativeEffect)]
         record = self.scene.output.scalars / scales.time
@@ -312,7 +312,7 @@ class RunState:
     def _refuse_too_many_steps(self, duration_name: str, steps: float, limit: float) -> None:
         if not steps <= limit:
             raise StepCountError(
-                f"{duration_name} takes {steps:.3g} steps, the limit is {limit:.3g}",
+                f"{duration_name} takes {steps:.3g} steps; the limit is {limit:.3g}",
                 step=self.steps_made,
                 time=self.present_time * self.system.scales.time,
                 value=steps,
@@ -330,7 +330,7 @@ class RunState:
 
     @property
     def rest_motion_limit(self) -> float:
-        """Maximum range of heights [D] and speed [D/tau] of rest; negative for stages with another end."""
+        """Maximum range of heights [D] and speed [D/tau] at rest; negative for stages with another end."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":
             return -1.0
@@ -339,7 +339,7 @@ class RunState:
         return stage.tolerance / self.system.scales.length
 
     def stop_criteria(self) -> StopCriteria:
-        """Criteria at which the compiled loop stops in the present stage, in natural units."""
+        """Criteria at which the compiled loop stops during the present stage, in natural units."""
         stage, rest, window = self.stage, self.rest_motion_limit, 0
         if isinstance(stage, TimedStage) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.schedule.length

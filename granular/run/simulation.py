@@ -34,7 +34,7 @@ from granular.shared.stop_signals import StopRequest, defer_stop_signals
 from granular.shared.version import versions
 
 SPACING_TOLERANCE = 0.01
-"""Relative change of the record spacing by a given step above which a warning is issued."""
+"""Relative change of the interval between records, due to a given step, above which a warning is issued."""
 
 COMMIT_SECONDS = 5.0
 """Wall-clock time between checkpoints [s]."""
@@ -60,8 +60,8 @@ def simulate(
     Parameters
     ----------
     scene : Scene or Plan
-        Scene to run, with one or more stages; or the plan of its run, which includes ``dt``, ``t_end``,
-        ``method``, ``threads``, ``accuracy`` and ``engine``.
+        Scene to run, with one or more stages; or a plan from `granular.plan`, which already includes
+        ``dt``, ``t_end``, ``method``, ``threads``, ``accuracy`` and ``engine``.
     dt : float or str
         Time step [s]. "auto" follows the stiffest mode that the bed can meet (see
         `granular.engine.step_size`); "auto/2" or "auto*2" is half or twice as long, to test the
@@ -80,7 +80,7 @@ def simulate(
         an uninterrupted run.
     threads : int, optional
         Number of threads, from 1 to the number of processors; the bits of the result do not depend on
-        it. Default: as many as reduce the time.
+        this number. Default: as many as shorten the run.
     progress : bool
         Show a progress bar on standard error.
     accuracy : str, optional
@@ -111,8 +111,8 @@ def simulate(
     Warns
     -----
     UserWarning
-        If ``dt`` changes the record spacing of ``output.scalars``, the energy ledger has a large residual,
-        grains overlapped without a contact law, or the run in ``out`` was made with other versions.
+        If ``dt`` changes the interval between records from ``output.scalars``, the energy ledger has a large
+        residual, grains overlapped without a contact law, or the run in ``out`` was made with other versions.
 
     Examples
     --------
@@ -126,7 +126,9 @@ def simulate(
     elif (dt, t_end, method, threads, accuracy, engine) == ("auto", None, METHOD, None, None, NUMBA):
         chosen = scene
     else:
-        raise InputError("a plan includes dt, t_end, method, threads, accuracy and engine; give them to plan")
+        raise InputError(
+            "the plan already includes dt, t_end, method, threads, accuracy and engine; give them to plan"
+        )
     scene = chosen.scene
     check_variable_names(scene)
     chosen.check_arguments()
@@ -135,7 +137,9 @@ def simulate(
     _warn_of_changed_record_spacing(chosen)
     settings = _run_settings(chosen)
     if resume and out is None:
-        raise InputError("resume = True needs out, the directory of the run to continue")
+        raise InputError(
+            "resume = True also needs the argument out; give the directory of the run to continue"
+        )
     set_thread_count(chosen.threads)
     run = ProtocolRunner(chosen)
     with defer_stop_signals() as stop:
@@ -150,7 +154,7 @@ def simulate(
 
 
 class _SimulationJob:
-    """A run with its output: the work of `simulate` after the arguments are checked."""
+    """A run and its output: does the work of `simulate` after the arguments are checked."""
 
     def __init__(
         self,
@@ -192,7 +196,7 @@ class _SimulationJob:
         return trajectory
 
     def _snapshot_with_counts(self) -> dict[str, Any]:
-        """Snapshot to resume from, with the numbers of records and frames before it."""
+        """Take a snapshot to resume from, with the numbers of records and frames before it."""
         rows, frames = self.run.recorder.record_and_frame_counts()
         written = {"time": 0, "frame": 0} if self.store is None else self.store.lengths
         counts = {"rows": written["time"] + rows, "frames": written["frame"] + frames}
@@ -205,7 +209,7 @@ class _SimulationJob:
         return {"figures": figures, "complete": complete, "stages": stages, "departures": departures}
 
     def _write_and_commit(self, complete: bool, until: float | None = None) -> None:
-        """Write the recorded data, with the last snapshot to resume from."""
+        """Write the recorded data, and the last snapshot to resume from."""
         if self.store is None:
             return
         outcome = self._outcome_fields(complete, self.run.present_time if until is None else until)
@@ -214,8 +218,8 @@ class _SimulationJob:
             self.store.replace_checkpoint(self.snapshot | {"outcome": np.array(json.dumps(outcome))})
         except OSError as error:
             raise StoreError(
-                f"{self.store.path} cannot be written: {error.strerror or error}; data up "
-                "to the last checkpoint is kept, resume the run when there is space"
+                f"{self.store.path} cannot be written: {error.strerror or error}; the data up to the last "
+                "checkpoint are kept: resume the run when there is space"
             ) from error
         self.last_commit = time.perf_counter()
 
@@ -239,8 +243,8 @@ def _warn_of_changed_record_spacing(plan: Plan) -> None:
     spacing = round(requested / step.seconds) * step.seconds
     if abs(spacing - requested) > SPACING_TOLERANCE * requested:
         warnings.warn(
-            f"records come every {spacing:.4g} s, not {requested:.4g} s, which is not a multiple of dt = "
-            f"{step.seconds:g} s",
+            f"records come every {spacing:.4g} s, not {requested:.4g} s: output.scalars is not a multiple of "
+            f"dt = {step.seconds:g} s",
             stacklevel=3,
         )
 
@@ -266,7 +270,7 @@ def _create_or_resume_directory(
     path: Path, run: ProtocolRunner, settings: dict[str, Any], resume: bool
 ) -> RunDirectoryWriter:
     if is_run_directory(path) and not resume:
-        raise StoreError(f"{path} holds a run; resume it, or give a new directory")
+        raise StoreError(f"{path} already holds a run; resume it, or give a new directory")
     if not is_run_directory(path):
         first = take_snapshot(run) | {"rows": 0, "frames": 0}
         outcome = {"figures": run.summary_figures(), "complete": False, "stages": []}
@@ -278,12 +282,12 @@ def _create_or_resume_directory(
             setting = "scene" if name == "scene_digest" else name
             raise StoreError(
                 f"the run in {path} has another {setting}: {former[name]}, not {settings[name]}; "
-                "resume with the same one, or give a new directory"
+                f"resume with the same {setting}, or give a new directory"
             )
     if former.get("own", []) != settings.get("own", []):
         raise StoreError(
             f"functions of a custom effect have changed since the run in {path} was made; "
-            "resume with the same ones, or give a new directory"
+            "resume with the same functions, or give a new directory"
         )
     if former.get("versions") != settings["versions"]:
         warnings.warn(
@@ -305,9 +309,9 @@ def _warn_of_inaccurate_run(trajectory: Trajectory) -> None:
     settings = trajectory.settings()
     residual = settings["ledger_residual"]
     if residual > degraded_residual_limit(trajectory.scene):
-        remedy = "a shorter dt is more accurate"
+        remedy = "shorten dt"
         if trajectory.scene.pair_method == "verlet-list":
-            remedy += ", and so is pairs.method = 'direct', which misses no pairs"
+            remedy += ", or use pairs.method = 'direct', which misses no pairs"
         warnings.warn(
             f"the energy ledger is off by {residual:.2g} of the energy turnover; {remedy}", stacklevel=3
         )
@@ -322,7 +326,7 @@ def _warn_of_inaccurate_run(trajectory: Trajectory) -> None:
 
 
 def compile_and_cache_kernels(scenes: Sequence[Scene]) -> dict[str, float]:
-    """Compile and cache all kernels for runs and evaluations of scenes; return the durations [s]."""
+    """Compile and cache the kernels for runs and evaluations of scenes; return the time per scene [s]."""
     from granular.protocol.piston_motion import Motion, driven_height_and_velocity
     from granular.run.evaluation import evaluate
 

@@ -27,7 +27,7 @@ _REPORTED_COMPILE_SECONDS = 1.0
 
 
 def packing_fraction(scene: Scene, height: float) -> float:
-    """Packing fraction: area of the grains over area of the cell below ``height`` [m] [D, eq. 2.2]."""
+    """Packing fraction: area of the grains divided by the cell's area below ``height`` [m] [D, eq. 2.2]."""
     area = float((math.pi / 4.0 * scene.grains.diameters() ** 2).sum())
     return area / (scene.cell.width * height)
 
@@ -125,7 +125,7 @@ def scene_text(scene: Scene) -> str:
 
 
 def run_statistics(run: Trajectory) -> dict[str, Any]:
-    """Last values, stages, step counts, residual and timings of a run, in SI."""
+    """Return the last values, stages, step counts, energy residual and timings of a run, in SI."""
     data, last = run.dataset, {}
     for name in ("piston_height", "piston_force", "kinetic_energy"):
         if name in data and data.sizes["time"]:
@@ -152,9 +152,9 @@ def run_text(run: Trajectory) -> str:
     Returns
     -------
     str
-        Lines: times [s] of each stage, the reason for its end, and the piston's height then [mm] and [D];
-        steps, method, time step, wall time [s] and the ledger's residual over the energy turnover; the run
-        directory, if any.
+        Lines: times [s] of each stage, the reason for its end, and the piston's height at its end [mm]
+        and [D]; steps, method, time step, wall time [s] and the ratio of the ledger's residual to the energy
+        turnover; the run directory, if any.
     """
     figures, scales = run_statistics(run), Scales.from_grains(run.scene.grains)
     lines = []
@@ -176,7 +176,7 @@ def run_text(run: Trajectory) -> str:
 
 
 def describe_fields(section: Section, *, without: tuple[str, ...] = ()) -> str:
-    """Describe the values of a section's fields, with units; empty if none is given."""
+    """Describe the values of a section's fields, with units; empty if no field has a value."""
     descriptions = []
     for field in dataclasses.fields(section):
         value = getattr(section, field.name)
@@ -202,7 +202,7 @@ def _value_text(value: Any) -> str:
 
 
 def part_lines(scene: Scene) -> list[str]:
-    """Lines on moment and drags from parts; none if a scene gives them as numbers."""
+    """Describe how moment and drags follow from parts; empty if the scene gives them as numbers."""
     return [*_moment_lines(scene), *_drag_lines(scene), *_piston_lines(scene)]
 
 
@@ -213,7 +213,7 @@ def _moment_lines(scene: Scene) -> Iterator[str]:
         return
     for specy, magnet in zip(grains.species, grains.magnets_in_species(), strict=True):
         remanence = grains.remanence if specy.remanence is None else specy.remanence
-        source = "" if grains.moment is None else f", by a moment of {grains.moment:.5g} A m^2"
+        source = "" if grains.moment is None else f", from a moment of {grains.moment:.5g} A m^2"
         if grains.grade is not None and not source:
             grade = find_grade(grains.grade)
             source = f"; {grade.name} has {grade.lowest:g} to {grade.highest:g} T"

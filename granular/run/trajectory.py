@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 MIN_TIME_DIFFERENCE = 1e-18
-"""Minimum difference of record times [s], for times near zero."""
+"""Minimum difference between the times of two records [s], for times near zero."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,9 +47,10 @@ class StageResult:
     start, end : float
         [s]
     reason : str
-        Reason for the end: ``"duration"``, ``"rest"``, ``"force"``, or ``"cut"`` if the run was cut.
+        Reason for the end: ``"duration"``, ``"rest"``, ``"force"``, or ``"cut"`` if the run ended during the
+        stage.
     height : float
-        Piston height at the end [m]; for a stage that ends at rest, the middle over the window.
+        Piston height at the end [m]; for a stage that ends at rest, the middle of its range over the window.
     spread : float
         Range of the height over the window of rest [m]; 0 otherwise.
     """
@@ -72,8 +73,8 @@ class Trajectory:
         Scene that was run.
     dataset : xarray.Dataset
         Scalars on ``time`` [s], grain fields on (``frame``, ``grain``, ``axis``), all in SI with
-        ``attrs["units"]``; scene, settings and versions in the attributes. Times increase strictly:
-        the record after a jump of the piston has the next floating-point number as its time.
+        ``attrs["units"]``; scene, settings and versions in the attributes. Times increase strictly: after a
+        jump of the piston, the time of the second record is the next floating-point number.
         ``stage`` is the index of each record's stage in the protocol.
     stages : tuple of StageResult
         Stages that were begun; the last may be cut.
@@ -116,7 +117,7 @@ class Trajectory:
         return (*self.scene.literature, *self.method.literature)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Plot the piston's height [mm] over time [s]; without a piston the grains' kinetic energy [J].
+        """Plot the piston's height [mm] against time [s]; without a piston the grains' kinetic energy [J].
 
         Dotted lines mark the beginning of the second and later stages.
 
@@ -192,7 +193,7 @@ class Trajectory:
         """
         data, effects = self.dataset, self.scene.effects
         if "piston_height" not in data:
-            raise RecordError(f"scene {self.scene.name!r} has no piston, so there is no record")
+            raise RecordError(f"scene {self.scene.name!r} has no piston whose motion could be recorded")
         name = stage or self.scene.output.record
         chosen = slice(None) if name is None else self._records_of_stage(name)
         time = merge_equal_times(data["time"].values)[chosen]
@@ -218,7 +219,7 @@ class Trajectory:
         return [stage.name for stage in self.scene.protocol].index(name)
 
     def _records_of_stage(self, name: str) -> slice:
-        """Return the records of a stage, including the one at its start (which ends the previous stage)."""
+        """Return the records of a stage, including the one at its start, which ends the previous stage."""
         stage = self.stage(name)
         inside = np.flatnonzero(self.dataset["stage"].values == self._stage_index(name))
         times = merge_equal_times(self.dataset["time"].values)
@@ -229,7 +230,7 @@ class Trajectory:
 
     @property
     def scalars(self) -> xarray.Dataset:
-        """Variables on ``time`` [s] only, an xarray Dataset in SI, for example for ``to_dataframe()``."""
+        """Variables on ``time`` [s] only: an xarray Dataset in SI, for example for ``to_dataframe()``."""
         return self.dataset.drop_dims(["frame", "grain", "axis"])
 
     def settings(self) -> dict[str, Any]:
@@ -239,7 +240,7 @@ class Trajectory:
         -------
         dict
             Plain data by name, such as ``method``, ``dt`` (as requested), ``steps``, ``versions``,
-            ``ledger_residual`` (over the energy turnover), and ``seconds`` and ``compile_seconds`` [s].
+            ``ledger_residual`` (divided by the energy turnover), and ``seconds`` and ``compile_seconds`` [s].
         """
         return dict(json.loads(self.dataset.attrs["settings"]))
 
@@ -310,7 +311,7 @@ def make_trajectory(
 
 
 def frame_heights(scene: Scene, data: xarray.Dataset) -> Float[np.ndarray, "f p"]:
-    """Heights of the piston, or 0 without one, and of `effects.host.pistons` in each frame [m]."""
+    """Heights [m] in each frame of the piston (0 if the scene has none) and of `effects.host.pistons`."""
     pistons = () if scene.effects.host is None else scene.effects.host.pistons
     times = data["frame_time"].values, data["time"].values
     heights = [np.interp(*times, data[f"{other.name}_displacement"].values) for other in pistons]
@@ -319,7 +320,7 @@ def frame_heights(scene: Scene, data: xarray.Dataset) -> Float[np.ndarray, "f p"
 
 
 def departure_variables(departures: Sequence[Sequence[float]]) -> dict[str, Any]:
-    """Variables of grains that have left, from index, time [s] and position [m], for a dataset."""
+    """Make the dataset variables of grains that have left from their index, time [s] and position [m]."""
     table = np.array(departures, dtype=float).reshape(-1, 4)
     variables: dict[str, tuple[Any, np.ndarray, str, str]] = {
         "departure_grain": ("departure", table[:, 0].astype(int), "1", "grain that left"),
@@ -333,7 +334,7 @@ def departure_variables(departures: Sequence[Sequence[float]]) -> dict[str, Any]
 
 
 def separate_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
-    """Shift the later of two equal times, so that times increase strictly [s]; times [s]."""
+    """Shift the later of two equal times [s], so that times increase strictly."""
     # At a jump of the piston two records have the same time. Labelled data need increasing times: the later
     # record gets the next double, about 1e-15 s later.
     result = np.array(times, dtype=np.float64)
@@ -343,7 +344,7 @@ def separate_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"
 
 
 def merge_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
-    """Undo `separate_equal_times`: give both records of a jump the same time [s]; times [s]."""
+    """Undo `separate_equal_times`: give both records of a jump the same time [s]."""
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 2.0 * _min_time_difference(result[:-1])):
         result[k + 1] = result[k]
@@ -355,7 +356,7 @@ def _min_time_difference(times: np.ndarray) -> np.ndarray:
 
 
 def shaken_base_motion(shaking: Shaking, time: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
-    """Vertical motion of a shaken cell [m, m/s, m/s^2]; time [s]."""
+    """Vertical motion of a shaken cell at given times [s]: height [m], velocity and acceleration, in SI."""
     # Heights of the piston are relative to the moving cell: the law is z'' + ... = g0 - base_acceleration.
     omega = 2.0 * math.pi * shaking.frequency
     reach = shaking.amplitude * math.sin(shaking.angle)
@@ -373,7 +374,7 @@ def outer_force(
     stage: Int[np.ndarray, "n"],
     time: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Force from outside on the free piston, upwards; 0 in stages without one [N]; starts, time [s]."""
+    """Upward force from outside on the free piston [N], 0 in stages without one; starts, time [s]."""
     force = np.zeros(len(time))
     for index, (segment, start) in enumerate(zip(protocol, starts, strict=False)):
         if segment.has_outer_force:
@@ -383,7 +384,7 @@ def outer_force(
 
 
 def _source_of_scene(scene: Scene, stage: str | None) -> RecordSource:
-    """Source of a simulated record: the bed, its piston and the recorded stage."""
+    """Describe the source of a simulated record: the bed, its piston and the recorded stage."""
     recorded = "the whole run" if stage is None else f"stage {stage!r}"
     for before, item in itertools.pairwise(scene.protocol):
         if item.name == stage and isinstance(before, Lift):
@@ -394,7 +395,7 @@ def _source_of_scene(scene: Scene, stage: str | None) -> RecordSource:
 
 
 def open_lazy_dataset(path: Path, metadata: ZarrMetadata, manifest: Manifest) -> xarray.Dataset:
-    """Open the complete part of a run's arrays; chunks are read on access."""
+    """Open the completely written part of a run's arrays; chunks are read on access."""
     variables = {}
     for name, plain in sorted(metadata.arrays.items()):
         array = ZarrArray(path, name, plain)
@@ -403,7 +404,7 @@ def open_lazy_dataset(path: Path, metadata: ZarrMetadata, manifest: Manifest) ->
 
 
 class _LazyZarrArray(BackendArray):
-    """The complete part of an array, for xarray."""
+    """The completely written part of an array, for xarray."""
 
     def __init__(self, array: ZarrArray, manifest: Manifest) -> None:
         self._array, self._manifest = array, manifest
@@ -417,7 +418,7 @@ class _LazyZarrArray(BackendArray):
         return values
 
     def _read_entries(self, key: tuple[Any, ...]) -> np.ndarray:
-        """Read entries by an integer, a slice or integers for each dimension."""
+        """Read the entries that an integer, a slice or an array of integers selects along each dimension."""
         entries = np.arange(self.shape[0])[key[0]]
         rows = np.atleast_1d(entries)
         borders = np.flatnonzero(np.diff(rows // self._array.depth)) + 1
@@ -426,7 +427,7 @@ class _LazyZarrArray(BackendArray):
         return values if entries.ndim else values[0]
 
     def _entries_of_chunk(self, rows: np.ndarray, rest: tuple[Any, ...]) -> np.ndarray:
-        """Read entries of one chunk, with indices for the other dimensions."""
+        """Read entries of one chunk, given the indices along the other dimensions."""
         if rows.size and 0 not in self.shape:
             index = int(rows[0]) // self._array.depth
             values = self._array.read_chunk(index, self._manifest)[rows - index * self._array.depth]

@@ -1,9 +1,9 @@
 """Errors and costs of methods and steps, from measured tables.
 
 ``work_precision.toml`` is part of the package and made by ``python -m benchmarks --prices``. It is searched
-by the type of damping and the number of grains of a scene. A user's measurements of a scene, by
-``granular-damper validate cheapest``, are stored in the user's cache and apply to the same scene with any
-random packing.
+by the type of damping and the number of grains of a scene. A user measures a scene with
+``granular-damper validate cheapest``. The results are stored in the user's cache and apply to that scene with
+any random packing.
 """
 
 from __future__ import annotations
@@ -28,30 +28,31 @@ if TYPE_CHECKING:
 TABLE = Path(__file__).with_name("work_precision.toml")
 
 TABULATED_EFFECTS = frozenset({"dipole", "walls", "gravity", "drag", "friction"})
-"""Effects of the scenes in the packaged table; it does not apply to others."""
+"""Effects of the scenes in the packaged table; the table does not apply to scenes with other effects."""
 
 MAX_GRAIN_RATIO = 8.0
-"""Maximum ratio of numbers of grains for which a scene of the table represents another."""
+"""Maximum ratio of the numbers of grains at which a scene of the table still represents another scene."""
 
 MARGIN = 1.5
-"""Safety factor on bounds of the packaged table, since scenes differ."""
+"""Safety factor on the error bounds of the packaged table, since scenes differ."""
 
 FLOORS = 3.0
-"""Minimum tolerance of a single run, in standard deviations over random packings: three contain all but one
-packing in four hundred."""
+"""Minimum tolerance of a single run, in standard deviations over random packings: within three of them lie
+all but one packing in four hundred."""
 
 MAX_REFINEMENT = 4.0
-"""Maximum factor by which a step may be shorter than the shortest in the table, by the method's order."""
+"""Maximum ratio of the shortest step in the table to a step that is extrapolated with the method's order."""
 
 MAX_RESOLVED_PRODUCT = 1.0
-"""Step times highest frequency up to which a method shows its order; half the stability limit."""
+"""Product of step and highest frequency up to which errors follow the method's order: half the stability
+limit."""
 
 MOTION = ("rest height", "period", "damping ratio")
-"""Quantities of a piston that comes to rest, in the packaged table."""
+"""Quantities in the packaged table for a piston that comes to rest."""
 
 
 class WorkPrecisionEntry(NamedTuple):
-    """A method at a step, in a measured scene."""
+    """Measured cost and errors of a method with one step, in one scene."""
 
     method: str
     dt: str
@@ -62,7 +63,7 @@ class WorkPrecisionEntry(NamedTuple):
     clear: list[str]  # quantities whose error exceeds the spread over packings
 
     def error_bound(self, quantity: str, ratio: float) -> float:
-        """Maximum error of a quantity at ``ratio`` times the entry's step, by the order of the method."""
+        """Maximum error of a quantity at ``ratio`` times this entry's step, from the order of the method."""
         scale = ratio ** method_named(self.method).order
         return self.bounds[quantity] * (scale if quantity in self.clear else max(1.0, scale))
 
@@ -87,7 +88,7 @@ class SceneWorkPrecision(NamedTuple):
         return cls(**{**plain, "entries": entries})
 
     def scatter_for_grain_count(self, quantity: str, grains: int) -> float:
-        """Spread of a quantity over random packings, for a number of grains."""
+        """Spread of a quantity over random packings with this number of grains."""
         # Inverse square root of the number of grains, but never below the measured value.
         return self.floors[quantity] * max(1.0, math.sqrt(self.grains / max(grains, 1)))
 
@@ -97,7 +98,7 @@ class SceneWorkPrecision(NamedTuple):
         return sorted(entries, key=lambda entry: float(getattr(entry, product)))
 
     def longest_step(self, method: str, quantity: str, tolerance: float) -> float | None:
-        """Longest step times highest frequency that meets a tolerance; None if there is none."""
+        """Largest product of step and highest frequency that meets a tolerance; None if no step meets it."""
         # Between the steps of the table, and below the shortest, errors follow the order of the method; no
         # step
         # beyond the longest is guaranteed.
@@ -117,7 +118,7 @@ class SceneWorkPrecision(NamedTuple):
         return min(best.fraction * longer, following[0].fraction)
 
     def longest_step_within_scatter(self, method: str) -> float:
-        """Longest step times highest frequency with errors below the spread over packings; else 0."""
+        """Largest product of step and highest frequency with errors below the packings' spread; else 0."""
         fraction = 0.0
         for entry in self.entries_of(method):
             # From here on errors exceed the spread over packings.
@@ -130,12 +131,12 @@ class SceneWorkPrecision(NamedTuple):
 def steps_within(
     costs: SceneWorkPrecision, quantity: str, tolerance: float, grains: int
 ) -> list[tuple[float, float, str, float]]:
-    """Cost [s], step times frequency, method and bound of all settings within a tolerance, cheapest first."""
+    """List cost [s], step times frequency, method, error of settings within a tolerance, cheapest first."""
     floor = costs.scatter_for_grain_count(quantity, grains)
     if tolerance < FLOORS * floor:
         raise InputError(
             f"the spread over random packings is {floor:.2g}, so the minimum tolerance of a single run is "
-            f"{FLOORS * floor:.2g}; request that, or average {starts_for_tolerance(floor, tolerance):d} "
+            f"{FLOORS * floor:.2g}; request this one, or average {starts_for_tolerance(floor, tolerance):d} "
             "packings (arrangement.seed)"
         )
     settings = []
@@ -150,7 +151,7 @@ def steps_within(
 
 
 def starts_for_tolerance(floor: float, tolerance: float) -> int:
-    """Return the number of packings whose mean has two standard errors below the tolerance."""
+    """Return the number of packings after which two standard errors of the mean are below the tolerance."""
     return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 
 
@@ -164,20 +165,20 @@ def damping_kind(scene: Scene) -> str:
 
 @cache
 def load_work_precision_scenes() -> tuple[SceneWorkPrecision, ...]:
-    """Scenes of the packaged table, as a tuple of `SceneWorkPrecision`."""
+    """Load the measured scenes of the packaged table."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
     date = {"date": plain["made"]["date"]}
     return tuple(SceneWorkPrecision.from_plain(scene | date) for scene in plain["scenes"])
 
 
 def user_table() -> ResultCache | None:
-    """Return the user's table; None if there is no cache folder."""
+    """Return the user's table; None if the user has no cache folder."""
     folder = toolkit_cache_folder()
     return None if folder is None else ResultCache(folder / "work-precision")
 
 
 def _measurement_key(scene: Scene, quantity: str, t_end: float | None) -> str:
-    """Key of a measured quantity of a scene up to a time [s], equal for all random packings."""
+    """Key of a quantity measured in a scene up to a time [s]; all random packings have the same key."""
     plain = scene.to_plain() | {"name": None}
     plain["arrangement"] = {**plain["arrangement"], "seed": None}
     return digest([plain, custom_code_digests(scene), quantity, t_end, __version__], 20)
@@ -186,7 +187,7 @@ def _measurement_key(scene: Scene, quantity: str, t_end: float | None) -> str:
 def store_measured_scene(
     scene: Scene, quantity: str, t_end: float | None, measured: SceneWorkPrecision
 ) -> None:
-    """Store the measurement of a quantity of a scene up to a time [s] in the user's table."""
+    """Store in the user's table the measurement of a quantity in a scene up to a time [s]."""
     plain = measured._asdict() | {"entries": [entry._asdict() for entry in measured.entries]}
     try:
         if (table := user_table()) is not None:
@@ -196,7 +197,7 @@ def store_measured_scene(
 
 
 def measured_scenes(scene: Scene, quantity: str, t_end: float | None = None) -> list[SceneWorkPrecision]:
-    """Measured scenes that apply to a scene, from the packaged table, then the user's; t_end [s]."""
+    """List the measured scenes that apply to a scene: first the package's, then the user's; t_end [s]."""
     packaged, table = most_similar_measured_scene(scene, quantity), user_table()
     plain = None if table is None else table.read(_measurement_key(scene, quantity, t_end))
     measured = None if plain is None else SceneWorkPrecision.from_plain(plain)
@@ -221,7 +222,7 @@ def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecisi
 
 
 def work_precision_text(run: Trajectory) -> str:
-    """Line with the time [s] of a run, its error due to the step, and both for half the step."""
+    """Make a line with the time of a run [s], its error due to the step, and both for half the step."""
     product = run.settings().get("step_times_highest_frequency", 0.0)
     rested = any(stage.reason == "rest" for stage in run.stages)
     quantity = "rest height" if rested else "piston force"  # the first quantity of interest
@@ -246,7 +247,7 @@ def price_text(
     *,
     within_spread: bool = False,
 ) -> str:
-    """Line with the time of a run and the error of a quantity, which may be within the spread."""
+    """Make a line with the time of a run and the error of a quantity, which may be below the spread."""
     seconds = run.settings()["seconds"]
     finer = "no better because of the spread" if within_spread else f"{error / 2.0**run.method.order:.1g}"
     spread_words = f"; spread over packings {spread:.1g}" if spread else ""

@@ -1,8 +1,8 @@
 """Zarr arrays of a run directory, one per variable, written and read chunk by chunk.
 
 Every chunk is compressed with a checksum, so any program that reads Zarr notices damage. The identity of
-a chunk is verified by its digest in the manifest (`granular.run.run_directory`). The digest is of the
-complete values, not of the file, since the last chunk of a killed run may hold further values.
+a chunk is verified by its digest in the manifest (`granular.run.run_directory`). The digest is computed from
+the complete values, not from the file, since the last chunk of a killed run may hold further values.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _FORMAT = {"zarr_format": 3}
 _LEVEL = 0  # of compression
 _OVERHEAD = 2**10  # bytes, and a 256th, by which Zstandard may make a chunk longer (ZSTD_COMPRESSBOUND)
 _CHECKSUM = {"name": "crc32c"}
-"""Codec of older runs, from before Zstandard's checksum was used: 4 more bytes."""
+"""Codec of older runs, which were written without Zstandard's checksum; it adds 4 bytes."""
 
 
 class ZarrMetadata:
@@ -49,7 +49,7 @@ class ZarrMetadata:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> ZarrMetadata:
-        """Make the metadata of a scene's runs, with zero records and frames."""
+        """Make the metadata of a run that has no records and frames yet."""
         count = scene.grains.count
         depth = max(1, FRAME_CHUNK // max(1, 2 * count))
         arrays = {}
@@ -62,7 +62,7 @@ class ZarrMetadata:
         return cls(json.dumps(_FORMAT | group).encode())
 
     def write(self, path: Path, lengths: Mapping[str, int]) -> None:
-        """Write the metadata, with the present lengths of all arrays, for other programs."""
+        """Write the metadata with the present lengths of all arrays, so that other programs can read them."""
         for name, plain in self.arrays.items():
             plain["shape"][0] = lengths[plain["dimension_names"][0]]
             _write_json(path / TRAJECTORY / name / METADATA, plain)
@@ -127,7 +127,7 @@ class ZarrArray:
         replace_run_file(file, packed)
 
     def read_chunk(self, index: int, manifest: Manifest) -> np.ndarray:
-        """Read a chunk, verified up to the complete length in the manifest."""
+        """Read a chunk; values up to the array's length in the manifest are verified."""
         from numcodecs.zstd import Zstd
 
         values, file = self.unwritten_chunk(), self._chunk_file(index)
@@ -141,7 +141,7 @@ class ZarrArray:
             latest = read_checkpoint(self.path)[1]
             if latest.files != manifest.files or not self._matches_digest(index, values, latest):
                 raise StoreError(
-                    f"{file} is damaged, or differs from the run's file (by its digest); {REMEDY}"
+                    f"{file} is damaged, or differs from the run's file (the digests differ); {REMEDY}"
                 )
         return values
 
@@ -155,7 +155,7 @@ class ZarrArray:
 
 
 class AppendableZarrArray:
-    """An array for appending, with the values of its last chunk and the digests of all chunks."""
+    """An array to which values are appended; it keeps its last chunk and the digests of all chunks."""
 
     def __init__(self, array: ZarrArray, length: int = 0, manifest: Manifest | None = None) -> None:
         """Open the first ``length`` entries of an array of a run."""
@@ -181,7 +181,7 @@ class AppendableZarrArray:
             values = values[len(part) :]
 
     def digests(self) -> list[str]:
-        """Digests of all chunks; the last one only as far as it is filled."""
+        """Digests of all chunks; the digest of the last chunk is of its filled part only."""
         last = [_digest_of_values(self._chunk[: self._filled])] if self._filled and self._chunk.size else []
         return [*self._finished, *last]
 

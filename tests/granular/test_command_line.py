@@ -264,7 +264,7 @@ def test_failed_run_is_one_line_and_exit_code_1(command: Command) -> None:
     ("words", "lines"),
     [
         ((), ["method: stormer-verlet, of order 2", "sum over pairs: direct", "threads: 1"]),
-        (("--accuracy", "1 % period"), ["step: auto*8, 0.8 over the highest frequency"]),
+        (("--accuracy", "1 % period"), ["step: auto*8, 0.8 divided by the highest frequency"]),
         (
             ("--method", "pefrl", "--dt", "1", "--set", "effects.friction={}"),
             [

@@ -187,8 +187,8 @@ LISTED = {"pairs": {"method": "verlet-list", "cut_off": "3 D", "skin": "0.05 D"}
     ("changes", "steps", "words"),
     [
         ({}, 1, None),
-        ({}, 4, "a shorter dt is more accurate"),
-        ({"effects.friction": {}}, 4, "a shorter dt is more accurate"),
+        ({}, 4, "shorten dt"),
+        ({"effects.friction": {}}, 4, "shorten dt"),
         ({"effects.friction.scheme": "regularised"}, 4, None),
         ({"effects.friction": {}, "pairs.method": "verlet-list"}, 4, None),
         (LISTED, 0.5, "so is pairs.method = 'direct'"),

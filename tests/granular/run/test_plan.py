@@ -133,9 +133,9 @@ def test_multiples_of_the_automatic_step_compose(dt: float | str) -> None:
         ({"dt": 1e10}, "longer than the time between records, output.scalars = 0.001 s"),
         ({"dt": 1.001e-3}, "longer than the time between records"),
         ({"dt": 5e-4, "t_end": 4e-4}, "longer than the run, t_end = 0.0004 s"),
-        ({"dt": 1e-14}, "makes 1e+11 steps between records, the limit is 1e+10"),
-        ({"t_end": True}, "t_end = True; give a time above 0 s"),
-        ({"dt": True}, "dt = True; give"),
+        ({"dt": 1e-14}, "makes 1e+11 steps between records, but the limit is 1e+10"),
+        ({"t_end": True}, "t_end = True is outside the limits; give a time above 0 s"),
+        ({"dt": True}, "dt = True is not a time step; give"),
         ({"t_end": 1e308}, "up to 1e+30 s"),
     ],
 )
