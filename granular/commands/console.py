@@ -113,7 +113,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
 
 
 def _find_interruption(error: BaseException) -> tuple[str, int] | None:
-    """Message and exit code of a stop, perhaps among the causes of an error that wraps it."""
+    """Return message and exit code of a stop, which may be a cause of the error that was raised."""
     waiting: list[BaseException | None] = [error]
     seen = set[BaseException]()
     while waiting:
@@ -127,7 +127,7 @@ def _find_interruption(error: BaseException) -> tuple[str, int] | None:
 
 
 def _ending_of_stop(stop: KeyboardInterrupt) -> tuple[str, int]:
-    """Message and exit code of a stop, with the location of stored results, if any."""
+    """Return message and exit code of a stop; the message says where results are stored, if any are."""
     terminated = isinstance(stop, Terminated) or (isinstance(stop, Interrupted) and stop.terminated)
     word, code = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
     saved = getattr(stop, "saved", "")
@@ -265,7 +265,7 @@ class Program(NamedTuple):
 
 
 def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentParser) -> str:
-    """Message for unknown arguments of a command, with the nearest option."""
+    """Return the message for unknown arguments of a command, with the nearest option."""
     option_names = [name for action in parser._actions for name in action.option_strings]
     unknown = next((word.split("=")[0] for word in rest if word.startswith("--")), None)
     words = f"unrecognized arguments: {' '.join(rest)}"
@@ -285,7 +285,7 @@ def given(**options: Any) -> dict[str, Any]:
 
 
 def require_options(**options: Any) -> None:
-    """Refuse a command without options that its present form requires."""
+    """Raise an error if options are missing that the present form of a command requires."""
     missing = [_spelling(name) for name, value in options.items() if value in (None, ())]
     if missing:
         raise InputError(
@@ -294,14 +294,14 @@ def require_options(**options: Any) -> None:
 
 
 def refuse_options(form: str, **options: Any) -> None:
-    """Refuse options that a form of a command, such as ``--impulse``, does not support."""
+    """Raise an error for options that a form of a command, such as ``--impulse``, does not support."""
     for name, value in options.items():
         if value not in (None, (), False):
-            raise InputError(f"{_spelling(name)} cannot be combined with {form}; remove it")
+            raise InputError(f"{_spelling(name)} cannot be combined with {form}; remove one of them")
 
 
 def _spelling(name: str) -> str:
-    """Spell a parameter as an option; arguments in capitals are unchanged, a final underscore is dropped."""
+    """Spell a parameter as an option; words in capitals stay, and a final underscore is dropped."""
     return name if name.isupper() else f"--{name.rstrip('_').replace('_', '-')}"
 
 
@@ -316,7 +316,7 @@ def add_version_option(parser: argparse.ArgumentParser) -> None:
 
 
 def print_result(result: dict[str, Any], shown: str | Iterable[Block], as_json: bool) -> None:
-    """Print a result as one JSON object, or as blocks or text with wrapped notes.
+    """Print a result as one JSON object, or as blocks, or as text whose notes are wrapped.
 
     Parameters
     ----------
@@ -345,7 +345,9 @@ def _check_working_directory() -> None:
     try:
         os.getcwd()
     except OSError:
-        raise InputError("the working directory no longer exists; change to another one") from None
+        raise InputError("the working directory no longer exists; change to another directory") from None
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if threads.lstrip("+-").isdecimal() and not float(threads) > 0:
-        raise InputError(f"NUMBA_NUM_THREADS = {threads!r}; give 1 or more, or unset it")
+        raise InputError(
+            f"NUMBA_NUM_THREADS = {threads!r} is not a number of threads; set it to 1 or more, or unset it"
+        )

@@ -48,7 +48,9 @@ def export(
         result = exporter.write(changes.load_scene_or_run(run), out, dt=step, overwrite=force)
         figures, text = {}, f"{exporter.contents} written to {out}"
     elif changes.changes or dt is not None:
-        raise InputError("--set and --dt are for formats of scenes, such as lammps; remove them")
+        raise InputError(
+            "--set and --dt apply only to formats of scenes, such as lammps; remove these options"
+        )
     else:
         trajectory = load_trajectory(run)
         result = exporter.write(trajectory, out, overwrite=force, progress=output.progress)

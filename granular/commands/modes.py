@@ -29,9 +29,8 @@ def modes(
     friction: Annotated[
         Fraction | None,
         Option(
-            "static friction coefficient of the grains on the plates, with a dynamic one of 3/4 of it; "
-            "default: "
-            "the scene's",
+            "static friction coefficient of the grains on the plates (the dynamic one is 3/4 of it); "
+            "default: the scene's",
             "MU",
         ),
     ] = None,

@@ -77,7 +77,7 @@ class OwnCode:
 
 @dataclasses.dataclass(frozen=True)
 class Changes(OwnCode):
-    """Changes of a scene, which may use custom effects."""
+    """Changes of a scene; they may use custom effects."""
 
     changes: Annotated[
         tuple[str, ...],
@@ -118,7 +118,9 @@ class Changes(OwnCode):
         if not is_run_directory(path):
             return self.load(source)
         if self.changes:
-            raise InputError(f"--set changes a scene; {source} is a run, whose scene is fixed")
+            raise InputError(
+                f"--set changes a scene, but {source} is a run, whose scene is fixed; remove --set"
+            )
         return path
 
 
@@ -141,7 +143,7 @@ class Parts:
         return bool(self.parts) or self.usual
 
     def of_scene(self, scene: Scene | None) -> dict[str, str | float]:
-        """Read tolerances, a dict by key: the usual ones, overridden by the given ones."""
+        """Return the tolerances as a dict by key: the usual tolerances, replaced by the given ones."""
         tolerances: dict[str, str | float] = {}
         if self.usual and scene is not None:
             from granular.studies.tolerances import usual_parts

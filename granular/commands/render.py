@@ -57,7 +57,7 @@ def render(
     own.run()
     if Path(out).suffix.lower() in WRITERS:
         if frame is not None or time is not None:
-            raise InputError("--frame and --time are for stills; select a part of a movie with --stage")
+            raise InputError("--frame and --time apply to stills; select a part of a movie with --stage")
         settings = given(fps=fps, width=width, stage=stage)
         playback = _parse_playback_speed(speed)
         path = movie(
@@ -70,7 +70,7 @@ def render(
                 "frame of a still with --frame or --time"
             )
         if frame is not None and time is not None:
-            raise InputError("--frame and --time both select a frame; give one of them")
+            raise InputError("--frame and --time both select a frame; give only one of them")
         drawing = still(run, -1 if frame is None else frame, time=time, colour=colour)
         path = save_picture(drawing, out, overwrite=force)
     print_result({"file": str(path), "colour": colour}, f"drawn to {path}", output.json)
@@ -84,4 +84,6 @@ def _parse_playback_speed(words: str | None) -> float | None:
     try:
         return 1.0 if words is None else si_value(words, "1")
     except SceneError:
-        raise InputError(f"--speed {quote(words)}; give a number such as 0.1, or 'frames'") from None
+        raise InputError(
+            f"--speed {quote(words)} is not a number; give one such as 0.1, or 'frames'"
+        ) from None

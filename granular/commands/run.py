@@ -1,4 +1,4 @@
-"""The commands ``run`` and ``sweep``: one scene, and a scene under many changes."""
+"""The commands ``run`` and ``sweep``: run one scene, or run a scene with many changes."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def sweep(
 
     settings = load_study(study, own.run())
     if workers is not None and workers < 1:
-        raise InputError(f"--workers {workers}; give 1 or more")
+        raise InputError(f"--workers {workers} is below the limit; give 1 or more")
     with cluster_executor(dask, mpi) as pool:
         done = run_study(
             settings.pop("scene"),

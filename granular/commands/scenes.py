@@ -91,7 +91,9 @@ def _warm_up(names: tuple[str, ...], changes: Changes, output: Output) -> None:
     seconds = compile_and_cache_kernels(scenes)
     folder = kernel_cache_folder()
     if folder is None:
-        raise InputError("there is no folder for compiled code; set NUMBA_CACHE_DIR to a folder of yours")
+        raise InputError(
+            "the toolkit has no folder for compiled code; set NUMBA_CACHE_DIR to a folder of yours"
+        )
     lines = [f"{name}: {time:.1f} s" for name, time in seconds.items()]
     print_result(
         {"seconds": seconds, "folder": str(folder)},

@@ -1,4 +1,4 @@
-"""Options of a command, from the signature of the function that carries it out.
+"""Options of a command, from the signature of the function that carries out the command.
 
     def run(
         scene: SceneName,  # an argument of the command, since it is positional in Python
@@ -79,7 +79,7 @@ def add_options(parser: argparse._ActionsContainer, carry_out: Callable[..., Non
 
 
 def add_group(parser: argparse._ActionsContainer, group: Any) -> None:
-    """Add the options of a group, a dataclass, to a parser, under its title if it has one."""
+    """Add the options of a group (a dataclass) to a parser, under the title of the group if it has one."""
     title = getattr(group, "title", None)
     target = parser if title is None else parser.add_argument_group(title)
     for member in _members(group):

@@ -27,7 +27,7 @@ def tolerances(
     amplitude: Annotated[
         Metres | None,
         Option(
-            "amplitude at which dry friction of the scene adds to the damping ratio; default: small motions "
+            "amplitude at which the damping ratio includes the scene's dry friction; default: small motions "
             "without friction",
             "A",
         ),

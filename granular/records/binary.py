@@ -33,11 +33,11 @@ from granular.shared.errors import RecordError, quote
 from granular.shared.files import write_atomically
 
 MAX_MEGABYTES, MAX_SECONDS = 2048, 20
-"""Memory and processor time allowed per file; a full sheet of four columns needs half of each."""
+"""Memory and processor time allowed for each file; a full sheet of four columns needs half of both."""
 MAX_NUMBERS = 50_000_000
 """Maximum count of numbers in a file (five columns of ten million): reading takes 1.5 GB."""
 _TIMEOUT_FACTOR = 6.0
-"""Limit of wall-clock time over limit of processor time, for a machine with other work."""
+"""Ratio of the limits of wall-clock time and of processor time, since the computer may have other work."""
 _OUT_OF_MEMORY = 3
 _AT_A_LIMIT = {_OUT_OF_MEMORY, *(-getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL", "SIGABRT"))}
 _PROGRAM = """
@@ -50,14 +50,16 @@ serve({function})
 _REMEDY = "save only time and height, as CSV"
 
 Content = tuple[Any, list[np.ndarray]]
-"""Content of a file: nested lists and dicts of strings and integers, and the arrays that integers index."""
+"""Content of a file: nested lists and dicts of strings and integers, and arrays that the integers index."""
 
 
 def read_within_limits(read: Callable[[bytes], Content], content: bytes) -> Content:
-    """Run a reader of `granular.records` on the bytes in a process with limits, and return its result."""
+    """Let a reader of `granular.records` read the bytes in a process with limits; return the content."""
     program = _PROGRAM.format(module=read.__module__.rpartition(".")[2], function=read.__name__)
     if not sys.executable or getattr(sys, "frozen", False):
-        raise RecordError(f"needs a separate Python process, but no interpreter is known here; {_REMEDY}")
+        raise RecordError(
+            f"needs a separate Python process, but this program has no Python interpreter; {_REMEDY}"
+        )
     try:
         # Isolated, with this process's path: no code from the working directory is run.
         done = subprocess.run(
@@ -70,18 +72,18 @@ def read_within_limits(read: Callable[[bytes], Content], content: bytes) -> Cont
         )
     except OSError as error:
         raise RecordError(
-            f"needs a separate Python process, which fails to start: {error.strerror}"
+            f"needs a separate Python process, which fails to start: {error.strerror}; {_REMEDY}"
         ) from None
     except subprocess.TimeoutExpired:
         done = None
     if done is None or done.returncode in _AT_A_LIMIT:
         raise RecordError(
-            f"takes more than {MAX_MEGABYTES} MB or {MAX_SECONDS} s to read, the limits; {_REMEDY}"
+            f"needs more than the limit of {MAX_MEGABYTES} MB or {MAX_SECONDS} s to be read; {_REMEDY}"
         )
     if done.returncode == 1:  # an uncaught exception: a fault of this code
         raise RuntimeError(done.stderr.decode(errors="replace"))
     if done.returncode or not done.stdout:
-        raise RecordError(f"stops the process that reads it (exit code {done.returncode}); {_REMEDY}")
+        raise RecordError(f"crashes the process that reads it (exit code {done.returncode}); {_REMEDY}")
     encoded, *arrays = np.load(io.BytesIO(done.stdout), allow_pickle=False).values()
     plain = json.loads(encoded.tobytes())
     if isinstance(plain, str):
@@ -107,7 +109,7 @@ def serve(read: Callable[[bytes], Content]) -> None:
 
 
 def check_count(numbers: int) -> None:
-    """Refuse a file with too many numbers."""
+    """Raise an error for a file with too many numbers."""
     if numbers > MAX_NUMBERS:
         raise RecordError(
             f"holds {numbers} numbers; the limit is {MAX_NUMBERS}: save only time and height, or sample "
@@ -116,7 +118,7 @@ def check_count(numbers: int) -> None:
 
 
 def _set_limits() -> None:
-    """Limit memory and time if the system supports it; Windows has neither limit, macOS none of memory."""
+    """Limit memory and time if the system can: Windows limits neither, macOS does not limit memory."""
     with contextlib.suppress(ImportError):
         import resource
 
@@ -186,8 +188,8 @@ def list_sheets(content: bytes) -> Content:
             characters_left -= sum(len(text) for row in tables[name] for text in row)
             if characters_left < 0:
                 raise RecordError(
-                    f"its cells hold more than {_MAX_CHARACTERS} characters, the limit; save the columns "
-                    "that you need as CSV"
+                    f"the cells hold more than {_MAX_CHARACTERS} characters, which is the limit; save the "
+                    "columns that you need as CSV"
                 )
         return tables, []
 
@@ -206,7 +208,7 @@ def _cell_text(value: Any) -> str:
     text = str(value)
     if len(text) > _MAX_CHARACTERS_PER_CELL:
         raise RecordError(
-            f"a cell holds {len(text)} characters; the limit is {_MAX_CHARACTERS_PER_CELL}: empty it"
+            f"a cell holds {len(text)} characters; the limit is {_MAX_CHARACTERS_PER_CELL}: empty this cell"
         )
     if duration := _DURATION.fullmatch(text):
         return ":".join(duration.groups()).replace(",", ".")
@@ -214,7 +216,7 @@ def _cell_text(value: Any) -> str:
 
 
 def _may_be_record(table: Table) -> bool:
-    """Return True for a sheet with many rows, two or more numbers in the middle row and in the last."""
+    """Return True if a sheet has many rows, and two or more numbers in both the middle and the last row."""
     rows = (table[len(table) // 2], table[-1]) if len(table) > _MIN_ROWS else ()
     counts = [sum(is_number(text, ".") for text in row) for row in rows]
     return min(counts, default=0) > 1
@@ -261,7 +263,7 @@ def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
 
 
 def list_variables(content: bytes) -> Content:
-    """Variables of a file: the index among the arrays if numeric, else a description."""
+    """List the variables of a file: for a numeric one its index among the arrays, else a description."""
     import scipy.io
 
     arrays: list[np.ndarray] = []
@@ -359,7 +361,7 @@ def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
 
 
 def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> None:
-    """Write columns to a Parquet file, with units in the metadata of the fields."""
+    """Write columns to a Parquet file, with their units in the metadata of the fields."""
     with report_parsing_errors("Parquet", "pyarrow", "parquet"):
         import pyarrow.parquet
 

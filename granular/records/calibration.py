@@ -34,11 +34,11 @@ KEYS = ("scale", "zero", "coefficients", "points", "degree")
 """All keys of a calibration."""
 _MAX_DEGREE = 5
 _MIN_DEGREES_OF_FREEDOM = 2
-"""Points beyond the number of coefficients, needed to estimate the uncertainty from the scatter."""
+"""Number of points, in addition to one per coefficient, from which scatter gives the uncertainty."""
 
 
 class Calibration(NamedTuple):
-    """A polynomial in a sensor's number, with its uncertainty."""
+    """Polynomial that converts a sensor's number, with the uncertainty of the polynomial."""
 
     coefficients: Float[np.ndarray, "k"]  # of the powers 0, 1, ...: SI unit per power of the column's unit
     deviations: Float[
@@ -51,7 +51,7 @@ class Calibration(NamedTuple):
     def apply(
         self, raw: Float[np.ndarray, "n"], unit: str | None
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "m n"]]:
-        """Convert the numbers of a sensor's column to SI [m; rad]."""
+        """Convert the numbers of a sensor's column to SI [m or rad]."""
         unit_missing = None in (unit, self.raw_unit)
         ratio = 1.0 if unit_missing else _unit_ratio(str(unit), str(self.raw_unit), "heading")
         powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T
@@ -65,15 +65,19 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
             raise RecordError(unknown_word_message(str(key), KEYS, "key of a calibration"))
     forms = [key for key in FORMS if given.get(key) is not None]
     if not forms and "zero" in given:
-        raise RecordError(f"zero of {quote(role)} without scale; give both, such as scale = '2.4894 mm/V'")
+        raise RecordError(
+            f"zero of {quote(role)} is given without scale; give both, such as scale = '2.4894 mm/V'"
+        )
     if len(forms) != 1:
         raise RecordError(
-            f"the calibration of {quote(role)} is given by {' and '.join(forms) or 'no form'}; give one "
-            "of scale (with zero), coefficients or points"
+            f"the calibration of {quote(role)} has {' and '.join(forms) or 'no form'}; give exactly one of "
+            "scale (with zero), coefficients and points"
         )
     for form, companion in FORMS.items():
         if companion in given and form not in forms:
-            raise RecordError(f"{companion} goes with {form}, not with {forms[0]}; drop one of them")
+            raise RecordError(
+                f"{companion} belongs to {form} and cannot be combined with {forms[0]}; remove one of them"
+            )
     if forms == ["scale"]:
         return _calibration_from_scale(role, given["scale"], given.get("zero"))
     if forms == ["coefficients"]:
@@ -88,8 +92,8 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
     match = _match(_SCALE, scale)
     if match is None:
         raise RecordError(
-            f"scale = {quote(scale)}; write a number, the unit of the height and the unit of the "
-            "column, such as '2.4894 mm/V' or '360 deg/2048 counts'"
+            f"scale = {quote(scale)} cannot be read; write a number, the unit of the height and the unit of "
+            "the column, such as '2.4894 mm/V' or '360 deg/2048 counts'"
         )
     value, spread = _number_and_uncertainty(match)
     steps, raw_unit = float(match[5] or 1.0), normalize_unit(match[6])
@@ -104,10 +108,10 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
 
 
 def _parse_zero(text: Any, raw_unit: str) -> tuple[float, float]:
-    """Zero and its standard uncertainty, in the unit of the scale's column."""
+    """Return the zero and its standard uncertainty, in the unit of the column that the scale converts."""
     match = _match(_ZERO, text)
     if match is None:
-        raise RecordError(f"zero = {quote(text)}; write a number and a unit, such as '2.513 V'")
+        raise RecordError(f"zero = {quote(text)} cannot be read; write number and unit, such as '2.513 V'")
     ratio = _unit_ratio(raw_unit if match[4] is None else normalize_unit(match[4]), raw_unit, "zero")
     value, spread = _number_and_uncertainty(match)
     return value * ratio, spread * ratio
@@ -124,7 +128,7 @@ def _number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
 
 
 def _calibrated_unit_size(role: str, text: str, subject: str) -> tuple[float, str]:
-    """SI size of the unit of calibrated values, and the corresponding SI unit."""
+    """Return the size of the calibrated values' unit in SI, and the corresponding SI unit."""
     unit = normalize_unit(text)
     try:
         size, dimension = role_unit_size(role, unit)
@@ -140,7 +144,7 @@ def _calibrated_unit_size(role: str, text: str, subject: str) -> tuple[float, st
 
 
 def _unit_ratio(unit: str, target_unit: str, subject: str) -> float:
-    """Size of a unit over the size of the unit of the calibration's column."""
+    """Return the ratio of a unit to the unit of the calibrated column."""
     names = [name.lower().removesuffix("s") if len(name) > 2 else name for name in (unit, target_unit)]
     if names[0] == names[1]:
         return 1.0
@@ -150,7 +154,7 @@ def _unit_ratio(unit: str, target_unit: str, subject: str) -> float:
         size, other, dimension, expected = 1.0, 1.0, (1, 0, 0, 0), (0, 0, 0, 0)
     if dimension != expected or not {unit, target_unit}.isdisjoint(("1", "%")):
         raise RecordError(
-            f"the {subject} is in {quote(unit)}, but the scale is per {quote(target_unit)}; write both in "
+            f"the {subject} is in {quote(unit)}, but the scale is per {quote(target_unit)}; write both with "
             "the unit of the column"
         )
     return size / other
@@ -160,14 +164,16 @@ def _unit_ratio(unit: str, target_unit: str, subject: str) -> float:
 
 
 def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
-    """Polynomial with coefficients such as ``0.1 mm``, ``2.49 mm/V`` and ``0.01 mm/V^2``."""
+    """Make a polynomial from coefficients such as ``0.1 mm``, ``2.49 mm/V`` and ``0.01 mm/V^2``."""
     if isinstance(texts, str) or not isinstance(texts, Sequence) or not texts:
         raise RecordError(
-            f"coefficients = {quote(texts)}; give a list that starts with the constant, such as "
-            "['0.1 mm', '2.49 mm/V']"
+            f"coefficients = {quote(texts)} is not a list of coefficients; give one that begins with the "
+            "constant, such as ['0.1 mm', '2.49 mm/V']"
         )
     if len(texts) > _MAX_DEGREE + 1:
-        raise RecordError(f"{len(texts)} coefficients; the maximum is {_MAX_DEGREE + 1}")
+        raise RecordError(
+            f"{len(texts)} coefficients are too many; the maximum is {_MAX_DEGREE + 1}: fit a lower degree"
+        )
     values, spreads, units = [], [], set()
     for power, text in enumerate(texts):
         match = _match(_ZERO, text)
@@ -177,8 +183,8 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
         if match is None or not written or (power and (quotient is None or (quotient[3] or "") != exponent)):
             over = f"/V{exponent}" if power else ""
             raise RecordError(
-                f"coefficients: {quote(text)} of the power {power}; write a number and a unit, "
-                f"such as '0.1 mm{over}'"
+                f"coefficients: {quote(text)} does not fit the power {power} of the sensor's number; write a "
+                f"number and a unit, such as '0.1 mm{over}'"
             )
         top, below = (written, None) if quotient is None else (quotient[1], normalize_unit(quotient[2]))
         size, unit = _calibrated_unit_size(role, top, f"coefficients: {quote(text)}")
@@ -188,18 +194,21 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
         units.add((unit, below))
     outcomes, raw_units = {unit for unit, _ in units}, {below for _, below in units if below is not None}
     if len(outcomes) > 1 or len(raw_units) > 1:
-        raise RecordError("coefficients with different units; write all in the same two units")
+        raise RecordError("the coefficients have different units; write all with the same two units")
     deviations = np.diag(spreads)[np.array(spreads) > 0.0]
     return Calibration(np.array(values), deviations, next(iter(raw_units), None), outcomes.pop())
 
 
 def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration:
-    """Least-squares polynomial through calibration points, with its uncertainty."""
+    """Fit a polynomial to calibration points by least squares, with its uncertainty."""
     if isinstance(degree, bool) or not isinstance(degree, int) or not 1 <= degree <= _MAX_DEGREE:
-        raise RecordError(f"degree = {quote(degree)}; give an integer from 1 to {_MAX_DEGREE}")
+        raise RecordError(
+            f"degree = {quote(degree)} is outside the limits; give an integer from 1 to {_MAX_DEGREE}"
+        )
     if not isinstance(points, Mapping) or not {"raw", "value"} <= set(points):
         raise RecordError(
-            f"points = {quote(points)}; give a file with the columns raw, value and uncertainty"
+            f"points = {quote(points)} are not calibration points; give a file with the columns raw, value "
+            "and uncertainty"
         )
     units = points.get("units", {})
     size, unit = _calibrated_unit_size(role, units.get("value") or SI.get(role, "1"), "points: value")
@@ -208,17 +217,17 @@ def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration
         given = points.get("uncertainty")
         spread = None if given is None else np.asarray(given, dtype=np.float64) * size
     except (TypeError, ValueError):
-        raise RecordError("points hold something that is not a number; correct them") from None
+        raise RecordError("the calibration points hold an entry that is not a number; correct it") from None
     complete = np.isfinite(raw) & np.isfinite(value)
     raw, value = raw[complete], value[complete] * size
     needed = degree + 1 + (_MIN_DEGREES_OF_FREEDOM if spread is None else 0)
     if len(np.unique(raw)) < degree + 1 or len(raw) < needed:
         raise RecordError(
-            f"{len(raw)} points for a polynomial of degree {degree}; {needed} or more are needed"
-            + (", or their uncertainty" if spread is None else "")
+            f"{len(raw)} points are too few for a polynomial of degree {degree}; give {needed} or more"
+            + (", or give the uncertainty of the points" if spread is None else "")
         )
     if spread is not None and not (np.isfinite(spread[complete]) & (spread[complete] > 0.0)).all():
-        raise RecordError("points: each uncertainty must be a number above 0; correct them")
+        raise RecordError("points: an uncertainty is not a number above 0; correct it")
     # centred on the points and scaled by their extent, so that least squares are well conditioned
     middle, extent = float(raw.mean()), float(np.ptp(raw)) / 2.0
     terms = np.vander((raw - middle) / extent, degree + 1, increasing=True)

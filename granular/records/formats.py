@@ -81,7 +81,7 @@ class FileFormat(NamedTuple):
 def interpret_record_file(
     path: Path, options: ReadOptions, file_format: FileFormat | None = None
 ) -> SheetInterpretation:
-    """Read the columns of a file, or of the file that a description gives, with roles and in SI."""
+    """Read the columns in SI, with their roles, from a file or from the file that a description gives."""
     file, described = described_file(path, options)
     complete_options = _load_calibration_points(path, described)
     with name_description_in_errors(path, file):
@@ -102,11 +102,11 @@ def _load_calibration_points(path: Path, options: ReadOptions) -> ReadOptions:
 
 
 def _read_calibration_points(path: Path) -> dict[str, Any]:
-    """Calibration points in a file: raw, value and optionally uncertainty."""
+    """Read calibration points from a file with the columns raw, value and optionally uncertainty."""
     sheet = read_sheet(path, ReadOptions())
     with _name_file_in_errors(path):
         if len(sheet.columns) < 2:
-            raise RecordError("holds one column; the columns raw, value and uncertainty are needed")
+            raise RecordError("holds one column only; give the columns raw, value and uncertainty")
         columns = dict(zip(("raw", "value", "uncertainty"), sheet.columns, strict=False))
         points: dict[str, Any] = {
             name: require_numeric_values(sheet, name, column).tolist() for name, column in columns.items()
@@ -116,7 +116,7 @@ def _read_calibration_points(path: Path) -> dict[str, Any]:
 
 
 def read_sheet(path: Path, options: ReadOptions, file_format: FileFormat | None = None) -> Sheet:
-    """Read the columns of a file; the suffix of its name selects a binary format."""
+    """Read the columns of a file; the suffix of the file's name selects a binary format."""
     ending = path.suffix.lower()
     read, max_bytes = file_format or (TEXT if ending in TEXT_ENDINGS else READERS.get(ending, TEXT))
     content = [read_bytes(path, max_bytes, RecordError)]
@@ -137,7 +137,7 @@ def _name_file_in_errors(path: Path) -> Iterator[None]:
 
 
 def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the table of a text file, in the usual encodings of instruments."""
+    """Read the table of a text file in any encoding that is usual for instruments."""
     if content.startswith(_OLD_WORKBOOK):  # the name .xls says nothing: many programs use it for text
         return read_workbook(content, options)
     if universal := _UNIVERSAL.match(content):
@@ -151,7 +151,9 @@ def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
     del content  # may be hundreds of megabytes
     count = 1 + max(text.count("\n"), text.count("\r"))
     if count > _MAX_LINES:
-        raise RecordError(f"has {count} lines; the limit is {_MAX_LINES}: sample less often, or split it")
+        raise RecordError(
+            f"has {count} lines; the limit is {_MAX_LINES}: sample less often, or split the file"
+        )
     if LABVIEW.match(text):
         sheet = read_labview(text, options)
     elif RIGOL.match(text):
@@ -181,7 +183,7 @@ def _decode_text(content: bytes) -> tuple[str, str]:
 
 
 def _looks_like_utf16(content: bytes) -> str | None:
-    """Return UTF-16's name if every other byte is zero, as in plain text without a byte-order mark."""
+    """Return the UTF-16 encoding if every other byte is zero, as in plain text without byte-order mark."""
     start = content[: min(len(content), 4096) // 2 * 2]
     even_bytes, odd_bytes = start[::2].count(0), start[1::2].count(0)
     if odd_bytes > 0.4 * len(start) / 2 and not even_bytes:
@@ -237,8 +239,8 @@ def read_time_series(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"], Flo
     if not complete.all():
         first = sheet.describe_row(int(np.argmin(complete)))
         notes.append(
-            f"{(~complete).sum()} of {len(complete)} samples are incomplete and are dropped, the first is "
-            f"{first}"
+            f"{(~complete).sum()} of {len(complete)} samples are incomplete and are dropped; the first of "
+            f"them is {first}"
         )
     times = spread_rounded_times(times[complete], notes)
     if notes:
@@ -247,7 +249,7 @@ def read_time_series(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"], Flo
 
 
 def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
-    """Choose the only other column, the only one with this unit or role, or the first without names."""
+    """Choose the only other column, or the only one with this unit or role; without names, the first."""
     others = [column for column in sheet.columns if column is not time and not is_index(sheet, column)]
     choices: Sequence[list[Column]] = (
         others,
@@ -259,14 +261,14 @@ def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     if chosen is None:
         names = ", ".join(quote(column.name) for column in others[:_MAX_SHOWN])
         raise RecordError(
-            f"holds {len(others)} columns besides the time ({names}); keep one, or write its unit "
-            f"after its name, such as 'value [{unit}]'"
+            f"holds {len(others)} columns in addition to the time ({names}); keep one of them, or mark it by "
+            f"a unit after its name, such as 'value [{unit}]'"
         )
     return chosen[0]
 
 
 def _in_si(sheet: Sheet, name: str, column: Column, target_unit: str) -> Float[np.ndarray, "n"]:
-    """Convert the numbers of a column to SI; without a unit they are taken as SI."""
+    """Convert the numbers of a column to SI; numbers without a unit are taken as SI."""
     values = require_numeric_values(sheet, name, column)
     if column.unit is None or column.timestamp_kind:
         return values
@@ -277,6 +279,6 @@ def _in_si(sheet: Sheet, name: str, column: Column, target_unit: str) -> Float[n
     if dimension not in (unit_size(target_unit)[1], unit_size("1")[1]):
         raise RecordError(
             f"{name}: the unit {quote(column.unit)} does not fit; a unit like {target_unit} is needed: "
-            "correct it, or convert the numbers"
+            "correct the unit, or convert the numbers"
         )
     return values * size

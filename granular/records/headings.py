@@ -59,9 +59,9 @@ SYNONYMS = {
 ANGLES = _names("angle,theta,θ,phi,φ,winkel,rotation,angulo,ángulo,roll,pitch,drehwinkel,neigung,alpha,α,β")
 """Names of columns that hold an angle."""
 PREFERRED = SYNONYMS[HEIGHT][:9]
-"""Names of the height with priority over the others."""
+"""Names of the height that have priority over its other names."""
 LOADS = _names("load, last, charge, carga, axial load")
-"""Names of a force, if the unit is a unit of force."""
+"""Names of a force if the column's unit is a unit of force."""
 COUNTERS = _names("frame,frames,sample,samples,index,n,no,nr,number,step,bild,image,muestra,échantillon")
 """Names of columns that count samples."""
 
@@ -135,7 +135,7 @@ _RUN_LABEL = re.compile(
 )
 """Words that school data loggers put before or after a name."""
 CHANNEL = re.compile(r"(ch|chan|channel|kanal|canal|voie|ai|ain|adc|analog|sensor) ?\d+")
-"""Normalized names of an instrument's inputs, which say nothing of the sensor."""
+"""Normalized names of an instrument's inputs, which do not identify the sensor."""
 _CASSY_INPUT = re.compile(r"(\w) ?[ab][12]|([ui]) ?\d")
 """Quantity with its CASSY Lab input, as in sA1; a voltage or current, as in U1."""
 _TEX = re.compile(r"\\(?:mathrm|text|rm|si|unit)\b|\\[,;: !]|_\{[^}]*\}|_\w|[\${}\\]")
@@ -156,7 +156,7 @@ _SUPERSCRIPTS = str.maketrans("⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹−", "-+0123456
 
 
 def normalize_unit(unit: str) -> str:
-    """Spell a unit as in `granular.schema.units`, if it is known."""
+    """Spell a known unit as in `granular.schema.units`; return any other unit unchanged."""
     bare = unit.strip().strip("[](){}").strip().rstrip(".").replace("²", "^2")
     power = _POWER_OF_TEN.fullmatch(bare.translate(_SUPERSCRIPTS)) if len(bare) <= _LONGEST else None
     if power is not None:
@@ -269,7 +269,7 @@ def is_derived_from_motion(name: str) -> bool:
 
 
 def guess_column_role(name: str) -> str | None:
-    """Guess the role of a column from its name, by `SYNONYMS`."""
+    """Guess the role of a column from its name, using `SYNONYMS`."""
     words = normalize_column_name(name)
     return next((role for role, known in SYNONYMS.items() if words in known), None)
 
@@ -285,7 +285,7 @@ SI = {
     BASE_HEIGHT: "m",
     BASE_ACCELERATION: "m/s^2",
 }
-"""SI unit of each role, for a height as the coordinate."""
+"""SI unit of each role if the coordinate is a height."""
 CoordinateUnit = Literal["m", "rad"]
 COORDINATES: dict[CoordinateUnit, str] = {"m": "height", "rad": "angle"}
 """Name of the coordinate by its SI unit."""
@@ -317,7 +317,7 @@ def si_unit_of_role(role: str, coordinate_unit: CoordinateUnit = "m") -> str:
 
 
 def role_unit_size(role: str, unit: str) -> tuple[float, Dimension]:
-    """SI size and dimension of a unit in a role's column."""
+    """Return the size in SI and the dimension of a unit in the column of a role."""
     if (role, unit) not in _UNITS_BY_ROLE:
         return unit_size(unit)
     size, plain = _UNITS_BY_ROLE[role, unit]
@@ -338,7 +338,7 @@ def has_dimension_of(unit: str | None, *units: str) -> bool:
 
 
 def size_of_quantity(role: str, text: str) -> float:
-    """SI size of the unit of a pint or astropy quantity, in a role or a further column."""
+    """Return the size in SI of the unit of a pint or astropy quantity in the column of a role or name."""
     try:
         size, dimension = role_unit_size(role, normalize_unit(text))
     except SceneError as error:
@@ -346,6 +346,6 @@ def size_of_quantity(role: str, text: str) -> float:
     if role in SI and dimension not in [unit_size(si_unit_of_role(role, unit))[1] for unit in COORDINATES]:
         raise RecordError(
             f"{role}: the unit {quote(text)} does not fit; a unit like {SI[role]} is needed: convert the "
-            "quantity"
+            "quantity to it"
         )
     return size

@@ -81,7 +81,7 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
 
 
 def _start_delay(header: dict[str, list[str]], channel: int) -> float:
-    """Delay of a channel's start after the first channel's [s]; 0 if the header does not give both."""
+    """Delay of a channel's start after the first channel's start [s]; 0 if the header lacks one of them."""
     days, times = header.get("Date", []), header.get("Time", [])
     try:
         first, start = (
@@ -105,12 +105,12 @@ def _header_number(header: dict[str, list[str]], name: str, channel: int, decima
         return float(text)
     except ValueError:
         raise RecordError(
-            f"{name} is {quote(text)}, not a number, and there is no column of times; export with times"
+            f"{name} is {quote(text)}, not a number, and the file has no times; export it with times"
         ) from None
 
 
 def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the group of a LabVIEW TDMS file that ``sheet`` names, or else the first with samples."""
+    """Read the group of a LabVIEW TDMS file that ``sheet`` names, or else the first group with samples."""
     (groups, notes), arrays = read_within_limits(list_channels, content)
     selected = options.select_table(groups, "group")
     filled = {name: channels for name, channels in selected.items() if channels}
@@ -146,7 +146,7 @@ def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
 
 
 def list_channels(content: bytes) -> Content:
-    """Numeric channels of each group of a TDMS file, with starts in us, and notes."""
+    """List the numeric channels of each group of a TDMS file, with their start times in us, and notes."""
     arrays: list[np.ndarray] = []
     groups: dict[str, list[dict[str, Any]]] = {}
     with report_parsing_errors("a TDMS file", "npTDMS", "labview"):
@@ -182,16 +182,18 @@ def read_rigol(text: str) -> Sheet:
     names, entries = (line.rstrip(",").split(",") for line in text.splitlines()[:2])
     channels = names[1:-2]
     if len(entries) != len(names):
-        raise RecordError(f"line 2 has {len(entries)} entries, line 1 {len(names)}; save it again")
+        raise RecordError(
+            f"line 2 has {len(entries)} entries, but line 1 has {len(names)}; save the file again"
+        )
     first, step = _parse_seconds(entries[-2]), _parse_seconds(entries[-1])
     sheet = read_delimited(text, ".", 2)
     if len(sheet.columns) != len(channels) + 1:
         raise RecordError(
-            f"line 3 has {len(sheet.columns)} values for {len(channels) + 1} columns; save it again"
+            f"line 3 has {len(sheet.columns)} values for {len(channels) + 1} columns; save the file again"
         )
     sequence, *values = (column.values for column in sheet.columns)
     if sequence is None:
-        raise RecordError("the sample numbers are not numeric; save it again")
+        raise RecordError("a sample number in the first column is not a number; save the file again")
     times = Column(TIME, "s", np.asarray(first + step * sequence))
     sheet.columns = [times, *map(Column, channels, entries[1:-2], values)]
     sheet.header, sheet.form = True, "waveform of a Rigol oscilloscope"
@@ -205,7 +207,7 @@ def _parse_seconds(text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise RecordError(
-            f"line 2 ends with {quote(text)} instead of start and increment in seconds; save it again"
+            f"line 2 ends with {quote(text)} instead of start and increment in seconds; save the file again"
         )
     return value
 
@@ -214,7 +216,7 @@ def _parse_seconds(text: str) -> float:
 
 _MOTION = (HEIGHT, ANGLE, STROKE, VELOCITY, ACCELERATION)
 _TIME_TOLERANCE = 1e-3
-"""Difference of two times, over the sampling interval, up to which they are equal."""
+"""Difference of two times up to which they count as equal, as a fraction of the sampling interval."""
 _MIN_SAMPLES = 2
 
 
@@ -223,7 +225,7 @@ def _even_times(first: float, step: float, count: int) -> Float[np.ndarray, "n"]
 
 
 class SampledChannel(NamedTuple):
-    """Channel of an instrument, and the times of its samples [s]."""
+    """Channel of an instrument, with the times of its samples [s]."""
 
     column: Column
     times: Float[np.ndarray, "n"]
@@ -232,7 +234,7 @@ class SampledChannel(NamedTuple):
 def columns_on_one_clock(
     channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
 ) -> list[Column]:
-    """Interpolate all channels to the motion's times, cut to the interval common to channels with a role."""
+    """Interpolate all channels to the motion's times, within the interval common to channels with a role."""
     motion = _motion_channel(channels, options)
     times = motion.times
     tolerance = _TIME_TOLERANCE * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
@@ -268,7 +270,7 @@ def columns_on_one_clock(
 
 
 def _motion_channel(channels: Sequence[SampledChannel], options: ReadOptions) -> SampledChannel:
-    """Channel of the coordinate by the options, or else by its name, or else the first."""
+    """Choose the channel of the coordinate from the options, or else by its name, or else the first."""
     for requested in (str(options.columns[role]) for role in _MOTION if role in options.columns):
         for number, channel in enumerate(channels, start=2):  # the times are column 1
             if channel.column.has_name(requested) or requested == str(number):

@@ -1,9 +1,9 @@
-"""Displacement of a record without a position: velocity or acceleration, integrated.
+"""Displacement of a record without a position, integrated from the velocity or acceleration.
 
 The integral of a measured signal drifts. A Butterworth high-pass, run forwards and backwards in
 time, removes frequencies below a fraction of the strongest line of the signal. The displacement
-then has zero mean and no absolute height: good for plots, frequencies and first guesses, not for
-fits of a law.
+then has zero mean and no absolute height. It is suitable for plots, frequencies and initial guesses,
+but not for fits of a law.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, SceneError, quote, sanitize, unknown_word_message
 
 _ROUNDED_FRACTION = 0.2
-"""Fraction of equal successive times above which times are taken as rounded to a clock tick."""
+"""Times are taken as rounded to a clock tick if a larger fraction of successive times is equal."""
 _MAX_RADIANS = 7.0
 """Angle above which a column without a unit is taken as degrees: slightly more than 2 pi."""
 _EPOCHS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
@@ -48,16 +48,16 @@ _LONG_STEP, _LONG_EXTENT, _LARGE_HEIGHT = 0.5, 1.0, 10.0
 _MAX_SHOWN = 20
 _SHORTEST_STEP = 1e-12
 _ABSURD = 1e6
-"""Value above which an error is raised elsewhere, so that no note is needed."""
+"""Value above which other code raises an error, so that a note is not needed."""
 _MIN_CORRELATION = 0.3
-"""Minimum correlation of the velocity with the slope of the height; noisy columns exceed it."""
+"""Minimum correlation of the velocity with the slope of the height, which even noisy columns exceed."""
 
 Arrays = dict[str, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
 class SheetInterpretation:
-    """Columns in SI, with notes on guesses and changes."""
+    """Columns of a sheet in SI, with notes on guesses and changes."""
 
     columns: dict[str, np.ndarray]  # (n,) in SI, by role or name
     source: dict[str, str]  # name in the file of each role
@@ -94,8 +94,8 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         elif role == HEIGHT and units.get(role) == "1" and "1" in options.units.values():
             converted[role] = numbers
             notes.append(
-                "the height is a plain number: read m in results as its unit; frequency and "
-                "damping ratio do not depend on it"
+                "the height is a plain number without a unit: wherever results give m, read the unit of "
+                "this number; frequency and damping ratio do not depend on the unit"
             )
         else:
             converted[role] = numbers * _unit_size_in_role(role, units.get(role), coordinate_unit)
@@ -142,7 +142,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
 def _calibrated(
     role: str, numbers: np.ndarray, units: dict[str, str], calibration: Calibration, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Calibrated values (n,) of a sensor's numbers, and their deviations (m, n)."""
+    """Return the calibrated values (n,) of a sensor's numbers, and their deviations (m, n)."""
     unit = units.get(role)
     units[role] = unit or calibration.raw_unit or "1"
     known = numbers[np.isfinite(numbers)]
@@ -156,7 +156,7 @@ def _calibrated(
 
 
 def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOptions) -> None:
-    """Refuse to choose between columns of equal name, unless the user gives a column number."""
+    """Raise an error if a chosen column shares its name with others, unless the user gave its number."""
     names = [column.name.lower() for column in sheet.columns]
     for role, column in chosen.items():
         name = column.name.lower()
@@ -166,7 +166,7 @@ def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], options: 
             listed = f"{', '.join(numbers[:-1])} and {numbers[-1]}"
             choices = " or ".join(f"--columns {alias}={number}" for number in numbers[:_MAX_SHOWN])
             raise RecordError(
-                f"the name {quote(name)} occurs twice, in columns {listed}; give the number: {choices}"
+                f"the name {quote(name)} occurs twice, in columns {listed}; give a column number: {choices}"
             )
 
 
@@ -174,7 +174,7 @@ def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], options: 
 
 
 def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOptions) -> dict[str, str]:
-    """Return the unit of each role, from the user or else from the file."""
+    """Return the unit of each role: as given by the user, or else by the file."""
     requested = {name.strip().lower(): unit for name, unit in options.units.items()}
     known = {*(column.name.lower() for column in sheet.columns if column.name), *chosen}
     for alias in {ANGLE, STROKE} & {*requested} - known:
@@ -194,14 +194,14 @@ def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOpti
 def _unit_of_coordinate(
     column: Column, values: np.ndarray, units: dict[str, str], notes: list[str], angle_requested: bool
 ) -> CoordinateUnit:
-    """Return the coordinate's unit; an angle without a unit is in radians or degrees by its size."""
+    """Return the coordinate's unit; the size of an angle without a unit decides if it is in rad or deg."""
     unit = units.get(HEIGHT)
     if unit in ANGLE_UNITS:
         return "rad"
     if angle_requested and unit is not None:
         raise RecordError(
-            f"the angle {quote(column.name)} has the unit {quote(unit)}; give deg or rad "
-            "(--units angle=deg), or its scale (--scale '360 deg/2048 counts')"
+            f"the angle {quote(column.name)} has the unit {quote(unit)}, which is not a unit of angle; give "
+            "deg or rad (--units angle=deg), or the sensor's scale (--scale '360 deg/2048 counts')"
         )
     if unit is not None or not (angle_requested or normalize_column_name(column.name) in ANGLES):
         return "m"
@@ -215,14 +215,14 @@ def _unit_of_coordinate(
 
 
 def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateUnit) -> float:
-    """SI size of a unit in a role; 1 for an unknown unit of an input."""
+    """Return the size in SI of a unit in a role; 1 for an unknown unit of an input."""
     if unit is None:
         return 1.0
     si_unit = si_unit_of_role(role, coordinate_unit)
     example = example_unit(role)
     scale = f"2.5 {example}/{sanitize(unit, 12)}"
     remedy = (
-        f"give it (--units {role}={example}); for a sensor, give the scale (--scale "
+        f"give the right unit (--units {role}={example}); for a sensor, give its scale (--scale "
         f"{shlex.quote(scale if role == HEIGHT else f'{role}={scale}')})"
     )
     try:
@@ -232,23 +232,25 @@ def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateU
             return 1.0
         if is_logarithmic_unit(unit):
             raise RecordError(
-                f"{role} is in {quote(unit)}, a logarithmic level: write its amplitude, 10^(level/20), to "
-                f"the file, or give another column (--columns {role}=NAME)"
+                f"{role} is in {quote(unit)}, a logarithmic level: write the amplitude, 10^(level/20), to "
+                f"the file instead, or give another column (--columns {role}=NAME)"
             ) from None
         raise RecordError(f"{role}: {error}; if {quote(unit)} is not the unit, {remedy}") from None
     if si_unit and dimension[3] != 0:
         plain = f", or use plain numbers (--units {role}=1)" if role == HEIGHT else ""
-        raise RecordError(f"{role} has the unit {quote(unit)}; if that is wrong, {remedy}{plain}")
+        raise RecordError(
+            f"{role} has the unit {quote(unit)} of a sensor; if this unit is wrong, {remedy}{plain}"
+        )
     if si_unit and dimension != unit_size(si_unit)[1]:
         raise RecordError(
             f"{role}: the unit {quote(unit)} does not fit; a unit like {si_unit} is needed: give "
-            f"another column (--columns {role}=NAME) or its unit (--units {role}={example})"
+            f"another column (--columns {role}=NAME) or the right unit (--units {role}={example})"
         )
     return size
 
 
 def _convert_epoch_times(converted: Arrays, column: Column, notes: list[str]) -> None:
-    """Convert times since 1970, recognized by their size, to seconds since the first sample."""
+    """Convert times since 1970, which are recognized by their size, to seconds since the first sample."""
     if column.timestamp_kind or column.unit is not None:
         return
     known = converted[TIME][np.isfinite(converted[TIME])]
@@ -266,7 +268,7 @@ def _convert_epoch_times(converted: Arrays, column: Column, notes: list[str]) ->
 def _note_large_values_without_unit(
     sheet: Sheet, converted: Arrays, chosen: Mapping[str, Column], units: Mapping[str, str], notes: list[str]
 ) -> None:
-    """Note numbers without a unit that would be large for a laboratory record in SI."""
+    """Add a note if numbers without a unit would be large for a laboratory record in SI."""
     if HEIGHT not in converted:
         return
     if sheet.form in IN_MEMORY and (chosen[TIME].name, chosen[HEIGHT].name) == (TIME, HEIGHT):
@@ -285,13 +287,13 @@ def _note_large_values_without_unit(
         extent, largest = float(np.ptp(heights)), float(np.abs(heights).max())
         if extent <= _ABSURD and (extent >= _LONG_EXTENT or largest >= _LARGE_HEIGHT):
             notes.append(
-                f"{quote(chosen[HEIGHT].name)} has no unit and is taken as m, over {extent:.3g} m "
-                f"up to {largest:.3g} m (--units height=mm)"
+                f"{quote(chosen[HEIGHT].name)} has no unit and is taken as m: its range is {extent:.3g} m, "
+                f"its maximum {largest:.3g} m (--units height=mm)"
             )
 
 
 def _note_velocity_unlike_slope(converted: Arrays, notes: list[str]) -> None:
-    """Note a velocity that does not correlate with the slope of the height."""
+    """Add a note if the velocity does not correlate with the slope of the height."""
     if VELOCITY not in converted or HEIGHT not in converted:
         return
     columns = np.array([converted[TIME], converted[HEIGHT], converted[VELOCITY]])
@@ -312,7 +314,7 @@ def _note_velocity_unlike_slope(converted: Arrays, notes: list[str]) -> None:
 
 
 def _note_stroke_taken_as_free(chosen: Mapping[str, Column], options: ReadOptions, notes: list[str]) -> None:
-    """Note a column named stroke, next to a force, that is taken as a free motion."""
+    """Add a note if a column named stroke is taken as a free motion although a force was recorded."""
     if not {HEIGHT, FORCE} <= {*chosen} or not {HEIGHT, STROKE, ANGLE}.isdisjoint(options.columns):
         return
     stroke, force = (chosen[role].name for role in (HEIGHT, FORCE))
@@ -328,13 +330,13 @@ def _note_stroke_taken_as_free(chosen: Mapping[str, Column], options: ReadOption
 
 
 def require_numeric_values(sheet: Sheet, role: str, column: Column) -> Float[np.ndarray, "n"]:
-    """Return the numbers of a column; refuse text and infinite values."""
+    """Return the numbers of a column; raise an error for text and infinite values."""
     if column.values is None:
         if column.first_invalid is None:
-            raise RecordError(f"{role} holds no numbers; write numbers")
+            raise RecordError(f"the column of {role} holds no numbers; write numbers to it")
         row, cell = column.first_invalid
         raise RecordError(
-            f"{role} of {sheet.describe_row(row)} is {quote(cell)}, not a number; correct or drop it"
+            f"{role} of {sheet.describe_row(row)} is {quote(cell)}, not a number; correct or remove it"
         )
     infinite = np.isinf(column.values)
     if infinite.any():
@@ -347,7 +349,7 @@ def require_numeric_values(sheet: Sheet, role: str, column: Column) -> Float[np.
 
 
 def _remaining_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[Arrays, list[str]]:
-    """Further numeric columns by name, and the names of omitted columns."""
+    """Return the further numeric columns by name, and the names of omitted columns."""
     counts = collections.Counter([*(column.name.lower() for column in sheet.columns), *chosen])
     others: Arrays = {}
     omitted_columns = []
@@ -370,7 +372,7 @@ def _without_incomplete_samples(
     omitted_columns: list[str],
     motion: str,
 ) -> Arrays:
-    """Drop samples without time or motion, then other columns with gaps."""
+    """Drop samples without time or motion, and then columns that still have gaps."""
     complete = np.isfinite(columns[TIME]) & np.isfinite(columns[motion])
     dropped = int((~complete).sum())
     if dropped:
@@ -394,13 +396,13 @@ def _repeated_times_text(sheet: Sheet, columns: Arrays, doubles: np.ndarray) -> 
     rate = 1.0 / max(float(np.polyfit(np.arange(len(time)), time - time[0], 1)[0]), _SHORTEST_STEP)
     return (
         f"time of {sheet.describe_row(int(columns[_ROW][first]))}, {time[first]:g} s, occurs twice, as do "
-        f"{len(doubles) - 1} others: if samples are even but the clock is coarser, give the sampling rate "
-        f"(--rate '{rate:.5g} Hz'); else average samples at equal times (--sort)"
+        f"{len(doubles) - 1} others: if the samples are equally spaced but the clock is too coarse, give the "
+        f"sampling rate (--rate '{rate:.5g} Hz'); otherwise average samples at equal times (--sort)"
     )
 
 
 def _mean_of_equal_times(columns: Arrays) -> Arrays:
-    """Average samples at equal times; the row in the file is the first one's."""
+    """Average samples at equal times; their row in the file is the row of the first of them."""
     firsts = np.flatnonzero(np.diff(columns[TIME], prepend=-np.inf) > 0.0)
     counts = np.diff(np.append(firsts, len(columns[TIME])))
     return {
@@ -410,7 +412,7 @@ def _mean_of_equal_times(columns: Arrays) -> Arrays:
 
 
 def spread_rounded_times(time: Float[np.ndarray, "n"], notes: list[str]) -> Float[np.ndarray, "n"]:
-    """Spread times [s] that are rounded to clock ticks evenly between the ticks."""
+    """Distribute times [s] that are rounded to clock ticks evenly between the ticks."""
     repeated = np.diff(time) == 0.0
     if not repeated.any() or (np.diff(time) < 0.0).any() or repeated.mean() < _ROUNDED_FRACTION:
         return time
@@ -425,5 +427,7 @@ def spread_rounded_times(time: Float[np.ndarray, "n"], notes: list[str]) -> Floa
     # No tick follows the last run, which is spread with the mean density of the others.
     rate = (firsts[-1] - firsts[0]) / (ticks[-1] - ticks[0])
     end = ticks[-1] + (len(time) - firsts[-1]) / rate
-    notes.append(f"times are rounded to {usual:.3g} s: samples of each tick are spread evenly up to the next")
+    notes.append(
+        f"times are rounded to {usual:.3g} s: samples of each tick are spread evenly up to the next tick"
+    )
     return np.asarray(np.interp(np.arange(len(time), dtype=float), [*firsts, len(time)], [*ticks, end]))

@@ -29,7 +29,7 @@ T = TypeVar("T")
 FILE = "file"
 """Key of a description for the path of the file."""
 _MISSPELT = 0.8
-"""Similarity to a role above which a name is refused as a misspelt role."""
+"""A name that is more similar than this to a role is refused as a misspelt role."""
 _MAX_BYTES = 2**20
 """Maximum size of a description; larger TOML files are taken as scenes without reading."""
 ALL = "all"
@@ -48,7 +48,7 @@ _KINDS: tuple[tuple[tuple[str, ...], Any, str], ...] = (
     (("sheet",), str | None, "give a name"),
     (("scale", "zero"), str | Mapping | None, "give a text with units"),
 )
-"""Types of options, and the advice for any other type."""
+"""Types of options, and the advice for a value of another type."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +71,7 @@ class ReadOptions:
     sheet : str or None
         Sheet of a workbook, variable of a MATLAB file, or group of a TDMS file.
     flip : bool
-        True if the coordinate increases downwards, such as the distance from a sensor above.
+        True if the coordinate increases downwards, such as the distance from a sensor above the piston.
     between : tuple of float or None
         First and last time of the samples to keep [s].
     scale, zero : str, mapping of str to str, or None
@@ -81,8 +81,8 @@ class ReadOptions:
         Calibration in its other forms, ``coefficients`` or ``points``, of the height or by column;
         in a description ``points`` is the name of a file.
     release : int, str or None
-        Number from 1 of the release to use, or ``"all"``. Used only when free motion is extracted
-        from a record (`reduced_models.records.free_motion`).
+        Number (from 1) of the release to use, or ``"all"``. This option acts only when free motion is
+        extracted from a record (`reduced_models.records.free_motion`).
     rate : str, float or None
         Sampling rate [Hz] of a file without times.
     sort : bool
@@ -118,10 +118,10 @@ class ReadOptions:
         for role, column in self.columns.items():
             _check_role(str(role))
             if isinstance(column, bool) or not isinstance(column, str | int):
-                raise RecordError(f"columns: {role} = {quote(column)}; give a name or a number")
+                raise RecordError(f"columns: {role} = {quote(column)} is not valid; give a name or a number")
         for role, unit in self.units.items():
             if not isinstance(unit, str):
-                raise RecordError(f"units: {quote(role)} = {quote(unit)}; give a unit in words")
+                raise RecordError(f"units: {quote(role)} = {quote(unit)} is not a text; give a unit as text")
         self.calibrations()
         if self.release not in (None, ALL):
             number = str(self.release)
@@ -137,7 +137,7 @@ class ReadOptions:
 
     def _require(self, name: str, fits: bool, advice: str) -> None:
         if not fits:
-            raise RecordError(f"{name} = {quote(getattr(self, name))}; {advice}")
+            raise RecordError(f"{name} = {quote(getattr(self, name))} is not valid; {advice}")
 
     def merge(self, overrides: ReadOptions) -> ReadOptions:
         """Combine these options with others, which take precedence."""
@@ -163,8 +163,8 @@ class ReadOptions:
         for column, given in (*of_columns, *[("height", of_height)] * bool(of_height)):
             if not isinstance(given, Mapping):
                 raise RecordError(
-                    f"calibration: {unknown_word_message(str(column), KEYS, 'key')}; or give a table for a "
-                    "column"
+                    f"calibration: {unknown_word_message(str(column), KEYS, 'key')}; for a column, give a "
+                    "table of these keys"
                 )
             result.setdefault(_calibration_key(column), {}).update(given)
         return result
@@ -175,11 +175,11 @@ class ReadOptions:
             return tables
         if self.sheet not in tables:
             names = ", ".join(map(quote, tables))
-            raise RecordError(f"no {kind} {quote(self.sheet)}; found: {names}")
+            raise RecordError(f"has no {kind} {quote(self.sheet)}; found: {names}")
         return {self.sheet: tables[self.sheet]}
 
     def to_plain(self) -> dict[str, Any]:
-        """Convert the options to plain data, without defaults."""
+        """Convert the options to plain data; options with their default are omitted."""
         calibrations = self.calibrations()
         of_height = calibrations.get("height", {})
         short = list(calibrations) == ["height"] and set(of_height) <= {"scale", "zero"}
@@ -195,7 +195,7 @@ class ReadOptions:
 
 
 def note_on_other_tables(kind: str, names: Sequence[str]) -> str:
-    """Note that the first of several tables is read, and the option for another one."""
+    """Make the note that the first of several tables is read, and how to choose another one."""
     return (
         f"the {kind} {quote(names[0])}, the first of {len(names)}, is read (another: --sheet "
         f"{shlex.quote(sanitize(names[1]))})"
@@ -203,7 +203,7 @@ def note_on_other_tables(kind: str, names: Sequence[str]) -> str:
 
 
 def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
-    """Make options from plain data as of `ReadOptions.to_plain`."""
+    """Make options from plain data, such as those from `ReadOptions.to_plain`."""
     known = tuple(field.name for field in dataclasses.fields(ReadOptions))
     for key in plain:
         if key not in known:
@@ -212,7 +212,7 @@ def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
 
 
 def _check_role(role: str) -> None:
-    """Refuse a name that is neither a role nor a valid name of an input, or is nearly a role."""
+    """Raise an error if a name is neither a role nor a valid name of an input, or if it is nearly a role."""
     known = (*ROLES, ANGLE, STROKE)
     misspelt = difflib.get_close_matches(role, known, 1, _MISSPELT)
     if role not in known and (misspelt or not role.isidentifier()):
@@ -229,9 +229,9 @@ def _parse_sampling_rate(rate: Any) -> float:
     try:
         value = si_value(str(rate), "Hz")
     except SceneError as error:
-        raise RecordError(f"rate = {quote(rate)}: {error}; such as '610.35 Hz'") from None
+        raise RecordError(f"rate = {quote(rate)}: {error}; give a rate such as '610.35 Hz'") from None
     if not 0.0 < value < math.inf:
-        raise RecordError(f"rate = {value:g} Hz; give a number above 0")
+        raise RecordError(f"rate = {value:g} Hz is outside the limits; give a number above 0")
     return value
 
 
@@ -239,9 +239,9 @@ def _parse_time_range(times: Any) -> tuple[float, float]:
     try:
         start, stop = (float(time) for time in times)
     except (TypeError, ValueError):
-        raise RecordError(f"between = {quote(times)}; give two times, such as 0.5:6") from None
+        raise RecordError(f"between = {quote(times)} is not two times; give two, such as 0.5:6") from None
     if not start < stop or math.isnan(start):
-        raise RecordError(f"between = {start:g} to {stop:g} s; give the earlier time first")
+        raise RecordError(f"between = {start:g} to {stop:g} s is not increasing; give the earlier time first")
     return start, stop
 
 
@@ -260,7 +260,7 @@ def read_record_description(path: Path) -> tuple[Path, ReadOptions]:
     plain = dict(read_toml(path))
     name = plain.pop(FILE, None)
     if not isinstance(name, str):
-        raise RecordError(f"{sanitize(path)}: file = {quote(name)}; give the name of a file")
+        raise RecordError(f"{sanitize(path)}: file = {quote(name)} is not a text; give the name of a file")
     try:
         options = options_from_plain(plain)
     except RecordError as error:
@@ -269,7 +269,7 @@ def read_record_description(path: Path) -> tuple[Path, ReadOptions]:
 
 
 def _map_point_files(options: ReadOptions, change: Callable[[str], str]) -> ReadOptions:
-    """Apply a change to the paths of files of calibration points."""
+    """Apply a change to the paths of the files with calibration points."""
     calibrations = options.calibrations()
     changed = {
         column: {**given, "points": change(given["points"])}
@@ -281,7 +281,7 @@ def _map_point_files(options: ReadOptions, change: Callable[[str], str]) -> Read
 
 @contextlib.contextmanager
 def name_description_in_errors(path: Path, file: Path) -> Iterator[None]:
-    """Put the description's path in errors, and hide the content of files outside its folder."""
+    """Put the description's path in errors; hide the content of files outside the description's folder."""
     try:
         yield
     except RecordError:
@@ -301,7 +301,7 @@ def _is_in_other_folder(path: Path, file: Path) -> bool:
 
 
 def described_file(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]:
-    """Return the data file of a path, which may be a description, and the merged options."""
+    """Return the data file and the merged options for a path, which may be a description."""
     if not is_record_description(path):
         return path, options
     file, described = read_record_description(path)
@@ -320,7 +320,7 @@ class RecordSource:
 
 
 def source_of_file(path: Path, options: ReadOptions, notes: tuple[str, ...]) -> RecordSource:
-    """Source of a record that was read from a file, or from a file with a description."""
+    """Return the source of a record that was read from a file or through a description."""
     file, merged = described_file(path, options)
     calibrations = []
     for column, given in merged.calibrations().items():
@@ -332,7 +332,7 @@ def source_of_file(path: Path, options: ReadOptions, notes: tuple[str, ...]) -> 
 
 
 def write_record_description(path: Path, file: Path, options: ReadOptions) -> None:
-    """Write a description of a record, with the path from it to the file."""
+    """Write a description of a record; it gives the file's path relative to the description."""
     import tomli_w
 
     folder = path.resolve().parent

@@ -30,7 +30,7 @@ DRAWN_UNITS = {"m": ("mm", 1e3), "rad": ("rad", 1.0)}
 """Unit of a plotted coordinate, and the factor from SI."""
 _MIN_SAMPLES = 2
 _INTEGRALS = {VELOCITY: 1, ACCELERATION: 2}
-"""Columns that give the motion without a position, and the number of integrations."""
+"""Columns that give the motion without a position, and how often each must be integrated."""
 
 
 class PandasOrXarray(Protocol):
@@ -59,7 +59,8 @@ class PistonRecord:
         uncertainty each; they widen the confidence intervals of fits. Not checked.
     measured : str
         Column to which laws are fitted: ``"height"``; ``"velocity"`` or ``"acceleration"`` without a
-        position (then ``height`` is the high-passed integral, for first guesses); ``"force"`` of a stroke.
+        position (then ``height`` is the high-passed integral, for initial guesses); ``"force"`` for a
+        prescribed stroke.
     source : RecordSource or None
         File (with digest and calibration) or scene of the record, and notes on its samples.
     complete : bool
@@ -92,7 +93,7 @@ class PistonRecord:
 
     def __post_init__(self) -> None:
         if self.coordinate_unit not in COORDINATES:
-            raise RecordError(f"coordinate_unit = {quote(self.coordinate_unit)}; give 'm' or 'rad'")
+            raise RecordError(f"coordinate_unit = {quote(self.coordinate_unit)} is unknown; use 'm' or 'rad'")
         for name in UNITS:
             values = getattr(self, name)
             if values is not None:
@@ -106,7 +107,7 @@ class PistonRecord:
             problem = "occurs twice" if before == after else f"comes after {before:g} s"
             raise RecordError(
                 f"time of sample {sample}, {after:g} s, {problem}; times must increase: sort the samples, "
-                "and average those at equal times (for a file: --sort)"
+                "and average samples at equal times (for a file: --sort)"
             )
 
     def _validated_column(self, name: str, values: np.ndarray) -> np.ndarray:
@@ -159,7 +160,7 @@ class PistonRecord:
         return table
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Plot the height [mm] or angle [rad] over time [s]; the integrated one if none was measured.
+        """Plot the height [mm] or angle [rad] against time [s]; it is integrated if it was not measured.
 
         Parameters
         ----------
@@ -185,9 +186,10 @@ class PistonRecord:
     ) -> PistonRecord:
         """Read a record from a file of an instrument or a program.
 
-        CSV and similar text in any encoding, with preambles, rows of units, decimal commas, missing samples,
-        dates and times of day; LabVIEW measurements; by suffix Parquet (``.parquet``, ``.pq``), workbooks
-        (``.xlsx``, ``.ods``), TDMS and MATLAB files. A ``record.toml`` holds the options for a file.
+        The file may be CSV or similar text in any encoding, with preambles, rows of units, decimal commas,
+        missing samples, dates and times of day, or a LabVIEW measurement. The suffix selects Parquet
+        (``.parquet``, ``.pq``), workbooks (``.xlsx``, ``.ods``), TDMS and MATLAB files. A ``record.toml``
+        holds the options for a file.
 
         The roles of columns follow from their names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
         ``displacement``, ``angle``, ...) and units (``height [mm]``, ``height_mm``, ...); without a unit,
@@ -212,7 +214,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If an option is not valid, the file or a library for it is missing, or it cannot be read.
+            If an option is not valid, the file or a library for it is missing, or the file cannot be read.
         """
         return cls._read_file(Path(path), None, units, options)
 
@@ -300,7 +302,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If it is not a table, holds no record, or an option is not valid.
+            If ``table`` is not a table or holds no record, or an option is not valid.
 
         Examples
         --------
@@ -356,11 +358,11 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If the columns form no record, or a stroke comes without a force.
+            If the columns do not form a record, or a stroke is given without a force.
         """
         record = cls.from_columns(interpretation.columns)
         if interpretation.prescribed and record.force is None:
-            raise RecordError("a stroke needs a measured force; give its column, force=...")
+            raise RecordError("a stroke needs a measured force; give the column of the force, force=...")
         measured = "force" if interpretation.prescribed else record.measured
         return dataclasses.replace(
             record,
@@ -418,7 +420,7 @@ class PistonRecord:
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units of time, height, velocity and force by name, a dict, also for missing columns."""
+        """SI units of time, height, velocity and force as a dict by name, also for missing columns."""
         return {**UNITS, "height": self.coordinate_unit, "velocity": f"{self.coordinate_unit}/s"}
 
     @property
@@ -428,7 +430,7 @@ class PistonRecord:
 
     @property
     def signal(self) -> np.ndarray:
-        """Measured quantity, float64 (n,), in `signal_unit`."""
+        """Values of the measured quantity, float64 (n,), in `signal_unit`."""
         return self.columns[self.measured] if self.measured in (*_INTEGRALS, "force") else self.height
 
     @property
@@ -440,7 +442,7 @@ class PistonRecord:
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """All columns, a dict of float64 (n,) in SI by name; without an integrated height."""
+        """All columns as a dict of float64 (n,) in SI by name; an integrated height is omitted."""
         standard = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
         if self.measured in _INTEGRALS:
             del standard["height"]
@@ -463,13 +465,13 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If ``time`` or the motion is missing, or the values form no `PistonRecord`.
+            If ``time`` or the motion is missing, or the values do not form a `PistonRecord`.
         """
         measured = next((name for name in ("height", *_INTEGRALS) if name in columns), "height")
         for name in ("time", measured):
             if name not in columns:
                 raise RecordError(
-                    f"there is no column {quote(name)}; give time, and height, velocity or acceleration"
+                    f"the column {quote(name)} is missing; give time, and height, velocity or acceleration"
                 )
         standard = {name: columns[name] for name in UNITS if name in columns}
         extra = {name: values for name, values in columns.items() if name not in UNITS}
@@ -496,7 +498,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If fewer than two samples lie between, also if a limit is NaN.
+            If fewer than two samples lie between the limits, also if a limit is NaN.
 
         Examples
         --------
@@ -522,7 +524,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If there are fewer than two, or they do not increase in time.
+            If fewer than two samples are selected, or their times do not increase.
         IndexError
             If the record has no such samples.
         """
@@ -532,7 +534,7 @@ class PistonRecord:
         return dataclasses.replace(self, **standard, extra=extra, deviations=deviations)
 
     def first(self, count: int) -> PistonRecord:
-        """First ``count`` samples.
+        """Return the first ``count`` samples.
 
         Parameters
         ----------
@@ -568,12 +570,12 @@ class PistonRecord:
         return dataclasses.replace(self, time=self.time - self.time[0])
 
     def mapped(self, shift: float, scale: float) -> PistonRecord:
-        """Record in the coordinate z = (height - shift)/scale.
+        """Return the record in the coordinate z = (height - shift)/scale.
 
         Parameters
         ----------
         shift, scale : float
-            Height at z = 0, and height per unit of z, which is not 0 [m]; for an angle [rad].
+            Height at z = 0, and height per unit of z, which must not be 0 [m]; for an angle [rad].
 
         Returns
         -------

@@ -38,21 +38,21 @@ from granular.records.sheet import Column, Sheet
 from granular.shared.errors import RecordError, quote, sanitize, unknown_word_message
 
 ROLES_FROM_NAMES = (TIME, HEIGHT, VELOCITY, FORCE)
-"""Roles that may be guessed from names; the others must be given."""
+"""Roles that may be guessed from names; the user must give the columns of other roles."""
 _MAX_SHOWN = 20
 _MAX_NAME_CHARACTERS = 40
 _COMPARABLE_MOTION = 0.1
-"""Fraction of the largest standard deviation above which another column may be the coordinate too."""
+"""Another column may also be the coordinate above this fraction of the largest standard deviation."""
 _MIN_STEPS = 10
-"""Samples needed to conclude from even steps that two columns may be the time."""
+"""Number of samples from which columns with equal steps are taken as possible times."""
 _INDEX = re.compile(r"(unnamed|index level|level) \d+|index")
 """Names of a column with row numbers, as pandas writes and reads it; it may also be nameless."""
 _NAME_WITH_NUMBER = re.compile(r"(.+) \(([1-9]\d{0,4})\)")
-"""Name and number of a further column whose name occurs twice in a file."""
+"""Name and number of a column whose name occurs more than once in a file."""
 _MAGNITUDE = re.compile(r"abs|total|magnitude|betrag")
-"""Words for the magnitude of a vector, which oscillates at twice the frequency of its components."""
+"""Words for the magnitude of a vector, which oscillates at twice the frequency of the components."""
 _STEP_TOLERANCE = 0.01
-"""Maximum relative deviation of even steps from their median."""
+"""Maximum relative deviation of steps from their median if they count as equal."""
 _RATES_OF_CHANGE = {VELOCITY: ("m/s", "rad/s"), ACCELERATION: ("m/s^2", "rad/s^2")}
 
 Roles = dict[str, Column]
@@ -61,11 +61,11 @@ Roles = dict[str, Column]
 def assign_roles(
     sheet: Sheet, options: ReadOptions, notes: list[str]
 ) -> tuple[Roles, dict[str, Calibration]]:
-    """Assign a column to each role: by the user's option, by name, or the only column that fits."""
+    """Assign a column to each role: from the user's options, by its name, or as the only one that fits."""
     chosen = {role: _find_named_column(sheet, column) for role, column in options.columns.items()}
     for alias in [name for name in (ANGLE, STROKE) if name in chosen]:
         if HEIGHT in chosen:
-            raise RecordError(f"columns: both height and {alias} are given; give one of them")
+            raise RecordError(f"columns: both height and {alias} are given; give only one of them")
         chosen[HEIGHT] = chosen.pop(alias)
     if options.rate is not None and TIME not in chosen:
         lengths = [len(column.values) for column in sheet.columns if column.values is not None]
@@ -88,12 +88,12 @@ def assign_roles(
 
 
 def motion_role(chosen: Mapping[str, object]) -> str:
-    """Role of the column of the motion: the coordinate, or else its derivative."""
+    """Return the role of the column that gives the motion: the coordinate, or else its derivative."""
     return next(role for role in (HEIGHT, VELOCITY, ACCELERATION) if role in chosen)
 
 
 def find_time_column(sheet: Sheet) -> Column:
-    """Find the column of times by name or by values."""
+    """Find the column of times by its name or by its values."""
     chosen: Roles = {}
     _choose_columns_by_name(sheet, chosen, [])
     if TIME not in chosen:
@@ -102,7 +102,7 @@ def find_time_column(sheet: Sheet) -> Column:
 
 
 def is_index(sheet: Sheet, column: Column) -> bool:
-    """Return True for a column of row numbers as of pandas and R: named so, or nameless and first."""
+    """Return True for row numbers as pandas and R write them: a column named so, or nameless and first."""
     if not sheet.header or column.values is None or column.timestamp_kind:
         return False
     named = _INDEX.fullmatch(normalize_column_name(column.name)) is not None
@@ -114,7 +114,7 @@ def is_index(sheet: Sheet, column: Column) -> bool:
 
 
 def columns_option(sheet: Sheet, role: str, column: Column) -> str:
-    """Command-line option that assigns a role to a column, by its name or number."""
+    """Return the command-line option that assigns a role to a column, by the column's name or number."""
     name = column.name
     unique = sum(item.has_name(name) for item in sheet.columns) == 1
     plain = unique and not name.isdigit() and len(name) <= _MAX_NAME_CHARACTERS and sanitize(name) == name
@@ -123,7 +123,7 @@ def columns_option(sheet: Sheet, role: str, column: Column) -> str:
 
 
 def is_unambiguous(sheet: Sheet, column: str) -> bool:
-    """Return True for a column's number, or a name that only one column has."""
+    """Return True if a column is given by its number, or by a name that only one column has."""
     numbered = column.isdigit() or _NAME_WITH_NUMBER.fullmatch(column) is not None
     return numbered or sum(item.has_name(column) for item in sheet.columns) == 1
 
@@ -137,7 +137,7 @@ def _find_named_column(sheet: Sheet, requested: str | int) -> Column:
     columns = sheet.columns
     if isinstance(requested, int) or requested.isdigit():
         if not 1 <= int(requested) <= len(columns):
-            raise RecordError(f"there is no column {int(requested)}; give a number from 1 to {len(columns)}")
+            raise RecordError(f"column {int(requested)} does not exist; give one from 1 to {len(columns)}")
         return columns[int(requested) - 1]
     numbered = _NAME_WITH_NUMBER.fullmatch(requested)  # the form for further columns of equal name
     further = [] if numbered is None else columns[int(numbered[2]) - 1 : int(numbered[2])]
@@ -156,7 +156,7 @@ def _column_numbers(sheet: Sheet) -> list[str]:
 def _calibrations_by_role(
     sheet: Sheet, chosen: Roles, given: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Calibration]:
-    """Calibration of each role; a column that is given by name gets a role if it has none."""
+    """Return the calibration of each role; a column that is given by name gets a role if it has none."""
     by_role: dict[str, dict[str, Any]] = {}
     for key, calibration in given.items():
         role: str | None = key
@@ -210,7 +210,7 @@ def _choose_columns_by_name(sheet: Sheet, chosen: Roles, notes: list[str]) -> No
 
 
 def _move_varying_column_first(sheet: Sheet, candidates: list[Column]) -> list[Column]:
-    """Put the candidate for the coordinate that varies first; refuse to choose if several vary."""
+    """Put the only candidate for the coordinate that varies first; raise an error if several vary."""
     if not candidates or normalize_column_name(candidates[0].name) in PREFERRED:
         return candidates
     spreads = {item: _standard_deviation(item) for item in candidates}
@@ -228,7 +228,7 @@ def _move_varying_column_first(sheet: Sheet, candidates: list[Column]) -> list[C
 
 
 def _unit_fits_role(column: Column, role: str) -> bool:
-    """Return True if a column has no unit, or one that suits the role."""
+    """Return True if a column has no unit, or a unit that suits the role."""
     dimension = dimension_of(column.unit)
     if (
         dimension is None or dimension[3] != 0
@@ -238,7 +238,7 @@ def _unit_fits_role(column: Column, role: str) -> bool:
 
 
 def _ambiguous_columns_text(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
-    """Text of the error for an ambiguous role, with the option for each column."""
+    """Text of the error for an ambiguous role, with the command-line option for each column."""
     shown = columns[:_MAX_SHOWN]
     names = " or ".join(_name_or_number(sheet, item) for item in shown)
     options = " or ".join(columns_option(sheet, role, item) for item in shown)
@@ -259,7 +259,7 @@ def _is_increasing(column: Column) -> bool:
 
 
 def _has_even_steps(column: Column) -> bool:
-    """Return True for a column that increases in equal steps, like sampled times."""
+    """Return True if a column increases in equal steps, like sampled times."""
     if not _is_increasing(column):
         return False
     steps = np.diff(column.finite_values)
@@ -294,13 +294,13 @@ def _choose_time_column(sheet: Sheet, chosen: Roles, notes: list[str]) -> None:
 
 
 def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
-    """Advice on how to give the time, by the columns present; ``counted`` are sample counters."""
+    """Advise how to give the time, depending on the columns; ``counted`` are sample counters."""
     even = [item for item in sheet.columns if item.name and item not in counted and _has_even_steps(item)]
     maybe = next(filter(_may_be_time, even), None)
     if maybe is not None:
         return (
-            f"{quote(maybe.name)} increases in even steps: if it is the time, give it and its unit, such as "
-            f"{columns_option(sheet, TIME, maybe)} --units time=s"
+            f"{quote(maybe.name)} increases in equal steps: if it is the time, give this column and its "
+            f"unit, such as {columns_option(sheet, TIME, maybe)} --units time=s"
         )
     if counted:
         name = _name_or_number(sheet, counted[0])
@@ -308,9 +308,8 @@ def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
     if even:
         unit = f" [{sanitize(even[0].unit)}]" if even[0].unit else ""
         return (
-            f"{quote(even[0].name)}{unit} increases in even steps but is not a time, as in a spectrum or a "
-            "curve: "
-            "give the motion over time"
+            f"{quote(even[0].name)}{unit} increases in equal steps but is not a time, as in a spectrum or a "
+            "curve: give the motion as a function of time"
         )
     example = "time=NAME" if any(item.name for item in sheet.columns) else "time=1,height=2"
     return (
@@ -320,7 +319,7 @@ def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
 
 
 def _may_be_time(column: Column) -> bool:
-    """Return False if unit or name give another quantity; a single letter may be the time."""
+    """Return False if unit or name give a quantity other than time; a single letter may be the time."""
     if column.unit is not None and is_unit(column.unit):
         return has_dimension_of(column.unit, "s")
     name = normalize_column_name(column.name)
@@ -348,7 +347,7 @@ def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, not
         raise RecordError(_ambiguous_columns_text(sheet, HEIGHT, lengths))
     if not result and not {VELOCITY, ACCELERATION}.isdisjoint(options.columns):
         notes.append(
-            f"there is no position: a law is fitted to the {motion_role(chosen)}, which does not "
+            f"the record has no position: a law is fitted to the {motion_role(chosen)}, which does not "
             "determine the equilibrium height (--columns height=NAME for a position)"
         )
         return
@@ -394,7 +393,7 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
 
 
 def _columns_of_rate(columns: Sequence[Column], role: str) -> list[Column]:
-    """Columns of a velocity or acceleration, by falling standard deviation; magnitudes last."""
+    """List columns of a velocity or acceleration, largest standard deviation first; magnitudes last."""
     fitting = [
         item
         for item in columns
@@ -407,13 +406,13 @@ def _columns_of_rate(columns: Sequence[Column], role: str) -> list[Column]:
 
 
 def _options_in_turn(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
-    """Options for each column, the one with the largest standard deviation first."""
+    """Write the option for each column, beginning with the column that varies most."""
     first, *others = [columns_option(sheet, role, item) for item in columns[:_MAX_SHOWN]]
     return f"{first}, which varies most, or {' or '.join(others)}" if others else first
 
 
 def _is_sensor_unit(unit: str) -> bool:
-    """Return True for a unit of a sensor's output: electrical, pressure, or unknown."""
+    """Return True for a unit that a sensor's output may have: electrical, of pressure, or unknown."""
     dimension = dimension_of(unit)
     return not is_logarithmic_unit(unit) and (
         dimension is None or dimension[3] != 0 or has_dimension_of(unit, "Pa")
@@ -421,7 +420,7 @@ def _is_sensor_unit(unit: str) -> bool:
 
 
 def _refuse_to_guess_channel(sheet: Sheet, columns: Sequence[Column]) -> None:
-    """Refuse to guess the input of an instrument that recorded the height."""
+    """Raise an error if all columns are inputs of an instrument, any of which may be the height."""
     channels = [
         column
         for column in columns
@@ -430,7 +429,7 @@ def _refuse_to_guess_channel(sheet: Sheet, columns: Sequence[Column]) -> None:
     if channels and len(channels) == len(columns):
         names = ", ".join(quote(column.name) for column in channels[:_MAX_SHOWN])
         raise RecordError(
-            f"no column 'height', only channels: {names}; give its channel and unit, such as "
+            f"no column 'height', only channels: {names}; give the height's channel and unit, such as "
             f"{columns_option(sheet, HEIGHT, channels[0])} --units height=mm"
         )
 

@@ -35,7 +35,7 @@ class Column:
     heading: str = ""  # as in the file, with the unit; empty: the name
 
     def has_name(self, words: str) -> bool:
-        """Return True for the column's name, or its heading in the file."""
+        """Return True if this is the column's name, or its heading in the file."""
         requested = words.lower().split()
         return requested in [name.lower().split() for name in (self.name, self.heading) if name]
 
@@ -47,7 +47,7 @@ class Column:
 
 @dataclasses.dataclass(eq=False)
 class Sheet:
-    """A table, from a file or from memory."""
+    """A table that was read from a file or from memory."""
 
     columns: list[Column]
     lines: Int[np.ndarray, "n"] | None  # line number of each row in the file; None: not a text file
@@ -62,19 +62,19 @@ class Sheet:
 
 @contextlib.contextmanager
 def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
-    """Turn any error of a library that reads a file into a one-line `RecordError`."""
+    """Convert any error of a library that reads a file to a one-line `RecordError`."""
     try:
         yield
     except (RecordError, MemoryError):  # a MemoryError ends the reading process
         raise
     except ImportError:
         raise RecordError(
-            f"{kind} needs {package}, which is not installed; pip install "
-            f"'granular-damper[{extra}]', or save it as CSV"
+            f"{kind} needs {package}, which is not installed; run pip install "
+            f"'granular-damper[{extra}]', or save the data as CSV"
         ) from None
     except Exception as error:  # types of errors differ between libraries and their versions
         words = sanitize(" ".join(str(error).split()))
-        raise RecordError(f"cannot be read as {kind}: {words}; save it again, or as CSV") from None
+        raise RecordError(f"cannot be read as {kind}: {words}; save the data again, or as CSV") from None
 
 
 # Cells -------------------------------------------------------------------------------------------
@@ -82,7 +82,7 @@ def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iter
 MISSING = (
     "", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "None", "-", "--", "---", "?",
 )  # fmt: skip
-"""Spellings of a missing sample in programs' files."""
+"""Spellings of a missing sample in files of various programs."""
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?", re.ASCII)
@@ -111,12 +111,12 @@ def is_number(cell: str, decimal: str) -> bool:
 
 
 def parse_number(cell: str, decimal: str) -> float:
-    """Convert a cell with a number to its value."""
+    """Return the value of a cell that holds a number."""
     return float(cell.replace(".", "").replace(",", ".") if decimal == "," else cell)
 
 
 def parse_timestamps(cells: Sequence[str]) -> tuple[np.ndarray, str] | None:
-    """Convert dates or times of day to seconds since the first one [s]; return them and their kind."""
+    """Convert dates or times of day to the time since the first of them [s]; also return their kind."""
     present = [cell for cell in cells if cell not in MISSING]
     for kind, form, parse in (("date", _DATE, _parse_dates), ("clock", _CLOCK, _parse_clock_times)):
         if present and all(map(form.fullmatch, present)):
@@ -171,7 +171,7 @@ def sheet_from_table(table: Any) -> Sheet:
     Raises
     ------
     RecordError
-        If it is not a table, or its columns have different lengths.
+        If ``table`` is not a table, or its columns have different lengths.
     """
     if hasattr(table, "to_frame") and not hasattr(table, "columns") and hasattr(table, "iloc"):
         table = table.to_frame(table.name or "height")  # a Series
@@ -203,7 +203,7 @@ def sheet_from_table(table: Any) -> Sheet:
 
 
 def _column_names(table: Any) -> list[str]:
-    """Names of columns of a mapping, a polars or pyarrow table, or a structured array."""
+    """List the columns' names of a mapping, a polars or pyarrow table, or a structured array."""
     if isinstance(table, Mapping):
         return list(table)
     names = getattr(table, "column_names", getattr(table, "columns", None))
@@ -217,7 +217,7 @@ def _column_names(table: Any) -> list[str]:
 
 
 def split_quantity(values: Any) -> tuple[np.ndarray, str | None]:
-    """Numbers of an array, and the unit of a pint or astropy quantity."""
+    """Split a pint or astropy quantity into its numbers and its unit; a plain array has no unit."""
     if hasattr(values, "magnitude") and hasattr(values, "units"):
         return np.asarray(values.magnitude), f"{values.units:~}"
     if hasattr(values, "value") and hasattr(values, "unit"):
@@ -230,7 +230,7 @@ def split_quantity(values: Any) -> tuple[np.ndarray, str | None]:
 
 
 def numbers_in_si(name: str, values: Any) -> np.ndarray:
-    """Copy of a column in double precision and SI; refuses booleans, strings and complex numbers."""
+    """Copy a column in double precision and SI; raise an error for booleans, strings and complex numbers."""
     try:
         given, unit = split_quantity(values)
         if given.dtype.kind not in "iufO" or np.ma.is_masked(values):
@@ -240,7 +240,7 @@ def numbers_in_si(name: str, values: Any) -> np.ndarray:
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise RecordError(
-            f"{sanitize(name)}: holds something that is not a number; give finite real numbers"
+            f"{sanitize(name)}: holds a value that is not a number; give finite real numbers"
         ) from None
     return array * size_of_quantity(name, unit) if unit else array
 
@@ -267,7 +267,7 @@ def column_of_texts(
     heading: str,
     first_invalid: tuple[int, str] | None = None,
 ) -> Column:
-    """Column of dates or times of day, or a non-numeric column with its first invalid row."""
+    """Make a column of dates or times of day, or a non-numeric column with its first invalid row."""
     stamps = parse_timestamps(texts)
     if stamps is not None:
         return Column(name, "s", stamps[0], timestamp_kind=stamps[1], heading=heading)

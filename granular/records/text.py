@@ -33,7 +33,7 @@ _MAX_INSPECTED_CHARACTERS, _MIN_INSPECTED_LINES = 2**20, 12
 
 
 class NumberedLine(NamedTuple):
-    """A line of a file: its number, from 1, and its text."""
+    """A line of a file: its number (from 1) and its text."""
 
     number: int
     text: str
@@ -113,7 +113,7 @@ _COMMA = re.compile(r"(\d),(\d+)", re.ASCII)
 
 
 def has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool | None:
-    """Return True if every second comma is a decimal comma, None if ambiguous."""
+    """Return True if every second comma is a decimal comma, and None if that is ambiguous."""
     rows = [line.text.strip().split(",") for line in lines_to_inspect(lines)]
     pairs = [
         _DECIMAL_COMMA_PAIR.fullmatch(",".join(row[k : k + 2])) for row in rows for k in range(0, len(row), 2)
@@ -138,7 +138,7 @@ def _is_zero_padded(digits: str) -> bool:
 
 
 def replace_decimal_commas(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
-    """Replace every second comma of each line, from the first on, by a point."""
+    """Replace the first, third, fifth ... comma of each line by a point."""
     return [NumberedLine(line.number, _COMMA.sub(r"\1.\2", line.text)) for line in lines]
 
 
@@ -158,12 +158,12 @@ _WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
 
 
 def split_header(line: str, separator: str) -> list[str]:
-    """Split a header into fields; with spaces as separators, a unit in brackets stays with its name."""
+    """Split a header into fields; if spaces separate them, a unit in brackets stays with its name."""
     return _WORD.findall(line) if separator == " " else split_fields(line, separator)
 
 
 def is_table_row(fields: Sequence[str], dialect: Dialect) -> bool:
-    """Return True for a row of the table: the right number of fields, with a number among them."""
+    """Return True for a row of the table: it has the right number of fields, one of which is a number."""
     return len(trim_fields(fields, dialect.width)) == dialect.width and any(
         is_number(fields[k], dialect.decimal) for k in dialect.numeric
     )
@@ -197,7 +197,7 @@ _MAX_NUMERIC_PREAMBLE = 50
 _HEADER_SEPARATORS = (r"\t+", r"\s{2,}", ";", ",", r"\|")
 """Separators of a header that differ from the separator of the rows."""
 _NAME_AND_UNIT = re.compile(r"[^\[\](){}]+[\[({][^\[\](){}]*[\])}]")
-"""Name of several words followed by a unit, as in ``Elapsed Time (s) Stage Position (mm)``."""
+"""A name of several words, followed by a unit, as in ``Elapsed Time (s) Stage Position (mm)``."""
 _HEADER_LINES = 4
 """Number of lines above the rows in which names and units are looked for."""
 
@@ -217,7 +217,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
     _refuse_too_many_columns(lines)
     plain = [line for line in lines if line.text.lstrip()[0] not in _COMMENTS]
     if not plain:
-        raise RecordError("is empty; a header and samples are needed")
+        raise RecordError("is empty; write a header and samples to it")
     plain, row_with_units = _strip_units_of_cells(plain)
     dialect = detect_dialect(plain, decimal, min_columns)
     if dialect is None:
@@ -243,7 +243,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
 def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine], str]:
     """Remove units after numbers, as in ``31.0 cm``, from the rows; also return one row with them.
 
-    If fewer than half of the rows have such cells, nothing is changed and that row is empty.
+    If fewer than half of the rows have such cells, the rows are unchanged and the returned row is empty.
     """
     sample = [line.text for line in lines_to_inspect(lines) if _BEGINS_WITH_QUANTITY.match(line.text)]
     if max(map(len, sample), default=0) > _MAX_ROW_CHARACTERS:
@@ -262,8 +262,8 @@ def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine]
         other_units = {match[2] for match in matches} - set(units)
         if other_units and len(matches) == len(units):
             raise RecordError(
-                f"line {line.number} holds a number in {quote(other_units.pop())}, but others are in "
-                f"{' and '.join(map(quote, units))}; write each column in one unit"
+                f"line {line.number} holds a number in {quote(other_units.pop())}, but the numbers of other "
+                f"lines are in {' and '.join(map(quote, units))}; write each column in one unit"
             )
         stripped.append(NumberedLine(line.number, _remove_group(line.text, matches, 2)))
     return stripped, examples[units]
@@ -297,13 +297,13 @@ def _refuse_too_many_columns(lines: Sequence[NumberedLine]) -> None:
         width = 1 + max(map(line.text.count, SEPARATORS)) if long else 1
         if width > _MAX_COLUMNS:
             raise RecordError(
-                f"line {line.number} has {width} values; the limit is "
-                f"{_MAX_COLUMNS} columns: write one sample per line, and fewer columns"
+                f"line {line.number} has {width} values; the limit is {_MAX_COLUMNS} columns: write one "
+                "sample per line, with fewer columns"
             )
 
 
 def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
-    """Text of the error if no lines are rows of numbers."""
+    """Text of the error for a file in which no line is a row of numbers."""
     if one_column:
         return (
             "is not separated by commas, semicolons, tabs or spaces: it holds one column of numbers; "
@@ -335,7 +335,7 @@ def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
 
 
 def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> int:
-    """Index of the first row of the table."""
+    """Find the index of the first row of the table."""
 
     def fields(k: int) -> list[str]:
         return split_fields(lines[k].text, dialect.separator)
@@ -349,7 +349,9 @@ def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> int:
     full = next(full_rows, None)
     if full is None:
         numbers = ", ".join(str(j + 1) for j in dialect.numeric[:_HEADER_LINES])
-        raise RecordError(f"no line holds numbers in each of the columns {numbers}: correct the lines")
+        raise RecordError(
+            f"no line holds numbers in each of the columns {numbers}: correct the lines, or remove a column"
+        )
     start = full
     # Rows with an invalid number may precede the first valid row, below the header.
     while start and is_table_row(fields(start - 1), dialect):
@@ -368,14 +370,13 @@ def _is_header(fields: Sequence[str], dialect: Dialect) -> bool:
 
 
 def _check_lines_above_table(head: Sequence[NumberedLine], dialect: Dialect) -> None:
-    """Refuse rows whose number of fields differs from the header or from rows above them."""
+    """Raise an error if rows have another number of fields than the header or than the rows above them."""
     numbers = [line.number for line in head if _BEGINS_WITH_NUMBER.match(line.text)]
     if len(numbers) > _MAX_NUMERIC_PREAMBLE:
         raise RecordError(
             f"{len(numbers)} lines from line {numbers[0]} on also hold numbers, but not {dialect.width} "
-            f"separated by {SEPARATORS[dialect.separator]} like those below; write all lines in one "
-            "format, or "
-            "give the number of lines to skip (--skip 12)"
+            f"numbers separated by {SEPARATORS[dialect.separator]} as in the lines below; write all lines in "
+            "one format, or give the number of lines to skip (--skip 12)"
         )
     below: list[str] = []
     for line in reversed(head):
@@ -394,14 +395,13 @@ def _check_lines_above_table(head: Sequence[NumberedLine], dialect: Dialect) -> 
 
 
 def _has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool:
-    """Return True if commas are both separators and decimal marks; refuse to guess if ambiguous."""
+    """Return True if commas are both separators and decimal marks; raise an error if that is ambiguous."""
     decimal_commas = has_decimal_commas(lines, dialect, decimal)
     if decimal_commas is None:
         raise RecordError(
-            f"{quote(lines[0].text)} is {dialect.width} integers, or "
-            f"{dialect.width // 2} numbers with decimal commas; choose (--decimal . or --decimal ,), or "
-            "separate "
-            "by semicolons"
+            f"{quote(lines[0].text)} may be {dialect.width} integers, or "
+            f"{dialect.width // 2} numbers with decimal commas; choose one (--decimal . or --decimal ,), or "
+            "separate the numbers by semicolons"
         )
     return decimal_commas
 
@@ -409,7 +409,7 @@ def _has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal
 def _read_header(
     head: Sequence[NumberedLine], dialect: Dialect, all_lines: Sequence[NumberedLine], start: int
 ) -> tuple[list[str], list[str]]:
-    """Names and units above the rows; empty lists if there are none."""
+    """Return the names and units above the rows; empty lists if the file has none."""
     rows = [_split_header_line(line.text, dialect) for line in head[-_HEADER_LINES:]]
     headers = [row for row in rows if _is_header(row, dialect)]
     if not headers:
@@ -432,7 +432,7 @@ def _read_header(
 
 
 def _split_header_line(line: str, dialect: Dialect) -> list[str]:
-    """Split a header like the rows, or else by a separator that gives as many names, with a time."""
+    """Split a header like the rows, or else by a separator that yields equally many names, with a time."""
     fields = split_header(line, dialect.separator)
     if len(fields) == dialect.width or (len(fields) > dialect.width and dialect.separator != " "):
         return fields
@@ -453,7 +453,7 @@ def _split_header_line(line: str, dialect: Dialect) -> list[str]:
 
 
 def _best_header_row(rows: Sequence[list[str]]) -> tuple[list[str], list[str]]:
-    """Names and units from the lowest row that contains a time, else the lowest row."""
+    """Return names and units from the lowest row that names a time, or else from the lowest row."""
     if any(map(_is_column_header, rows[-1])):
         return rows[-1], []
     # Loggers write processing such as averaging below the name and unit of a column.
@@ -547,7 +547,7 @@ def _rows_to_data_frame(rows: Sequence[NumberedLine], dialect: Dialect) -> Any:
         )
     except (ValueError, OverflowError, pandas.errors.ParserError) as error:
         words = " ".join(str(error).split())
-        raise RecordError(f"cannot be read as CSV: {sanitize(words)}; write it again") from None
+        raise RecordError(f"cannot be read as CSV: {sanitize(words)}; write the file again") from None
 
 
 def _make_column(name: str, unit: str | None, cells: Any, decimal: str, heading: str) -> Column:

@@ -15,9 +15,9 @@ from granular.shared.errors import SceneError
 
 Points = tuple[tuple[float, float], ...]
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
-"""Keys of the grid, unused if positions are given, with their defaults."""
+"""Keys of the grid and their defaults; they are unused if positions are given."""
 MAX_GRAINS_WITHOUT_TREE = 1000
-"""Maximum number of grains for a search of pairs by distance along x, without a tree."""
+"""Maximum number of grains for which pairs are searched by their distance along x, without a tree."""
 _ROUNDING = 1e-9
 """Tolerance of distances for rounding, as a fraction of the reach."""
 
@@ -32,14 +32,14 @@ class Arrangement(Section):
         cell the grid fills the whole cell, with every other row shifted by half a spacing: without
         jitter the grains form a triangular lattice if it fits the cell.
     jitter : float
-        Maximum random displacement of each grain along each axis, over the spacing of the grid.
+        Maximum random displacement of each grain along each axis, as a fraction of the grid's spacing.
     speed : float
         Initial speed, in random directions [m/s].
     seed : int
         Seed of the random numbers.
     positions, velocities : pairs of float, or None
-        One pair per grain [m], [m/s], instead of the grid and all keys above; velocities default to
-        zero.
+        Position [m] and velocity [m/s] of each grain, which replace the grid and all keys above; velocities
+        default to zero.
     """
 
     height: float | None = quantity("m", above=0.0, default=None, optional=True)
@@ -56,7 +56,9 @@ class Arrangement(Section):
                 raise FieldError("can only be given together with positions", "velocities")
             if len(self.velocities) != len(self.positions):
                 raise FieldError(
-                    f"holds {len(self.velocities)} pairs for {len(self.positions)} positions", "velocities"
+                    f"holds {len(self.velocities)} pairs for {len(self.positions)} positions; give one pair "
+                    "per position",
+                    "velocities",
                 )
         for name, default in GRID.items():
             if self.positions is not None and getattr(self, name) != default:
@@ -114,9 +116,8 @@ def _grid_positions(
         distance = min(mesh[0], math.hypot(0.5 * mesh[0], mesh[1]))
     if distance * (1.0 - 2.0 * plan.jitter) < widest:
         raise SceneError(
-            f"the distance between neighbours of {count} grains is {distance:.4g} m, and with a jitter of "
-            f"{plan.jitter:g} grains of {widest:.4g} m could overlap; use fewer grains, less "
-            "jitter, or a larger cell"
+            f"{count} grains are {distance:.4g} m apart in the grid, so with a jitter of {plan.jitter:g} "
+            f"grains of {widest:.4g} m could overlap; use fewer grains, less jitter, or a larger cell"
         )
     random = np.random.default_rng(plan.seed)
     offset = random.uniform(-plan.jitter, plan.jitter, (count, 2))
@@ -129,7 +130,7 @@ def _grid_positions(
 def _polygon_grid(
     count: int, height: float, cell: Cell, piston: Piston | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sites of the widest square grid that fits a polygon up to a height, from below, and its spacing [m]."""
+    """Return sites, lowest first, and spacing [m] of the widest square grid in a polygon up to a height."""
     spacing, lines = math.sqrt(cell.width * height / count), _lines_to_keep_clear_of(cell, piston)
     top = 0.0 if piston is None else piston.height
     while True:
@@ -182,7 +183,7 @@ def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> No
 
 
 def _candidate_pairs(positions: np.ndarray, reach: float, cell: Cell) -> np.ndarray:
-    """Pairs (k, 2) of grains within reach; for few grains, pairs within reach along x."""
+    """Return the pairs (k, 2) of grains within reach; for few grains, the pairs within reach along x."""
     if len(positions) <= MAX_GRAINS_WITHOUT_TREE:
         distance = positions[:, None, 0] - positions[:, 0]
         if cell.periods is not None:
@@ -201,5 +202,5 @@ def _check_wall_gap(gap: np.ndarray, line: SideLine) -> None:
         if line.body == PISTON:
             remedy = "raise piston.height or lower arrangement.height"
         raise SceneError(
-            f"grain {grain} extends {-gap[grain]:.4g} m into {line.label}, the limit is 0 m; {remedy}"
+            f"grain {grain} extends {-gap[grain]:.4g} m into {line.label}; the limit is 0 m: {remedy}"
         )

@@ -27,14 +27,14 @@ class SidePiece(NamedTuple):
 
 
 def body_of_side(scene: Scene, line: SideLine) -> int:
-    """Index of the body of a side: the cell, the piston, or from 2 on `effects.host.pistons` in order."""
+    """Return the index of a side's body: cell, piston, and from 2 on the pistons of `effects.host`."""
     pistons = () if scene.effects.host is None else scene.effects.host.pistons
     names = [other.side for other in pistons]
     return PISTON + 1 + names.index(line.name) if line.name in names else line.body
 
 
 def side_pieces(scene: Scene, body: int, top: float) -> Iterator[SidePiece]:
-    """Yield the sides of a body at height 0, without their gaps; ``top`` is the top of the picture [m]."""
+    """Yield the sides of a body at height 0, without gaps; the picture ends at the height ``top`` [m]."""
     walls = scene.effects.walls
     for line in scene.cell.lines:
         if body_of_side(scene, line) != body:

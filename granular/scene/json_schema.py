@@ -1,4 +1,4 @@
-"""JSON schema of scene and study files, for completion and checks in editors.
+"""JSON schema of scene and study files, with which editors complete and check them.
 
 A schema contains types, names and limits of single keys. Rules for two or more keys are checked when a
 scene is read.
@@ -82,7 +82,7 @@ def _section_schema(section: type[Section]) -> Schema:
 
 
 def _effect_schema(effect: type[Section]) -> Schema:
-    """Return the schema of an effect: its section, true if no key is required, or none."""
+    """Return the schema of an effect: its section, also true if it has no required key, or none."""
     if issubclass(effect, FormulaList):
         (fields,) = (field for field in dataclasses.fields(effect) if field.name == "fields")
         item = _section_schema(fields.metadata["kind"].section)
@@ -125,7 +125,7 @@ def _object_schema(properties: Schema, required: list[str], section: type[Sectio
 
 
 def _kind_schema(kind: FieldKind) -> Schema:
-    """Return the schema of a field; empty if its kind has none."""
+    """Return the schema of a field; empty if the kind of the field has no schema."""
     match kind:
         case kinds.QuantityKind():
             bounds = {word: getattr(kind, name) for name, word in _LIMITS.items()}
@@ -160,14 +160,14 @@ def _kind_schema(kind: FieldKind) -> Schema:
 
 
 def _choice_schema(name: str, section: type[Section]) -> Schema:
-    """Return the schema of an item of a list with several kinds, including the name of its kind."""
+    """Return the schema of an item of a list with several kinds of items; the item names its kind."""
     schema = _section_schema(section)
     properties = {"kind": {"const": name}, **schema["properties"]}
     return schema | {"properties": properties, "required": ["kind", *schema["required"]]}
 
 
 def _key_descriptions(section: type[Section]) -> dict[str, str]:
-    """Descriptions of the keys, from the docstrings of a section and its bases."""
+    """Collect the descriptions of a section's keys from the docstrings of the section and its bases."""
     result: dict[str, str] = {}
     for ancestor in section.__mro__:
         for match in _ATTRIBUTE.finditer((ancestor.__dict__.get("__doc__") or "") + "\n"):

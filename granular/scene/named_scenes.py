@@ -52,7 +52,7 @@ def load_scene(source: str | Path) -> Scene:
     Raises
     ------
     SceneError
-        If there is no such scene, the file cannot be read or is not TOML, or the scene is not valid.
+        If the scene does not exist, the file cannot be read or is not TOML, or the scene is not valid.
 
     Examples
     --------
@@ -66,7 +66,7 @@ def load_scene(source: str | Path) -> Scene:
         path = SCENES / f"{source}.toml"
     elif not os.path.isfile(path):  # also for invalid file names
         if path.suffix:
-            raise SceneError(f"there is no scene file {quote(str(source))}; check the path")
+            raise SceneError(f"the scene file {quote(str(source))} does not exist; check the path")
         raise SceneError(unknown_word_message(str(source), scene_names(), "scene"))
     plain = read_toml(path, SceneError)
     try:
@@ -77,20 +77,20 @@ def load_scene(source: str | Path) -> Scene:
 
 REFERENCE_COUNT = 368
 WIDTH, START, END = 60.0, 75.0, 20.0
-"""Cell width, piston height before and after the compression, for the reference count, in D
-[D, Table 2.1]; for N grains all of them times sqrt(N/368) [D, 3.4]."""
+"""Cell width and piston height before and after the compression, in diameters, for 368 grains
+[D, Table 2.1]; for N grains all of them are multiplied by sqrt(N/368) [D, 3.4]."""
 LOWEST_START = 50.0
-"""Minimum starting height of the piston [D]. A bed settled under its weight is about 40 D high for any width,
-and de Paula's 92 grains also start higher than the scaling gives (the height is not stated)."""
+"""Minimum initial height of the piston [D]. A bed settled under its weight is about 40 D high for any width.
+De Paula's piston above 92 grains also starts higher than the scaling gives (the height is not stated)."""
 HEADROOM = 1.2
-"""Height of the piston before the relaxation over its height before the compression; de Paula does not give
-it."""
+"""Ratio of the piston's height before the relaxation to its height before the compression; de Paula does not
+give this ratio."""
 
 BIDISPERSE_COUNT = 400
 BIDISPERSE_WIDTH = 0.33
 BIDISPERSE_START = 0.445
 BIDISPERSE_END = 0.07
-"""Cell width, and piston height before the compression and, without small grains, after it [m]
+"""Cell width, piston height before the compression, and piston height after it without small grains [m]
 [D, Table A.1]: 66 D, 89 D and 14 D for big grains of 5 mm. Table 4.3 gives a different cell,
 inconsistent with Table A.1. For grains of 8 mm the final height is 22.4 D = 0.1792 m."""
 
@@ -105,7 +105,9 @@ def _check_parameter(name: str, value: float, unit: str, maximum: float = math.i
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0.0 < value <= maximum or math.isinf(value):
         limit = "" if math.isinf(maximum) else f" and up to {maximum:g}"
-        raise InputError(f"{name} = {quote(value)}; give a number above 0{limit} {unit}".rstrip())
+        raise InputError(
+            f"{name} = {quote(value)} is outside the limits; give a number above 0{limit} {unit}".rstrip()
+        )
 
 
 def _compressed_bed(
@@ -117,7 +119,7 @@ def _compressed_bed(
     _check_parameter("relaxation", relaxation, "T")
     if not start > end:
         raise InputError(
-            f"the compression would move upwards, from {start:g} to {end:g} m; use smaller grains"
+            f"the compression would move the piston upwards, from {start:g} to {end:g} m; use smaller grains"
         )
     period = (start - end) / speed
     scalars = period / 2000.0
@@ -147,8 +149,8 @@ def mono_bed(
     Parameters
     ----------
     count : int
-        Number of grains, 1 or more. Width of the cell and final height of the piston are scaled by
-        sqrt(count/368), and so is its initial height of 75 D, which is 50 D or more.
+        Number of grains, 1 or more. The width of the cell and the final height of the piston are scaled by
+        sqrt(count/368). The initial height of the piston, 75 D, is also scaled, but is at least 50 D.
     speed : float
         Speed of the piston [m/s], above 0.
     relaxation : float
@@ -197,7 +199,7 @@ def bidisperse(
     Parameters
     ----------
     aspect : float
-        Diameter of the small grains over the diameter of the big ones, above 0 and up to 1.
+        Ratio of the small grains' diameter to the big grains' diameter, above 0 and up to 1.
     ratio : float
         Fraction R of small grains, from 0 to 1. The piston's final height follows from this nominal
         value [D, eq. 4.23]; the actual fraction after mixing is `Grains.shares`.
@@ -233,7 +235,7 @@ def bidisperse(
     _check_parameter("aspect", aspect, "", maximum=1.0)
     _check_parameter("big", big, "m")
     if not isinstance(ratio, int | float) or not 0.0 <= ratio <= 1.0:
-        raise InputError(f"ratio = {quote(ratio)}; give a fraction from 0 to 1")
+        raise InputError(f"ratio = {quote(ratio)} is not a fraction; give a number from 0 to 1")
     species = [
         Species(name="big", diameter=big, share=1.0 - ratio),
         Species(name="small", diameter=aspect * big, share=ratio),
@@ -265,7 +267,7 @@ def damper(
     Parameters
     ----------
     mass : float
-        Mass of the piston [kg] for 368 grains, above 0; it is scaled with the width of the cell.
+        Mass of the piston [kg] for 368 grains, above 0; the mass is scaled with the width of the cell.
     count : int
         Number of grains; width and heights are scaled by sqrt(count/368) to keep the packing fraction.
     drag : float
@@ -298,14 +300,14 @@ def damper(
     ['drop', 'lift', 'release']
     """
     if magnets not in ("dipoles", "cylinders"):
-        raise InputError(f"magnets = {quote(magnets)}; give 'dipoles' or 'cylinders'")
+        raise InputError(f"magnets = {quote(magnets)} is unknown; use 'dipoles' or 'cylinders'")
     base = load_scene("damper" if magnets == "dipoles" else "magnets")
     _check_parameter("mass", mass, "kg")
     _check_parameter("count", count, "grains")
     _check_parameter("drag", drag, "kg/s")
     _check_parameter("drop", drop, "D")
     if isinstance(lift, bool) or not isinstance(lift, int | float) or not math.isfinite(lift):
-        raise InputError(f"lift = {quote(lift)}; give a height in D")
+        raise InputError(f"lift = {quote(lift)} is not a number; give the lift's height in D")
     scale = math.sqrt(count / REFERENCE_COUNT)
     diameter = base.grains.species[0].diameter
     return base.replace(

@@ -50,7 +50,7 @@ class Effects(Section):
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in EFFECTS:
-            raise AttributeError(f"there is no effect {name!r}")
+            raise AttributeError(f"effect {name!r} does not exist")
         return self._given.get(name)
 
     def __eq__(self, other: object) -> bool:
@@ -69,7 +69,7 @@ class Effects(Section):
 
     @property
     def in_loop_order(self) -> tuple[Effect, ...]:
-        """Effects that act except the dipole, in the order of the loop."""
+        """Effects that act, without the dipole, in the order of the loop."""
         parts = [part for item in self.acting if item.key != "dipole" for part in item.component_effects]
         return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
 
@@ -191,7 +191,9 @@ class Scene(Section):
         positions, count = self.arrangement.positions, self.grains.count
         if positions is not None and len(positions) != count:
             raise FieldError(
-                f"holds {len(positions)} pairs for grains.count = {count}", "arrangement", "positions"
+                f"holds {len(positions)} pairs for grains.count = {count}; give one pair per grain",
+                "arrangement",
+                "positions",
             )
         self._check_pair_method()
         self.initial_positions_and_velocities()
@@ -206,12 +208,12 @@ class Scene(Section):
             object.__setattr__(self, "piston", piston)
 
     def _check_joint_kicks(self) -> None:
-        """Check that the last effect solved together with the forces supports the others."""
+        """Check that the last of the effects that are solved together with the forces supports the others."""
         kicks = [effect for effect in self.effects.in_loop_order if effect.solved_together_with is not None]
         for other in kicks[:-1]:
             if other.key not in (kicks[-1].solved_together_with or ()):
                 raise FieldError(
-                    f"cannot act together with {other.key!r}; remove one", "effects", kicks[-1].key
+                    f"cannot act together with {other.key!r}; remove one of them", "effects", kicks[-1].key
                 )
 
     def initial_positions_and_velocities(self) -> tuple[np.ndarray, np.ndarray]:
@@ -238,7 +240,7 @@ class Scene(Section):
 
     @property
     def _shorter_period(self) -> float | None:
-        """Shorter side of a periodic cell over the first species' diameter."""
+        """Ratio of a periodic cell's shorter side to the first species' diameter."""
         if self.cell.periods is None:
             return None
         return min(self.cell.periods) / self.grains.species[0].diameter
@@ -271,7 +273,9 @@ class Scene(Section):
         if self.cell.periods is not None:
             return
         if self.pairs.method == "direct" and self.pairs.cut_off is not None:
-            raise FieldError("the direct sum of a closed cell has no radius; remove it", "pairs", "cut_off")
+            raise FieldError(
+                "the direct sum of a closed cell has no cut-off; remove this key", "pairs", "cut_off"
+            )
         if self.pairs.method == "mesh" and not self.has_closed_walls:
             raise FieldError(
                 "'mesh' needs a closed cell; give four walls without a gap, or use 'direct'",
@@ -285,7 +289,7 @@ class Scene(Section):
         if shorter_period is None:
             return
         if self.piston is not None:
-            raise FieldError("a cell with periodic sides cannot have a piston; remove it", "piston")
+            raise FieldError("a cell with periodic sides cannot have a piston; remove the piston", "piston")
         for effect in self.effects.acting:
             if not effect.periodic:
                 raise FieldError("cannot act in a cell with periodic sides; remove it", "effects", effect.key)
@@ -315,7 +319,9 @@ class Scene(Section):
     def _check_piston(self) -> None:
         if self.piston is None and self.has_piston_wall:
             side = next(line.name for line in self.cell.lines if line.body == PISTON)
-            raise FieldError("there is no piston; give one, or set this to 'none'", "effects", "walls", side)
+            raise FieldError(
+                "the scene has no piston; add one, or set this wall to 'none'", "effects", "walls", side
+            )
         if self.piston is not None:
             self.cell.check_convex(self.piston.height)
         for stage in self.protocol:
@@ -507,12 +513,12 @@ def _set_nested_key(plain: Any, path: list[str], value: Any) -> None:
 
 
 DOUBTFUL, COARSE_DOUBTFUL = 1e-4, 1e-2
-"""Residual of the energy ledger, over the energy turnover, above which a run is called degraded; the
-second value with `has_coarse_friction` (`granular.engine.state.COARSE_FACTOR`)."""
+"""Ratio of the energy ledger's residual to the energy turnover above which a run is called degraded; the
+second value is for `has_coarse_friction` (`granular.engine.state.COARSE_FACTOR`)."""
 
 
 def dry_friction_parts(scene: Scene) -> tuple[str, ...]:
-    """Names of the parts with dry friction: of the bed, and of a free piston."""
+    """List the parts of the bed and of a free piston that have dry friction."""
     names = [effect.key for effect in scene.effects.in_loop_order if effect.dry]
     piston = scene.piston
     if piston is not None and piston.mass is not None and piston.friction > 0.0:
@@ -521,7 +527,7 @@ def dry_friction_parts(scene: Scene) -> tuple[str, ...]:
 
 
 def dissipative_parts(scene: Scene) -> tuple[str, ...]:
-    """Names of all dissipative parts: of the bed, and of a free piston."""
+    """List the dissipative parts of the bed and of a free piston."""
     names = [effect.key for effect in scene.effects.in_loop_order if effect.dissipates]
     piston = scene.piston
     if piston is not None and piston.mass is not None:
@@ -530,11 +536,11 @@ def dissipative_parts(scene: Scene) -> tuple[str, ...]:
 
 
 def has_coarse_friction(scene: Scene) -> bool:
-    """Return True for friction in de Paula's regularized form, or with de Paula's list of pairs."""
+    """Return True if a scene has de Paula's regularized friction or uses de Paula's list of pairs."""
     friction = scene.effects.friction
     return friction is not None and (friction.scheme == "regularised" or scene.pair_method == "verlet-list")
 
 
 def degraded_residual_limit(scene: Scene) -> float:
-    """Residual of the energy ledger above which a run of the scene is called degraded."""
+    """Relative residual of the energy ledger above which a run of the scene is called degraded."""
     return COARSE_DOUBTFUL if has_coarse_friction(scene) else DOUBTFUL

@@ -38,15 +38,15 @@ from granular.shared.array_types import Int
 from granular.shared.errors import InputError
 
 FAR_EVERY = 8
-"""Steps between evaluations of the far field: with the automatic step 0.8 of the inverse of the highest
-angular frequency, well below the resonance with the fastest mode at pi times that inverse (Biesiadecki and
-Skeel 1993, doi:10.1006/jcph.1993.1220)."""
+"""Number of steps between evaluations of the far field. With the automatic step they last 0.8 divided by the
+highest angular frequency, well below the resonance with the fastest mode at pi divided by this frequency
+(Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
 
 HEADROOM = 1.5
-"""Height of the far field's mesh over the maximum height known beforehand, since a piston may bounce."""
+"""Ratio of the mesh's height to the maximum height known before the run, since a piston may bounce."""
 
 EXIT = -5.0
-"""Height [D] below which a grain has left through a gap: the slabs' force on it is below 1e-3 F*."""
+"""Height [D] below which a grain has left through a gap: there the slabs' force on it is below 1e-3 F*."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +94,7 @@ def scene_in_natural_units(
 
 
 class _GrainNumbers(NamedTuple):
-    """Masses and moments of the grains over the first species' values; see `Constants`."""
+    """Masses and moments of the grains in units of the first species' values; see `Constants`."""
 
     masses: np.ndarray | None
     moments: np.ndarray | None
@@ -104,7 +104,7 @@ class _GrainNumbers(NamedTuple):
 
     @property
     def relative_moments(self) -> np.ndarray | None:
-        """Moment of each grain; None: all equal."""
+        """Return the moment of each grain relative to the first species; None if all are equal."""
         return self.masses if self.moments is None else self.moments
 
 
@@ -181,7 +181,7 @@ def _acting_laws(
 def _disc_laws(
     scene: Scene, context: EffectContext, numbers: _GrainNumbers, *, loads: bool
 ) -> tuple[DiscSeries, NearLaw] | None:
-    """Both parts of the law for discs; None for dipoles."""
+    """Return both parts of the law for discs; None for dipoles."""
     discs, species = discs_unless_dipoles(scene.grains, context.scales.length), context.species
     if not discs:
         return None
@@ -205,7 +205,7 @@ def _check_disc_reach(
 def _far_field_settings(
     scene: Scene, context: EffectContext, summed: str | None, method: Method | None
 ) -> FarFieldSettings | None:
-    """Far field that is split from the pair law; None if the law is not split."""
+    """Return settings for a far field split from the pair law; None if the law is not split."""
     if summed == "direct" and scene.cell.periods is None:
         every, rubbing = _far_field_interval(scene, method), _far_field_steps_under_friction(scene, method)
         if every is None and rubbing is None:
@@ -220,8 +220,8 @@ def _far_field_settings(
     points = width * height * (SPACINGS / radius) ** 2
     if points > MAX_POINTS:
         raise InputError(
-            f"pairs.method = 'mesh' needs {points:.3g} points over {width:.3g} x {height:.3g} D, "
-            f"the limit is {MAX_POINTS:g}; use 'direct', a smaller cell or a longer pairs.cut_off"
+            f"pairs.method = 'mesh' needs {points:.3g} points for {width:.3g} x {height:.3g} D, but the "
+            f"limit is {MAX_POINTS:g}; use 'direct', a smaller cell or a longer pairs.cut_off"
         )
     every, rubbing = _far_field_interval(scene, method), _far_field_steps_under_friction(scene, method)
     return FarFieldSettings(radius, (width, height), every, rubbing, periodic=periods is not None)
@@ -259,7 +259,7 @@ def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
 def _piston_numbers(
     scene: Scene, scales: Scales, gravity: float
 ) -> tuple[float, float, BodyResistance | None]:
-    """Mass, weight and resistance of the piston; infinite mass and zero weight if it is not free."""
+    """Return the piston's mass, weight and resistance; infinite mass and zero weight if it is not free."""
     piston, host, weight = scene.piston, scene.effects.host, None
     if piston is None or piston.mass is None:
         return np.inf, 0.0, None
@@ -273,7 +273,7 @@ def _piston_numbers(
 
 
 LATTICE_PRESSURE = 0.1875 * LATTICE_SUM * 0.75**0.75
-"""Pressure of a triangular lattice of dipoles over (F*/D) (rho D^2)^2.5, 1.6675: 3/2 of its energy."""
+"""Pressure of a triangular lattice of dipoles divided by (F*/D) (rho D^2)^2.5, 1.6675: 3/2 of its energy."""
 
 _EXPONENTS = (1.0, 2.0, 0.5, 1.0)  # of length, mass, time and current
 
@@ -306,12 +306,12 @@ def dimensionless_groups(scene: Scene) -> dict[str, float]:
 
 
 def groups_line(scene: Scene) -> str:
-    """Return the groups of a scene in one line; empty without any."""
+    """Return the groups of a scene in one line; empty if the scene has no groups."""
     return ", ".join(f"{name} {value:.4g}" for name, value in dimensionless_groups(scene).items())
 
 
 def lattice_rest(count: int, width: float, kappa: float) -> float:
-    """Rest N W (1.6675 kappa)^0.4 of a triangular lattice of dipoles without weight [m]; width [m]."""
+    """Rest height N W (1.6675 kappa)^0.4 of a triangular lattice of weightless dipoles [m]; width [m]."""
     return count * width * (LATTICE_PRESSURE * kappa) ** 0.4
 
 
@@ -322,7 +322,7 @@ def rescale(scene: Scene, width: float) -> Scene:
     """
     parts: list[Any] = [*scene.effects.in_loop_order, *scene.protocol]
     if any(part.user_code_digests for part in parts):
-        raise InputError(f"scene {scene.name!r} has custom parts with unknown units; remove them")
+        raise InputError(f"scene {scene.name!r} has custom parts, whose units are unknown; remove them")
     factor, drag, changes = width / scene.cell.width, scene.effects.drag, dict[str, Any]()
     if drag is not None and drag.viscosity is not None:
         changes["effects.drag"] = {"coefficient": drag.coefficient}

@@ -1,1 +1,1 @@
-"""Shared by all three packages: errors and their words, files, pages, pictures, tables, stops."""
+"""Code shared by all three packages: errors and their texts, files, pages, figures, tables, stop signals."""

@@ -1,4 +1,4 @@
-"""Types of arrays with shapes, by jaxtyping; only for type checkers, since its import takes time."""
+"""Array types with shapes from jaxtyping; only type checkers import jaxtyping, since that takes time."""
 
 from typing import TYPE_CHECKING, Any
 

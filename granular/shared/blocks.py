@@ -47,7 +47,9 @@ class Table:
 
     def __post_init__(self) -> None:
         if any(len(row) != len(self.header) for row in self.rows):
-            raise ValueError(f"rows of a table with the header {list(self.header)} have other widths")
+            raise ValueError(
+                f"a row of the table with the header {list(self.header)} has another number of cells"
+            )
 
     @property
     def has_header(self) -> bool:
@@ -73,7 +75,7 @@ class Equation(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A figure, drawn on demand."""
+    """A picture that is drawn on demand."""
 
     draw: Callable[[], Figure]
     caption: str
@@ -92,11 +94,11 @@ _BLOCKS = (Heading, Text, Caution, Items, Table, Printout, Equation, Picture)
 ADDED_BLOCKS = Registry[Callable[[Any], Iterable[Block]]](
     "report block", "granular.blocks", {}, lambda _, make: callable(make), "a function of a result"
 )
-"""Functions by which packages add blocks to the page of a result; they return () if not applicable."""
+"""Functions with which packages add blocks to a result's page; they return () for other results."""
 
 
 def added_blocks(result: object) -> Iterator[Block]:
-    """Blocks that packages add to the page of a result, and a caution for each function that fails."""
+    """Return the blocks that packages add to a result's page, and a caution for each function that fails."""
     working, errors = ADDED_BLOCKS.load()
     yield from cautions(map(str, errors.values()))
     for name, make in working.items():
@@ -111,7 +113,7 @@ def added_blocks(result: object) -> Iterator[Block]:
 
 
 def align_columns(rows: Sequence[Sequence[str]]) -> str:
-    """Align rows of texts in columns of sufficient width."""
+    """Align rows of texts in columns that are as wide as their widest text."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
     return "\n".join(line.rstrip() for line in lines)

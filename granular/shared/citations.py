@@ -23,14 +23,14 @@ _ENTRY = re.compile(r"^@\w+\{([^,]+),\n.*?^\}\n", re.MULTILINE | re.DOTALL)
 
 
 def cite(*things: Any) -> str:
-    """BibTeX of the papers behind scenes, runs, methods, laws, models and comparisons.
+    """Return BibTeX entries for the papers behind scenes, runs, methods, laws, models and comparisons.
 
     The toolkit and the source of its model come first, then the others sorted by key.
 
     Parameters
     ----------
     *things
-        Objects with ``literature``: texts that give papers by ``doi:``.
+        Objects with an attribute ``literature``: texts that refer to papers by ``doi:``.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def find_dois(text: str) -> list[str]:
 
 
 def _strip_sentence_end(doi: str) -> str:
-    """DOI without full stops and brackets of the surrounding sentence."""
+    """Remove full stops and brackets of the surrounding sentence from a DOI."""
     doi = doi.rstrip(".:")
     while doi.endswith(")") and doi.count(")") > doi.count("("):
         doi = doi[:-1].rstrip(".:")

@@ -1,4 +1,4 @@
-"""Typed errors. Each message is one line that names the value, the limit and the remedy."""
+"""Typed errors. Each message is one line that gives the value, the limit and the remedy."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def sanitize(text: object, limit: int = LONGEST) -> str:
 
 
 def unknown_word_message(word: str, known: Sequence[str], kind: str) -> str:
-    """Message for an unknown word, with the nearest known one."""
+    """Return the message for an unknown word, with the nearest known word."""
     near = difflib.get_close_matches(str(word)[:LONGEST], known, 1, cutoff=0.5)
     shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
     advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
@@ -63,7 +63,7 @@ def printable(text: object) -> str:
 
 
 def format_factor(value: float, digits: int = 2) -> str:
-    """Format a factor without a power of ten; "more than a million" from there on."""
+    """Format a factor without a power of ten; above a million it is "more than a million"."""
     if not value < _MOST_TIMES:
         return "more than a million"
     figure = f"{value:.{digits}g}"
@@ -96,7 +96,7 @@ __all__ = [
 
 
 class GranularError(Exception):
-    """Base of all errors that the toolkit raises, except `Interrupted`; the text is one line."""
+    """Base class of all errors that the toolkit raises, except `Interrupted`; the text is one line."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(one_line(message))
@@ -115,7 +115,7 @@ class CautionWarning(UserWarning):
 
 
 class RecordWarning(CautionWarning):
-    """Warning of a guess about a record, or of a change to its samples."""
+    """Warning about a guess that was made on reading a record, or about a change to the record's samples."""
 
 
 class RecordError(InputError):
@@ -123,7 +123,7 @@ class RecordError(InputError):
 
 
 class StoreError(InputError):
-    """A file or a run directory cannot be written, or a run directory not read or resumed."""
+    """A file or a run directory cannot be written, or a run directory cannot be read or resumed."""
 
 
 class TimeBudgetError(InputError):
@@ -135,7 +135,7 @@ class MissingPackageError(InputError, ImportError):
 
 
 class RunError(GranularError, RuntimeError):
-    """A run was stopped at a step from which on it cannot be trusted.
+    """A run was stopped at a step after which its results could not be trusted.
 
     Attributes
     ----------
@@ -174,7 +174,7 @@ class RunError(GranularError, RuntimeError):
         super().__init__(f"{location}: {cause}; {remedy}")
 
     def with_context(self, words: str, remedy: str = "") -> Self:
-        """Make the same error with a likely reason before its cause.
+        """Return the same error with a likely reason before the cause.
 
         Parameters
         ----------
@@ -223,7 +223,7 @@ class Terminated(KeyboardInterrupt):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C (or SIGTERM for a command) during a run. Results up to then are kept.
+    """A run was stopped by Ctrl-C (a command also by SIGTERM). Results up to then are kept.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ class Interrupted(KeyboardInterrupt):
 _FITS = "diffrax equinox jax jaxlib mpmath sympy"
 _SIMULATION = "PIL llvmlite loky numba numcodecs pandas tomli_w xarray zarr"
 NEEDED_BY = dict.fromkeys(_FITS.split(), "fits") | dict.fromkeys(_SIMULATION.split(), "simulation")
-"""Modules that a partial installation lacks, with the group of `pyproject.toml` for each."""
+"""Modules that a partial installation may lack, each with its group in `pyproject.toml`."""
 
 
 def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | None:

@@ -1,4 +1,4 @@
-"""Files: reading with limits, atomic writing by a temporary file next to the path, and result caches.
+"""Files: reading with limits, atomic writing through a temporary file next to the path, and result caches.
 
 Sealed files contain compiled code. It is loaded only from folders and files that belong to the user, that
 nobody else may write to, and whose digest is correct.
@@ -30,7 +30,7 @@ from typing import Any
 from granular.shared.errors import InputError, StoreError, quote, sanitize
 
 MOST_TOML_BYTES = 16 * 2**20
-"""Maximum size of a TOML file: the positions of 400 000 grains, which are read in half a minute."""
+"""Maximum size of a TOML file: it can hold the positions of 400 000 grains, read in half a minute."""
 MOST_KEY_PARTS = 20
 """Maximum number of parts of a dotted key; scenes use up to four, and the time is quadratic in it."""
 
@@ -84,7 +84,7 @@ def write_files_atomically(
 def write_line_files(
     directory: Path, files: Mapping[str, Iterable[str]], overwrite: bool
 ) -> tuple[Path, ...]:
-    """Write text files of a directory, given by names and lines; they are renamed together."""
+    """Write several text files of a directory, given by their names and lines; they are renamed together."""
     with write_files_atomically(directory, list(files), overwrite) as place_of:
         for name, lines in files.items():
             with place_of(name).open("w", encoding="utf-8") as file:
@@ -114,7 +114,7 @@ def read_text(path: Path, most_bytes: int, error_type: type[InputError] = InputE
 def report_read_errors(
     path: Path, most_bytes: int, error_type: type[InputError] = InputError
 ) -> Iterator[None]:
-    """Report errors of the block, which reads a file, in one line."""
+    """Report any error of the block, which reads a file, in one line."""
     name = sanitize(path)
     try:
         status = path.stat()
@@ -128,7 +128,7 @@ def report_read_errors(
     except InputError:
         raise
     except (FileNotFoundError, NotADirectoryError):
-        raise error_type(f"there is no file {quote(str(path))}; check the path") from None
+        raise error_type(f"the file {quote(str(path))} does not exist; check the path") from None
     except OSError as error:
         if error.errno is None:
             raise
@@ -186,7 +186,7 @@ def replace_non_finite_by_none(plain: Any) -> Any:
 
 
 def check_output_file(path: Path, overwrite: bool) -> None:
-    """Refuse a path that cannot be written to, or a file that may not be replaced."""
+    """Raise an error if a path cannot be written to, or if it is a file that may not be replaced."""
     if not path.name:
         raise InputError(f"{str(path)!r} is not a file name; give one, such as out/bed.gsd")
     try:
@@ -195,7 +195,7 @@ def check_output_file(path: Path, overwrite: bool) -> None:
         if path.exists() and not overwrite:
             raise InputError(f"{path} exists; give another name, or overwrite it (--force)")
         if not path.parent.is_dir():
-            raise InputError(f"there is no directory {path.parent}; make it first")
+            raise InputError(f"the directory {path.parent} does not exist; make it first")
     except OSError as error:
         raise _unwritable_error(path, error) from None
 
@@ -230,7 +230,7 @@ def trusted_cache_folder(folder: Path | None, variable: str) -> Path | None:
     """Folder for compiled code, made if missing; None if it cannot be trusted or written to."""
     try:
         if folder is None:
-            raise OSError("there is no home directory")
+            raise OSError("the user has no home directory")
         folder = folder.absolute()
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not _belongs_to_user_alone(folder.stat()):
@@ -255,7 +255,7 @@ def _belongs_to_user_alone(status: os.stat_result) -> bool:
 
 
 def read_sealed_file(path: Path, label: str) -> bytes | None:
-    """Read a file of `write_sealed_file`; None if it is missing, not the user's, or damaged."""
+    """Read a file that `write_sealed_file` wrote; None if it is missing, not the user's, or damaged."""
     try:
         with path.open("rb") as file:
             content = file.read() if _belongs_to_user_alone(os.fstat(file.fileno())) else b""
@@ -266,7 +266,7 @@ def read_sealed_file(path: Path, label: str) -> bytes | None:
 
 
 def write_sealed_file(path: Path, label: str, body: bytes) -> None:
-    """Write a file with a digest before its content, atomically."""
+    """Write a file atomically, with a digest before the content."""
     handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
@@ -287,7 +287,7 @@ _SEAL = hashlib.sha256().digest_size
 
 
 HAS_LOCKS = importlib.util.find_spec("fcntl") is not None
-"""False on systems without file locks, where processes are not protected from each other."""
+"""False on systems without file locks, on which processes are not protected from each other."""
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
@@ -367,7 +367,9 @@ class ResultCache:
         except (FileNotFoundError, NotADirectoryError):
             return None
         except OSError as error:
-            raise StoreError(f"{path} cannot be read: {error.strerror}; remove it to repeat it") from None
+            raise StoreError(
+                f"{path} cannot be read: {error.strerror}; remove it, so that the result is computed again"
+            ) from None
         except ValueError:
             if warn:
                 warnings.warn(f"{path} is damaged; its result is computed again", stacklevel=2)

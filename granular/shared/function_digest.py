@@ -1,4 +1,4 @@
-"""Digest of functions and of everything that they use; it changes with code and values.
+"""Digest of functions and of everything that they use; the digest changes with code and values.
 
 The digest includes a function's code, defaults and closure, and the variables of its file that it uses:
 numbers, complete tables, and recursively functions, classes and modules. A module that is imported during
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 DIGITS = 24
-"""Hexadecimal digits of a digest: 96 bits, without accidental collisions among a billion functions."""
+"""Number of hexadecimal digits: 96 bits avoid accidental collisions among a billion functions."""
 
 TOOLKIT = frozenset({"granular", "reduced_models", "validation"})
 
@@ -139,7 +139,7 @@ def _top_package(module: str | None) -> str:
 
 
 def _without_dunders(items: Iterable[tuple[str, Any]]) -> Iterator[Any]:
-    """Yield names and values, without names such as ``__doc__`` that hold no function."""
+    """Yield names and values; names such as ``__doc__``, which hold no function, are omitted."""
     for name, value in items:
         if isinstance(value, FunctionType) or not (name.startswith("__") and name.endswith("__")):
             yield name
@@ -180,7 +180,7 @@ def _iterate_nested_code(code: CodeType) -> Iterator[CodeType]:
 
 
 def _module_file(name: str) -> bytes | None:
-    """Content of the file of a module that a function imports when called; None for a library."""
+    """Read the file of a module that a function imports when it is called; None for a library."""
     try:
         origin = getattr(importlib.util.find_spec(name), "origin", None)
     except (ImportError, ValueError):

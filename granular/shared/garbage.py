@@ -1,4 +1,4 @@
-"""Less frequent garbage collection: compilers make millions of objects, with hardly any cycles."""
+"""Less frequent garbage collection, since compilers make millions of objects with hardly any cycles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _before: list[tuple[int, int, int]] = []
 
 @contextlib.contextmanager
 def rare_garbage_collection() -> Iterator[None]:
-    """Collect garbage rarely until the last thread leaves, or as rarely as the program already does."""
+    """Collect garbage rarely until the last thread leaves the block, and never more often than before."""
     with _lock:
         _before.append(gc.get_threshold())
         if 0 < _before[0][0] < RARE[0]:

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#20639b", "#c94c54", "#75a97e", "#b88407", "#8778d0", "#289d8e", "#855020", "#54585e")
-"""Line colours that are also distinguishable with all three types of colour blindness."""
+"""Line colours that people with any of the three types of colour blindness can distinguish."""
 SIDES = {"4 or fewer": "#b35806", "5": "#f1a340", "6": "#e4e2da", "7": "#998ec3", "8 or more": "#542788"}
 """Colours of Voronoi cells by their number of sides, from orange to purple."""
 READABLE = 13.5
-"""Font size [pt] that is readable on a phone, where a figure is half as wide."""
+"""Font size [pt] that is readable on a phone, on which a figure is half as wide."""
 ARROWS_TO_SCALE: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "color": "#333333"}
 """Style of arrows with lengths to scale."""
 STYLES = ("-", "--", "-.", ":")

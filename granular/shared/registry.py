@@ -22,7 +22,7 @@ Named = TypeVar("Named")
 
 
 class Registry(Mapping[str, Named]):
-    """Parts of one kind by name; the print-out has a line with a description for each."""
+    """Parts of one kind by name; printing a registry shows a line with a description of each part."""
 
     def __init__(
         self,
@@ -69,11 +69,11 @@ class Registry(Mapping[str, Named]):
         return "\n".join(f"{name:{width}}  {words}" for name, words in self.descriptions().items())
 
     def find(self, name: str) -> Named:
-        """Return the part with this name; InputError with the nearest name or all names if there is none."""
+        """Return the part with this name; for an unknown name, InputError gives the nearest name or all."""
         return self[self.require(name)]
 
     def require(self, name: str) -> str:
-        """Return the name if it exists, without loading the part; else InputError as in `find`."""
+        """Return the name if it exists, without loading the part; else raise InputError as `find` does."""
         if name not in self:
             files = "by --import FILE, or " if self._from_files else ""
             raise InputError(
@@ -85,7 +85,7 @@ class Registry(Mapping[str, Named]):
     def register(self, name: str, thing: Named) -> None:
         """Add a custom part for the life of the process; a custom part of the same name is replaced."""
         if name in self._built_in:
-            raise InputError(f"{self.kind} {quote(name)} is built in; give yours another name")
+            raise InputError(f"{self.kind} {quote(name)} is built in; give your {self.kind} another name")
         self._own[name] = thing
 
     def load(self) -> tuple[dict[str, Named], dict[str, InputError]]:
@@ -106,7 +106,7 @@ class Registry(Mapping[str, Named]):
         return working
 
     def registered(self, name: str) -> Named | None:
-        """Return the built-in or custom part with this name, without packages; None if there is none."""
+        """Return the built-in or custom part with this name, or None; parts of packages are not searched."""
         return self[name] if name in self._own or name in self.built_in else None
 
     def descriptions(self) -> dict[str, str]:
@@ -119,7 +119,7 @@ class Registry(Mapping[str, Named]):
         return {name: described.get(name, str(errors.get(name))) for name in self}
 
     def origin(self, name: str) -> str:
-        """Kind and name of a part, with the installed package that provides it."""
+        """Return kind and name of a part, with the installed package that provides the part."""
         point = None if name in self._built_in or name in self._own else _installed_points(self.group)[name]
         return f"{self.kind} {quote(name)}{'' if point is None else _package_of(point)}"
 
@@ -164,7 +164,7 @@ def _is_here(thing: object) -> bool:
 
 
 def _installed_points(group: str) -> dict[str, EntryPoint]:
-    """Entry points of a group by name, of the packages on the present import path."""
+    """Return the entry points of a group by name, from the packages on the present import path."""
     return _points_in_folders(tuple(sys.path), group)
 
 

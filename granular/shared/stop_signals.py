@@ -1,6 +1,6 @@
 """Stop signals: Ctrl-C, and SIGTERM for commands.
 
-As a library the toolkit does not handle SIGTERM; the command line does so by `handle_sigterm`.
+As a library the toolkit does not handle SIGTERM; the command line does, with `handle_sigterm`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A user's Python file, given on the command line: the only text that is executed."""
+"""A user's Python file, given on the command line: the only text that the toolkit executes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LONGEST_FILE = 2**20
 
 
 class UserFile(NamedTuple):
-    """A file and its text, for use in other processes."""
+    """A user's file and its text, for use in other processes."""
 
     path: str
     text: str
@@ -34,14 +34,14 @@ def run_user_file(path: str | Path) -> UserFile:
         user_definitions(file)
     except (Exception, SystemExit) as error:  # a file that exits is an error
         raise InputError(
-            f"{sanitize(path)} cannot be imported: {type(error).__name__}: {error}; correct it"
+            f"{sanitize(path)} cannot be imported: {type(error).__name__}: {error}; correct the file"
         ) from None
     return file
 
 
 @functools.lru_cache
 def user_definitions(file: UserFile) -> dict[str, Any]:
-    """Definitions in a user's file, which is run once per process."""
+    """Return the definitions in a user's file, which is run once per process."""
     module = ModuleType(file.module_name)
     module.__file__ = file.path
     sys.modules[module.__name__] = module  # needed by data classes in the file

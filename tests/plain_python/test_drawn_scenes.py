@@ -362,7 +362,7 @@ FEATURES = (*itertools.chain(*CHOICES.values()), *ACTING, *WALLS)
 TAILS = ("tail", "own tail")
 OWN_PAIR_LAWS = ("pair law", "own short law", "own screened law", "law by mass", *TAILS)
 WITH_IMAGES = ("friction", "drag", "eddy", "bath", "contact", *OWN_PAIR_LAWS)
-NO_IMAGES = "cannot act in a cell with periodic sides|there is no piston|there is no side wall"
+NO_IMAGES = "cannot act in a cell with periodic sides|the scene has no piston|there is no side wall"
 EXCLUDED: dict[frozenset[str], str] = {
     frozenset(pair): words
     for *pair, words in (

@@ -90,9 +90,9 @@ FACTORS: dict[str, tuple[Any, ...]] = {
 Row = dict[str, Any]
 
 BOUNDED = {
-    "walls": "there is no piston",
-    "own walls": "there is no piston",
-    "walls of the guide": "there is no piston",
+    "walls": "the scene has no piston",
+    "own walls": "the scene has no piston",
+    "walls of the guide": "the scene has no piston",
     "wall_friction": "there is no side wall for friction",
 }
 """What misses the bounds of a closed cell before anything else."""

@@ -52,7 +52,7 @@ BAD = [
     (("damper", "-o", "lab.csv"), "is a file; give a directory"),
     (("x" * 300,), "x"),
     (("x" * 300 + ".csv",), "check the path"),
-    (("nothing.csv",), "there is no file"),
+    (("nothing.csv",), "does not exist"),
     (("run",), "run"),
     (("unit.csv",), "is beyond 9"),
     (("damper", "--method", "eulr"), "unknown method"),
@@ -124,7 +124,7 @@ def test_fit_compare_and_simulate(command: Callable[..., Any]) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("simulate nothing.json --until 3", "there is no file 'nothing.json'"),
+        ("simulate nothing.json --until 3", "the file 'nothing.json' does not exist"),
         ("simulate nothing.json", "--until"),
         ("fit lab.csv --bound lam", "is not NAME=LOW:HIGH"),
         ("fit lab.csv --law linear --bound lam=2:1", "give them in order"),
@@ -136,7 +136,7 @@ def test_fit_compare_and_simulate(command: Callable[..., Any]) -> None:
         ("fit lab.csv --start 'lam=1 m'", "in 1/s is wanted"),
         ("fit lab.csv --test-fraction 1", "from 0 to 0.9"),
         ("fit lab.csv --test-fraction '2 s'", "a pure number or a fraction in % is wanted"),
-        ("compare lab.csv --test-records nothing.csv", "there is no file"),
+        ("compare lab.csv --test-records nothing.csv", "does not exist"),
         ("fit", "required: SOURCE; see python -m reduced_models fit --help"),
         ("compare lab.csv --response out", "SOURCE cannot be combined with --response"),
         ("design --damping 0.1", "required: --frequency"),

@@ -99,7 +99,7 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
         ("impulse machine", "did you mean 'response --impulse'"),
         ("--loud", "required: COMMAND"),
         ("show", "required: SCENE; see granular-damper show --help"),
-        ("show nothing.toml", "there is no scene file"),
+        ("show nothing.toml", "the scene file 'nothing.toml' does not exist"),
     ],
 )
 def test_bad_input_is_one_line(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -139,7 +139,7 @@ def test_missing_or_invalid_record_file_is_an_error(tmp_path: Path) -> None:
         ("time [s],a [m]\n", "a: the unit 'm' does not fit; a unit like N is needed"),
         ("time [m],F [N]\n", "time: the unit 'm' does not fit; a unit like s is needed"),
         ("time [s],F [furlong]\n", "F: unknown unit 'furlong'"),
-        ("time,P [N],Q [N]\n", r"2 columns besides the time \('P', 'Q'\); keep one"),
+        ("time,P [N],Q [N]\n", r"2 columns in addition to the time \('P', 'Q'\); keep one"),
         ("time,value\n1_0,1\n", r"time of sample 0 \(line 2\) is '1_0', not a number"),
         ("time,value\n0,inf\n", r"value of sample 0 \(line 2\) is inf; values must be finite"),
     ],

@@ -406,7 +406,7 @@ REFUSED = {
     "a broken workbook": Refused(
         "phyphox.xls",
         b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(504),
-        "cannot be read as a workbook: .*save it again, or as CSV",
+        "cannot be read as a workbook: .*save the data again, or as CSV",
     ),
     "volts": Refused(
         "scope.csv", b"in s,CH1 in V\r\n0.0,1.0\r\n0.1,2.0\r\n0.2,1.0\r\n", r"unit 'V'; .*--units height="

@@ -105,11 +105,11 @@ def test_angles_are_read_in_radians_and_written_unchanged(tmp_path: Path) -> Non
     [
         ({"columns": {"heigth": "z"}}, "did you mean 'height'"),
         ({"columns": {"height": "depht"}}, "unknown column 'depht'; did you mean 'depth'"),
-        ({"columns": {"height": 7}}, "there is no column 7; give a number from 1 to 2"),
+        ({"columns": {"height": 7}}, "column 7 does not exist; give one from 1 to 2"),
         ({"columns": {"height": True}}, "give a name or a number"),
         ({"units": {"hight": "mm"}}, "unknown column 'hight'; did you mean 'height'"),
         ({"units": {"height": "kg"}}, "the unit 'kg' does not fit"),
-        ({"decimal": ";"}, "decimal = ';'; give '.' or ','"),
+        ({"decimal": ";"}, "decimal = ';' is not valid; give '.' or ','"),
         ({"skip": -1}, "give a number of lines"),
         ({"between": (2.0, 1.0)}, "give the earlier time first"),
         ({"between": (70.0, 80.0)}, "0 samples"),

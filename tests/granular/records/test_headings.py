@@ -169,7 +169,7 @@ HEADS = {
     "unknown names": Head(
         "time [s],left [mm],right [mm]", (TIME, MM, MM), "height=left or --columns height=right"
     ),
-    "x over x": Head("x,y", (TIME, HEIGHT), r"'x' increases in even steps.*--columns time=x"),
+    "x over x": Head("x,y", (TIME, HEIGHT), r"'x' increases in equal steps.*--columns time=x"),
     "frames of a camera": Head("frame,x [px]", (np.arange(400.0), MM), "--rate '100 Hz'"),
     "an unknown unit before a remark": Head("time [s],height [furlong] (raw)", (TIME, MM), "--units height="),
     "a remark that may be a unit": Head("time [s],height (raw)", (TIME, MM), "--units height="),

@@ -178,7 +178,7 @@ def test_a_title_above_rows_is_not_a_header(tmp_path: Path) -> None:
 
 def test_a_level_in_decibels_is_not_a_length(tmp_path: Path) -> None:
     said = refusal(write(tmp_path / "lab.csv", "time [s],envelope [dBm]", TIME, MM))
-    assert "a logarithmic level: write its amplitude" in said
+    assert "a logarithmic level: write the amplitude" in said
     assert "scale" not in said
 
 

@@ -151,7 +151,7 @@ def test_colour_scale_is_constant_in_a_movie(short: Trajectory, tmp_path: Path) 
         ("bed.mp4", {"speed": float("nan")}, "speed nan"),
         ("bed.gif", {"width": 640}, "width 640 is not within 760 to 960 pixels"),
         ("bed.mp4", {"colour": "blue"}, "unknown colour 'blue'"),
-        ("missing/bed.mp4", {}, "there is no directory"),
+        ("missing/bed.mp4", {}, "does not exist; make it first"),
         ("there.gif", {}, "exists"),
     ],
 )

@@ -183,7 +183,7 @@ def test_invalid_parquet_columns_are_refused(
 
 
 def test_files_other_than_parquet_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(RecordError, match="there is no file"):
+    with pytest.raises(RecordError, match="does not exist"):
         PistonRecord.from_file(tmp_path / "nothing.parquet")
     (tmp_path / "folder.pq").mkdir()
     with pytest.raises(RecordError, match="cannot be read"):

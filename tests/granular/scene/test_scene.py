@@ -149,7 +149,7 @@ BAD = [
     ({"cell": 3}, "3 must be a table with the keys width, separation"),
     ({"piston.mass": -7.5}, "piston.mass: -7.5 kg must be above 0 kg"),
     ({"piston.mass": None}, "piston.mass: must be given: stage 'drop'"),
-    ({"piston": None}, "there is no piston"),
+    ({"piston": None}, "the scene has no piston"),
     ({"piston.height": "5 D"}, "into the piston"),
     ({"effects.drag.coefficient": -0.1}, "-0.1 kg/s must be at least 0 kg/s"),
     ({"arrangement.jitter": 0.6}, "0.6 must be below 0.5"),
@@ -223,7 +223,7 @@ def test_invalid_positions_are_refused(damper: Scene, positions: list, words: st
 def test_invalid_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="did you mean 'damper'"):
         load_scene("dampr")
-    with pytest.raises(SceneError, match="there is no scene file"):
+    with pytest.raises(SceneError, match="the scene file .* does not exist"):
         load_scene(tmp_path / "nothing.toml")
     broken = tmp_path / "broken.toml"
     broken.write_text("name = ")

@@ -51,7 +51,7 @@ def test_files_are_replaced_atomically(write: Callable[[Path], None], tmp_path: 
     assert path.read_bytes() == first
     assert os.listdir(tmp_path) == ["file"]
     for place, words in (
-        (tmp_path / "nowhere" / "file", "there is no directory"),
+        (tmp_path / "nowhere" / "file", "does not exist; make it first"),
         (tmp_path, "is a directory"),
         (tmp_path / ("x" * 300), "cannot be written: .*; free space, or give another path"),
     ):
@@ -149,7 +149,7 @@ def test_missing_home_directory_is_reported(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", homeless)
     assert toolkit_cache_folder() is None
-    with pytest.warns(UserWarning, match="there is no home directory; set MY_CACHE to a folder"):
+    with pytest.warns(UserWarning, match="the user has no home directory; set MY_CACHE to a folder"):
         assert trusted_cache_folder(None, "MY_CACHE") is None
 
 

@@ -38,7 +38,7 @@ def test_deleted_working_directory_is_reported(
     gone.rmdir()
     assert launch(main, ["show", "bed"]) == 2
     said = capsys.readouterr().err
-    assert said == "error: the working directory no longer exists; change to another one\n"
+    assert said == "error: the working directory no longer exists; change to another directory\n"
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,10 @@ def test_messages_do_not_mix_with_results_if_stderr_is_closed() -> None:
 def test_zero_numba_threads_are_refused(process: Command, number: str) -> None:
     done = process("granular", "run", "single-particle", NUMBA_NUM_THREADS=number)
     assert done.returncode == 2
-    assert f"NUMBA_NUM_THREADS = '{number}'; give 1 or more" in propagate_error(done)
+    assert (
+        f"NUMBA_NUM_THREADS = '{number}' is not a number of threads; set it to 1 or more"
+        in propagate_error(done)
+    )
 
 
 def test_missing_threading_layer_is_reported(process: Command) -> None:

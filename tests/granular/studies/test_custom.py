@@ -81,7 +81,7 @@ def test_measure_names_are_never_imported(tmp_path: Path, name: str, monkeypatch
 def test_user_files_that_cannot_be_imported_are_reported(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError, match=rf"swing.py cannot be imported: .*{words}"):
         read(tmp_path, text)
-    with pytest.raises(InputError, match="there is no file"):
+    with pytest.raises(InputError, match="does not exist"):
         run_user_file(tmp_path / "none.py")
 
 

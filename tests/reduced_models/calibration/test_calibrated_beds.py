@@ -186,7 +186,7 @@ def test_wrong_arguments_are_refused(act: Callable[[], Any], words: str) -> None
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("nothing.csv damper", "there is no file"),
+        ("nothing.csv damper", "does not exist"),
         ("damper damper", "is a scene; give a record"),
         ("still.csv damper", "a motion is needed"),
         ("grows.csv damper", "unexplained, the limit is 50 %"),

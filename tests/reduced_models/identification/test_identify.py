@@ -298,7 +298,7 @@ def test_an_acceleration_is_identified(accelerated: Path, command: Callable, tmp
         "acc.csv",
         f"identify {accelerated}",
         "acceleration [m/s²]",
-        "there is no position",
+        "the record has no position",
     ):
         assert words in page or words.capitalize() in page
     assert page.index("<math") < page.index("<h2>")  # on the first screen

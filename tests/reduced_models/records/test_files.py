@@ -245,7 +245,7 @@ def test_profile_intervals_on_the_command_line(command: Callable[..., Any]) -> N
 @pytest.mark.parametrize(
     ("file", "message"),
     [
-        ("nothing.parquet", "there is no file"),
+        ("nothing.parquet", "does not exist"),
         ("text.parquet", "cannot be read as Parquet"),
         ("short.parquet", "20 or more"),
     ],
