@@ -10,8 +10,8 @@ and the runs are then listed again. The number of runs is fixed, so no list can 
 adapts to the lifetime of the lists.
 
 In a periodic cell partners have images on both sides, and images of the lowest stripes lie above
-the highest ones. Each run has a shift from the positions in the cell to the image. There are four
-stripes or more, and twice the reach is less than width and height of the cell, so that each pair is
+the highest ones. Each run has a shift from the positions in the cell to the image. The cell has at least four
+stripes, and twice the reach is less than its width and less than its height, so that each pair is
 counted once.
 """
 
@@ -69,7 +69,7 @@ from granular.pairs.stripes import (
 
 
 def _shift_rows_by_image(code: VectorBuilder, row_sums: RowSums, shifts: Any, index: ir.Value) -> RowSums:
-    """Rows shifted relative to the images of a run's partners."""
+    """Shift rows relative to the images of a run's partners."""
     if shifts is None:
         return row_sums
     b = code.builder
@@ -105,7 +105,7 @@ def _sum_two_rows(
 def _rescaled_coefficients(
     code: VectorBuilder, numbers: tuple[float, ...], power: ir.Value, square: ir.Value, scale: float
 ) -> list[Any]:
-    """Coefficients in r^2 from those in (r/r_c)^2, times ``power`` over ``scale``, in each lane."""
+    """Convert coefficients in (r/r_c)^2 to r^2, multiplied by ``power``/``scale``, in each lane."""
     b, out = code.builder, []
     for number in numbers:
         out.append(code.broadcast_scalar(b.fmul(ir.Constant(power.type, number / scale), power)))
@@ -182,14 +182,14 @@ _ROW_COST = 3
 
 _FIRST_SKIN, _MIN_SKIN, _MAX_SKIN = 0.05, 0.01, 0.5
 _LISTING_COST = 2.0
-"""Cost of listing partners over the cost of one sum."""
+"""Ratio of the cost of listing partners to the cost of one sum."""
 
 _MAX_REACH_FRACTION = 0.4
-"""Maximum reach over the shorter side of a periodic cell: five stripes are as high as two reaches."""
+"""Maximum ratio of the reach to a periodic cell's shorter side: five stripes are as high as two reaches."""
 
 
 _RIGHT, _LEFT = 1, 2
-"""Indices of the images in a periodic cell among the runs; 0 are the grains themselves."""
+"""Indices of a periodic cell's images among the runs; index 0 is for the grains themselves."""
 
 
 @compiled
@@ -249,7 +249,7 @@ def _list_ranges_of_stripe(
 
 @compiled(inline=True)
 def _row_cost(stripes: Stripes, first: int) -> tuple[int, int, int]:
-    """Cost of eight rows, in vectors of partners, and the first and end index of their partners."""
+    """Return the cost of eight rows, in vectors of partners, and the range of indices of their partners."""
     cost, low, last = 0, first, first + 2 * WIDTH
     for pair in range(first // ROWS, (first + WIDTH) // ROWS):
         cost += _ROW_COST
@@ -481,7 +481,7 @@ def _sum_with_energy_and_closest(
     radius: float,
     smooth: bool | None,
 ) -> None:
-    """Sum the pairs; energy and closest pair, if requested, in a separate row for each part."""
+    """Sum the pairs; each part writes energy and closest pair, if requested, to a separate row."""
     if energy_and_closest is None:
         _sum_all_parts(threaded, stripes, arrays, radius, smooth)
     else:

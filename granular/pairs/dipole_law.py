@@ -7,7 +7,7 @@ t = (r/r_c)^2 - 1 and for r < r_c
     r^-3  ->  r_c^-3 (1 - (3/2) t + (15/8) t^2 - (35/16) t^3),
     r^-5  ->  r_c^-5 (1 - (5/2) t + (35/8) t^2),
 
-where the second is the derivative of the first, as for force and energy. Near and far part are three times
+where the second is the derivative of the first, like force and energy. Near and far part are three times
 differentiable and add up to the law exactly, so energy is conserved for any summation of either part
 (the even-power softening of multilevel summation: Skeel, Tezcan and Hardy 2002,
 doi:10.1002/jcc.10072).
@@ -51,17 +51,17 @@ def head_on_frequency_squared(speed: float, mass: float, moment: float) -> float
 
 # The polynomials in t of the module's docstring, expanded.
 CUBE = (6.5625, -11.8125, 8.4375, -2.1875)
-"""Coefficients in (r/r_c)^2 of the far part of r^-3, over r_c^-3."""
+"""Coefficients in (r/r_c)^2 of the far part of r^-3, in units of r_c^-3."""
 
 FIFTH = (7.875, -11.25, 4.375)
-"""Coefficients of the far part of r^-5, over r_c^-5."""
+"""Coefficients of the far part of r^-5, in units of r_c^-5."""
 
 # Likewise 1 - (5/2) t + (35/8) t^2 - (105/16) t^3 for the energy, one order higher than in a force.
 FIFTH_ENERGY = (14.4375, -30.9375, 24.0625, -6.5625)
-"""Coefficients of the far part of r^-5 in the energy of discs, over r_c^-5."""
+"""Coefficients of the far part of r^-5 in the energy of discs, in units of r_c^-5."""
 
 SEVENTH = tuple(-2.0 / 3.0 * k * FIFTH_ENERGY[k] for k in (1, 2, 3))
-"""Coefficients of the far part of r^-7 in the force of discs (the derivative), over r_c^-7."""
+"""Coefficients of the far part of r^-7 in the force of discs (the derivative), in units of r_c^-7."""
 
 
 def _far_part_of_inverse_power(

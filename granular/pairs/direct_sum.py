@@ -60,7 +60,7 @@ def _rows_per_pass(context: Any) -> int:
 
 
 class _PeriodicCutOff(NamedTuple):
-    """Cut-off and images of pairs in a periodic cell; None and None if all pairs count."""
+    """Cut-off and images of pairs in a periodic cell; both are None if all pairs count."""
 
     cut: CutOffVectors | None
     images: PeriodicCellVectors | None

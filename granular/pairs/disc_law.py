@@ -135,7 +135,7 @@ def disc_energy_and_force(r: Samples, first: Disc, second: Disc) -> tuple[Sample
     Returns
     -------
     tuple of float64 (n,)
-        Energy and force, both over mu0 m1 m2 / (4 pi).
+        Energy and force, both in units of mu0 m1 m2 / (4 pi).
     """
     energy, force = np.zeros((2, len(r)))
     for z, sign in (
@@ -149,7 +149,7 @@ def disc_energy_and_force(r: Samples, first: Disc, second: Disc) -> tuple[Sample
 
 
 def contact_force_singularity(first: Disc, second: Disc) -> tuple[float, float]:
-    """Singular part of the force at contact: factor and height z of factor Re (x + iz)^(3/2)."""
+    """Singular part of the force at contact, factor Re (x + iz)^(3/2): return the factor and the height z."""
     reduced = first.radius * second.radius / (first.radius + second.radius)
     # In the units of `disc_energy_and_force`. Only the two pairs of nearest faces contribute; the others are
     # smooth at contact.
@@ -218,7 +218,7 @@ LOAD_FIFTH = 10.0
 
 
 def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Torque on the first of two equally tilted discs over the torque of dipoles (n,); r (n,) >= contact."""
+    """Ratio of the torque on the first of two equally tilted discs to dipoles (n,); r (n,) >= contact."""
     v, below, weights, segments = overlap_nodes(first, second)
     across = r[:, None]
     apart = across - contact_distance(first, second) + below
@@ -263,10 +263,10 @@ def fit_load_term(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[float], c
 
 
 TOLERANCE, RELATIVE = 9e-7, 9e-6
-"""Allowed error of the law beyond the tables, relative to energy and force at contact, or to these at r."""
+"""Allowed error of the law beyond the tables, relative to energy and force at contact or at r."""
 
 CLOSEST = 0.98
-"""Distance over the contact distance at which a run stops."""
+"""Ratio of the distance at which a run stops to the contact distance."""
 
 _TABLE_ERROR = 1e-12
 """Relative error of the tabulated energy; the force then has errors below 1e-8 beyond contact."""
@@ -275,13 +275,13 @@ _LOAD_ERROR = 1e-6
 """Relative error of the tabulated load."""
 
 _WINDOW = 1.01
-"""End of a table over the distance of validity of the law; in between, the table goes to zero."""
+"""Ratio of a table's end to the distance from which the law is valid; in between the table goes to zero."""
 
 _REACHES = np.arange(1.3, 8.01, 0.05)
-"""Ends of the tables that are tried, over the largest contact distance."""
+"""Ends of the tables that are tried, in units of the largest contact distance."""
 
 _MAX_DISTANCE = 40.0
-"""Maximum distance considered, over the contact distance."""
+"""Maximum distance considered, in units of the contact distance."""
 
 _MIN_TERM = 0.004
 """Lower bound of c: the square leaves rounding errors of 1e-17 / c of the force at D."""
@@ -307,7 +307,7 @@ class _ExactDiscPair(NamedTuple):
         return pair_squared_distance_shift(*self.discs)
 
     def errors_over_tolerance(self, begin: float, c: float) -> Samples:
-        """Errors of the sum over all pairs beyond a distance, over the allowed errors."""
+        """Ratios of the errors of the sum over all pairs beyond a distance to the allowed errors."""
         energy, force = _all_pairs_law(self.r, self.shift, c)
         chosen = self.r >= begin
         return np.concatenate(
@@ -397,7 +397,7 @@ def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
     height = max(disc.height / (2.0 * disc.radius) for pair in pairs for disc in pair.discs)
     raise InputError(
         f"grains.magnets = 'cylinders': discs with a height of {height:.3g} diameters differ from "
-        f"dipoles beyond {_REACHES[-1]:g} diameters; use flatter ones, or 'dipoles'"
+        f"dipoles beyond {_REACHES[-1]:g} diameters; use flatter discs, or 'dipoles'"
     )
 
 
@@ -414,7 +414,7 @@ def _law_validity_distance(pair: _ExactDiscPair, c: float) -> float:
 
 
 def _maximum_stiffness(pair: _ExactDiscPair, begin: float, c: float) -> float:
-    """Maximum stiffness beyond a distance, over the stiffness of dipoles at rho."""
+    """Maximum ratio, beyond a distance, of the stiffness to the stiffness of dipoles at rho."""
     r = pair.r[pair.r >= begin]
     u, rho = r * r, np.sqrt(r * r - pair.shift)
     slope = 15.0 * u * rho**-7 - 3.0 * rho**-5 + 8.0 * c * (10.0 * u * rho**-12 - rho**-10)
@@ -479,7 +479,7 @@ def _sampled_near_energy(discs: tuple[Disc, Disc], begin: float, c: float) -> Sa
 
 
 def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
-    """Stiffness of two discs over the stiffness of dipoles at the same distance (n,); r (n,) [D]."""
+    """Ratio of the stiffness of two discs to that of dipoles at the same distance (n,); r (n,) [D]."""
     grid = contact_distance(*discs) * np.geomspace(CLOSEST, _MAX_DISTANCE, 300)
     slopes = np.gradient(disc_law_continued_below_contact(grid, discs)[1], grid)
     return np.asarray(np.interp(r, grid, np.abs(slopes) * grid**5 / 12.0))

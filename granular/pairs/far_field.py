@@ -90,8 +90,8 @@ def compute_direct_far_field(
 
 
 SPACINGS = 4.5
-"""Split radius over the spacing of the finest mesh. With 4.5 the mesh, evaluated every eighth step, takes
-about as long as the near part."""
+"""Ratio of the split radius to the finest mesh's spacing. With 4.5 the mesh, evaluated every eighth step,
+takes about as long as the near part."""
 
 UNCHANGED_DISTANCE = 5e-4
 """Displacement of a grain [D] up to which the far field is taken as unchanged in beds with wall friction.
@@ -101,7 +101,7 @@ displacement, with rho grains per D^2: 3e-5 F* at a radius of 6.5 D, a fifth of 
 If grains move together, the change is far smaller."""
 
 UNCHANGED_DISTANCE_EXACT = 5e-5
-"""The same for the direct far field, which has no mesh error: a change of 3e-6 F*."""
+"""The same displacement for the direct far field, which has no mesh error: a change of 3e-6 F*."""
 
 EXTRAPOLATION_STEPS = 8
 """Default number of steps for which the far field is extrapolated linearly while grains slide fast.
@@ -113,7 +113,7 @@ TIME, CALLS, CHANGING = range(3)
 extrapolated."""
 
 MAX_POINTS = 1e8
-"""Maximum number of points of the finest mesh, for which the whole mesh takes 2 GB."""
+"""Maximum number of points of the finest mesh; all levels together then take 2 GB."""
 
 
 class FarFieldSettings(NamedTuple):

@@ -20,7 +20,7 @@ from granular.pairs.simd import WIDTH
 from granular.shared.array_types import Float, Int
 
 _FRACTIONS = (0.75, 0.5, 0.125)
-"""Coefficients of fine cubic B-splines in one twice as wide, at distances of 0, 1 and 2 fine points."""
+"""Coefficients of fine cubic B-splines in a spline twice as wide, at distances of 0, 1 and 2 fine points."""
 
 # Unsigned, since each signed index is checked for being negative.
 _UNIT, _TWO = np.uintp(1), np.uintp(2)
@@ -29,7 +29,7 @@ _UNIT, _TWO = np.uintp(1), np.uintp(2)
 # Numbers only: passing arrays for each line would add the cost of reference counting.
 @compiled(inline=True)
 def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, periodic: bool) -> np.uintp:
-    """Begin of a line in a window of ``up`` lines; outside: a periodic image, or a line of zeros."""
+    """Index of a line's beginning in a window of ``up`` lines; outside, of a periodic image or of zeros."""
     if periodic:
         at %= up
     return np.uintp(begin + at * stride if 0 <= at < up else outside)
@@ -37,7 +37,7 @@ def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, p
 
 @compiled(inline=True)
 def _index_of_first_line(points_per_length: Array | None, mesh: MultilevelMesh, level: int) -> int:
-    """Begin of a level's first line, including its margin."""
+    """Index of the beginning of a level's first line, including the margin."""
     if points_per_length is not None:
         return index_of_first_mesh_point(mesh, level) - mesh.margin
     return mesh.begins[level]

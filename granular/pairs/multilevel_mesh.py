@@ -9,7 +9,7 @@ doi:10.1016/0021-9991(90)90002-I; Hardy et al. 2015, doi:10.1021/ct5009075). It 
 bands far(r; r_c) - far(r; 2 r_c), far(r; 2 r_c) - far(r; 4 r_c), ..., and a last remainder ("rest").
 Each band has a finite range and is smooth on twice the scale of the previous one, so its mesh is
 twice as coarse. The law is a power, so all bands share one table, scaled by 1/8 between levels.
-Discs add a second power, r^-5, whose coefficient also falls by 1/4 between bands.
+Discs add a second power, r^-5, whose coefficient is also multiplied by 1/4 between bands.
 
 Grains are coupled to the mesh by cubic B-splines. For the splines to interpolate the far part between
 mesh points (Hardy et al. 2016, doi:10.1063/1.4943868), the table is the far part divided, in Fourier
@@ -44,7 +44,7 @@ _EDGES = 8
 """Maximum number of points of a window beyond the grains, over all levels."""
 
 _NEGLIGIBLE_FRACTION = 1e-6
-"""Bound for the sum of neglected products, over the largest entry of the table."""
+"""Bound for the sum of neglected products, as a fraction of the largest entry of the table."""
 
 _DIGITS = 13
 """Digits kept of the products, since results of linear algebra differ between machines."""
@@ -175,7 +175,7 @@ class MultilevelMesh(NamedTuple):
 def multilevel_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, grains: int, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
-    """Allocate a multilevel mesh for a closed cell; width ... spacing [D], inverse_fifth_factor [D^2]."""
+    """Allocate a multilevel mesh for a closed cell; all lengths [D], inverse_fifth_factor [D^2]."""
     levels = mesh_level_count(max(width, height), radius, spacing)
     tables = mesh_tables(radius, spacing, levels, inverse_fifth_factor)
     points = [

@@ -215,7 +215,7 @@ def add_near_loads(
 
 @compiled
 def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
-    """Stiffness of a close pair beyond the bound for the sum over all pairs, over the factors [F*/D]."""
+    """Excess of a close pair's stiffness over the all-pairs sum's bound, divided by the factors [F*/D]."""
     ratio, slope = tabulated_ratio(tables.energies, row, u), tabulated_slope(tables.energies, row, u)
     # Soft grains may coincide; without a tail this adds nothing.
     rho2 = max(u - tables.pairs[row, SHIFT], 1e-30)
@@ -262,7 +262,7 @@ def measure_near_part(
 def closest_over_stop_distance(
     law: NearLaw, near: NearList | None, grains: int, x: Float[np.ndarray, "m"], y: Float[np.ndarray, "m"]
 ) -> tuple[float, int]:
-    """Find the minimum distance of two grains over the distance at which a run stops, and one of them."""
+    """Find the minimum ratio of two grains' distance to the distance at which a run stops, and one grain."""
     if near is None or not near.starts[grains] or not law.tables.pairs[:, STOP].any():
         return math.inf, -1
     i = np.repeat(np.arange(grains), np.diff(near.starts[: grains + 1]))

@@ -91,8 +91,7 @@ def near_list_workspace(
     if capacity > _MAX_PAIRS:
         raise InputError(
             f"there may be {capacity:.3g} pairs within {reach:.4g} diameters; the limit is "
-            f"{_MAX_PAIRS:.3g}: give "
-            "the pair law a shorter reach"
+            f"{_MAX_PAIRS:.3g}: give the pair law a shorter reach"
         )
     return NearList(
         starts=np.zeros(size + 1, dtype=np.int64),

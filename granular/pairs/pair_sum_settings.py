@@ -7,7 +7,7 @@ from granular.schema.field_kinds import FieldError
 from granular.schema.sections import Section, choice_field, integer_field, quantity
 
 MESH_REACH = 0.39
-"""Maximum radius of mesh and cut-off over the shorter side of a periodic cell: with five stripes each pair
+"""Maximum ratio of mesh or cut-off radius to a periodic cell's shorter side: with five stripes each pair
 lies in one stripe and its two neighbours only, with a margin for the skin of the lists."""
 
 # Five times `granular.pairs.stripes.MIN_PER_STRIPE`.
@@ -22,7 +22,7 @@ steps, from 900 with wall friction; below this number the exact sum is fast enou
 
 SPLIT_RADIUS, TOLERANCE = 6.5, 3e-4
 """Radius [D] beyond which the far field acts, and the error of the force with the mesh: maximum over the
-grains, over the rms of sum_j |f_ij|, in beds at packing fraction 0.241 (measured: 1.4e-4 with equal
+grains divided by the rms of sum_j |f_ij|, in beds at packing fraction 0.241 (measured: 1.4e-4 with equal
 grains, 2.2e-4 in mixtures)."""
 
 _ORDER = 3.36
@@ -52,8 +52,8 @@ class PairSumSettings(Section):
         Displacement of a grain [m] after which de Paula's list is rebuilt; default 4.13 diameters.
         The other methods adapt their skin.
     tolerance : float
-        For the mesh: maximum error of a grain's force over the rms of sum_j abs(f_ij), in a bed as
-        dense as at full compression (packing fraction 0.241).
+        For the mesh: maximum error of a grain's force divided by the rms of sum_j abs(f_ij), in a bed
+        as dense as at full compression (packing fraction 0.241).
     far_every : int or None
         For the mesh and the direct sum: number of steps between evaluations of the far field, the
         smooth part of the law beyond a radius (Tuckerman, Berne and Martyna 1992,
@@ -130,7 +130,7 @@ class PairSumSettings(Section):
             from_tolerance = method == "mesh" and self.cut_off is None
             remedy = "a larger tolerance" if from_tolerance else "a shorter cut_off"
             raise FieldError(
-                f"{'needs a radius of ' if from_tolerance else ''}{radius * diameter:.6g} m, which is over "
+                f"{'needs a radius of ' if from_tolerance else ''}{radius * diameter:.6g} m, more than "
                 f"{limit / shorter_side:g} of the shorter side of the periodic cell, "
                 f"{limit * diameter:.6g} m; use 'direct', {remedy} or a larger cell",
                 "tolerance" if from_tolerance else "cut_off",

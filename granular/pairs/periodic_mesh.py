@@ -55,7 +55,7 @@ _SHARPNESS, _IMAGES, _WAVES = 1.8, 6.0, 12.0
 12 a are included, with an error below 1e-15."""
 
 _CELLS = 6.0
-"""Distance over the longer side up to which images of r^-5 are summed directly, since r^-5 decays fast."""
+"""Images of r^-5, which decays fast, are summed directly up to this ratio of distance to longer side."""
 
 _NEGLIGIBLE_FRACTION, _DIGITS = 1e-5, 13
 """Products below this fraction of the first one are neglected, so that eight remain: the others change forces
@@ -73,7 +73,7 @@ def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tu
 def sum_far_part_over_images(
     dx: Samples, dy: Samples, width: float, height: float, radius: float, inverse_fifth_factor: float = 0.0
 ) -> Samples:
-    """Sum the far part (...) over images [1/D^3]; dx, dy (...) ... radius [D], inverse_fifth_factor [D^2]."""
+    """Sum the far part (...) over images [1/D^3]; all lengths [D], inverse_fifth_factor [D^2]."""
     from scipy.special import erfc, gammainc, gammaincc
 
     # Ewald 1921, doi:10.1002/andp.19213690304; see the module's docstring.
@@ -272,7 +272,7 @@ def interpolate_on_periodic_mesh(
 def periodic_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
-    """Allocate a periodic mesh; width ... spacing [D], inverse_fifth_factor [D^2]."""
+    """Allocate a periodic mesh; all lengths [D], inverse_fifth_factor [D^2]."""
     tables = periodic_mesh_tables(width, height, radius, spacing, inverse_fifth_factor)
     points = periodic_mesh_points(width, height, spacing)
     mesh = mesh_workspace(tables, spacing, points, BELOW + ABOVE)

@@ -39,7 +39,7 @@ _UNDEFINED = ir.Constant(LANES, ir.Undefined)
 
 
 def pad_to_vectors(count: int) -> int:
-    """Round a number of grains up to a multiple of the vector width."""
+    """Round a number of grains up to the next multiple of the vector width."""
     return max(WIDTH, -(-count // WIDTH) * WIDTH)
 
 

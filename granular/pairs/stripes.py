@@ -133,7 +133,7 @@ def stripes_workspace(
 
 
 PADDING = 1e9
-"""Position of the first padding entry [D]: farther than any grain, but near enough that a shift by a period
+"""Position of the first padding entry [D]: farther than any grain, but so near that a shift by a period
 is not lost to rounding. It is also beyond the radius of its own image, whose energy at zero distance would be
 NaN."""
 

@@ -239,7 +239,7 @@ def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateU
     if si_unit and dimension[3] != 0:
         plain = f", or use plain numbers (--units {role}=1)" if role == HEIGHT else ""
         raise RecordError(
-            f"{role} has the unit {quote(unit)} of a sensor; if this unit is wrong, {remedy}{plain}"
+            f"{role} has the sensor's unit {quote(unit)}; if this unit is wrong, {remedy}{plain}"
         )
     if si_unit and dimension != unit_size(si_unit)[1]:
         raise RecordError(

@@ -223,7 +223,7 @@ def test_invalid_positions_are_refused(damper: Scene, positions: list, words: st
 def test_invalid_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="did you mean 'damper'"):
         load_scene("dampr")
-    with pytest.raises(SceneError, match="the scene file .* does not exist"):
+    with pytest.raises(SceneError, match=r"the scene file .* does not exist"):
         load_scene(tmp_path / "nothing.toml")
     broken = tmp_path / "broken.toml"
     broken.write_text("name = ")
