@@ -290,7 +290,7 @@ def test_a_failed_export_leaves_no_file(
 
 @pytest.mark.parametrize("write", [to_gsd, to_extxyz])
 def test_paths_that_cannot_be_written_are_refused(run: Trajectory, tmp_path: Path, write: Writer) -> None:
-    with pytest.raises(InputError, match="the directory .* does not exist"):
+    with pytest.raises(InputError, match=r"the directory .* does not exist"):
         write(run, tmp_path / "missing" / "bed")
     with pytest.raises(InputError, match="is a directory"):
         write(run, tmp_path)
