@@ -254,7 +254,7 @@ def test_a_cell_for_too_large_a_mesh_is_refused(bed: Scene) -> None:
 
 
 def test_impulses_are_refused_for_unsuitable_methods(small_damper: Scene) -> None:
-    with pytest.raises(InputError, match=r"pairs\.far_every = 4: 'pefrl' cannot"):
+    with pytest.raises(InputError, match=r"pairs\.far_every = 4: 'pefrl' does not support it"):
         simulate(on_mesh(small_damper, far_every=4), t_end=0.01, method="pefrl", progress=False)
 
 
