@@ -163,7 +163,7 @@ def usual_parts(scene: Scene) -> dict[str, str | float]:
 
 
 def _is_given(scene: Scene, key: str) -> bool:
-    if key == "effects.drag.coefficient" and getattr(scene.effects.drag, "follows", False):
+    if key == "effects.drag.coefficient" and getattr(scene.effects.drag, "is_from_liquid", False):
         return False
     return (find_field(scene, key) or (None,))[0] not in (None, 0.0)
 

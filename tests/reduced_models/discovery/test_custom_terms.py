@@ -117,10 +117,13 @@ def test_auto_also_tries_symbolic_regression() -> None:
     assert {term.text for term in found.best.terms or ()} == SYSTEMS["cubic drag"][3]
 
 
-@pytest.mark.parametrize("name", sorted(set(LIBRARIES) - {"physical"}))
-def test_library_terms_survive_conversion_to_sympy_and_back(name: str) -> None:
-    terms = library_terms(name, (), 3, "force")
-    assert len(set(terms)) == len(terms) == len(LIBRARIES[name][0])
+@pytest.mark.parametrize("column", [None, "force"])
+@pytest.mark.parametrize("name", sorted(set(LIBRARIES) - {"physical", "driven"}))
+def test_library_terms_survive_conversion_to_sympy_and_back(name: str, column: str | None) -> None:
+    terms = library_terms(name, (), 3, column)
+    with_input = [term for term in terms if "u" in map(str, linear_combination([term], [1.0]).free_symbols)]
+    assert len(set(terms)) == len(terms) == len(LIBRARIES[name][0]) + len(with_input)
+    assert bool(with_input) == (column is not None)
     values = np.linspace(1.0, 2.0, len(terms))
     assert split_terms(linear_combination(terms, list(values))) == pytest.approx(
         dict(zip(terms, values, strict=True))

@@ -137,7 +137,7 @@ def test_list_of_one_record_gives_the_same_fit() -> None:
 def test_entries_of_a_record_are_shared_then_separate_ones() -> None:
     data = data_of_record(LAWS["linear"], linear(-1.0, 1.0, 1), 0.3)
     assert data.entries.tolist() == [0, 1, 2, 3, 4]
-    first, second = (dataclasses.replace(data, own=("omega",), number=number) for number in (0, 1))
+    first, second = (dataclasses.replace(data, per_record=("omega",), number=number) for number in (0, 1))
     assert first.entries.tolist() == [0, 2, 1, 3, 4]
     assert second.entries.tolist() == [0, 5, 1, 6, 7]
     vectors = [np.arange(5.0), 10.0 + np.arange(5.0)]
