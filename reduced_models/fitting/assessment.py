@@ -1,4 +1,4 @@
-"""Model of a fit: parameters with intervals, the quality of the fit, and notes on its weak points."""
+"""Build the model of a fit: parameters with intervals, quality of the fit, notes on weak points."""
 
 from __future__ import annotations
 
@@ -54,41 +54,41 @@ from reduced_models.records.sensor_filter import find_sensor_filter
 from reduced_models.records.sources import describe_record
 
 MINIMUM_AGREEING_FRACTION = 0.25
-"""Fraction of the starts that must lead to the best fit; below it a note is added."""
+"""Minimum fraction of the random starts that lead to the best fit; a note is added if fewer do."""
 # Residuals below this fraction of the rms displacement are rounding and solver error: ten times
 # `SOLVER_LIMIT`.
 ROUNDING_RESIDUAL = 1e-5
 OSCILLATING_FRACTION = 0.5
-"""Fraction of the residuals' power near the motion's frequency above which they oscillate with it."""
+"""Residuals with more than this fraction of power near the motion's frequency oscillate with the motion."""
 DRIFT_POWER_RATIO = 4.0
-"""Low-frequency power of the residuals, relative to white noise, above which they drift."""
+"""Residuals drift if their low-frequency power exceeds this multiple of the power of white noise."""
 NOISY_FRACTION = 0.3
-"""Noise above this fraction of the rms displacement is noted."""
+"""Noise above this fraction of the rms displacement gives a note."""
 SUSPICIOUS_ACCELERATION = 500.0
-"""Accelerations above this [m/s^2], fifty times gravity, are noted."""
+"""Accelerations above this [m/s^2], fifty times gravity, give a note."""
 REPORTED_LAG_FRACTION = 0.1
-"""Fraction of the sampling interval: a shorter lag is not reported."""
+"""A lag is reported if it is longer than this fraction of the sampling interval."""
 _DRIFT_NOTE = (
-    "the record's zero drifts by {size:.2g} {unit} in all, as a random walk in addition to its noise: the "
-    "fit includes the drift, and the intervals allow for it; FitOptions(drift=False) (fit --no-drift on the "
-    "command line) omits it"
+    "the record's zero drifts by {size:.2g} {unit} in total, as a random walk in addition to the noise; "
+    "the fit includes the drift, and the intervals allow for it; FitOptions(drift=False) (fit --no-drift on "
+    "the command line) omits the drift"
 )
 _DRIFT_REMEDY = "fit with FitOptions(drift=True) (fit --drift on the command line)"
 _ROUNDING_QUANTILE, _ROUNDING_FRACTION = 0.99, 0.6
-"""Quantile of the residuals, and the fraction of a sensor's rounding step below which it shows only the
-rounding; the rounding error itself is up to half a step."""
+"""Residuals are rounding alone if this quantile of theirs is below this fraction of the sensor's rounding
+step; the rounding error itself is up to half a step."""
 NOTED_NOISE_RATIO, NOTED_FRACTION = 3.0, 0.05
-"""A residual above this multiple of the noise and this fraction of the rms displacement is noted."""
+"""A residual above this multiple of the noise and this fraction of the rms displacement gives a note."""
 
 
 def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> tuple[ReducedModel, ...]:
-    """Reduced model of each record of a fit, with intervals, quality and notes."""
+    """Return the reduced model of each record of a fit, with intervals, quality and notes."""
     problem, theta = result.problem, result.theta
     normal = problem.normal_matrix(theta)
     if not np.isfinite(normal).all():
         raise InputError(
             f"the fit of {quote(problem.law.name)} changes so steeply with its parameters "
-            "that their intervals cannot be computed; try another law, or check the units"
+            "that the intervals cannot be computed; try another law, or check the units of height and time"
         )
     residuals = tuple(problem.residuals(theta))
     covariance, independent = joint_covariance(problem, theta)
@@ -240,7 +240,7 @@ def _fitted_sensor(unknowns: Unknowns, theta: np.ndarray) -> Sensor | None:
 def _damping_from_peaks(
     rest: AtRest | None, record: PistonRecord, fitted: np.ndarray
 ) -> tuple[AtRest | None, tuple[str, ...]]:
-    """Small oscillation, with the damping from successive peaks if they contradict it, and remarks.
+    """Add the damping from successive peaks to the small oscillation if they contradict it; give remarks.
 
     Peaks that differ from the peaks of the fitted motion (n,) are noise and give no damping.
     """
@@ -262,7 +262,7 @@ def _damping_from_peaks(
 
 
 def _mode_and_filter_texts(unknowns: Unknowns, record: PistonRecord, quality: Quality) -> tuple[str, ...]:
-    """Text on a second mode or a sensor's filter in the residual of a law of one free coordinate."""
+    """Describe a second mode, or a sensor's filter, in the residual of a law of one coordinate."""
     of_height = unknowns.sensor is None and not unknowns.observation and not unknowns.law.prescribed
     if not of_height or unknowns.law.other_coordinates or not quality.has_structured_residuals:
         return ()
@@ -284,7 +284,7 @@ def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float,
 
 
 def _provenance_texts(record: PistonRecord, problem: FitProblem, period: float | None) -> dict[str, str]:
-    """Origin of a model as text, the same for the same data and settings."""
+    """Describe the data and settings of a fit; the same fit always gives the same text."""
     digest = hashlib.sha256(record.time.tobytes() + record.height.tobytes()).hexdigest()
     pairs = problem.bounds.items()
     bound_texts = [f"{low:g} <= {name} <= {high:g}" for name, (low, high) in pairs if low < high]
@@ -302,7 +302,7 @@ def _bound_notes(
     parameters: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[str, ...]:
     return tuple(
-        f"{name} = {parameters[name]:.5g} lies at its bound; widen the bounds or regard it as given"
+        f"{name} = {parameters[name]:.5g} lies at its bound; widen the bounds or regard the value as given"
         for name, pair in bounds.items()
         if pair[0] < pair[1] and any(math.isclose(parameters[name], edge) for edge in pair)
     )
@@ -368,7 +368,7 @@ def _assess_quality(
 def _relative_small_motion_changes(
     unknowns: Unknowns, theta: np.ndarray, trained: np.ndarray
 ) -> dict[str, float]:
-    """Relative changes of period and damping ratio between two search vectors; empty if either has none."""
+    """Relative changes of period and damping ratio between two search vectors; empty without oscillation."""
     figures, others = (small_motion_figures(unknowns, vector) for vector in (theta, trained))
     if isinstance(figures, NoOscillation) or isinstance(others, NoOscillation):
         return {}
@@ -384,7 +384,7 @@ def _prediction_error_on_held_out_cycles(
     held_out_cycles: Sequence[slice],
     mask: np.ndarray,
 ) -> PredictionErrorEstimate:
-    """Prediction error on the held-out cycles of a model fitted to the other samples, given by a mask."""
+    """Prediction error, on the held-out cycles, of a model fitted to the samples in the mask."""
     others = record.height[mask]
     # Displacement from the mean of the last third of the fitted samples.
     displacement = record.height - others[-len(others) // 3 :].mean()
@@ -397,7 +397,7 @@ def _prediction_error_on_held_out_cycles(
 
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
-    """Text on residuals that are not white, however small, of samples an interval [s] apart."""
+    """Describe residuals that are not white noise, however small; interval between samples [s]."""
     correlation_text = f"are correlated over {round(quality.correlation)} samples"
     if round(quality.correlation) < 2:
         correlation_text = "are correlated"
@@ -440,7 +440,7 @@ def _robust_residual_size(data: FitData, residuals: np.ndarray) -> float:
 
 
 def _release_transient_text(data: FitData, residuals: np.ndarray) -> str:
-    """Text on the transient after a release, if the law holds except there; empty otherwise."""
+    """Describe the transient after a release; empty unless the law holds for the rest of the record."""
     without_drift = residuals * data.unknowns.residual_unit
     time, period = data.record.time, math.tau * data.unknowns.amplitude / data.unknowns.speed
     start, rms_displacement = (
@@ -452,8 +452,8 @@ def _release_transient_text(data: FitData, residuals: np.ndarray) -> str:
         return ""
     misfit, until = float(np.abs(without_drift[:start]).max()) / rms_displacement, time[start] - time[0]
     return (
-        f"in the first {1e3 * until:.2g} ms after release the model misses {100 * misfit:.2g} % of the "
-        f"displacement, {100 * after:.2g} % later"
+        f"in the first {1e3 * until:.2g} ms after release the error of the model is up to "
+        f"{100 * misfit:.2g} % of the rms displacement, later {100 * after:.2g} %"
     )
 
 
@@ -486,5 +486,5 @@ def _model_notes(
             "record constrains any law poorly; average more samples or measure a larger motion"
         )
     if quality.test_error == math.inf:
-        notes.append("fitted without the held-out cycles, the law diverges in them")
+        notes.append("if the law is fitted without the held-out cycles, it diverges in them")
     return tuple(notes)

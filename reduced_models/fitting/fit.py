@@ -1,17 +1,16 @@
-"""`fit`: the parameters of a law from a record, through the law's differential equation.
+"""Fit the parameters of a law to a record by solving the law's differential equation.
 
-The motion itself is compared, not its derivatives: for trial parameters the equation is solved from
+The fit compares the motion itself, not its derivatives: for trial parameters the equation is solved from
 a fitted initial state, and Levenberg-Marquardt changes the parameters until the solution follows the
-record. Many random starts, first on the first two cycles and then on horizons that double, avoid
-wrong local minima. The result is compared with a second estimate, from accelerations in the record,
-which needs no solution of the equation. A law of a force also starts from fits of the smaller laws that
-it contains, without its inputs or without their lag.
+record. The search starts from many random parameters and fits the first two cycles, then horizons that
+double, so that it avoids wrong local minima. The result is compared with a second estimate, from the
+accelerations in the record, which needs no solution of the equation. The search of a law of a force also
+starts from fits of smaller laws that it contains: without its inputs, or without their lag.
 
-Hidden states at the start of a record can follow from the motion before it. The history of a
-hysteretic or visco-elastic part is in the record before the fitted stretch: its hidden states are
-integrated along that measured motion, from zero at its beginning, which they forget on the way. Their
-final values depend on the parameters, so fit and hidden states are updated in turn until neither
-changes.
+Hidden states at the start of a record, as of a hysteretic or visco-elastic part, can follow from the
+motion before the record. They are integrated along that measured motion from zero; their initial error
+has decayed by the start of the record. Their final values depend on the parameters, so parameters and
+hidden states are updated in turn until neither changes.
 """
 
 from __future__ import annotations
@@ -78,15 +77,17 @@ def is_motion_history(initial: Initial | None) -> TypeGuard[PistonRecord | Seque
 def prepend_histories(
     law: Law, histories: PistonRecord | Sequence[PistonRecord], records: Sequence[PistonRecord]
 ) -> list[PistonRecord]:
-    """Each record with its history before it; time 0 is the start of the record."""
+    """Put the history of each record before it; time 0 is the start of the record."""
     given = [histories] if isinstance(histories, PistonRecord) else list(histories)
     if not law.hidden:
         raise InputError(
             f"the law {quote(law.name)} has no hidden state, so the motion before its record does "
-            "not matter; remove initial"
+            "not matter; remove the argument initial"
         )
     if len(given) != len(records):
-        raise InputError(f"initial: {len(given)} motions for {len(records)} records; give one for each")
+        raise InputError(
+            f"initial: {len(given)} motions for {len(records)} records; give one motion for each record"
+        )
     return [_prepend_history(history, record) for history, record in zip(given, records, strict=True)]
 
 
@@ -96,12 +97,13 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
     before = history.time < begin
     if not -0.5 * step <= begin - end <= _MAXIMUM_GAP * step or before.sum() < 2:
         raise InputError(
-            f"initial: the motion before ends at {end:.6g} s, and the record begins at {begin:.6g} "
-            "s; cut both from one record, as record.between(0, 5) and record.between(5, 20)"
+            f"initial: the motion before the record ends at {end:.6g} s, but the record begins at "
+            f"{begin:.6g} s; cut both from one record, as record.between(0, 5) and record.between(5, 20)"
         )
     if column_names(history) != column_names(record):
         raise InputError(
-            "initial: the motion before and the record have different columns; cut both from one record"
+            "initial: the motion before the record has other columns than the record; cut both from "
+            "one record"
         )
     parts = {
         name: np.concatenate([history.columns[name][before], values])
@@ -112,7 +114,7 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
 
 
 def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
-    """Fit with initial hidden states held at the values at the end of the records' histories."""
+    """Fit with the initial hidden states held at their values at the end of each record's history."""
     problem, theta = result.problem, result.trained
     first = len(problem.law.parameters) + 2
     for _ in range(_HISTORY_ROUNDS):
@@ -153,7 +155,7 @@ Records = RecordLike | Sequence[RecordLike]
 
 
 class _FitFunction(Protocol[P]):
-    """A fit of one record, which returns a model, or of several, which returns one for each."""
+    """A fit: it returns a model for one record, and a tuple of models for several records."""
 
     @overload  # a text is one record, although it is a sequence of texts too
     def __call__(  # type: ignore[overload-overlap]
@@ -204,43 +206,46 @@ def fit(
     ----------
     record : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
         Times [s] and heights [m], or a file that `read_record` reads; samples may be irregular and have
-        gaps. A fit needs 20 or more samples.
+        gaps. A fit needs 20 samples or more.
     law : str or Law
         A law of the package by its name, an equation such as ``"z'' + 2*lam*z' + k*z = g0"``, or a
         Law, whose text may hold several equations (see `Law`). The coordinate, the variable with two
         primes, may have any name; ``t`` is the time since the record's start. Names that are columns
         of the record are inputs or, alone on the left, compared signals; all others are parameters.
-        Without an equation of motion the record's heights are a prescribed stroke, as of a
+        Without an equation of motion the record's heights are a prescribed stroke, as on a
         dynamometer.
     parameters : mapping of str to Parameter, float or str, optional
-        Prior knowledge of parameters by name: values, bounds, which are fixed, and which have a
-        separate value for each record (see `Parameter`); the others are shared. A number alone is a
-        start value. Not all may be fixed. Every record has a separate initial state.
+        Prior knowledge of parameters by name (see `Parameter`): start values, fixed values, bounds,
+        and separate values for each record. Parameters without separate values are shared by all
+        records. A number alone is a start value. One parameter or more must vary. Every record has
+        a separate initial state.
     noise : float or float (n,), or mapping of str to these, optional
-        Standard deviation of the noise, above 0, in m or the unit of the compared signal, of all
-        samples or of each; for several records a list. If the law observes several columns, a
-        mapping gives the noise of each by its name. Intervals are then computed from it; if it is
-        given for each sample, so are the weights.
+        Standard deviation of the noise, above 0, in m or the unit of the compared signal: one number
+        for all samples, or one for each sample; for several records a list. If the law observes
+        several columns, a mapping gives the noise of each column by its name. Intervals are
+        computed from the noise that is given; the noise of each sample also gives its weight.
     weights : float (n,), optional
         Weights of the residuals, above 0, without unit; for several records a list of them.
     loss : "linear", "soft_l1" or "huber"
-        Cost of the residuals: their squares, or less for residuals far above the noise, so that
-        outliers weigh little (Huber 1964, doi:10.1214/aoms/1177703732); intervals then come from the
-        sandwich estimate (White 1980, doi:10.2307/1912934).
+        Cost of the residuals: their squares (``"linear"``), or less than the square for residuals far
+        above the noise, so that outliers have little weight (Huber 1964,
+        doi:10.1214/aoms/1177703732); intervals then come from the sandwich estimate (White 1980,
+        doi:10.2307/1912934).
     intervals : "linear" or "profile"
-        From the linearisation at the best fit, or by holding each parameter at values further and
-        further away and refitting the others: correct also if parameters are bounded or strongly
-        correlated (see `reduced_models.fitting.profile_likelihood`).
+        ``"linear"``: from the linearisation at the best fit. ``"profile"``: each parameter is held at
+        values further and further away and the others are refitted, which is correct also if
+        parameters are bounded or strongly correlated (see
+        `reduced_models.fitting.profile_likelihood`).
         Intervals of the small oscillation at rest always come from the linearisation.
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     starts : int
         Number of random starts, from 1 to 10000.
     test_fraction : float
-        Fraction, from 0 to 0.9, of each record's whole cycles that is held out, spread over the
-        cycles above its noise: a first model is fitted without them, integrated through them, and
-        judged on them. Of a motion with few cycles the end is held out. The returned model is fitted
-        to the whole record. 0 holds out none.
+        Fraction, from 0 to 0.9, of the whole cycles of each record that are held out; they are spread
+        over the cycles above the noise. A first model is fitted without the held-out cycles,
+        integrated through them, and judged on them. If the motion has few cycles, its end is held
+        out instead. The returned model is fitted to the whole record. 0 holds out nothing.
     seed : int
         Seed of the random starts, from 0 on.
     options : FitOptions, optional
@@ -258,15 +263,15 @@ def fit(
         lacks a column that is an input of the law or that ``measured`` needs.
     InputError
         If no record is given, an argument is out of its range, a law or parameter is unknown,
-        options do not go together, no start led to a solution that stays finite, the solution
-        cannot be computed to the accuracy that the fit needs, or depends so steeply on the
-        parameters that they have no intervals.
+        options contradict each other, every random start led to a solution that diverges, the
+        solution cannot be computed to the accuracy that the fit needs, or the solution depends so
+        steeply on the parameters that their intervals cannot be computed.
 
     Warns
     -----
     UserWarning
-        For each of the model's notes: if few starts agree, a parameter lies at its bound, or the
-        residual is far above the record's noise.
+        For each of the model's notes, for example if few random starts led to the best fit, a parameter
+        lies at its bound, or the residual is far above the record's noise.
 
     Examples
     --------
@@ -284,15 +289,15 @@ def fit(
     records = list_of_records(record)
     how = FitOptions() if options is None else options
     if not isinstance(how, FitOptions):
-        raise InputError(f"options = {quote(how)}; give FitOptions(...)")
+        raise InputError(f"options = {quote(how)} is not a FitOptions; pass options=FitOptions(...)")
     check_fit_options(starts, test_fraction, confidence, intervals, loss, seed)
     declared = as_parameters(parameters)
     law = resolve_law(law, records[0], tuple(declared), how.measured)
     lowest = min(float(item.height.min()) for item in records)
     if law.given and lowest <= 0.0:
         raise InputError(
-            f"the law {quote(law.name)} is for heights above 0, and the stroke goes down to {lowest:.3g} m; "
-            "count the stroke from the floor, or take another law"
+            f"the law {quote(law.name)} needs heights above 0, but the stroke goes down to {lowest:.3g} m; "
+            "measure the stroke from the floor, or use another law"
         )
     if law.given and law.given not in declared:
         mean_height = float(np.mean([item.height.mean() for item in records]))
@@ -300,12 +305,15 @@ def fit(
     settings = parameter_settings(law, declared, len(records))
     chosen, initial = settings.law, how.initial
     if how.drift and intervals == "profile":
-        raise InputError("profile intervals do not support a drift; give intervals='linear'")
+        raise InputError("profile intervals do not support a drift of the zero; use intervals='linear'")
     histories = prepend_histories(chosen, initial, records) if is_motion_history(initial) else []
     state = {} if histories else prescribed_initial_state(chosen, initial)
     observed = observed_records(chosen, records, how.measured, declared, state)
     if histories and (observed.sensor is not None or chosen.observations):
-        raise InputError("initial: hidden states follow a motion before by its heights; fit heights too")
+        raise InputError(
+            "initial: the motion before the record sets hidden states through its heights, so the law must "
+            "be fitted to heights, not to a sensor's signal or other columns; remove measured or initial"
+        )
     data = observed_data(
         observed, settings, test_fraction, weights, noise, loss, how.input_interpolation or "spline", state
     )
@@ -324,7 +332,7 @@ def fit(
     result = multistart_search(problem)
     if not math.isfinite(result.cost):
         raise InputError(
-            f"no start led to a solution of {quote(chosen.name)} that stays finite over the "
+            f"from every random start the solution of {quote(chosen.name)} diverges within the "
             "record; try another law, more starts or a shorter record"
         )
     if (
@@ -353,7 +361,7 @@ def resolve_law(
     declared: Sequence[str] = (),
     measured: SensorQuantity | Sensor | None = None,
 ) -> Law:
-    """Law from a name, an equation or a Law; ``declared`` names are parameters."""
+    """Return the law given as a name, an equation or a Law; ``declared`` names are parameters."""
     quantity = measured.quantity if isinstance(measured, Sensor) else measured
     of_force = (quantity or record.measured) == "force" and record.measured in ("height", "force")
     chosen = law
@@ -363,7 +371,7 @@ def resolve_law(
         else:
             chosen = FORCE_LAWS[law] if of_force and law in FORCE_LAWS else law_named(law)
     if not isinstance(chosen, Law):
-        raise InputError(f"law = {quote(law)}; give a name, an equation or a Law")
+        raise InputError(f"law = {quote(law)} is not a law; give a name, an equation or a Law")
     if of_force and not chosen.prescribed:
         raise InputError(
             f"{quote(law if isinstance(law, str) else chosen.name)} is not a law of the force on a "
@@ -374,7 +382,7 @@ def resolve_law(
 
 
 def _best_interpolation(result: SearchResult) -> SearchResult:
-    """Fit with the interpolation of the inputs that has the smallest held-out error."""
+    """Fit with the interpolation of the inputs whose held-out error is the smallest."""
     # Each fit starts from the fit with splines, so that all end in the same minimum.
     problem = result.problem
     counts = [min(samples, _MAXIMUM_COMPARED_SAMPLES) for samples in problem.training]
@@ -396,7 +404,7 @@ def _best_interpolation(result: SearchResult) -> SearchResult:
 
 
 def _mean_square_residual_after(problem: FitProblem, theta: np.ndarray, counts: list[int]) -> float:
-    """Mean squared residual of the samples after the first ``counts`` of each record, up to as many again."""
+    """Mean squared residual of samples ``count`` to ``2 * count - 1`` of each record."""
     total, size = 0.0, 0
     for residuals, count in zip(problem.residuals(theta), counts, strict=True):
         left = residuals[count : 2 * count]
@@ -421,7 +429,7 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
 
 
 def _has_random_walk_residuals(result: SearchResult, models: Sequence[ReducedModel]) -> bool:
-    """Return whether residuals of a record drift, as a random walk plus white noise."""
+    """Return whether the residuals of a record are white noise plus a random walk."""
     for data, residuals in zip(result.problem.data, result.problem.residuals(result.theta), strict=True):
         model = models[data.number]
         quality = model.qualities.get(data.unknowns.observation, model.quality)

@@ -1,4 +1,4 @@
-"""Data of a fit: the compared column of a record, the grid of the solution, and the held-out cycles."""
+"""Prepare the data of a fit: compared column of a record, grid of the solution, held-out cycles."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ from reduced_models.records.sensor_artefacts import count_samples_in_motion, wit
 from reduced_models.records.sources import read_record
 
 _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
-"""Scales of the losses, in standard deviations of the noise: 90 % or more of the efficiency of least
-squares for normal noise (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
+"""Scales of the losses, in standard deviations of the noise. For normal noise the estimates are at least
+90 % as efficient as least squares (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
 _MINIMUM_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
 # Samples of a running median; up to two outliers in a row do not move it.
 _MEDIAN_WINDOW = 5
 _OUTLIER_LIMIT = 5.0  # standard deviations of the noise
 COARSE_STEPS, FINE_STEPS = 16, 64
-"""Grid steps per period: the phase error per period is then 4e-6 and 1e-9."""
+"""Grid steps per period; they give a phase error per period of 4e-6 (coarse) and 1e-9 (fine)."""
 
 Selection = int | np.ndarray | None
-"""Samples of a record: a number of first ones, the samples of a mask (n,), or all."""
+"""Samples of a record: the first ones (their number), the samples in a mask (n,), or all (None)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FitData:
-    """One compared column of a record; several records, or columns, are a tuple of these."""
+    """One compared column of a record; a fit of several records or columns has a tuple of these."""
 
     unknowns: Unknowns
     record: PistonRecord  # from time 0 on; its heights are the compared signal
@@ -86,7 +86,7 @@ class FitData:
 
     @functools.cached_property
     def entries(self) -> Int[np.ndarray, "p"]:
-        """Entries of the joint search vector that this record uses: shared, then separate ones."""
+        """Indices of this record's entries in the joint search vector: shared entries, then separate ones."""
         names, length = self.unknowns.law.parameters, len(self.unknowns.prior)
         private = np.array([k >= len(names) or names[k] in self.per_record for k in range(length)])
         result = np.cumsum(~private) - 1
@@ -96,7 +96,7 @@ class FitData:
 
     @property
     def edges(self) -> Bounds:
-        """Lower and upper bounds (p,) of the record's search vector, equal for held entries."""
+        """Lower and upper bounds (p,) of the record's search vector; the two are equal for held entries."""
         return Bounds(*theta_bounds(self.unknowns, self.bounds, self.initial))
 
     @property
@@ -119,13 +119,13 @@ class FitData:
         return Loss(self.loss_name, _SCALES[self.loss_name] * level)
 
     def residuals(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
-        """Unweighted residuals (n,) of all samples, in amplitudes."""
+        """Unweighted residuals (n,) of all samples, in units of the amplitude."""
         linear = residual_function(self.unknowns, "linear")
         left = linear(theta, self._selected_samples(None, weighted=False), self.unknowns.scales)[0]
         return np.asarray(left)[: len(self.record)]
 
     def fitted_signal(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
-        """Fitted signal (n,), or heights [m], from a search vector."""
+        """Fitted signal (n,) in its unit, or fitted heights (n,) [m], from a search vector."""
         return self.record.height + self.unknowns.residual_unit * self.residuals(theta)
 
     def fitted_heights(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
@@ -144,7 +144,7 @@ class FitData:
     def linearised_residuals(
         self, theta: Float[np.ndarray, "p"]
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n p"]]:
-        """Weighted residuals (n,) of all samples with any drift removed, and their derivatives (n, p)."""
+        """Weighted residuals (n,) of all samples and their derivatives (n, p), without any drift."""
         return self._linearised_samples(theta, self._selected_samples(None), slice(None))
 
     def _linearised_samples(
@@ -202,7 +202,7 @@ def data_of_record(
     *,
     about_rest: bool = False,
 ) -> FitData:
-    """Split a record into training stretch and held-out cycles, with first guesses; noise [m]."""
+    """Split a record into training segment and held-out cycles, with first guesses; noise [m]."""
     # The fraction is of the motion: an end at rest would not test a law. Whole cycles spread over the motion
     # are held out, or its end if there are too few of them.
     total = record.with_time_from_zero()
@@ -271,7 +271,7 @@ def fine_grid(law: Law, record: PistonRecord, period: float, how: Interpolation)
 
 
 def clip_outliers(record: PistonRecord) -> PistonRecord:
-    """Replace samples far from the median around them by that median."""
+    """Replace outliers: samples far from the median of their neighbours become that median."""
     # Outliers may exceed the amplitude, and each adds two passages through rest. This is a Hampel filter
     # (Pearson 2002, doi:10.1109/87.974338). Its limit comes from the noise in third differences, or from the
     # step of the motion between samples if there are few.
@@ -289,11 +289,11 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
 RecordLike = (
     PistonRecord | PandasOrXarray | str | Path | Mapping[str, np.ndarray] | tuple[np.ndarray, np.ndarray]
 )
-"""A record, a table of one, the path of its file, or its times and heights."""
+"""A record, a table or the path of a file with a record, or a pair of times and heights."""
 
 
 def record_from_table(source: Any) -> Any:
-    """Record from a table, a mapping of names to arrays or a pair (time, height); else the source itself."""
+    """Turn a table, a mapping to arrays or a pair (time, height) into a record; keep anything else."""
     if (
         isinstance(source, tuple)
         and len(source) == 2
@@ -306,18 +306,18 @@ def record_from_table(source: Any) -> Any:
 
 
 def read_given_record(source: Any) -> Any:
-    """Record from a file, as `read_record` reads it, or from a table; anything else unchanged."""
+    """Read a record from a file, as `read_record` does, or from a table; return anything else unchanged."""
     return read_record(source) if isinstance(source, str | Path) else record_from_table(source)
 
 
 def list_of_records(record: Any) -> list[PistonRecord]:
-    """One record, file or table, or a sequence of them, as a list of records."""
+    """Return a list of records from one record, file or table, or from a sequence of them."""
     if isinstance(single := read_given_record(record), PistonRecord):
         return [single]
     if isinstance(record, Sequence):
         records = [read_given_record(item) for item in record]
         if not records:
-            raise InputError("there is no record to fit; give one or more")
+            raise InputError("the list of records is empty; give one record or more")
         if all(isinstance(item, PistonRecord) for item in records):
             return records
     kind = type(record).__name__
@@ -340,9 +340,9 @@ def refuse_prescribed_strokes(records: Sequence[PistonRecord], action: str) -> N
 def weights_and_noise(
     records: Sequence[PistonRecord], weights: Any, noise: Any
 ) -> list[tuple[np.ndarray | None, float | None]]:
-    """Weights (n,) of each record's residuals, and the noise [m] of a residual of weight 1."""
+    """Return, for each record, the weights (n,) of the residuals and the noise [m] at weight 1."""
     if weights is not None and noise is not None and np.ndim(noise) > 0:
-        raise InputError("noise of each sample gives their weights; remove weights")
+        raise InputError("the noise of each sample already gives its weight; remove the argument weights")
     several = len(records) > 1
     both: list[tuple[np.ndarray | None, float | None]] = []
     for k, record in enumerate(records):

@@ -1,4 +1,4 @@
-"""A law as a scikit-learn estimator: fit, predict and score, for its searches and pipelines."""
+"""A law as a scikit-learn estimator, for searches and pipelines of scikit-learn."""
 
 from __future__ import annotations
 
@@ -33,12 +33,13 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
     starts : int
         Number of random starts, from 1 to 10000.
     test_fraction : float
-        Fraction of the motion's whole cycles, from 0 to 0.9, on which a first model is judged; 0 in
-        a search, which holds out data itself.
+        Fraction, from 0 to 0.9, of the motion's whole cycles that are held out to judge a first model.
+        Use 0 within a search of scikit-learn, which holds out data itself.
     parameters : mapping of str to Parameter, float or str, optional
         Values and limits of parameters by name.
     loss : "linear", "soft_l1" or "huber"
-        Cost of the residuals: their squares, or less for residuals far above the noise.
+        Cost of the residuals: their squares (``"linear"``), or less than the square for residuals far
+        above the noise.
     inputs : tuple of str
         Inputs of the law, such as a force, in the columns of X after the time.
 
@@ -112,7 +113,7 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         return self
 
     def predict(self, X: Any) -> np.ndarray:
-        """Predict heights at times from the start of the fitted record on.
+        """Predict heights at times that are not before the start of the fitted record.
 
         Between the fitted record and these times the inputs are interpolated.
 
@@ -140,8 +141,8 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         wanted, start = table[:, 0], float(self._seen[0, 0])
         if wanted.min() < start:
             raise InputError(
-                f"predict starts at {start:g} s, as the fitted record does; give later times, "
-                "as the folds of TimeSeriesSplit"
+                f"a prediction cannot begin before the fitted record, which begins at {start:g} s; give "
+                "later times, as the folds of TimeSeriesSplit do"
             )
         # An input acts from the record's start on, so its earlier values affect the motion.
         rows = np.vstack([self._seen if self.inputs else self._seen[:1], table])
@@ -152,7 +153,7 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         return self.model_.simulate(grid, inputs=inputs).height[np.searchsorted(grid, wanted)]
 
     def __sklearn_tags__(self) -> Tags:
-        """Tags of a regressor that predicts poorly on tables that are not a motion in time."""
+        """Tell scikit-learn that the regressor predicts poorly on tables that are not a motion in time."""
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True
         return tags

@@ -1,8 +1,8 @@
-"""Levenberg-Marquardt for many starts at once, with a prior and bounds.
+"""Levenberg-Marquardt from many starts simultaneously, with a prior and bounds.
 
-Entries are scaled to a unit diagonal of the normal matrix, and the damping changes tenfold (Marquardt
-1963, doi:10.1137/0111030). The batch is iterated in NumPy: compiling the few operations of a step took
-longer than most searches.
+Entries of the search vector are scaled to a unit diagonal of the normal matrix, and the damping
+changes tenfold (Marquardt 1963, doi:10.1137/0111030). The iteration is plain NumPy: compiling the few
+operations of a step took longer than most searches.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from granular.shared.array_types import Bool, Float
 from granular.shared.errors import TimeBudgetError
 
 Normal = Callable[[np.ndarray], Any]
-"""Map from search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p)."""
+"""Function of search vectors (s, p) that returns costs (s,), gradients (s, p) and matrices (s, p, p)."""
 
 TIE = 1e-7
-"""Differences of residuals below this, in amplitudes, are ignored."""
+"""Differences between residuals below this fraction of the amplitude are ignored."""
 _MAXIMUM_TRIALS = 120
 _PATIENCE = 3
 _AGREEMENT = 0.01  # relative difference of costs below which two starts have led to the same fit
@@ -42,7 +42,7 @@ _DEADLINE: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("e
 
 
 def spent_budget_text(budget: float) -> str:
-    """Text for a fit or a discovery that did not finish within a budget [s], and how to increase it."""
+    """Explain that a fit or discovery did not finish within a budget [s], and how to increase it."""
     return (
         f"not finished within the budget of {budget:g} s of processor time; to increase it: "
         f"budget={5.0 * budget:g} (--budget {5.0 * budget:g})"
@@ -51,7 +51,7 @@ def spent_budget_text(budget: float) -> str:
 
 @contextlib.contextmanager
 def time_budget(seconds: float, text: str) -> Iterator[None]:
-    """End searches within the context with `TimeBudgetError` after a processor time; seconds [s]."""
+    """Stop searches within the context with `TimeBudgetError` after a processor time [s]."""
     # Processor time, so that other work on the machine does not change the results. Of nested budgets the
     # first to end counts.
     token = _DEADLINE.set(min(_DEADLINE.get(), (time.process_time() + seconds, text)))
@@ -75,7 +75,7 @@ class Prior(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Lower and upper bounds (p,) of the entries of a search vector; equal bounds hold an entry."""
+    """Lower and upper bounds (p,) of a search vector; an entry is held if its two bounds are equal."""
 
     low: np.ndarray
     high: np.ndarray
@@ -98,7 +98,7 @@ def levenberg_marquardt(
     waiting: Bool[np.ndarray, "s"] | None = None,
     patience: int = _PATIENCE,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return search vectors (s, p) and costs (s,) after Levenberg-Marquardt from a batch of starts."""
+    """Iterate a batch of start vectors; return the search vectors (s, p) and costs (s,) they lead to."""
     if bounds is None:
         bounds = Bounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
     # Bounds may differ between starts: profiles hold a different entry in each.
@@ -145,14 +145,14 @@ def levenberg_marquardt(
 
 
 def _starts_have_settled(at_rest: np.ndarray, awaited: np.ndarray, cost: np.ndarray, samples: float) -> bool:
-    """Return whether all awaited starts have converged, or nine tenths of all at the same lowest cost."""
+    """Return whether the awaited starts have converged, or nine tenths of all have reached the best fit."""
     # The last few starts may follow a curved valley for as long as all others together.
     agreeing = at_rest & (cost <= agreeing_cost_limit(cost, samples))
     return bool((at_rest | ~awaited).all() or agreeing.sum() >= _SETTLED_FRACTION * len(cost))
 
 
 def agreeing_cost_limit(cost: Float[np.ndarray, "s"], samples: float) -> float:
-    """Cost up to which a start counts as having reached the best fit."""
+    """Maximum cost of a start that counts as having reached the best fit."""
     return float((1.0 + _AGREEMENT) * cost.min() + samples * TIE**2)
 
 

@@ -1,8 +1,8 @@
-"""Natural sizes of a law's parameters and hidden states: from the dimensions in its equations.
+"""Estimate the sizes of a law's parameters and hidden states from the dimensions in its equations.
 
 Terms of a sum have the same dimension, and arguments of functions have none. This gives linear equations
-for the dimensions of all symbols. A size is then a product of powers of the stroke's amplitude and
-speed, of the signal and of the inputs, as the record has them.
+for the dimensions of all symbols. The size of a symbol is then a product of powers of the stroke's
+amplitude and speed and of the sizes of the signal and the inputs in the record.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ _LENGTH, _TIME, _SIGNAL = range(3)
 
 
 class _Dimensions:
-    """Linear equations for the dimensions of symbols: rows over the symbols and a constant part."""
+    """Linear equations for the dimensions of symbols: rows of coefficients followed by constants."""
 
     def __init__(self, names: Mapping[str, int], count: int) -> None:
         self.names, self.count = names, count
         self.rows: list[np.ndarray] = []
 
     def of(self, expression: Any) -> np.ndarray:
-        """Dimension of an expression; adds the equations that its parts must obey."""
+        """Return the dimension of an expression; add the equations that its parts must satisfy."""
         zero = np.zeros(len(self.names) + self.count)
         if expression.is_Symbol:
             result = zero.copy()
@@ -59,7 +59,7 @@ class _Dimensions:
 def natural_sizes(
     parsed: ParsedEquation, amplitude: float, speed: float, signals: Mapping[str, float]
 ) -> dict[str, float]:
-    """Sizes of parameters and hidden states; of inputs and observed columns by name they are given."""
+    """Estimate sizes of parameters and hidden states; ``signals`` has sizes of inputs and columns."""
     seconds = amplitude / speed
     known = {"z": (1.0, 0.0), "z_first": (1.0, -1.0), "z_second": (1.0, -2.0), TIME: (0.0, 1.0)}
     open_names = [*parsed.hidden, *parsed.parameters]
@@ -88,7 +88,7 @@ def natural_sizes(
     for name, rate in parsed.hidden.items():
         equations.rows.append(equations.of(rate) - symbol(name) + constant({_TIME: 1.0}))
     rows = np.array(equations.rows)
-    # A state that may have any unit is a pure number.
+    # A hidden state whose unit the equations leave open is regarded as dimensionless.
     for name in parsed.hidden:
         trial = np.vstack([rows, symbol(name)])
         if _solve(trial, len(names))[1] < _CONSISTENT:
@@ -99,7 +99,7 @@ def natural_sizes(
 
 
 def _solve(rows: np.ndarray, count: int) -> tuple[np.ndarray, float]:
-    """Powers (symbols, units) of least norm, and how far the equations miss."""
+    """Return the powers (symbols, units) of minimum norm, and the maximum error of the equations."""
     matrix, constants = rows[:, :count], -rows[:, count:]
     powers = np.linalg.lstsq(matrix, constants, rcond=1e-9)[0]
     return powers, float(np.abs(matrix @ powers - constants).max())

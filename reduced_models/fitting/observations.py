@@ -1,9 +1,9 @@
-"""Data of a fit: columns of the records that are compared with a law's height or observations.
+"""Choose the columns of the records that a fit compares with a law's height or observations.
 
 A velocity or acceleration signal does not fix the origin of the heights, and a signal of unknown
-gain does not fix their unit. If the law keeps its form under a shift or a rescaling, a coordinate is
-chosen: heights are measured from equilibrium, in units of the signal. Parameters that change under
-that transformation are then not identified.
+gain does not fix the unit of the heights. If the law keeps its form under a shift or a rescaling, the
+heights are therefore measured from equilibrium, in units of the signal. Parameters that change under
+the shift or rescaling are then not identified.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from reduced_models.records.sensor_artefacts import keep_text, without_clipped_s
 
 
 class ObservedRecords(NamedTuple):
-    """Records prepared for a fit, with the sensor between a law and their signal."""
+    """Records prepared for a fit, with the sensor that turns the law's motion into their signal."""
 
     records: Sequence[PistonRecord]
     sensor: Sensor | None = None
@@ -45,7 +45,7 @@ def observed_records(
     declared: Collection[str],
     initial: Mapping[str, float],
 ) -> ObservedRecords:
-    """Return records with the columns that a law needs, and the sensor between it and their signal."""
+    """Return records with the columns that a law needs, and the sensor that gives their signal."""
     given = measured or records[0].measured
     if law.prescribed:
         name = law.observations[0]
@@ -58,8 +58,8 @@ def observed_records(
     if law.observations:
         if measured is not None:
             raise InputError(
-                f"the law {quote(law.name)} itself gives the observed {', '.join(law.observations)}; "
-                "remove measured"
+                f"the law {quote(law.name)} itself defines the compared columns "
+                f"({', '.join(law.observations)}); remove the argument measured"
             )
         return ObservedRecords(records)
     sensor = None if given == "height" else resolve_sensor(given)
@@ -79,7 +79,7 @@ def observed_records(
 def _identifiable_sensor(
     law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
 ) -> tuple[Sensor, tuple[str, ...], tuple[str, ...]]:
-    """Sensor that a fit can identify; parameters to hold at zero, and quantities the signal leaves open."""
+    """Return the sensor that a fit can identify, parameters held at zero, and undetermined quantities."""
     held: tuple[str, ...] = ()
     unidentified: list[str] = []
     has_line = law.parsed_equation.line is not None
@@ -101,21 +101,26 @@ def _identifiable_sensor(
 
 
 def _strokes_with_force(records: Sequence[PistonRecord], cell: Sensor) -> ObservedRecords:
-    """Return records of prescribed strokes, and the load cell with the sign that makes loops dissipate."""
+    """Return records of prescribed strokes, and the load cell with the sign for which loops dissipate."""
     if cell.filter_order or cell.absolute:
-        raise InputError("a load cell on a prescribed stroke has no filter and no base; give gain and offset")
+        raise InputError(
+            "a load cell on a prescribed stroke cannot have a filter or a moving base; give gain and "
+            "offset alone"
+        )
     energy = 0.0
     for record in records:
         signal = cell.signal(record.columns)
         if not np.ptp(record.height) > 0.0:
-            raise RecordError("the stroke of the record does not move; give one that does")
+            raise RecordError("the stroke of the record is constant; give a record whose stroke changes")
         if not np.ptp(signal) > 0.0:
-            raise RecordError(f"the column {cell.column or cell.quantity} is constant; give one that changes")
+            raise RecordError(
+                f"the column {cell.column or cell.quantity} is constant; give a record in which it changes"
+            )
         energy += float(np.trapezoid((signal - cell.nominal_offset) / cell.nominal_gain, record.height))
     sign_is_reversed = energy < 0.0 and not isinstance(cell.gain, int | float)
     note = (
-        "the measured force is the reaction of the moved part (its loops release energy), so its sign "
-        "was reversed; Sensor('force', gain=1.0) keeps it"
+        "the measured force is the reaction on the driven part (the force loops release energy), so its sign "
+        "was reversed; Sensor('force', gain=1.0) keeps the sign"
     )
     gain = -cell.nominal_gain if sign_is_reversed else cell.nominal_gain
     sensor = dataclasses.replace(cell, gain=gain, offset=cell.nominal_offset)
@@ -133,12 +138,13 @@ def observed_data(
     interpolation: Interpolation,
     initial: Mapping[str, float],
 ) -> tuple[FitData, ...]:
-    """Return the data of a fit: each compared column of each record."""
+    """Return the data of a fit, one item for each compared column of each record."""
     law = settings.law
     names = law.observations or ("",)
     if len(names) > 1 and (weights is not None or not isinstance(noise, Mapping | None)):
         raise InputError(
-            f"several columns are observed; give noise by column, {{{quote(names[0])}: ...}}, and no weights"
+            f"several columns are observed; give noise as a mapping, {{{quote(names[0])}: ...}}, and "
+            "remove weights"
         )
     if isinstance(noise, Mapping):
         _check_noise_names(law, noise)
@@ -176,7 +182,7 @@ def observed_data(
 
 
 def _shared_samples(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
-    """Mask of the samples from the first at which no column is clipped; columns share their time zero."""
+    """Mask of the samples from the first that is clipped in no column; all columns share one time zero."""
     start = record.time[0]
     if len(names) > 1:
         with warnings.catch_warnings(action="ignore"):
@@ -192,19 +198,21 @@ def _shared_samples(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
 
 
 def _check_noise_names(law: Law, noise: Mapping[str, Any]) -> None:
-    """Refuse noise by name if the names are not the observed columns of a law."""
+    """Check that noise given by name has exactly the names of the observed columns of a law."""
     if not law.observations:
-        raise InputError(f"noise: the law {quote(law.name)} defines no observed column; give a number")
+        raise InputError(
+            f"noise: the law {quote(law.name)} defines no observed column; give a number instead of a mapping"
+        )
     unknown = [str(name) for name in noise if name not in law.observations]
     missing = [name for name in law.observations if name not in noise]
     if unknown or missing:
         wrong = [f"no column {', '.join(map(quote, unknown))} is observed"] if unknown else []
         wrong += [f"{', '.join(map(quote, missing))} is missing"] if missing else []
-        raise InputError(f"noise: {', and '.join(wrong)}; give it for {', '.join(law.observations)}")
+        raise InputError(f"noise: {', and '.join(wrong)}; give the noise of {', '.join(law.observations)}")
 
 
 def _weighted_by_noise(data: Sequence[FitData]) -> tuple[FitData, ...]:
-    """Weight columns of different quantities by their noise relative to the signal."""
+    """Weight columns of different quantities according to their noise relative to their signal."""
     levels = []
     for item in data:
         level = item.noise or noise_level(item.record.height, item.record.time)

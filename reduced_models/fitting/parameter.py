@@ -23,15 +23,16 @@ Quantity = float | str
 class Parameter:
     """Value and bounds of a parameter of a law that are known before a fit.
 
-    Numbers are in SI units. Texts have units, as ``"2.5 N/m"``, if the law defines the parameter's.
+    Numbers are in SI units. A text such as ``"2.5 N/m"`` has its own unit and is possible if the law
+    defines the unit of the parameter.
 
     Parameters
     ----------
     value : float or str, or a sequence of them, optional
         Start value of the search, or the fixed value. A sequence gives one fixed value for each
-        record, such as the lengths of pendulums.
+        record, such as the length of each pendulum.
     low, high : float or str, optional
-        Lower and upper bound; None for an open end. If ``low`` is 0 or more, the parameter is
+        Lower and upper bound; None means no bound. If ``low`` is 0 or more, the parameter is
         positive and is searched on a logarithmic scale.
     fixed : bool
         Whether the parameter keeps its value.
@@ -59,9 +60,11 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if _is_list(self.value) and not self.fixed:
-            raise InputError("several values must be fixed, one for each record; add fixed=True, or give one")
+            raise InputError(
+                "a list of values, one for each record, must be fixed; add fixed=True, or give one value"
+            )
         if self.fixed and self.value is None:
-            raise InputError("fixed, but without a value; give one")
+            raise InputError("the parameter is fixed but has no value; give a value")
         _numbers(self, None)
 
 
@@ -69,9 +72,11 @@ Parameters = Mapping[str, Parameter | Quantity]
 
 
 def as_parameters(given: Parameters | None) -> dict[str, Parameter]:
-    """Parameters by name; a value alone is a start value."""
+    """Return parameters by name; a value alone becomes a start value."""
     if not isinstance(given, Mapping | None):
-        raise InputError(f"parameters = {quote(given)}; give a mapping, as {{'k': Parameter(low=0)}}")
+        raise InputError(
+            f"parameters = {quote(given)} is not a mapping; give one, as {{'k': Parameter(low=0)}}"
+        )
     return {
         name: value if isinstance(value, Parameter) else Parameter(value)
         for name, value in (given or {}).items()
@@ -79,7 +84,7 @@ def as_parameters(given: Parameters | None) -> dict[str, Parameter]:
 
 
 def si_number(quantity: str, given: object, unit: str | None) -> float:
-    """Return a number [unit]; a text is NaN while the unit is unknown (None), refused without a unit ("")."""
+    """Return a number in a unit; a text gives NaN if the unit is None (unknown), an error if it is ""."""
     try:
         result = math.nan if isinstance(given, bool) else float(given)  # type: ignore[arg-type]  # tried
     except (TypeError, ValueError):
@@ -88,7 +93,7 @@ def si_number(quantity: str, given: object, unit: str | None) -> float:
         return result
     if not isinstance(given, str):
         raise InputError(
-            f"{quantity} = {quote(given)} is not a number; give one, or a text such as '2.5 N/m'"
+            f"{quantity} = {quote(given)} is not a number; give a number, or a text such as '2.5 N/m'"
         )
     if unit is None:
         return math.nan
@@ -108,18 +113,20 @@ def _is_list(value: object) -> bool:
 
 
 def _numbers(known: Parameter, unit: str | None) -> tuple[list[float], float, float]:
-    """Values, lower and upper bound of a parameter, in an SI unit as of `si_number`."""
+    """Return values, lower and upper bound of a parameter; the unit is an argument of `si_number`."""
     low = -math.inf if known.low is None else si_number("low", known.low, unit)
     high = math.inf if known.high is None else si_number("high", known.high, unit)
     if low == high:
         raise InputError(f"low and high are both {low:g}; give value={low:g}, fixed=True")
     if low > high:
-        raise InputError(f"low = {low:g} is above high = {high:g}; give them in order")
+        raise InputError(f"low = {low:g} is above high = {high:g}; give low below high")
     given: Any = known.value if _is_list(known.value) else [] if known.value is None else [known.value]
     values = [si_number("value", item, unit) for item in given]
     for value in values:
         if value < low or value > high or math.isinf(value):
-            raise InputError(f"value = {value:g} lies outside {low:g} to {high:g}; change one of them")
+            raise InputError(
+                f"value = {value:g} lies outside its bounds {low:g} to {high:g}; change value or bounds"
+            )
     return values, low, high
 
 
@@ -139,7 +146,7 @@ class ParameterSettings(NamedTuple):
 
 
 def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: int) -> ParameterSettings:
-    """Return values and bounds of parameters, checked against a law and the number of records."""
+    """Check parameters against a law and the number of records; return values and bounds."""
     bounds, start, separate, positive = {}, {}, [], list(law.positive)
     by_record: tuple[dict[str, float], ...] = tuple({} for _ in range(records))
     check_parameter_names(parameters, law.parameters)
@@ -149,9 +156,11 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
             if low >= 0.0 and not known.fixed and name not in positive:
                 positive.append(name)
             if name in positive and min([high, *values]) <= 0.0:
-                raise InputError("it is positive, by its bounds or by the law; give values above 0")
+                raise InputError("it must be positive, because of its bounds or the law; give values above 0")
             if _is_list(known.value) and len(values) != records:
-                raise InputError(f"{len(values)} values for {records} records; give one for each")
+                raise InputError(
+                    f"{len(values)} values for {records} records; give one value for each record"
+                )
         except InputError as error:
             raise InputError(f"parameter {name}: {error}") from None
         if is_per_record(known):
@@ -180,7 +189,7 @@ def check_parameter_names(names: Iterable[str], parameters: Sequence[str]) -> No
 
 
 def given_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
-    """Parameters, fixed, of a model's line from its coordinate to the height, as a discovery gives them."""
+    """Return the fixed parameters of the line from a model's coordinate to the height (discovered models)."""
     line = model.law.parsed_equation.line or ()
     names = {symbol.name for item in line for symbol in item.free_symbols}
     return {
@@ -223,12 +232,12 @@ class Unknowns:
 
     @property
     def residual_unit(self) -> float:
-        """Unit of the residuals: the amplitude of the signal, or of the motion [m]."""
+        """Unit of the residuals: amplitude of the motion [m], or of the signal if a signal is compared."""
         return self.amplitude if self.compares_heights else self.signal
 
     @property
     def scales(self) -> np.ndarray:
-        """Arguments of the compiled residual: rest, amplitude, speed, units, sensor."""
+        """Scale arguments of the compiled residual: equilibrium, amplitude, speed, units, sensor."""
         numbers = [self.rest, self.amplitude, self.speed, *self.units]
         if not self.compares_heights:
             sensor = self.sensor or Sensor(gain=1.0, offset=0.0)
@@ -237,7 +246,7 @@ class Unknowns:
 
     @property
     def open_gain_and_offset(self) -> tuple[bool, bool]:
-        """True for each of gain and offset of the sensor that is an entry of the search vector."""
+        """Whether the sensor's gain, and whether its offset, is an entry of the search vector."""
         if self.sensor is None:
             return False, False
         gain, offset = self.sensor.gain, self.sensor.offset
@@ -245,7 +254,7 @@ class Unknowns:
 
     @property
     def sensor_entry_count(self) -> int:
-        """Number of a sensor's entries: open gain and offset, and the filter's state."""
+        """Number of the sensor's entries in the search vector: fitted gain and offset, filter's state."""
         return sum(self.open_gain_and_offset) + (0 if self.sensor is None else self.sensor.filter_order)
 
     @property
@@ -255,14 +264,14 @@ class Unknowns:
 
     @property
     def prior(self) -> np.ndarray:
-        """Prior precision of each entry, in the information of one sample."""
+        """Prior precision of each entry of the search vector, in units of the information of one sample."""
         # The initial height and velocity need none: the first samples determine them.
         hidden = [(_PRIOR_SPREAD * size) ** -2 for size in self.hidden_sizes or (1.0,) * len(self.law.hidden)]
         sensor = [_PRIOR_SPREAD**-2] * self.sensor_entry_count
         return np.array([_PRIOR_SPREAD**-2] * len(self.law.parameters) + [0.0, 0.0] + hidden + sensor)
 
     def physical_values(self, theta: Float[np.ndarray, "p"]) -> Any:
-        """Parameters; initial height [m], velocity [m/s] and hidden states."""
+        """Return parameters, initial height [m], initial velocity [m/s] and hidden states."""
         motion = theta[: len(theta) - self.sensor_entry_count]
         return physical_values(motion, self.scales, self.logarithmic_parameters, np)
 
@@ -278,7 +287,7 @@ class Unknowns:
 def theta_bounds(
     unknowns: Unknowns, bounds: Pairs, initial: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds (p,) of the search vector, equal if held; initial [m, m/s] by name."""
+    """Lower and upper bounds (p,) of the search vector, equal for held entries; ``initial`` in m, m/s."""
     edges = np.full((2, len(unknowns.prior)), [[-np.inf], [np.inf]])
     for k, name in enumerate(unknowns.law.parameters):
         if name not in bounds:
@@ -306,7 +315,7 @@ def theta_bounds(
 
 
 def _bound_sensor(unknowns: Unknowns, sensor: Sensor, edges: np.ndarray) -> None:
-    """Set the bounds (2, p) of a sensor's gain and offset that lie between two numbers."""
+    """Set the bounds (2, p) of a sensor's gain and offset if they are given as a pair of limits."""
     k = edges.shape[1] - unknowns.sensor_entry_count
     settings = (
         (sensor.gain, 0.0, sensor.nominal_gain),
@@ -319,7 +328,7 @@ def _bound_sensor(unknowns: Unknowns, sensor: Sensor, edges: np.ndarray) -> None
 
 
 def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], np_: Any) -> Any:
-    """Parameters; initial height [m], velocity [m/s] and hidden states, from vectors (p, ...)."""
+    """Return parameters, initial height [m], velocity [m/s] and hidden states of vectors (p, ...)."""
     rest, amplitude, speed = (scales[k] for k in range(3))
     count = len(logarithmic)
     values = tuple(
@@ -329,7 +338,7 @@ def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], np_:
 
 
 def sensor_values(entries: Any, scales: Any, is_open: tuple[bool, bool]) -> tuple[Any, Any, Any]:
-    """Gain with its sign, offset, and the filter's initial state, from a sensor's entries."""
+    """Return signed gain, offset and initial filter state from the sensor's entries."""
     signal, gain, offset = scales[-3], scales[-2], scales[-1]
     if is_open[0]:
         gain, entries = gain * entries[0], entries[1:]

@@ -1,8 +1,9 @@
-"""The posterior of a model's parameters, by Hamiltonian Monte Carlo on the residuals of the fit.
+"""Sample the posterior of a model's parameters by Hamiltonian Monte Carlo.
 
-Chains of the No-U-Turn Sampler (Hoffman, Gelman 2014) of NumPyro start at the fit, in coordinates
-that its covariance makes isotropic. Priors are flat in the units of the search (logarithms of
-positive parameters, multiples of the others) and in the logarithm of the noise. `sample_posterior`
+The likelihood is computed from the residuals of the fit. Chains of the No-U-Turn Sampler (Hoffman,
+Gelman 2014) of NumPyro start at the fit, in coordinates in which the covariance of the fit is
+isotropic. Priors are flat in the logarithms of positive parameters, in the other parameters and in
+the logarithm of the noise. `sample_posterior`
 describes the hierarchical model of several records.
 """
 
@@ -49,9 +50,9 @@ def sample_posterior(
     """Draw from the posterior of a fitted model's parameters (needs the extra ``posterior``).
 
     Chains of the No-U-Turn Sampler (Hoffman and Gelman 2014, J. Mach. Learn. Res. 15, 1593) start
-    at the fit. Priors are flat in the logarithms of positive parameters, in the others and in the
-    logarithm of the noise, up to a hundred standard deviations of the fit. The prior of a population's
-    spread is half-normal, ten times as wide as the spread of the fits.
+    at the fit. Priors are flat in the logarithms of positive parameters, in the other parameters and
+    in the logarithm of the noise, within a hundred standard deviations of the fit. The prior of a
+    population's spread is half-normal, ten times as wide as the spread of the fitted values.
 
     Parameters
     ----------
@@ -61,10 +62,11 @@ def sample_posterior(
         Records that the model was fitted to, times [s] and heights [m].
     per_record : sequence of str
         Parameters with a separate value for each of several records. They are modelled as draws from
-        a normal population, in the units of the search, whose mean and spread are sampled with them
+        a normal population (of the logarithm, if positive), whose mean and spread are sampled too
         (``<name>_mean``, ``<name>_spread``).
     draws, warmup, chains : int
-        Number of draws per chain, of tuning draws before them, and of chains, each 1 or more.
+        Number of draws per chain, number of tuning draws before them, and number of chains; each is
+        1 or more.
     seed : int
         Seed of the draws, from 0 on.
 
@@ -72,10 +74,10 @@ def sample_posterior(
     -------
     arviz.InferenceData
         Parameters in their units, initial ``height`` [m] and ``velocity`` [m/s], and ``noise`` [m],
-        each (chains, draws). For several records, quantities that differ between records (height
-        and velocity always do) are (chains, draws, records). ``<name>_spread`` of a positive
-        parameter is the spread of its logarithm. Fixed parameters are constant. ``arviz.summary``
-        gives convergence statistics.
+        each of shape (chains, draws). For several records, quantities that differ between records
+        (always including height and velocity) have shape (chains, draws, records).
+        ``<name>_spread`` of a positive parameter is the spread of its logarithm. Fixed parameters
+        are constant. ``arviz.summary`` gives convergence statistics.
 
     Raises
     ------
@@ -96,13 +98,13 @@ def sample_posterior(
         ("seed", seed, 0),
     ):
         if not isinstance(value, int) or value < minimum:
-            raise InputError(f"{name} = {quote(value)}; give an integer, {minimum} or more")
+            raise InputError(f"{name} = {quote(value)}; give an integer from {minimum} on")
     try:
         import arviz
         import numpyro.infer
     except ModuleNotFoundError as error:
         raise MissingPackageError(
-            f"{error.name} is not installed; pip install 'granular-damper[posterior]'"
+            f"{error.name} is not installed; install it with pip install 'granular-damper[posterior]'"
         ) from None
     problem, theta = _data_of_models(model, record, per_record)
     potential, centre, spread = _negative_log_density(problem, theta, per_record)
@@ -123,15 +125,16 @@ def sample_posterior(
 
 
 def _data_of_models(model: Any, record: Any, separate: Sequence[str]) -> tuple[FitProblem, np.ndarray]:
-    """Return the data of the fit and its search vector."""
+    """Return the data of the fit of some models, and their joint search vector."""
     records = [entry.with_time_from_zero() for entry in list_of_records(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
-        raise InputError(f"{len(models)} models for {len(records)} records; give one for each")
+        raise InputError(f"{len(models)} models for {len(records)} records; give one model for each record")
     check_parameter_names(separate, models[0].law.parameters)
     if any(entry.sensor is not None or entry.observation for entry in models):
         raise InputError(
-            "sample_posterior takes models that were fitted to heights; this was fitted to a signal"
+            "sample_posterior needs models fitted to heights, but this model was fitted to a sensor's "
+            "signal; fit the heights"
         )
     guesses = [first_guesses(record.time, record.height) for record in records]
     # All in the units of the first model, since vectors in different units cannot be joined.

@@ -1,4 +1,4 @@
-"""The problem that a fit solves: the data of its records, and its options with their defaults and limits.
+"""The problem that a fit solves: data of the records, and options with defaults and limits.
 
 One search vector describes all records: first the shared parameters, then the parameters and initial
 state of each record.
@@ -64,7 +64,7 @@ class FitProblem:
 
     @property
     def training(self) -> tuple[int, ...]:
-        """Number of samples of each training stretch."""
+        """Number of samples in each training segment."""
         return tuple(data.training for data in self.data)
 
     def with_data(self, data: Iterable[FitData]) -> FitProblem:
@@ -72,7 +72,7 @@ class FitProblem:
         return dataclasses.replace(self, data=tuple(data))
 
     def with_scales(self, unknowns: Unknowns) -> FitProblem:
-        """Return the same problem in common scales; each observation keeps the size of its signal."""
+        """Return the same problem in common scales; the signal of an observation keeps its unit."""
         return self.with_data(
             dataclasses.replace(
                 data,
@@ -87,7 +87,7 @@ class FitProblem:
 
     @functools.cached_property
     def edges(self) -> Bounds:
-        """Lower and upper bounds (q,) of the search vector, equal for entries that are held."""
+        """Lower and upper bounds (q,) of the search vector; the two are equal for held entries."""
         edges = [data.edges for data in self.data]
         return Bounds(*(self.joint_vector(side) for side in zip(*edges, strict=True)))
 
@@ -97,7 +97,7 @@ class FitProblem:
         return np.asarray(self.edges.low == self.edges.high)
 
     def joint_vector(self, vectors: Sequence[np.ndarray]) -> Float[np.ndarray, "... q"]:
-        """Joint search vector of the records' vectors; shared entries come from the first record."""
+        """Join the records' search vectors; shared entries are taken from the first record."""
         result = np.empty((*vectors[0].shape[:-1], self._size))
         for vector, data in zip(reversed(vectors), reversed(self.data), strict=True):
             result[..., data.entries] = vector
@@ -108,15 +108,15 @@ class FitProblem:
         return 1 + max(int(data.entries.max()) for data in self.data)
 
     def prior(self, samples: float) -> Prior:
-        """Prior about a start, for costs of a number of samples."""
+        """Return the prior about a start vector, for costs that are sums over a number of samples."""
         return Prior(self.joint_vector([self.unknowns.prior] * len(self.data)), samples)
 
     def residuals(self, theta: Float[np.ndarray, "q"]) -> list[np.ndarray]:
-        """Residuals (n,) of each record, in amplitudes."""
+        """Residuals (n,) of each record, in units of its amplitude."""
         return [data.residuals(theta[data.entries]) for data in self.data]
 
     def sum_of_normal_equations(self, normals: Sequence[Normal]) -> Normal:
-        """Return the sum of the records' normal equations, in the joint search vector."""
+        """Return the sum of the records' normal equations for the joint search vector."""
         size = self._size
 
         def normal_equations(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -136,7 +136,7 @@ class FitProblem:
         return normal_equations
 
     def normal_equations(self, selections: Sequence[Selection] | None = None) -> Normal:
-        """Return the normal equations of some samples of each record, or of all."""
+        """Return the normal equations of selected samples of each record, or of all samples."""
         chosen = selections or [None] * len(self.data)
         normals = [data.normal_equations(here) for data, here in zip(self.data, chosen, strict=True)]
         return self.sum_of_normal_equations(normals)
@@ -148,7 +148,7 @@ class FitProblem:
     def refit(
         self, theta: Float[np.ndarray, "q"], selections: Sequence[int | np.ndarray], tolerance: float = 1e-11
     ) -> Float[np.ndarray, "q"]:
-        """Fit some samples of each record, from a search vector (q,) near the fit."""
+        """Fit selected samples of each record, starting from a search vector (q,) near the fit."""
         theta, _ = levenberg_marquardt(
             self.normal_equations(selections),
             theta[None],
@@ -164,7 +164,7 @@ class FitProblem:
 STARTS = 16
 TEST_FRACTION = 0.3
 MAXIMUM_STARTS = 10_000
-"""Ten times a number of starts with which a short record already takes minutes."""
+"""A tenth of this number of starts already takes minutes for a short record."""
 
 Initial = Literal["free", "rest"] | Mapping[str, float | str] | PistonRecord | Sequence[PistonRecord]
 
@@ -176,25 +176,25 @@ class FitOptions:
     Parameters
     ----------
     drift : bool, optional
-        Whether the records' zero may drift, as a random walk; intervals then allow for it. If not
-        given, a drift is fitted if the residuals are white noise plus a random walk, and a note
-        reports it.
+        Whether the zero of the records may drift, as a random walk; intervals then allow for the
+        drift. By default a drift is fitted if the residuals are white noise plus a random walk, and
+        a note reports the drift.
     input_interpolation : str, optional
         Interpolation of inputs between samples: ``"spline"``, ``"linear"``, ``"previous"`` (the
         last value is held) or ``"band-limited"``; by default the one with the smallest held-out
         error.
     measured : str or Sensor, optional
         Quantity that is compared: ``"height"``, ``"velocity"``, ``"acceleration"`` or
-        ``"base_force"``, or a `Sensor` with gain, offset and filter; by default the one that the
-        record holds. If it does not determine the equilibrium height, heights are measured from
-        equilibrium. ``"force"`` of a record with heights: the heights are a prescribed stroke, and
-        a law of the force is fitted, see `fit`.
+        ``"base_force"``, or a `Sensor` with gain, offset and filter; by default the quantity that the
+        record contains. If it does not determine the equilibrium height, heights are measured from
+        equilibrium. With ``"force"``, the heights of a record are a prescribed stroke, and a law of
+        the force is fitted, see `fit`.
     initial : "rest", "free", mapping of str to float, or PistonRecord, optional
-        Initial state: zero velocity, or everything free including hidden states, or numbers (or
-        ``"free"``) for ``height`` [m], ``velocity`` [m/s] and hidden states by name. Or the
-        record of the motion before this one, ending where this one begins (for several records a
-        list of them): hidden states are integrated along it. By default height and velocity are
-        free and hidden states are zero.
+        Initial state. ``"rest"``: the velocity is zero. ``"free"``: everything is fitted, including
+        hidden states. A mapping gives a number or ``"free"`` for ``height`` [m], ``velocity`` [m/s]
+        and hidden states by name. A record gives the motion before the fitted record, up to the
+        start of the fitted record; hidden states are integrated along it (for several records give
+        a list). By default height and velocity are fitted and hidden states are zero.
 
     Raises
     ------
@@ -221,8 +221,8 @@ class FitOptions:
             _check_word("measured", self.measured, get_args(SensorQuantity))
         if isinstance(self.initial, str) and self.initial not in ("rest", "free"):
             raise InputError(
-                f"initial = {quote(self.initial)}; give 'rest', 'free' or numbers by name, "
-                "or the motion before"
+                f"initial = {quote(self.initial)}; give 'rest', 'free', numbers by name, "
+                "or the record of the motion before"
             )
 
 
@@ -253,7 +253,7 @@ def _check_word(name: str, value: str, known: Sequence[str]) -> None:
 
 
 def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
-    """Given initial height [m], velocity [m/s] and hidden states by name; all others are free."""
+    """Return the given initial height [m], velocity [m/s] and hidden states by name; others are free."""
     # Other coordinates have free initial states; so have hidden states along a stroke, since it may have
     # begun in any state.
     free = law.hidden if law.prescribed else law.other_coordinates
@@ -268,8 +268,8 @@ def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
     names = ("height", "velocity", *law.hidden)
     if not isinstance(initial, Mapping):
         raise InputError(
-            f"initial = {quote(initial)}; give 'rest', 'free' or numbers by name, for "
-            f"{', '.join(names)}, or the motion before"
+            f"initial = {quote(initial)}; give 'rest', 'free', numbers by name (for "
+            f"{', '.join(names)}), or the record of the motion before"
         )
     result = dict(at_zero)
     for name, value in initial.items():

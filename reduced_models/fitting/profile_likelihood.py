@@ -1,8 +1,8 @@
 """Profile-likelihood intervals: how far a parameter can move before the fit becomes significantly worse.
 
 One parameter is held at a value, all others are refitted, and the sum of squares rises by S. The
-signed root of S over the residuals' standard deviation is the profile t; the interval ends at
-Student's quantile of t (Bates, Watts 1988, doi:10.1002/9780470316757, section 6.1). If the solution
+profile t is the signed root of S divided by the residuals' standard deviation; the interval ends where
+t reaches Student's quantile (Bates, Watts 1988, doi:10.1002/9780470316757, section 6.1). If the solution
 is linear in the parameter, this equals the interval of the linearisation. If it is not, or
 parameters are strongly correlated or bounded, the two differ, and the profile is correct.
 """
@@ -57,7 +57,7 @@ def profile_interval_ends(
     variance: Float[np.ndarray, "p"],
     quantile: float,
 ) -> Bounds:
-    """Return ends of profile intervals: infinite if the data set no bound, NaN for all other entries."""
+    """Return the ends of profile intervals, infinite if the data give no bound; other entries are NaN."""
     # Both ends of all entries are searched together: s of them.
     entry = np.repeat(np.array(entries, dtype=int), 2)
     sign = np.tile([-1.0, 1.0], len(entries))
@@ -90,7 +90,7 @@ def _distance_to_interval_end(
     variance: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """Distances (s,) at which the profile t reaches the quantile; infinite if it never does."""
+    """Distances (s,) at which the profile t reaches the quantile; infinite if it does not reach it."""
     normal = problem.normal_equations()
     lowest_cost = float(np.asarray(normal(theta[None])[0])[0])
     near, near_t = np.zeros_like(distances), np.zeros_like(distances)
@@ -136,7 +136,7 @@ def _next_trial_distances(
     maximum: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """Next distances to try: between a distance inside and one outside, or further out."""
+    """Next distances to try: between a distance inside the interval and one outside, or further out."""
     with np.errstate(all="ignore"):
         fraction = (quantile - near_t) / (far_t - near_t)
         # If the solution diverges beyond the end, interpolation is meaningless: bisect.
@@ -150,7 +150,7 @@ def _next_trial_distances(
 def _vectors_along_path(
     theta: np.ndarray, guide: np.ndarray, entry: np.ndarray, sign: np.ndarray, distances: np.ndarray
 ) -> np.ndarray:
-    """Search vectors (s, p) with one entry moved in each, the others along the path to a guide."""
+    """Return start vectors (s, p): each moves one entry, and the others along the path to a guide."""
     # The guide is the last good fit, since the path curves little, and a fit beyond the end may have left the
     # minimum's valley.
     rows = np.arange(len(distances))
@@ -164,7 +164,7 @@ def _vectors_along_path(
 def _refit_with_entry_fixed(
     problem: FitProblem, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fits (s, p) with one entry held in each, their sums of squares (s,), and the possible decreases."""
+    """Refit with one entry held in each row; return fits (s, p), sums of squares and possible decreases."""
     # If a Gauss-Newton step would still decrease the sum by more than `resolved`, the search has stopped
     # early in a curved valley; it is restarted from there.
     rows = np.arange(len(start))
@@ -184,7 +184,7 @@ def _refit_with_entry_fixed(
 
 
 def _gauss_newton_decrease(gradient: np.ndarray, matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Decrease of sums of squares (s,) by a Gauss-Newton step of the free entries."""
+    """Decrease of sums of squares (s,) that a Gauss-Newton step of the free entries would give."""
     result = np.zeros(len(gradient))
     for k, (slope, curvature, moving) in enumerate(zip(gradient, matrix, free, strict=True)):
         inner = curvature[np.ix_(moving, moving)]

@@ -1,9 +1,9 @@
-"""The fit on fine grids: the best start refined, compared with accelerations, and judged.
+"""Refine the best start of a search on fine grids, and compare it with a fit to accelerations.
 
-The best start of a search is fitted to all samples, on grids that are refined until the solution
-agrees with the adaptive one. It is compared with a fit that starts from the accelerations in the
-record, an estimate that needs no solution. A driven fit is repeated with shifted inputs, to report
-an input that is late.
+The best start is fitted to all samples, on grids that are refined until the solution agrees with the
+adaptive solver. The fit is compared with a second one that starts from the accelerations in the
+record, an estimate that needs no solution of the equation. The fit of a driven law is repeated with
+shifted inputs, to report an input that is late.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from reduced_models.records.inputs import STROKE, TIME, input_column
 FIRST_HORIZON_CYCLES = 2.0
 """Number of cycles in the first horizon of a search."""
 SOLVER_LIMIT, RESIDUAL_SHARE = 1e-6, 0.05
-"""Maximum error of the fitted solution, in amplitudes and in standard deviations of the residual;
-the larger of the two counts."""
+"""Maximum error of the fitted solution: a fraction of the amplitude, or a fraction of the standard
+deviation of the residual, whichever is larger."""
 # Steps of a grid: 8,192 periods at `FINE_STEPS`.
 MAXIMUM_STEPS = 2**19
 _SAME_MINIMUM_COST_RATIO = 2.0  # times the cost of the fit
@@ -43,7 +43,7 @@ _PARABOLA_TOLERANCE = 0.5  # maximum relative difference of a cost from the para
 _COMPARISON_TOLERANCE = 1e-4  # of a cost: tolerance of a fit that is only compared
 _HELD_OUT_TOLERANCE, _MAXIMUM_HELD_OUT_STEPS, _UNDETERMINED_STRENGTH = 1e-8, 4, 1e-10
 """For the fit that is judged on held-out cycles: tolerance relative to its cost, maximum number of steps,
-and strength over the maximum below which a direction is undetermined."""
+and ratio to the largest singular value below which a direction is undetermined."""
 _NEAR_ALIAS_FRACTION = 0.4  # of half the sampling rate, below which no start comes near its mirror image
 _SAME_VECTOR_TOLERANCE = 0.05  # relative difference of entries up to which two search vectors are the same
 # Of a cost: its margin is a hundred times the margin of `_COMPARISON_TOLERANCE`, so an unfinished fit does
@@ -53,7 +53,7 @@ _BETTER_COST_RATIO = 0.99
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SearchResult:
-    """A problem with the present state of its fit."""
+    """A problem with the current state of its fit."""
 
     problem: FitProblem
     trained: Float[np.ndarray, "q"]  # search vector fitted without the held-out cycles
@@ -65,14 +65,14 @@ class SearchResult:
     solver_errors: tuple[float, ...] = ()  # against the adaptive solution, in amplitudes
 
     def with_training_fit(self, problem: FitProblem, trained: Float[np.ndarray, "q"]) -> SearchResult:
-        """Return the result with another fit to the training stretches."""
+        """Return the result with another fit to the training segments."""
         return dataclasses.replace(self, problem=problem, trained=trained, theta=trained)
 
 
 def refine_best_start(
     problem: FitProblem, coarse: FitProblem, vectors: tuple[np.ndarray, np.ndarray]
 ) -> SearchResult:
-    """Fit on fine grids from the best start of a search, and compare with the fit to accelerations."""
+    """Fit on fine grids, starting from the best start of a search; compare with the fit to accelerations."""
     _, costs = vectors
     count = sum(problem.training)
     first = _best_on_fine_grid(problem, vectors)
@@ -96,7 +96,7 @@ def refine_best_start(
 
 
 def _best_on_fine_grid(problem: FitProblem, vectors: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Vector of the lowest cost on a fine grid, among vectors of equal cost on a coarse one."""
+    """Among vectors with equal cost on the coarse grid, return the one with the lowest on a fine grid."""
     # On a coarse grid, motions that decay within a step or two can fit, although no solution has them.
     thetas, costs = vectors
     limit = agreeing_cost_limit(costs, sum(problem.training))
@@ -128,7 +128,7 @@ def _is_alias(problem: FitProblem, theta: np.ndarray) -> bool:
 
 
 def _canonical_vector(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
-    """Equivalent search vector with angles and signs in their canonical form."""
+    """Return an equivalent search vector whose angles and signs have their canonical form."""
     unknowns, first = problem.unknowns, problem.data[0]
     saved = {*first.per_record, *problem.bounds}
     theta = theta.copy()
@@ -142,7 +142,7 @@ def _canonical_vector(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
 
 
 def _training_cost(problem: FitProblem, theta: np.ndarray) -> float:
-    """Cost of the training stretches; infinite if the solution diverges."""
+    """Cost of the training segments; infinite if the solution diverges."""
     total = 0.0
     for data, residuals in zip(problem.data, problem.residuals(theta), strict=True):
         left = residuals[: data.training]
@@ -156,7 +156,7 @@ def _training_cost(problem: FitProblem, theta: np.ndarray) -> float:
 def _refit_from_time(
     problem: FitProblem, theta: np.ndarray, reached: Sequence[float], tolerance: float = 1e-11
 ) -> np.ndarray:
-    """Fit the training stretches on fine grids, over horizons that double from the time already fitted."""
+    """Fit the training segments on fine grids; horizons double from the time already fitted."""
     times = [data.record.time[: data.training] for data in problem.data]
     fraction = min(end / float(time[-1]) for end, time in zip(reached, times, strict=True))
     while fraction < 0.999:
@@ -167,7 +167,7 @@ def _refit_from_time(
 
 
 def _collocation_fit(problem: FitProblem, theta: np.ndarray, cost: float) -> np.ndarray | None:
-    """Fit that starts from accelerations in the record of largest amplitude; None if it cannot."""
+    """Fit from the accelerations in the record of largest amplitude; None if the law does not allow it."""
     unknowns, largest_amplitude_data = problem.unknowns, problem.largest_amplitude_data
     law = unknowns.law
     if law.hidden or law.prescribed or problem.data[0].per_record or law.parsed_equation.line is not None:
@@ -205,7 +205,7 @@ def _collocation_fit(problem: FitProblem, theta: np.ndarray, cost: float) -> np.
 def _agrees_with_parabola(
     normal: Normal, theta: np.ndarray, adjacent: np.ndarray, cost_increase: float
 ) -> bool:
-    """Return whether cost and slope at a point are close to the parabola about a fit."""
+    """Return whether cost and slope at a point agree with a parabola about a fit."""
     # In another minimum's valley the cost may agree by chance, but then the slope, which points to that
     # minimum, does not.
     away = adjacent - theta
@@ -215,7 +215,7 @@ def _agrees_with_parabola(
 
 
 def solve_on_verified_grids(result: SearchResult) -> SearchResult:
-    """Fit the whole records, on grids whose solutions agree with the adaptive ones."""
+    """Fit the whole records on grids whose solutions agree with the adaptive solver."""
     problem, trained = result.problem, result.trained
     lengths = [len(data.record) for data in problem.data]
     while True:
@@ -223,8 +223,8 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
         residuals = problem.residuals(theta)
         if any((np.abs(left) >= DIVERGED_RESIDUAL).any() for left in residuals):
             raise InputError(
-                f"no start led to a solution of {quote(problem.law.name)} that stays "
-                "finite over the record; try another law, more starts or a shorter record"
+                f"from every random start the solution of {quote(problem.law.name)} diverges within the "
+                "record; try another law, more starts or a shorter record"
             )
         errors, grids = [], []
         for data, left in zip(problem.data, residuals, strict=True):
@@ -242,7 +242,7 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
 
 
 def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
-    """Refit without the held-out cycles by Gauss-Newton steps from a fit to all; by a search if they fail."""
+    """Refit without held-out cycles, from a fit to all, by Gauss-Newton or, if that fails, a search."""
     masks = [data.training_mask for data in problem.data]
     normal, free = problem.normal_equations(masks), ~problem.held_entries
     cost, gradient, matrix = (np.asarray(item)[0] for item in normal(theta[None]))
@@ -263,7 +263,7 @@ def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarr
 
 
 def _refine_grid(data: FitData, error: float, *, complete: bool) -> FitData:
-    """Refine the grid of data to twice as many steps, because of the solution's error."""
+    """Double the number of grid steps because the solution's error is too large."""
     finer = data.grid.finer
     if finer.steps > MAXIMUM_STEPS or not complete:
         cause = f"has an error of {error:.2g} amplitudes on a grid of {data.grid.steps} steps"
@@ -273,17 +273,17 @@ def _refine_grid(data: FitData, error: float, *, complete: bool) -> FitData:
         remedy = "fit a shorter record (if the motion is chaotic) or a law that is less stiff"
         if "sign(" in law.equation:
             remedy = (
-                "write tanh(z'/v) with a small speed v for sign(z'), which jumps, or use the dry friction "
+                "sign(z') jumps: replace it by tanh(z'/v) with a small speed v, or use the dry friction "
                 "of the laws coulomb and viscous-coulomb (--law viscous-coulomb)"
             )
         raise InputError(
-            f"the fitted solution of {quote(law.name)} {cause}; the limit is {SOLVER_LIMIT:g}: {remedy}"
+            f"the fitted solution of {quote(law.name)} {cause}; the maximum is {SOLVER_LIMIT:g}; {remedy}"
         )
     return dataclasses.replace(data, grid=finer)
 
 
 def _solver_error(data: FitData, residuals: np.ndarray, theta: np.ndarray) -> tuple[float, float, bool]:
-    """Maximum difference from the adaptive solution [amplitudes], its limit, and whether that is complete."""
+    """Return the error against the adaptive solver, its limit, and whether that solver reached the end."""
     unknowns, record, law = data.unknowns, data.record, data.unknowns.law
     values, z0, v0, hidden = unknowns.physical_values(theta)
     inputs = [input_column(record, name) for name in law.inputs]
@@ -307,12 +307,12 @@ def _solver_error(data: FitData, residuals: np.ndarray, theta: np.ndarray) -> tu
 
 _REPORTED_RESIDUAL_RATIO = 0.5  # of the residual, which a reported delay must remove
 _DELAYS = np.array([-0.2, -0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1, 0.2])
-"""Delays of an input that are tried [periods]; at longer ones the phase of a steady drive repeats."""
+"""Delays of an input to try [periods]; under a steady drive longer delays repeat the phase."""
 _FINE_DELAY = 0.01  # of a period: spacing of delays about the best one
 
 
 def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, ...]:
-    """Report inputs that are early or late by a time whose correction removes half of the residual."""
+    """Report inputs that are early or late, if correcting their time removes half of the residual."""
     data, period = problem.data[k], math.tau / problem.data[k].guess.frequency
     before = float(np.linalg.norm(data.linearised_residuals(theta[data.entries])[0]))
     remarks = []
@@ -343,8 +343,8 @@ def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, 
         after = float(np.linalg.norm(moved.linearised_residuals(again[data.entries])[0]))
         if after < _REPORTED_RESIDUAL_RATIO * before:
             remarks.append(
-                f"{name} is {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'}: corrected for that, the "
-                f"residual would be {after / before:.2g} of its size; align the column with the motion"
+                f"{name} is {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'}; with corrected times "
+                f"the residual would be {after / before:.2g} times as large; align the column with the motion"
             )
     return tuple(remarks)
 

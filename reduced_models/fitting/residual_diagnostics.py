@@ -1,11 +1,11 @@
-"""Structure of residuals: tests for white noise, correlation, drift and lag, and an autoregression.
+"""Test residuals for white noise, correlation, drift and lag, and fit an autoregression to them.
 
 Intervals use an autoregression: each residual is a weighted sum of the previous ones plus an
-innovation. The weights are Burg's (1975). A weight is kept if it pays twice the penalty of the
-Bayesian information criterion, so that white noise is recognised as white even for a hundred samples.
-The spectrum of the autoregression gives the noise at the frequencies at which the solution changes
-with a parameter. Only that noise enters the parameter's interval: hum at another frequency does not
-widen it.
+innovation. The weights are estimated by Burg's method (1975). A weight is kept if it improves the
+likelihood by twice the penalty of the Bayesian information criterion, so that white noise is
+recognised as white even for a hundred samples. The spectrum of the autoregression gives the noise at
+the frequencies at which the solution changes with a parameter. Only that noise enters the parameter's
+interval; hum at another frequency does not widen the interval.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ _MINIMUM_GAIN = 1e-4  # a random walk that reaches the size of the noise in ten 
 _SAMPLES_PER_WEIGHT = 20
 _MINIMUM_VARIANCE = 1e-12  # of the residuals' variance: lower bound of the innovations' variance
 NEGLIGIBLE_RESIDUAL = 1e-3
-"""Residual after a release, over the rms displacement, up to which it is reported but the law accepted."""
+"""The law is accepted if the residual after the release transient, divided by the rms displacement, is
+below this."""
 # Power of a residual after a release, over the mean power of the two periods after the first, above which it
 # belongs to the release transient: five standard deviations.
 _TRANSIENT_POWER_RATIO = 25.0
@@ -51,7 +52,7 @@ def diagnose_residuals(
     velocity: Float[np.ndarray, "n"],
     period: float,
 ) -> dict[str, float]:
-    """Structure of residuals [m] for a velocity [m/s], as fields of `quality.Quality`; time, period [s]."""
+    """Return the fields of `quality.Quality` that describe residuals [m]; velocity [m/s], period [s]."""
     from scipy.stats import norm
 
     count = len(residuals)
@@ -75,7 +76,7 @@ def diagnose_residuals(
 
 
 def whiteness_p_value(residuals: Float[np.ndarray, "n"]) -> float:
-    """Probability that white noise is as correlated as the residuals, or more; they must not all be zero."""
+    """Probability that white noise is at least as correlated as the residuals, which are not all zero."""
     # Ljung & Box divide by the common variance. Noise that grows with the speed needs the variance of each
     # product (Dalla, Giraitis & Phillips 2022, doi:10.1017/S0266466620000341).
     from scipy.stats import chi2
@@ -106,7 +107,7 @@ def autocorrelation_time(values: Float[np.ndarray, "n"]) -> float:
 
 
 def _runs_test_score(residuals: np.ndarray) -> float:
-    """Return the standard score of the number of runs of equal sign, relative to white noise."""
+    """Return the number of runs of equal sign, as a standard score for white noise."""
     # Wald and Wolfowitz (1940, doi:10.1214/aoms/1177731909).
     above = residuals > 0.0
     up, down = int(above.sum()), int((~above).sum())
@@ -120,7 +121,7 @@ def _runs_test_score(residuals: np.ndarray) -> float:
 
 
 def random_walk_gain(residuals: np.ndarray) -> float:
-    """Gain of the drift filter that minimises the sum of squared innovations."""
+    """Return the gain of the drift filter that minimises the sum of squared innovations."""
     from scipy.optimize import minimize_scalar
 
     def left(log_gain: float) -> float:
@@ -142,12 +143,12 @@ class Autoregression(NamedTuple):
         return np.concatenate([[1.0], -self.weights])
 
     def power_spectrum(self, size: int) -> Float[np.ndarray, "size//2+1"]:
-        """Power (size//2 + 1,) at the frequencies of a real Fourier transform of that size."""
+        """Power (size//2 + 1,) at the frequencies of a real Fourier transform of ``size`` samples."""
         return np.asarray(self.variance / np.abs(np.fft.rfft(self.whitening_filter, size)) ** 2)
 
 
 def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
-    """Autoregression of residuals (n,) about zero."""
+    """Fit an autoregression to residuals (n,) about zero."""
     # Burg's reflection coefficients have moduli below 1, so the process is stable (Kay 1988, Modern Spectral
     # Estimation).
     count = len(residuals)
@@ -176,7 +177,7 @@ def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
 
 
 def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> Autoregression:
-    """Correct the bias of a single weight: residuals of a fit decorrelate sooner than the noise."""
+    """Correct the bias of a single weight: residuals of a fit decorrelate faster than the noise."""
     # The bias is (1 + 3 w)/n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390). It matters for long
     # correlation, since the variance of a mean scales as 1/(1 - w)^2.
     if len(autoregression.weights) != 1 or autoregression.weights[0] <= 0.0:
@@ -192,7 +193,7 @@ def gradient_covariance(
     noise: Autoregression,
     speed: Float[np.ndarray, "n"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance of a gradient J'r for slopes J and residuals r, whose noise may grow with a speed."""
+    """Covariance of the gradient J'r for slopes J and residuals r; the noise may grow with the speed."""
     # Each residual is a sum of innovations of different variance: White's estimate (1980,
     # doi:10.2307/1912934) after prewhitening by an autoregression (Andrews & Monahan 1992,
     # doi:10.2307/2951574).
@@ -210,7 +211,7 @@ def gradient_covariance(
 def _covariance_by_start(
     pulled: Float[np.ndarray, "n p"], residuals: Float[np.ndarray, "n"], noise: Autoregression
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance of a gradient from the unknown residuals before the first, such as the phase of hum."""
+    """Covariance of a gradient due to the unknown residuals before the first, such as the phase of hum."""
     # The first innovations contain the initial state of the residuals. Their autocovariance is taken from the
     # record, not from the weights, so it is finite even for a sharp line, whose poles are on the unit circle.
     from scipy.linalg import toeplitz
@@ -226,7 +227,7 @@ def _covariance_by_start(
 
 
 def _growth_with_speed(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
-    """Variance of each innovation over the mean: a constant plus a part proportional to speed squared."""
+    """Ratio of each innovation's variance to the mean: a constant plus a part that grows as speed squared."""
     # Clock jitter gives this form. The squared innovations themselves would rest on few samples if only these
     # determine a parameter.
     result = np.ones(len(new))
@@ -244,7 +245,7 @@ def _growth_with_speed(new: np.ndarray, order: int, speed: np.ndarray | None) ->
 def count_release_transient_samples(
     time: Float[np.ndarray, "n"], left: Float[np.ndarray, "n"], period: float
 ) -> int:
-    """Count the samples of the transient that a release excites besides the oscillation; time, period [s]."""
+    """Count the samples of the transient that a release excites next to the oscillation; period [s]."""
     # A release transient decays within the first period; residuals of a wrong law decay with the motion.
     first, third = np.searchsorted(time, time[0] + period * np.array([1.0, 3.0]))
     if third >= len(time) or first < 2:
@@ -259,9 +260,10 @@ def count_release_transient_samples(
 def held_at_zero_remarks(
     law: Law, entries: np.ndarray, residuals: np.ndarray, slopes: np.ndarray
 ) -> tuple[str, ...]:
-    """Report parameters that are positive by their law and that the record drives negative.
+    """Report parameters that the law requires to be positive but the record favours negative.
 
-    ``slopes`` (n, p) are the derivatives of residuals (n,) by their logarithms; ``entries`` are free.
+    ``slopes`` (n, p) are the derivatives of the residuals (n,) with respect to the logarithms of the
+    parameters; ``entries`` are the free ones.
     """
     remarks = []
     power = float(residuals @ residuals)
@@ -275,16 +277,16 @@ def held_at_zero_remarks(
         gain = float(own @ residuals)
         if gain > 0.0 and gain**2 > _REPORTED_GAIN * power * float(own @ own):
             remarks.append(
-                f"{name} is held at its lower bound 0, and the record favours a negative value; to allow it: "
-                f'--law "{law.equation}"'
+                f"{name} is held at its lower bound 0, but the record favours a negative value; to allow "
+                f'it, use --law "{law.equation}"'
             )
     return tuple(remarks)
 
 
 SIGNIFICANCE = 1e-3
-"""Probability below which residuals are not white noise."""
+"""Residuals are not white noise if the p-value is below this."""
 LINE_POWER_RATIO = 3.0
-"""Power near a frequency, over the power next to it, above which it is a spectral line."""
+"""A frequency is a spectral line if its power exceeds this multiple of the power next to it."""
 _LINE_HALF_WIDTH = 0.15  # half-width of a line, relative to the natural frequency
 _REFERENCE_HALF_WIDTH = 0.45  # half-width of the band it is compared with
 _ROUNDING_RESIDUAL = 1e-5  # of the rms displacement: smaller residuals are rounding of solver and file
@@ -292,7 +294,7 @@ _ROUNDING_RESIDUAL = 1e-5  # of the rms displacement: smaller residuals are roun
 
 @dataclasses.dataclass(frozen=True)
 class ResidualTests:
-    """Residuals of a model, and tests of them."""
+    """Size of a model's residuals, and tests of them."""
 
     rms: float  # in the record's unit
     relative: float  # over the rms displacement
@@ -312,7 +314,7 @@ class ResidualTests:
 
     @property
     def verdict(self) -> str:
-        """Text on the residuals: rounding, noise or a wrong law, and the omitted release transient."""
+        """Describe the residuals: rounding, noise or a wrong law; say if a release transient is omitted."""
         if not self.transient:
             return self._verdict_without_transient
         slight = self.has_structure and self.after < NEGLIGIBLE_RESIDUAL
@@ -333,7 +335,7 @@ class ResidualTests:
         return "not white: the law is wrong, or the noise is coloured"
 
     def to_plain(self) -> dict[str, Any]:
-        """Return figures and verdict as plain data."""
+        """Return the results and the verdict as plain data."""
         return {**dataclasses.asdict(self), "verdict": self.verdict}
 
 
@@ -375,7 +377,7 @@ def residual_tests(
 
 
 def _spectral_line_strength(time: np.ndarray, residuals: np.ndarray, frequency: float) -> float:
-    """Mean power in a band about a frequency, over the mean power next to the band."""
+    """Ratio of the mean power in a band about a frequency to the mean power next to the band."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, residuals)
     power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count)) ** 2

@@ -1,12 +1,12 @@
-"""Residuals of a law's solution on a record, and their normal equations, compiled.
+"""Compile the residuals of a law's solution on a record, and their normal equations.
 
-One compiled loop solves for all starts together, with their sensitivities. A diverging solution
+One compiled loop computes the solutions and sensitivities of all starts together. A diverging solution
 takes no longer than any other.
 
-The signal of a sensor follows from the solution: between grid points the coordinate is the quintic that
-matches height, velocity and acceleration at both, and the measured quantity is a derivative of it. A
-filter is linear: its state after a step is the propagated previous state (a matrix exponential) plus the
-response to the step's polynomial, which is exact however stiff the filter is.
+The signal of a sensor follows from the solution: between two grid points the coordinate is the quintic that
+matches height, velocity and acceleration at both points; the measured quantity is a derivative of the
+quintic. A filter is linear: its state after a step is the propagated previous state (a matrix
+exponential) plus the response to the step's polynomial, which is exact however stiff the filter is.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class SensorSignalTables(NamedTuple):
 def sensor_signal_tables(
     sensor: Sensor, grid: StepGrid, fraction: Float[np.ndarray, "n"], base: Float[np.ndarray, "n"]
 ) -> SensorSignalTables:
-    """Tables that turn a solution on a grid into a sensor's signal at the samples."""
+    """Tabulate the coefficients that turn a solution on a grid into a sensor's signal at the samples."""
     # Matrix exponentials solve the filter without a time-step error (Van Loan 1978,
     # doi:10.1109/TAC.1978.1101743).
     from scipy.linalg import expm
@@ -99,7 +99,7 @@ def solution_signal(
     tables: SensorSignalTables,
     states: Any,
 ) -> Any:
-    """Signal (n, s), divided by the gain, of solutions on a grid, (points, s) each; step [s] (for JAX)."""
+    """Signal (n, s), divided by the gain, of s solutions on a grid; step [s] (for JAX)."""
     z, v, a = grid[0], step * grid[1], step**2 * grid[2]
     # Quintic in units of the step, from height, velocity and acceleration at both ends of each step.
     z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))
@@ -128,11 +128,11 @@ def solution_signal(
 
 
 MINIMUM_SAMPLE_LENGTH = 1024
-"""Minimum length of arrays of samples; see `reduced_models.laws.solution.padded_length`."""
+"""Arrays of samples have at least this length; see `reduced_models.laws.solution.padded_length`."""
 
 
 class Samples(NamedTuple):
-    """Data on a grid, in the form of the compiled code."""
+    """Samples and their grid, in the form that the compiled code uses."""
 
     step: float  # [s]
     point: np.ndarray  # of the grid before each sample, int (n,)
@@ -145,7 +145,7 @@ class Samples(NamedTuple):
     sensor: SensorSignalTables | None = None
 
     def with_weights(self, weight: Float[np.ndarray, "n"]) -> Samples:
-        """Return the same samples with other weights; the solution ends after the last nonzero weight."""
+        """Return the samples with other weights; the solution ends after the last nonzero weight."""
         used = self.point[weight > 0.0]
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
@@ -164,7 +164,7 @@ def grid_over_record(
     per_period: int,
     how: Interpolation = "spline",
 ) -> StepGrid:
-    """Grid over a record that starts at time 0, with a minimum number of steps per period [s]."""
+    """Return a grid for a record that begins at time 0, with ``per_period`` steps or more per period [s]."""
     # Steps of a driven law end at evenly spaced samples, since its inputs are smooth only between them.
     duration = float(record.time[-1])
     wanted = count_grid_steps(duration, period, per_period)
@@ -185,7 +185,7 @@ def samples_on_grid(
     how: Interpolation,
     weights: Float[np.ndarray, "n"],
 ) -> Samples:
-    """All samples of a record that starts at time 0, on a grid over its duration."""
+    """Locate all samples of a record that begins at time 0 on a grid."""
     count = len(record)
     steps = record.time / grid.step
     # The tolerance keeps rounding from assigning a sample on a grid point to the point before.
@@ -209,7 +209,7 @@ def means_on_grid(
     how: Interpolation,
     weights: Float[np.ndarray, "n"],
 ) -> Samples:
-    """Weighted means of the samples around each grid point, with their total weight."""
+    """Average the samples around each grid point, with their weights; keep the total weight."""
     time, height = record.time, record.height
     points = padded_step_count(grid.steps) + 1
     near = np.rint(time / grid.step).astype(np.int64)
@@ -239,11 +239,11 @@ LossName = Literal["linear", "soft_l1", "huber"]
 LOSSES: tuple[LossName, ...] = ("linear", "soft_l1", "huber")
 
 DIVERGED_RESIDUAL = 1e3
-"""Residual of a sample at which the solution has diverged, in amplitudes."""
+"""Residual, in units of the amplitude, of a sample at which the solution has diverged."""
 
 
 class Loss(NamedTuple):
-    """Cost of a residual r."""
+    """Cost of a residual: name and scale of the loss."""
 
     name: LossName = "linear"
     scale: float = math.inf  # in amplitudes
@@ -256,7 +256,7 @@ class Loss(NamedTuple):
 
 
 def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
-    """Costs of residuals, and the weights that give their squares the same derivative."""
+    """Return costs of residuals, and weights with which squared residuals have the same derivative."""
     # Huber (1964, doi:10.1214/aoms/1177703732), and SciPy's `soft_l1`, 2 (sqrt(1 + r^2) - 1).
     size = np_.abs(residuals)
     root = np_.sqrt(1.0 + (residuals / loss[0]) ** 2)
@@ -284,7 +284,7 @@ def rms(values: Float[np.ndarray, "n"]) -> float:
 
 
 def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Float[np.ndarray, "n ..."]:
-    """Residuals (n, ...) minus their prediction by exponential smoothing of the previous ones."""
+    """Subtract from residuals (n, ...) their prediction by exponential smoothing of the previous ones."""
     # The steady-state Kalman filter of a random walk in white noise (Muth 1960,
     # doi:10.1080/01621459.1960.10482064).
     if gain == 0.0:
@@ -298,7 +298,7 @@ Kind = Literal["normal", "linear", "residual", "several"]
 
 
 class SignalForm(NamedTuple):
-    """Form of a compared signal, for which code is compiled."""
+    """Form of a compared signal; code is compiled for each form."""
 
     observation: str  # of the law; empty if a sensor measures a derivative of the height
     derivative: int
@@ -307,7 +307,7 @@ class SignalForm(NamedTuple):
 
 
 def residual_function(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
-    """Compiled normal equations, or residuals (n,) with derivatives (p, n), of search vectors."""
+    """Return compiled normal equations, or residuals (n,) with derivatives (p, n), of search vectors."""
     # "normal": (theta (s, p), samples, scales, loss) -> costs (s,), gradients J'r (s, p), matrices J'J (s, p,
     # p). "linear": (theta (p,), samples, scales) -> weighted residuals (n,) and derivatives (p, n).
     # "several": (theta (s, p), samples, scales) -> weighted residuals (n, s).
@@ -321,7 +321,7 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
 
 
 def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
-    """Return the normal equations of samples, for many search vectors at once."""
+    """Return the normal equations of samples, for many search vectors simultaneously."""
     function, scales = residual_function(unknowns, "normal"), unknowns.scales
     return lambda theta: function(theta, samples, scales, loss.compiled_arguments)
 
@@ -356,7 +356,7 @@ def _compile_residuals(
         return jnp.broadcast_to(observe(*states, *given, *values), (len(samples.point), *motion[0].shape))
 
     def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
-        """Residuals (n, s) of search vectors that are columns (p, s)."""
+        """Residuals (n, s) of search vectors, the columns of an array (p, s)."""
         step, point, fraction, height, weight, drive, _, chunks, tables = samples
         split = len(vectors) - (0 if sensor is None else sensor.entry_count)
         values, z0, v0, hidden = physical_values(vectors[:split], scales, logarithmic, jnp)

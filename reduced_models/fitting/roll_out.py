@@ -1,4 +1,4 @@
-"""Free run of a model along a record that it was not fitted to."""
+"""Free run of a model, compared with a record to which the model was not fitted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 _STEPS_PER_PERIOD = 128  # per period
 START_PERIODS = 1.0
-"""Periods at a record's start to which its initial state is fitted."""
+"""Number of periods, from the record's start, to which the initial state is fitted."""
 
 
 class RollOut(NamedTuple):
@@ -31,14 +31,14 @@ class RollOut(NamedTuple):
     Attributes
     ----------
     motion : PistonRecord
-        At the record's times, up to the point where it diverges.
+        Predicted motion at the record's times, up to the time at which it diverges.
     error : float
         Rms difference of the heights over the whole record [m]; infinite if it diverges.
     relative : float
-        The same over the rms displacement of the record.
+        ``error`` divided by the rms displacement of the record.
     at_rest : float
-        The same for a piston that stays at the model's equilibrium (at the record's, if the model
-        has none).
+        The same ratio for a piston that stays at the model's equilibrium, or at the mean height of
+        the record if the model has no equilibrium.
     standard_error : float or None
         Standard error of ``relative``, from its scatter between cycles.
     """
@@ -55,8 +55,8 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
 
     Initial height and velocity are fitted to the heights of the record's first period by least squares
     (see `levenberg_marquardt`), with the model's parameters unchanged and its hidden states at zero;
-    the rest is a prediction. Along a prescribed stroke nothing is fitted: the signal that the law
-    observes replaces the heights.
+    the rest of the record is predicted. Along a prescribed stroke nothing is fitted; the signal that
+    the law observes is predicted instead of the heights.
 
     Parameters
     ----------
@@ -69,10 +69,10 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     Returns
     -------
     RollOut
-        Motion (n,) [m] (for a sensor its signal, in its unit) and its rms error; the error over the rms
-        displacement with its standard error, and the same for a piston at rest, without unit. If the law
-        diverges, the motion ends there (with 2 or more samples), both errors are infinite and
-        ``standard_error`` is None.
+        Predicted motion (n,) [m] (for a sensor: signal in its unit), its rms error, and the ratio of
+        this error to the rms displacement with a standard error; also the ratio for a piston at
+        rest. If the law diverges, the motion ends there (with 2 or more samples), ``error`` and
+        ``relative`` are infinite and ``standard_error`` is None.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def _along_stroke(model: Any, record: PistonRecord) -> RollOut:
 def search_vector_of_model(
     model: FittedLaw, guess: FirstGuesses | None, unknowns: Unknowns | None = None
 ) -> tuple[Unknowns, Float[np.ndarray, "p"]]:
-    """Search vector of a model, with the unknowns that define its scales."""
+    """Return a model's search vector, and the unknowns that define the scales of its entries."""
     law, values = model.law, list(model.all_parameters.values())
     logs = [name in law.positive for name in law.parameters]
     if unknowns is None:

@@ -1,9 +1,9 @@
-"""The search of a fit: many starts, over horizons that double.
+"""Search for the best fit from many random starts, over horizons that double.
 
-A fit of a long record all together ends in local minima in which the solution gains or loses a
-whole cycle. Here the first two cycles are fitted, then four, eight, sixteen, until the whole
-training stretch is included: at each doubling the previous fit gives the phase at the new end to a
-fraction of a cycle. The search compares means of the samples on coarse grids.
+A direct fit of a long record ends in local minima in which the solution gains or loses a whole cycle.
+Here the first two cycles are fitted, then four, eight, sixteen, until the whole training segment is
+included. At each doubling the previous fit predicts the phase at the new end to a fraction of a cycle.
+The search compares means of the samples on coarse grids.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
 
-_STROKE_HORIZON = 8.0  # cycles of a stroke beyond which all of it is fitted
+_STROKE_HORIZON = 8.0  # number of cycles beyond which the whole stroke is fitted
 _STROKE_TRIALS, _STROKE_TOLERANCE = 25, 1e-3  # of parts of a stroke
 # Of all horizons but the last: a start that lags behind loses its phase.
 _HORIZON_TRIALS, _HORIZON_TOLERANCE = 60, 1e-4
@@ -44,11 +44,11 @@ _MAXIMUM_COARSE_STEPS = 2**13
 _STROKE_SAMPLES = 1200  # of all strokes together that the search compares
 _MINIMUM_SAMPLES_PER_STEP = 2.0  # samples per coarse step above which their means are fitted
 _MAXIMUM_NUMBERS = 2**26
-"""Maximum of starts times grid points times unknowns; memory holds four copies, 2 GB in all."""
+"""Maximum product of starts, grid points and unknowns; memory holds four copies, 2 GB in total."""
 
 
 def multistart_search(problem: FitProblem) -> SearchResult:
-    """Fit the training stretches from random starts."""
+    """Fit the training segments from random starts."""
     problem = problem.with_scales(scale_unknowns(problem.largest_amplitude_data))
     sample_stride = max(1, sum(problem.training) // _STROKE_SAMPLES) if problem.law.prescribed else 1
     coarse = problem.with_data(_coarse_data(data, sample_stride) for data in problem.data)
@@ -64,7 +64,7 @@ def multistart_search(problem: FitProblem) -> SearchResult:
 
 
 def compile_fit_ahead(law: Law, starts: int) -> None:
-    """Compile to disk the programs with which a law without inputs is fitted to a record of few periods."""
+    """Compile to disk the programs that fit a law without inputs to a record of few periods."""
     points = padded_step_count(0) + 1
     still = PistonRecord(np.arange(float(points)), np.zeros(points))
     samples = means_on_grid(still, StepGrid(1.0, points - 1), (), "spline", np.ones(points))
@@ -77,7 +77,7 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
 
 
 def _search_along_strokes(problem: FitProblem, start: StrokeStart) -> tuple[np.ndarray, np.ndarray]:
-    """Search vectors (s, p) along a prescribed stroke, and their costs (s,)."""
+    """Search along prescribed strokes; return search vectors (s, p) and costs (s,)."""
     stages = smaller_laws(problem)
     normal, prior = coarse_normal_equations(problem, math.inf)
     theta = _follow_stroke_horizons(problem, start.theta)
@@ -94,8 +94,8 @@ def _search_along_strokes(problem: FitProblem, start: StrokeStart) -> tuple[np.n
 
 
 def _follow_stroke_horizons(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
-    """Search vectors (s, p) after fits of growing parts of a stroke, before all of it is fitted."""
-    # Hidden states forget: a few cycles determine a law, at a fraction of the time.
+    """Fit longer and longer parts of the strokes, but not yet all; return search vectors (s, p)."""
+    # Hidden states forget their initial values, so a few cycles determine a law in less computing time.
     horizons = [count for count in _horizons_in_cycles(problem) if count <= _STROKE_HORIZON]
     for cycle_count in horizons if problem.law.hidden else ():
         start, (normal, prior) = theta, coarse_normal_equations(problem, cycle_count)
@@ -109,7 +109,7 @@ def _follow_stroke_horizons(problem: FitProblem, theta: np.ndarray) -> np.ndarra
 
 
 def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
-    """Search vectors (s, p) that random starts of a law lead to, and their costs (s,)."""
+    """Search from random starts of a law; return search vectors (s, p) and costs (s,)."""
     theta = start = problem.joint_vector(_start_vectors(problem))
     costs = np.zeros(problem.starts)
     for cycle_count in _horizons_in_cycles(problem):
@@ -141,13 +141,13 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
     maximum = _MAXIMUM_NUMBERS // (points * unknowns)
     if starts > max(maximum, 16):
         raise InputError(
-            f"starts = {starts}; memory holds at most {maximum} for {unknowns} unknowns and a "
-            f"record that needs {points} steps: give fewer, or a shorter record"
+            f"starts = {starts}, but memory suffices for {maximum} starts of {unknowns} unknowns on a "
+            f"record that needs {points} steps; give fewer starts, or a shorter record"
         )
 
 
 def _start_vectors(problem: FitProblem) -> list[np.ndarray]:
-    """Start vectors (starts, p) of each record; the shared ones are of the largest amplitude."""
+    """Start vectors (starts, p) of each record; shared entries come from the largest amplitude."""
     vectors = [
         start_vectors(data, problem.starts, np.random.default_rng(problem.seed), problem.start)
         for data in problem.data
@@ -161,7 +161,7 @@ def _start_vectors(problem: FitProblem) -> list[np.ndarray]:
 
 
 def _coarse_data(data: FitData, sample_stride: int) -> FitData:
-    """Means of a training stretch, of each n-th sample or of its first part, on a coarse grid."""
+    """Average every n-th sample of a training segment, or of its first part if long, onto a coarse grid."""
     law, how, seen = data.unknowns.law, data.interpolation, slice(0, data.training, sample_stride)
     training, weights = data.record.select(seen), data.weights[seen]
     wanted = law.step_ratio * COARSE_STEPS
@@ -185,7 +185,7 @@ def _coarse_data(data: FitData, sample_stride: int) -> FitData:
 
 
 def coarse_normal_equations(problem: FitProblem, cycle_count: float) -> tuple[Normal, Prior]:
-    """Return the normal equations of the first cycles of coarse records, with the prior."""
+    """Return normal equations and prior of the first cycles of records on coarse grids."""
     normals, total = [], 0.0
     for data in problem.data:
         means = data.samples
@@ -197,7 +197,7 @@ def coarse_normal_equations(problem: FitProblem, cycle_count: float) -> tuple[No
 
 
 def _horizons_in_cycles(problem: FitProblem) -> Iterator[float]:
-    """Numbers of cycles that the search fits one after another; infinity for the whole record."""
+    """Yield the numbers of cycles that the search fits one after another; infinity is the whole record."""
     # Doubling finds the best fit even if the period changes with amplitude; two cycles followed by the whole
     # record do not.
     maximum = max(data.record.time[-1] / data.guess.shortest_cycle_period for data in problem.data)

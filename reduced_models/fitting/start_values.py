@@ -1,12 +1,12 @@
-"""Start values of a law's parameters, from its start function or the accelerations in a record.
+"""Find start values of a law's parameters from its start function or from a record's accelerations.
 
 A law that is given by its equation alone has no start function. The record is then smoothed by local
-cubics, which give height, velocity and acceleration at some times. Parameters are fitted to the
-accelerations, from random draws in units made of the record's time and length scales (gradient
-matching; Ramsay et al. 2007, doi:10.1111/j.1467-9868.2007.00610.x). A record does not contain hidden
-states, but it contains the motion that drives them: for trial parameters they are integrated along
-the smoothed motion of the first cycles, and the resulting accelerations are compared. The result
-only starts the fit through the equation of motion.
+cubics, which give height, velocity and acceleration at some times. Parameters are fitted to these
+accelerations, starting from random draws in units made of the record's time and length scales
+(gradient matching; Ramsay et al. 2007, doi:10.1111/j.1467-9868.2007.00610.x). A record does not
+contain hidden states, but it contains the motion that drives them. For trial parameters the hidden
+states are integrated along the smoothed motion of the first cycles, and the resulting accelerations
+are compared. The result is only the start of the fit that solves the equation of motion.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def start_values(
 def _fit_parameters_of_observations(
     law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray, fixed: Collection[str]
 ) -> None:
-    """Set parameters of the observations alone by linear least squares along the smoothed record."""
+    """Set parameters that occur only in the observations, by linear least squares on the smoothed record."""
     import sympy
 
     parsed = law.parsed_equation
@@ -119,7 +119,7 @@ def _fit_parameters_of_observations(
 
 
 def parameters_linear_in(expression: Any, law: Law, others: Collection[str]) -> list[str]:
-    """Parameters in which an expression is jointly linear, except some others."""
+    """Return parameters, except ``others``, in which an expression is jointly linear."""
     import sympy
 
     chosen: list[sympy.Symbol] = []
@@ -131,7 +131,7 @@ def parameters_linear_in(expression: Any, law: Law, others: Collection[str]) -> 
 
 
 def drive_frequencies(law: Law) -> tuple[str, ...]:
-    """Parameters that are angular frequencies of a drive: factors of the time in a sine or cosine."""
+    """Return the angular frequencies of drives: parameters that multiply the time in a sine or cosine."""
     import sympy
 
     parsed, time = law.parsed_equation, sympy.Symbol(TIME)
@@ -143,7 +143,7 @@ def drive_frequencies(law: Law) -> tuple[str, ...]:
 def _draw_wave_frequencies(
     law: Law, values: Float[np.ndarray, "d"], record: PistonRecord, random: np.random.Generator
 ) -> None:
-    """Set frequencies to lines of the record's spectrum; if waves multiply states, also to their spacings."""
+    """Draw frequencies from the record's spectral lines; also their spacings if waves multiply states."""
     # An additive drive shows as a separate line; a wave that multiplies the coordinate shows as sidebands
     # spaced by its frequency.
     peaks = spectral_peaks(record.time, record.height)
@@ -177,14 +177,14 @@ def fit_to_accelerations(
     values: Float[np.ndarray, "p"],
     bounds: Pairs | None = None,
 ) -> Float[np.ndarray, "p"]:
-    """Parameters (p,) of a law without hidden states, from the accelerations in a record alone."""
+    """Fit a law without hidden states to the accelerations in a record alone; return parameters (p,)."""
     units = np.where(np.abs(values) > 0.0, values, 1.0)
     draws = _random_draws(law, guess, np.random.default_rng(0), _COLLOCATION_DRAW_COUNT, bounds)
     return np.asarray(_fit_draws_to_accelerations(law, guess, record, np.vstack([units, draws]), bounds)[0])
 
 
 def start_values_near(values: dict[str, float]) -> Starts:
-    """Start values about roughly known parameters."""
+    """Return a function that draws start values around roughly known parameters."""
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         return {
@@ -198,7 +198,7 @@ def start_values_near(values: dict[str, float]) -> Starts:
 def _random_draws(
     law: Law, guess: FirstGuesses, random: np.random.Generator, count: int, bounds: Pairs | None = None
 ) -> np.ndarray:
-    """Random values (count, p), as powers of the record's time and length scales."""
+    """Draw values (count, p) as products of powers of the record's time and length scales."""
     shape = (count, len(law.parameters))
     guess = _guess_in_coordinate(law, guess)
     level = max(abs(guess.rest), 1e-3 * guess.amplitude)
@@ -213,7 +213,7 @@ def _random_draws(
 
 
 def _guess_in_coordinate(law: Law, guess: FirstGuesses) -> FirstGuesses:
-    """Guess in the coordinate of the law's text, if the text gives its shift and scale as numbers."""
+    """Convert a guess to the coordinate of the law if the law gives shift and scale as numbers."""
     line = law.parsed_equation.line
     if line is None or any(item.free_symbols for item in line):
         return guess
@@ -226,7 +226,7 @@ def _guess_in_coordinate(law: Law, guess: FirstGuesses) -> FirstGuesses:
 def _fit_draws_to_accelerations(
     law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray, bounds: Pairs | None = None
 ) -> np.ndarray:
-    """Draws after a fit to the accelerations, best first, without the poor ones."""
+    """Fit draws to the accelerations; return the good ones, best first."""
     from scipy.optimize import least_squares
 
     motion = fit_local_cubics(record.time, record.height, guess.period, _NODE_COUNT)
@@ -273,7 +273,7 @@ def _fit_draws_to_accelerations(
 
 
 def _fixed_by_bounds(bounds: Pairs | None) -> dict[str, float]:
-    """Parameters that bounds fix to one value."""
+    """Parameters whose two bounds are equal, with their value."""
     return {name: low for name, (low, high) in (bounds or {}).items() if low == high}
 
 
@@ -284,7 +284,7 @@ def _hidden_starts(
     draw: Callable[[int], np.ndarray],
     fixed: Collection[str],
 ) -> np.ndarray:
-    """Parameters and initial states of further coordinates (k, p), best first, from random draws."""
+    """Search parameters and initial states of further coordinates; return rows (k, p), best first."""
     end = min(float(record.time[-1]), _HIDDEN_CYCLES * guess.period)
     # A further coordinate moves faster: wide windows would smooth it out, and long steps of Heun's method
     # would add energy to it.
@@ -304,7 +304,7 @@ def _hidden_starts(
     target = acceleration[:, None]
 
     def misfits(values: np.ndarray) -> np.ndarray:
-        """Differences (n, m) for parameters (m, p), in units of the maximum acceleration."""
+        """Deviations (n, m) from the record for parameters (m, p), divided by its maximum acceleration."""
         start = np.zeros((len(law.hidden), len(values)))
         start[others] = values[:, count:].T
         accelerations, path = carried(values[:, :count].T, start)
@@ -320,7 +320,7 @@ def _hidden_starts(
     scales = np.array([guess.amplitude, guess.amplitude * guess.frequency] * (len(others) // 2))
 
     def with_fitted_states(parameters: np.ndarray) -> np.ndarray:
-        """Draws with initial states of further coordinates by least squares, exact for a linear law."""
+        """Add initial states of further coordinates by least squares, exact for a linear law."""
         values = np.hstack([parameters, np.zeros((len(parameters), len(others)))])
         if not others:
             return values
@@ -360,8 +360,9 @@ def _hidden_starts(
 def acceleration_function(
     law: Law, motion: Float[np.ndarray, "4 n"], drive: Float[np.ndarray, "n inputs"]
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
-    """Return a function of parameters: accelerations and hidden states along rows z, z', z'', time [s]."""
-    # It maps parameters (p, m) and initial hidden states (h, m), zero if not given, to accelerations (n, m)
+    """Return a function of parameters that gives accelerations and hidden states along a known motion."""
+    # The rows of the motion are z, z', z'' and time [s]. The function maps parameters (p, m) and initial
+    # hidden states (h, m), zero if not given, to accelerations (n, m)
     # and hidden states (n, h, m), by Heun's method with one step from node to node of the known motion.
     field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion
@@ -392,7 +393,7 @@ def acceleration_function(
 
 
 def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]) -> Normal:
-    """Return the normal equations for logarithms (m, p) of factors of the units, by finite differences."""
+    """Return normal equations, from finite differences, for logarithms (m, p) of parameter / unit."""
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count, size = theta.shape
@@ -412,7 +413,7 @@ def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndar
 
 
 def scale_unknowns(data: FitData) -> Unknowns:
-    """Unknowns of a law, with parameters scaled by typical start values for a record."""
+    """Scale the parameters of a law by typical start values for a record; return its unknowns."""
     law, guess = data.unknowns.law, data.guess
     if law.prescribed:  # its draws give the units
         return data.unknowns
@@ -430,7 +431,7 @@ def scale_unknowns(data: FitData) -> Unknowns:
 def start_vectors(
     data: FitData, count: int, random: np.random.Generator, near: Mapping[str, float]
 ) -> Float[np.ndarray, "count p"]:
-    """Start vectors (count, p) of a search, from a record and its first guesses."""
+    """Return start vectors (count, p) of a search, from a record and its first guesses."""
     unknowns = data.unknowns
     draws = start_values(unknowns.law, data.guess, data.clipped_motion, random, count, data.bounds)
     for name, value in near.items():
@@ -444,7 +445,7 @@ def start_vectors(
 def append_initial_state(
     data: FitData, free: Float[np.ndarray, "count k"], states: Mapping[str, np.ndarray] | None = None
 ) -> Float[np.ndarray, "count p"]:
-    """Parameters (count, k) followed by the initial state of record and sensor."""
+    """Append to parameters (count, k) the initial state of the record and the entries of the sensor."""
     count, guess, unknowns = len(free), data.guess, data.unknowns
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
@@ -455,7 +456,7 @@ def append_initial_state(
 
 
 def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
-    """Entries of a sensor: nominal gain, offset at the signal's mean, and a settled filter."""
+    """Start entries of a sensor: nominal gain, offset at the signal's mean, settled filter."""
     sensor = unknowns.sensor
     if sensor is None:
         return []
@@ -470,7 +471,7 @@ def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
 def search_entries_from_draws(
     unknowns: Unknowns, draws: Mapping[str, np.ndarray]
 ) -> Float[np.ndarray, "count k"]:
-    """Entries (count, k) of search vectors, without initial states, of parameters."""
+    """Convert draws of parameters into entries (count, k) of search vectors, without initial states."""
     # A parameter that the law lets be negative is drawn with either sign, even if limits keep it positive.
     result = [
         np.log(np.abs(draws[name])) if name in unknowns.law.positive else draws[name] / unit

@@ -1,10 +1,11 @@
-"""Start vectors of a fit along a prescribed stroke, which solves for no motion.
+"""Find start vectors of a fit along a prescribed stroke, which solves no equation of motion.
 
-Most parameters are factors of terms in a force. For random draws of the others, at the sizes that the
-dimensions of the equations give, they follow from linear least squares. The best draws start the search.
+Most parameters are factors of terms in the force, which follow from linear least squares if the other
+parameters are known. The others are drawn at random, about sizes estimated from the dimensions of the
+equations. The best draws start the search.
 
-A law may contain smaller ones: without the terms that an input multiplies, and with hidden states that
-follow an input at once. These are fitted first, and their fits start the larger law.
+A law may contain smaller laws: without the terms that an input multiplies, or with hidden states that
+follow their input without lag. The smaller laws are fitted first; their fits start the larger law.
 """
 
 from __future__ import annotations
@@ -24,21 +25,21 @@ from reduced_models.fitting.start_values import parameters_linear_in
 from reduced_models.records.inputs import STROKE, TIME, input_column
 
 _DRAWS = 512
-_LOW, _HIGH = -4.0, 4.0  # logarithm of a drawn value, over its natural size
-_POSITIVE = 0.85  # share of draws above zero of a parameter that may have either sign
+_LOW, _HIGH = -4.0, 4.0  # logarithm of the ratio of a drawn value to its natural size
+_POSITIVE = 0.85  # fraction of positive draws of a parameter that may have either sign
 _NEAR = 0.1  # spread of the logarithm of values that are given
-_LEAST = 1e-3  # of the signal: least part of a factor that is above zero
+_LEAST = 1e-3  # of the signal: minimum contribution of a positive factor
 _TINY = 1e-12  # of a natural size: a positive factor that is nearly zero
-_AT_ONCE = 2.0  # steps of the coarse grid, within which a state follows an input
+_AT_ONCE = 2.0  # lag of a state without lag, in steps of the coarse grid
 
 
 class SmallerLaw(NamedTuple):
-    """A law with some of its parameters at the values with which it is a smaller one."""
+    """A law with some parameters held at values that reduce it to a smaller law."""
 
     held: Mapping[str, float]
 
     def held_in(self, problem: FitProblem) -> FitProblem:
-        """Return the problem with these parameters held."""
+        """Return the problem with the parameters of the smaller law held."""
         edges = {name: (value, value) for name, value in self.held.items()}
         return problem.with_data(
             dataclasses.replace(data, bounds={**data.bounds, **edges}) for data in problem.data
@@ -46,7 +47,7 @@ class SmallerLaw(NamedTuple):
 
 
 def smaller_laws(problem: FitProblem) -> tuple[SmallerLaw, ...]:
-    """Laws that a law contains, the smallest first: without inputs, then with states that follow at once."""
+    """Return smaller laws within a law, smallest first: without inputs, then with states without lag."""
     import sympy
 
     law, parsed = problem.law, problem.law.parsed_equation
@@ -77,7 +78,7 @@ def smaller_laws(problem: FitProblem) -> tuple[SmallerLaw, ...]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StrokeStart:
-    """Draws of the parameters of a law of force, and the units in which a search counts them."""
+    """Random draws of the parameters of a law of the force, and the units in which they are searched."""
 
     unknowns: Unknowns
     theta: Float[np.ndarray, "s q"]  # best draws of the law itself
@@ -85,7 +86,7 @@ class StrokeStart:
 
     @classmethod
     def of(cls, problem: FitProblem) -> StrokeStart:
-        """Best draws for a problem."""
+        """Draw parameters for a problem; keep the best draws."""
         unknowns, law = problem.unknowns, problem.law
         record = problem.data[0].record
         signals = {name: 1.0 for name in law.inputs if name not in (*STROKE, TIME)}
@@ -103,20 +104,20 @@ class StrokeStart:
         return cls(unknowns, draws.with_units(unknowns).vectors(values), sizes)
 
     def drawn(self, problem: FitProblem) -> Float[np.ndarray, "s q"]:
-        """Best draws of a smaller law."""
+        """Return the best draws of a smaller law as search vectors."""
         draws = _Draws(problem, self.sizes)
         return draws.vectors(draws.best(draws.drawn(draws.zeros(_DRAWS), draws.nonlinear), problem.starts))
 
     def grown(
         self, problem: FitProblem, released: Sequence[str], theta: Float[np.ndarray, "s q"]
     ) -> Float[np.ndarray, "s q"]:
-        """Fits of a smaller law as starts of a larger one, which has some more parameters to fit."""
+        """Turn fits of a smaller law into start vectors of a larger one by drawing its additional parameters."""
         draws = _Draws(problem, self.sizes)
         count = len(theta)
         values = np.repeat(draws.values(theta), max(1, _DRAWS // count), axis=0)
         names = [k for k in draws.nonlinear if draws.names[k] in released]
         fresh = draws.solved(draws.drawn(values, names))
-        # Each fit as it is stays among its own draws, so that nothing is lost.
+        # Each unchanged fit is also a candidate next to its draws, so that no start is worse than its fit.
         shape = (count, -1, values.shape[1])
         several = np.concatenate([draws.values(theta)[:, None], fresh.reshape(shape)], axis=1)
         flat = several.reshape(-1, values.shape[1])
@@ -134,7 +135,7 @@ class _Draws:
         self.problem, self.law, self.sizes = problem, problem.law, sizes
         self.unknowns, self.random = problem.unknowns, np.random.default_rng(problem.seed)
         self.low, self.high = problem.edges
-        # Records have entries of their own for some parameters.
+        # Some parameters have a separate entry for each record.
         self.names = {
             int(k): name
             for data in problem.data
@@ -161,7 +162,7 @@ class _Draws:
         return _Draws(self.problem.with_scales(unknowns), self.sizes)
 
     def zeros(self, count: int) -> np.ndarray:
-        """Values of entries that are held, of factors nearly zero."""
+        """Return rows with held entries at their values, positive factors nearly zero, and zeros elsewhere."""
         held = self.low == self.high
         here = np.where(held, np.where(self.logs, np.exp(np.where(held, self.low, 0.0)), self.low), 0.0)
         here[held] *= np.where(self.logs, 1.0, self.units)[held]
@@ -170,16 +171,16 @@ class _Draws:
         return np.tile(here, (count, 1))
 
     def values(self, theta: np.ndarray) -> np.ndarray:
-        """Values of search vectors."""
+        """Return the values, in SI units, of search vectors."""
         return np.where(self.logs, np.exp(np.where(self.logs, theta, 0.0)), theta * self.units)
 
     def vectors(self, values: np.ndarray) -> np.ndarray:
-        """Search vectors of values, within the bounds."""
+        """Return the search vectors of some values, clipped to the bounds."""
         logs = np.log(np.where(self.logs, np.maximum(values, 1e-300), 1.0))
         return np.clip(np.where(self.logs, logs, values / self.units), self.low, self.high)
 
     def drawn(self, values: np.ndarray, entries: Sequence[int]) -> np.ndarray:
-        """Values with some entries drawn about their natural sizes, or near given values."""
+        """Draw some entries of the values around their natural sizes, or near given start values."""
         from scipy.stats.qmc import LatinHypercube
 
         if not entries:
@@ -198,7 +199,7 @@ class _Draws:
         return values
 
     def residuals(self, values: np.ndarray) -> np.ndarray:
-        """Residuals (n, draws), large where a solution diverges."""
+        """Residuals (n, draws); very large if the signal is not finite."""
         vectors = self.vectors(values)
         left = [
             residual_function(data.unknowns, "several")(
@@ -209,11 +210,11 @@ class _Draws:
         return np.nan_to_num(np.concatenate(left), nan=1e9, posinf=1e9, neginf=-1e9)
 
     def costs(self, values: np.ndarray) -> np.ndarray:
-        """Sum of the squares of the residuals (draws,)."""
+        """Sums of squared residuals (draws,)."""
         return np.asarray((self.residuals(values) ** 2).sum(axis=0))
 
     def solved(self, values: np.ndarray) -> np.ndarray:
-        """Values with the factors by linear least squares."""
+        """Fit the factors in the values by linear least squares."""
         if not self.linear:
             return values
         values = values.copy()
@@ -236,7 +237,7 @@ class _Draws:
         return values
 
     def best(self, values: np.ndarray, count: int) -> np.ndarray:
-        """Return the best of some draws, their factors solved for."""
+        """Fit the factors of some draws; return the best draws."""
         values = self.solved(values)
         order = np.argsort(self.costs(values), kind="stable")
         return values[order[np.arange(count) % len(order)]]

@@ -1,13 +1,14 @@
-"""Intervals of fitted parameters, and the directions that the data leave undetermined.
+"""Intervals of fitted parameters, and directions in parameter space that the data do not determine.
 
-Intervals come from the covariance at the minimum. To decide whether a direction is undetermined,
-the variance of a residual is instead enlarged by the integrated autocorrelation time.
+Intervals come from the covariance at the minimum. Whether a direction is undetermined is decided
+from the Fisher information, with the variance of a residual multiplied by the integrated
+autocorrelation time.
 
 Correlated residuals, from correlated noise or an inexact law, determine some parameters less and
 others more precisely than white residuals. The covariance is the sandwich estimate with the
 autoregression of the residuals between two linearisations (Huber 1967; White 1980,
 doi:10.2307/1912934), which also holds for robust losses and for noise that grows with the speed. A
-sensor that rounds has the same error as long as its reading is constant: such readings count as one.
+sensor that rounds has the same error as long as its reading is constant, so such readings count as one.
 """
 
 from __future__ import annotations
@@ -119,7 +120,7 @@ def joint_covariance(
 def standing_reading_covariance(
     slopes: Float[np.ndarray, "n p"], reading: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "p p"]:
-    """Extra covariance of a gradient due to the common rounding error of equal successive readings."""
+    """Additional covariance of a gradient because equal successive readings share one rounding error."""
     step = rounding_step(reading)
     starts = np.flatnonzero(np.diff(reading, prepend=np.nan) != 0.0)
     moves = np.sign(np.diff(reading[starts]))
@@ -164,7 +165,7 @@ def shifts_by_calibration_errors(
 
 
 def _record_variance_weights(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the common variance over each record's variance if all are equally noisy; otherwise ones."""
+    """Ratio of the common variance to each record's if all are similarly noisy; otherwise ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _EQUAL_NOISE_RATIO * levels.min():
         return np.ones(len(levels))
@@ -175,7 +176,7 @@ def _record_variance_weights(residuals: Sequence[np.ndarray]) -> np.ndarray:
 def sandwich_covariance(
     bread: Float[np.ndarray, "p p"], spread: Float[np.ndarray, "p p"], variance: float
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance (p, p) from the curvature of the loss and the covariance of its gradient, both (p, p)."""
+    """Return the covariance, given curvature (bread) and gradient covariance (spread) of the loss."""
     # Both are first scaled to a unit diagonal. In directions of very small curvature the gradient's
     # covariance is rounding error, of either sign: there the variance of the residuals' mean is used.
     # Directions below rounding altogether get a huge but finite variance.
@@ -192,7 +193,7 @@ def sandwich_covariance(
 def marginal_information(
     normal: Float[np.ndarray, "q q"], entries: Int[np.ndarray, "p"], free: Bool[np.ndarray, "q"]
 ) -> Float[np.ndarray, "p p"]:
-    """Information (p, p) on some entries of a search vector, marginalised over the other free ones."""
+    """Information (p, p) on some entries of a search vector, marginalised over all other free entries."""
     others = np.setdiff1d(np.flatnonzero(free), entries)
     if not len(others):
         return normal[np.ix_(entries, entries)]
@@ -206,10 +207,10 @@ Interval = tuple[float, float]  # low, high, in the SI unit of the quantity
 # Standard error of the logarithm above which a direction is undetermined: 28 % either way.
 OPEN = 0.25
 AMPLITUDE_FRACTIONS = (0.5, 0.1)
-"""Amplitudes of the equivalent damping, over the maximum displacement of the record."""
+"""Amplitudes at which the equivalent damping is computed, as fractions of the maximum displacement."""
 DAMPING_DIFFERENCE = 0.5
-"""Maximum relative difference between the damping ratio of small oscillations and that at a tenth of
-the maximum displacement."""
+"""Maximum relative difference between two damping ratios: of small oscillations, and at a tenth of the
+maximum displacement."""
 _NO_DAMPING = 1e-6
 _SMALL_POWER = 0.05
 # In units of the entry: a smaller value cannot serve as the scale of its error.
@@ -228,7 +229,7 @@ def interval_analysis(
     seen: tuple[float, float],
     shifts: Float[np.ndarray, "m p"],
 ) -> tuple[dict[str, Interval], AtRest | NoOscillation, tuple[ParameterDirection, ...]]:
-    """Intervals of a fit, its small oscillation, and undetermined directions; range of the motion [m]."""
+    """Return intervals, small oscillation and undetermined directions; ``seen`` is the motion's range [m]."""
     names, intervals = unknowns.law.parameters, {}
     for k, name in enumerate(names):
         spread = quantile * math.sqrt(max(known.covariance[k, k], 0.0))
@@ -244,7 +245,7 @@ def widen_to_linear_intervals(
     undetermined: Sequence[ParameterDirection],
     intervals: Mapping[str, Interval],
 ) -> dict[str, Interval]:
-    """Profile intervals, no narrower than the linear ones in undetermined directions."""
+    """Widen profile intervals to the linear ones, for parameters in undetermined directions."""
     # Along undetermined directions the prior limits a profile.
     left_open = {name for direction in undetermined if direction.is_undetermined for name in direction.powers}
     return {
@@ -256,7 +257,7 @@ def widen_to_linear_intervals(
 def intervals_between(
     unknowns: Unknowns, low: Float[np.ndarray, "p"], high: Float[np.ndarray, "p"]
 ) -> dict[str, Interval]:
-    """Intervals between two search vectors (p,)."""
+    """Intervals of parameters between their values in two search vectors (p,)."""
     return {
         name: (
             _confidence_interval(float(low[k]), 0.0, unknowns, k)[0],
@@ -292,7 +293,7 @@ def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatist
 def physical_covariance(
     unknowns: Unknowns, theta: Float[np.ndarray, "p"], covariance: Float[np.ndarray, "p p"]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
-    """Names and covariance (p, p), in their units, of a record's parameters and initial state."""
+    """Return names and covariance (k, k), in SI units, of a record's parameters and initial state."""
     names, logs = unknowns.law.parameters, unknowns.logarithmic_parameters
     units = [
         unit * (math.exp(min(value, 700.0)) if log else 1.0)
@@ -308,7 +309,7 @@ def physical_covariance(
 def undetermined_directions(
     names: Sequence[str], information: Float[np.ndarray, "p p"]
 ) -> tuple[ParameterDirection, ...]:
-    """Directions that an information matrix (p, p) on logarithms leaves undetermined."""
+    """Return directions not determined by an information matrix (p, p) of logarithmic parameters."""
     if not len(information):
         return ()
     strengths, directions = np.linalg.eigh(information)
@@ -334,7 +335,7 @@ def _small_motion_with_intervals(
     edges: tuple[float, float],
     shifts: np.ndarray,
 ) -> AtRest | NoOscillation:
-    """Equilibrium, period and damping ratio of small oscillations, with intervals by the chain rule."""
+    """Equilibrium, period and damping ratio of small oscillations, with linearised intervals."""
     figures = small_motion_figures(unknowns, theta)
     if isinstance(figures, NoOscillation):
         return figures
@@ -394,7 +395,7 @@ def _small_motion_with_intervals(
 def _damping_at_two_amplitudes(
     unknowns: Unknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
 ) -> np.ndarray:
-    """Damping ratios at two amplitudes, and the law's friction or an equivalent one [m/s^2], (3, m)."""
+    """Return rows (3, m): damping ratio at two amplitudes, and friction (or an equivalent one) [m/s^2]."""
     # For dry friction the product of equivalent damping and amplitude is constant, for viscous drag the
     # damping itself, so two amplitudes separate both.
     law = unknowns.law
@@ -415,7 +416,7 @@ def _damping_at_two_amplitudes(
 
 
 def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> np.ndarray | NoOscillation:
-    """Equilibrium height [m], period [s] and damping ratio, or the reason for none; hidden states at zero."""
+    """Return equilibrium height [m], period [s] and damping ratio, or why there is no oscillation."""
     if unknowns.law.prescribed:
         return NoOscillation("the record prescribes the motion")
     result = small_oscillation(unknowns.law, unknowns.physical_values(theta)[0], unknowns.rest)

@@ -212,14 +212,14 @@ def test_wrong_preceding_motions_are_refused(made: Callable[..., PistonRecord]) 
     record = hysteretic_motion()
     late = record.between(CUT, LONG_TIME[-1])
     for initial, words in (
-        (record.between(0.0, 5.0), r"ends at 4\.\d+ s, and the record begins at 15\.\d+ s; cut both"),
+        (record.between(0.0, 5.0), r"ends at 4\.\d+ s, but the record begins at 15\.\d+ s; cut both"),
         (record, "cut both from one record"),
-        ([record.between(0.0, CUT)] * 2, "2 motions for 1 records; give one for each"),
+        ([record.between(0.0, CUT)] * 2, "2 motions for 1 records; give one motion for each"),
         (PistonRecord(LONG_TIME, LONG_TIME, force=LONG_TIME).between(0.0, CUT), "columns"),
     ):
         with pytest.raises(InputError, match=words):
             fit(late, "bouc-wen", options=FitOptions(initial=initial))
     with pytest.raises(InputError, match="has no hidden state"):
         fit(made("linear"), "linear", options=FitOptions(initial=record))
-    with pytest.raises(InputError, match="or the motion before"):
+    with pytest.raises(InputError, match="or the record of the motion before"):
         fit(late, "bouc-wen", options=FitOptions(initial=3))  # type: ignore[call-overload]  # what types forbid

@@ -187,5 +187,5 @@ def test_noise_level_depends_on_the_sample_times() -> None:
 
 
 def test_empty_list_of_records_is_refused() -> None:
-    with pytest.raises(InputError, match="no record"):
+    with pytest.raises(InputError, match="list of records is empty"):
         fit([], "linear")

@@ -122,7 +122,7 @@ def test_missing_columns_and_single_noise_of_several_columns_are_refused() -> No
     with pytest.raises(RecordError, match="third"):
         fit(record, "z'' + c*z' + k*z = 0; third = a*z")
     law = Law("two masses", MASSES + "; second = y", positive=POSITIVE)
-    with pytest.raises(InputError, match="give noise by column"):
+    with pytest.raises(InputError, match="give noise as a mapping"):
         fit(record, law, noise=1e-6)
     with pytest.raises(InputError, match="remove measured"):
         fit(record, law, options=FitOptions(measured="height"))

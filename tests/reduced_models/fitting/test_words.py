@@ -141,9 +141,9 @@ def test_unknown_names_are_refused_with_a_suggestion(text: str, made: Callable[.
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"parameters": ["omega"]}, "give a mapping"),
+        ({"parameters": ["omega"]}, "is not a mapping"),
         ({"parameters": {"omege": 1.0}}, "omega"),
-        ({"parameters": {"omega": Parameter(-1.0, fixed=True)}}, "parameter omega: it is positive"),
+        ({"parameters": {"omega": Parameter(-1.0, fixed=True)}}, "parameter omega: it must be positive"),
         ({"parameters": {"g0": Parameter(0.0, low=0.0)}}, "parameter g0: it is positive"),
         ({"parameters": {"omega": Parameter([1.0, 2.0], fixed=True)}}, "2 values for 1 records"),
         ({"parameters": {name: Parameter(1.0, fixed=True) for name in LAWS["linear"].parameters}}, "nothing"),
@@ -240,13 +240,13 @@ def test_given_initial_state_has_si_units() -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"low": 2.0, "high": 1.0}, "low = 2 is above high = 1; give them in order"),
+        ({"low": 2.0, "high": 1.0}, "low = 2 is above high = 1; give low below high"),
         ({"low": 4, "high": 4}, "both 4; give value=4, fixed=True"),
-        ({"value": 3.0, "low": 0.0, "high": 2.0}, "value = 3 lies outside 0 to 2"),
+        ({"value": 3.0, "low": 0.0, "high": 2.0}, "value = 3 lies outside its bounds 0 to 2"),
         ({"value": math.inf}, "value = inf lies outside"),
         ({"value": math.nan}, "value = nan is not a number"),
         ({"value": True}, "True is not a number"),
-        ({"fixed": True}, "without a value"),
+        ({"fixed": True}, "fixed but has no value"),
         ({"value": [1.0, 2.0]}, "add fixed=True"),
     ],
 )
