@@ -1,12 +1,14 @@
-"""`calibrate`: parameters of a scene from a laboratory record, by fitting simulations to it.
+"""Calibrate parameters of a scene by fitting simulations to a laboratory record.
 
 Equilibrium height, period and damping ratio of simulations (`reduced_models.calibration.simulations`)
-are matched to the record by Gauss-Newton steps on logarithms, in which they are nearly linear. The
-derivatives are differences over a tenth, with the same random starts of the bed at both points, and are
-updated with each simulation of the search (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6).
+are matched to those of the record by Gauss-Newton steps on logarithms, in which they are nearly linear.
+The derivatives are finite differences for a change by a tenth, with the same random packings of the bed
+at both points; they are updated after each simulation of the search (Broyden 1965,
+doi:10.1090/S0025-5718-1965-0198670-6).
 
-Beds with different initial packings also differ in these features. A laboratory's bed is one more such
-bed, so the intervals include the record's noise and the spread over random packings.
+These quantities also differ between beds with different initial packings, and the laboratory's bed is
+one of many possible packings. The intervals therefore include both the record's noise and the spread
+over random packings.
 """
 
 from __future__ import annotations
@@ -46,9 +48,9 @@ from reduced_models.laws.law import Law
 from reduced_models.records.sources import DEFAULT_METHOD, make_directory
 
 DIFFERENCE_STEP = 0.1
-"""Step of the differences, in logarithms."""
+"""Step of the finite differences, in the logarithm of a parameter."""
 MAXIMUM_STEP = 0.5
-"""Maximum step of a logarithm."""
+"""Maximum step of the search, in the logarithm of a parameter."""
 MAXIMUM_MOVES = 8
 # Slopes have errors of about a tenth, so a last step of two standard errors that does not exceed the
 # differences has an error of a fraction of a standard error. Below the minimum step, rounding changes the
@@ -67,7 +69,7 @@ class GaussNewtonResult(NamedTuple):
 
 
 def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> GaussNewtonResult:
-    """Take Gauss-Newton steps on the features' logarithms until the steps are below their errors."""
+    """Take Gauss-Newton steps on the logarithms of the features until the steps are below their errors."""
     # Slopes from differences with common random starts, updated by Broyden's formula (Broyden 1965,
     # doi:10.1090/S0025-5718-1965-0198670-6).
     start = np.log([parameter.value for parameter in simulator.parameters])
@@ -75,7 +77,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
     points = simulator.simulate_points([start, *(start + stride for stride in strides)])
     for point in points:
         if point.failure:
-            raise InputError(f"{point.failure}; start from other values or a shorter dt")
+            raise InputError(f"{point.failure}; use other start values or a shorter dt")
     centre = points[0]
     slopes = np.stack([(point.logs - centre.logs) / DIFFERENCE_STEP for point in points[1:]], axis=2)
     radius = MAXIMUM_STEP
@@ -106,7 +108,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
 
 
 def _variance_of_difference(wanted: RecordFeatures, scatter: np.ndarray, starts: int) -> np.ndarray:
-    """Variance (d,) of the record's features about the mean of the simulated ones."""
+    """Variance (d,) of the difference between the record's features and the mean of the simulated ones."""
     return np.asarray(wanted.errors**2 + (1.0 + 1.0 / starts) * np.diag(scatter))
 
 
@@ -134,7 +136,7 @@ def linear_estimate(
     scatter: Float[np.ndarray, "d d"],
     wanted: RecordFeatures,
 ) -> LinearEstimate:
-    """Take a weighted Gauss-Newton step on linearised features."""
+    """Return a weighted Gauss-Newton step on linearised features."""
     starts = len(slopes)
     mean = slopes.mean(axis=0)
     weight = 1.0 / np.maximum(_variance_of_difference(wanted, scatter, starts), 1e-300)
@@ -165,7 +167,7 @@ def linear_estimate(
 
 
 SEED_COUNT = 4
-"""Number of random starts of the bed at each position."""
+"""Number of random packings of the bed for each set of parameters."""
 MAXIMUM_SEED_COUNT = 10_000
 _MINIMUM_DURATION = 0.99
 _UNBOUNDED = math.log(1e6)  # half-width of a logarithmic interval above which it is unbounded
@@ -193,30 +195,31 @@ def calibrate(
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Calibration:
-    """Calibrate parameters of a scene, so that its simulations move as a record does.
+    """Calibrate parameters of a scene so that its simulations reproduce a record.
 
     Equilibrium height, period and damping ratio are matched by Gauss-Newton steps on logarithms, with
     slopes updated by Broyden's formula (1965, doi:10.1090/S0025-5718-1965-0198670-6). Intervals use
-    Student's t distribution, with degrees of freedom by Welch (1947, doi:10.1093/biomet/34.1-2.28),
-    since the scatter is estimated from few random starts.
+    Student's t distribution, with the degrees of freedom of Welch (1947,
+    doi:10.1093/biomet/34.1-2.28), since the scatter is estimated from few random packings.
 
     Parameters
     ----------
     record : PistonRecord or table of one (pandas, xarray)
-        The motion of the scene's stage ``output.record``, from its start on: times [s] and heights
-        [m], 20 or more samples of a piston that oscillates about equilibrium. If it has a force [N],
-        the mean force is matched as well.
+        Measured motion that corresponds to the scene's stage ``output.record``, from the start of the
+        stage: times [s] and heights [m], 20 or more samples of a piston that oscillates about
+        equilibrium. If the record has a force [N], the mean force is matched as well.
     scene : Scene
-        Scene with all other parameters and the start values.
+        Scene with the start values of these parameters, and the values of all others.
     parameters : sequence of str
         Dotted keys, each once, of quantities above 0, such as ``piston.mass``,
-        ``effects.drag.coefficient`` and ``grains.remanence``. A common scaling of mass and remanence
-        (and drag) hardly changes a free oscillation: only a force separates them.
+        ``effects.drag.coefficient`` and ``grains.remanence``. Scaling mass, remanence and drag
+        together hardly changes a free oscillation; only a record with a force separates them.
     seeds : int
-        Number of random starts of the bed at each position, from the scene's seed on; 2 to 10000.
+        Number of random packings of the bed for each set of parameters, from 2 to 10000; the seeds
+        start at the scene's seed.
     law : str or Law
-        Law that is fitted to record and simulations, and whose equilibrium height, period and damping
-        ratio are compared; for a driven record, an equation with the column of the drive.
+        Law that is fitted to the record and to the simulations; its equilibrium height, period and
+        damping ratio are compared. For a driven record, an equation with the column of the drive.
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     dt : float or str
@@ -224,10 +227,11 @@ def calibrate(
     method : str
         Integration method, as in `granular.simulate`.
     out : str or Path, optional
-        Directory that stores each finished simulation and the result; called again, the calibration
-        continues from there. By default nothing is written.
+        Directory that stores each finished simulation and the result; a repeated call continues from
+        the stored simulations. By default nothing is written.
     checks : bool
-        True for one more simulation, with half the time step, to estimate the error of the time step.
+        Whether to run one more simulation, with half the time step, to estimate the error due to the
+        time step.
     executor : concurrent.futures.Executor, optional
         Executor of the simulations, as in `granular.sweep`; by default processes on this machine.
     progress : bool
@@ -243,13 +247,13 @@ def calibrate(
     ------
     InputError
         If several records are given, the scene or law is unknown, an argument is out of its range, a
-        key is not a quantity above 0 of the scene, the scene has no piston or no stage in which it
-        moves freely, no start of the fit to the record stays finite, or a simulation at the start
-        values fails.
+        key is not a quantity above 0 of the scene, the scene has no piston or no stage in which the
+        piston moves freely, the fit to the record diverges from every start, or a simulation at the
+        start values fails.
     RecordError
-        If a table is not a record, or the record has no heights or a prescribed stroke, has fewer
+        If a table is not a record; if the record has no heights, has a prescribed stroke, has fewer
         than 20 samples, does not oscillate about an equilibrium height above 0, or lacks a column
-        that the law needs; or if the law leaves more than half of the rms displacement unexplained.
+        that the law needs; or if the residual of the law exceeds half of the rms displacement.
     StoreError
         If ``out`` cannot be created or written to.
     ExecutorLostError
@@ -265,20 +269,19 @@ def calibrate(
     check_fit_options(confidence=confidence)
     record, *others = list_of_records(record)
     if others:
-        raise InputError(f"calibrate takes one record, not {1 + len(others)}; give one")
+        raise InputError(f"calibrate needs one record, not {1 + len(others)}; give one record")
     if record.measured != "height":
         raise RecordError(
-            f"calibrate needs heights, but this record holds only the {record.measured}; record a position"
+            f"calibrate needs heights, but the record contains only the {record.measured}; measure a position"
         )
     if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAXIMUM_SEED_COUNT:
         raise InputError(
-            f"seeds = {quote(seeds)}; give an integer from 2 (to estimate their scatter) "
-            f"to {MAXIMUM_SEED_COUNT}"
+            f"seeds = {quote(seeds)}; give an integer from 2 (needed for the scatter) to {MAXIMUM_SEED_COUNT}"
         )
     if not isinstance(parameters, Sequence):
-        raise InputError(f"parameters = {quote(parameters)}; give dotted keys in a list")
+        raise InputError(f"parameters = {quote(parameters)} is not a list; give a list of dotted keys")
     if not parameters or len(set(parameters)) != len(parameters):
-        raise InputError(f"parameters = {list(parameters)}; give one or more, each once")
+        raise InputError(f"parameters = {list(parameters)}; give one or more keys, each only once")
     _check_scene(scene)
     varied = tuple(scene_parameter(scene, key) for key in parameters)
     resolve_method(method)
@@ -314,7 +317,7 @@ def calibrate(
 def run_calibration(
     simulator: SceneSimulator, record: PistonRecord, wanted: RecordFeatures, confidence: float, checks: bool
 ) -> Calibration:
-    """Parameters for which a scene's simulations have the features of a record."""
+    """Find parameters for which simulations of a scene have the features of a record."""
     search_result = gauss_newton_search(simulator, wanted)
     shift, extra_simulations = _time_step_error(simulator, search_result.centre) if checks else (None, 0)
     position = search_result.centre.position + (search_result.estimate.step if search_result.settled else 0.0)
@@ -341,15 +344,19 @@ def run_calibration(
 
 def _check_scene(scene: Scene) -> None:
     if not isinstance(scene, Scene):
-        raise InputError(f"scene = {quote(scene)}; give a Scene, as load_scene returns it")
+        raise InputError(f"scene = {quote(scene)} is not a Scene; give one, as load_scene returns")
     if scene.piston is None:
-        raise InputError(f"scene {quote(scene.name)} has no piston, so there is nothing to calibrate")
+        raise InputError(
+            f"scene {quote(scene.name)} has no piston to calibrate; choose a scene with a piston"
+        )
     if not any(stage.needs_piston_mass for stage in scene.protocol):
-        raise InputError(f"scene {quote(scene.name)} has no stage in which the piston moves freely; add one")
+        raise InputError(
+            f"scene {quote(scene.name)} has no stage in which the piston moves freely; add such a stage"
+        )
 
 
 def _time_step_error(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.ndarray | None, int]:
-    """Estimated error of the features (d,) due to the time step, and the number of simulations for it."""
+    """Estimate the features' errors (d,) due to the time step; also return the number of simulations."""
     # Halving the step removes the fraction 1 - 2^-p of an error of order p.
     settings = {**simulator.settings, "dt": multiply_time_step(simulator.settings["dt"], 0.5)}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
@@ -393,7 +400,7 @@ def _calibrated_value(
 
 
 def _weak_direction_notes(keys: list[str], information: Float[np.ndarray, "p p"]) -> list[str]:
-    """Report parameters of which the record determines a combination well but not each one."""
+    """Report parameters of which the record determines a combination well, but not each separately."""
     strengths, directions = np.linalg.eigh(information)
     powers = directions[:, 0] / np.abs(directions[:, 0]).max()
     mixed = [k for k in range(len(keys)) if abs(powers[k]) > _MINIMUM_SHARE]
@@ -416,7 +423,7 @@ def _calibration_notes(
     if not search_result.settled:
         notes.append(
             f"the search did not converge in {MAXIMUM_MOVES} steps, so the values are preliminary; "
-            "calibrate again from them"
+            "calibrate again from these values"
         )
     notes += _weak_direction_notes(
         [item.key for item in simulator.parameters], search_result.estimate.information
@@ -424,9 +431,9 @@ def _calibration_notes(
     for name, deviation in zip(wanted.names, search_result.estimate.deviation, strict=True):
         if abs(deviation) > (_HEIGHT_DEVIATIONS if name == "height" else _FEATURE_DEVIATIONS):
             notes.append(
-                f"no values reproduce the record's {name.replace('_', ' ')}: it remains "
+                f"no values reproduce the record's {name.replace('_', ' ')}: the simulated one remains "
                 f"{abs(deviation):.2g} standard deviations away, so the scene differs from the laboratory in "
-                "something else"
+                "other parameters or effects"
             )
     relative_height_error = math.exp(search_result.centre.mean[0]) / wanted.values[0] - 1.0
     if (
@@ -435,8 +442,8 @@ def _calibration_notes(
     ):
         notes.append(
             f"the simulated equilibrium height differs by {100.0 * relative_height_error:+.2g} % from the "
-            "record's, so the values are not its damper's: calibrate again from them, fit fewer parameters, "
-            "or use more random starts (--seeds)"
+            "record's, so the values do not describe the damper: calibrate again from these values, "
+            "calibrate fewer parameters, or use more random packings (--seeds)"
         )
     shortest = min(float(motion.time[-1]) for motion in search_result.centre.records)
     if shortest < _MINIMUM_DURATION * simulator.duration:

@@ -1,4 +1,4 @@
-"""The result of a calibration: parameters of a scene, their uncertainty, and remaining discrepancies."""
+"""Result of a calibration: parameters of a scene, uncertainties, and remaining discrepancies."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class CalibratedValue:
     key, unit : str
     value : float
     interval : (float, float)
-        From the record's noise and the scatter over random starts together.
+        Confidence interval from the record's noise and the scatter over random packings together.
     start : float
         Value in the given scene.
     noise, scatter : float
-        Standard errors, relative to the value, due to the record's residual and due to the random
-        starts (of the record's bed, and of the mean of the simulated ones).
+        Standard errors, relative to the value: ``noise`` due to the record's residual, ``scatter`` due
+        to the random packings (of the record's bed, and of the finite number of simulated beds).
     step : float or None
         Estimated relative error due to the simulation's time step.
     """
@@ -83,14 +83,14 @@ class Calibration:
         Directions in which the parameters can move without changing the features; along them, the
         values of the given scene are kept.
     scene : Scene
-        With the calibrated values.
+        Scene with the calibrated values.
     record : PistonRecord
     motions : tuple of PistonRecord
-        Of the last simulations, one per random start.
+        Motions of the final simulations, one for each random packing.
     simulations : int
         Number of simulations.
     notes : tuple of str
-        Reservations, as text.
+        Texts on weak points of the calibration.
     """
 
     parameters: tuple[CalibratedValue, ...]
@@ -105,12 +105,12 @@ class Calibration:
 
     @property
     def values(self) -> dict[str, float]:
-        """The values by key, ready for `Scene.replace`."""
+        """Calibrated values by key, which `Scene.replace` accepts."""
         return {parameter.key: parameter.value for parameter in self.parameters}
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """The intervals by key."""
+        """Intervals of the calibrated values by key."""
         return {parameter.key: parameter.interval for parameter in self.parameters}
 
     def __str__(self) -> str:
@@ -142,7 +142,7 @@ class Calibration:
         }
 
     def plot(self) -> Figure:
-        """Draw the record, the simulations over it, and the differences of their features [mm, s, %]."""
+        """Plot record and simulations [mm, s], and the differences of their features [%]."""
         with figure(2, 1, height=5.4, height_ratios=(2, 1)) as (drawing, (top, bottom)):
             time = self.record.time - self.record.time[0]
             top.plot(time, 1e3 * self.record.height, color=GREY, linewidth=3, label="record")
@@ -161,7 +161,7 @@ class Calibration:
                 capsize=3,
             )
             bottom.axvline(0.0, color=GREY)
-            bottom.set_xlabel("simulated over record, with two standard deviations [%]")
+            bottom.set_xlabel("simulated minus record, with two standard deviations [%]")
             bottom.margins(y=0.3)
             return drawing
 

@@ -1,8 +1,9 @@
-"""Simulations of a scene with other parameters, and the features by which they are compared.
+"""Simulate a scene with trial parameters, and compute the features that are compared with a record.
 
-After a few cycles the heights of two beds at the same instant differ by their phase. Equilibrium height,
-period and damping ratio of the same law, fitted to both, are free of this. Matching them is indirect
-inference (Gourieroux, Monfort, Renault 1993, doi:10.1002/jae.3950080507).
+After a few cycles two beds differ in phase, so their heights at the same instant cannot be compared.
+Equilibrium height, period and damping ratio of the same law, fitted to both motions, do not depend on
+the phase. Matching them is indirect inference (Gourieroux, Monfort, Renault 1993,
+doi:10.1002/jae.3950080507).
 """
 
 from __future__ import annotations
@@ -45,18 +46,18 @@ class RecordFeatures(NamedTuple):
 def record_features(
     record: PistonRecord, law: str | Law = DEFAULT_LAW, *, force: bool = False
 ) -> RecordFeatures:
-    """Features of a record: equilibrium height, period, damping ratio and, on request, mean force."""
+    """Compute features of a record: equilibrium height, period, damping ratio, optionally mean force."""
     with warnings.catch_warnings(action="ignore"):
         model = fit(record, law, test_fraction=0.0, starts=FIT_STARTS, confidence=_ONE_SIGMA)
     if model.quality.relative > _MAXIMUM_RESIDUAL:
         raise RecordError(
             f"the law {model.law.name!r} leaves {100.0 * model.quality.relative:.3g} % of the "
-            f"record's rms displacement unexplained, the limit is {100.0 * _MAXIMUM_RESIDUAL:g} %; give a "
-            "record that oscillates about equilibrium and settles, or another law"
+            f"record's rms displacement unexplained, but the maximum is {100.0 * _MAXIMUM_RESIDUAL:g} %; "
+            "give a record that oscillates about equilibrium and settles, or another law"
         )
     if model.at_rest is None:
         raise RecordError(
-            f"the law {model.law.name!r} finds no equilibrium in the record; give a record that "
+            f"the fitted law {model.law.name!r} has no equilibrium near the record; give a record that "
             "oscillates about equilibrium, or another law"
         )
     names = list(model.at_rest.intervals)
@@ -64,7 +65,9 @@ def record_features(
     errors = [0.5 * (high - low) for low, high in model.at_rest.intervals.values()]
     if force:
         if record.force is None:
-            raise RecordError("the record has no column 'force'")
+            raise RecordError(
+                "the record has no column 'force', which is needed for the mean force; add the column"
+            )
         names.append("force")
         level, error = _mean_force(record.time, record.force)
         values.append(level)
@@ -72,7 +75,7 @@ def record_features(
     for name, value in zip(names, values, strict=True):
         if not value > 0.0:
             raise RecordError(
-                f"the record's {name.replace('_', ' ')} is {value:.3g}; it must be above 0: give a "
+                f"the record's {name.replace('_', ' ')} is {value:.3g}, but it must be above 0; give a "
                 "record that comes to rest"
             )
     relative = np.array(errors) / np.array(values)
@@ -80,7 +83,7 @@ def record_features(
 
 
 def _mean_force(time: np.ndarray, force: np.ndarray) -> tuple[float, float]:
-    """Mean and its standard error, with a window that suppresses incomplete cycles."""
+    """Mean force and its standard error; a window suppresses incomplete cycles."""
     phase = (time - time[0]) / (time[-1] - time[0])
     weight = np.sin(math.pi * phase) ** 2 * np.gradient(time)
     weight /= weight.sum()
@@ -99,24 +102,24 @@ class SceneParameter(NamedTuple):
 
 
 def scene_parameter(scene: Scene, key: str) -> SceneParameter:
-    """Return a positive quantity of a scene, which can be varied on a logarithmic scale."""
+    """Return a positive quantity of a scene, so that it can be varied on a logarithmic scale."""
     field = find_field(scene, key)
     if field is None:
         scene.replace(**{key: 1.0})  # its error suggests a similar key
-        raise InputError(f"the scene has no {key}; set one, or calibrate a quantity that it has")
+        raise InputError(f"the scene has no {key}; set it, or calibrate a quantity that the scene has")
     value, kind = field
     if not isinstance(kind, QuantityKind):
-        raise InputError(f"{key} is not a quantity; calibrate one such as piston.mass")
+        raise InputError(f"{key} is not a quantity; calibrate a quantity such as piston.mass")
     if value is None or not value > 0.0:
         raise InputError(
-            f"{key} = {'none' if value is None else value}; a calibration starts from a value "
-            "above 0: set one in the scene"
+            f"{key} = {'none' if value is None else value}, but a calibration needs a start value above 0; "
+            "set one in the scene"
         )
     return SceneParameter(key, float(value), "" if kind.unit == "1" else kind.unit)
 
 
 class SimulatedPoint(NamedTuple):
-    """Simulations with the same parameters."""
+    """Simulations with the same parameters and different random packings."""
 
     position: Float[np.ndarray, "p"]  # logarithms of the parameters
     records: tuple[PistonRecord, ...]
@@ -125,13 +128,13 @@ class SimulatedPoint(NamedTuple):
 
     @property
     def mean(self) -> np.ndarray:
-        """Mean (d,) over the random starts."""
+        """Mean (d,) over the random packings."""
         return np.asarray(self.logs.mean(axis=0))
 
 
 @dataclasses.dataclass(frozen=True)
 class SceneSimulator:
-    """Simulator of a scene with other parameters, and the settings of the comparison."""
+    """Simulator of a scene with trial parameters, and the settings of the comparison."""
 
     scene: Scene
     parameters: tuple[SceneParameter, ...]
@@ -142,14 +145,14 @@ class SceneSimulator:
     settings: Mapping[str, Any]
 
     def scene_changes(self, position: Float[np.ndarray, "p"]) -> dict[str, float]:
-        """Return the changes of the scene at a position of the search."""
+        """Return the changed keys of the scene at a position of the search."""
         return {
             parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
             for parameter, log in zip(self.parameters, position, strict=True)
         }
 
     def simulate_points(self, positions: Sequence[Float[np.ndarray, "p"]]) -> list[SimulatedPoint]:
-        """Simulate the scene at positions (logarithms), with all random starts in parallel."""
+        """Simulate the scene at positions (logarithms of parameters), all random packings in parallel."""
         cases = [
             self.scene_changes(position) | {"arrangement.seed": seed}
             for position in positions

@@ -1,1 +1,1 @@
-"""A damper's law from its equilibria and complex roots, without a time step."""
+"""Derive a damper's law from its equilibria and complex roots, without simulating in time."""

@@ -1,12 +1,13 @@
-"""`derive`: the piston's law from the equilibria and complex roots of its bed; nothing is fitted to a motion.
+"""Derive the piston's law from equilibria and complex roots of its bed, without a fit to a motion.
 
 With the piston held at a height z, the bed pulls it down by F(z), and small oscillations about this state
 have the complex root s. Mass and damping follow from (M + m) s^2 + c s + F' = 0, so that
 
     (M + m(z)) z'' + m'(z)/2 z'^2 + c(z) z' + F(z) = 0
 
-has the exact root at equilibrium, and loses energy only by c. The range of heights ends at an instability:
-when the lowest eigenvalue of the bed's stiffness passes zero, grains rearrange and the force jumps.
+has the exact root at equilibrium, and loses energy only through c. The range of heights ends at an
+instability: when the lowest eigenvalue of the bed's stiffness passes through zero, grains rearrange and the
+force jumps.
 """
 
 from __future__ import annotations
@@ -54,14 +55,14 @@ from reduced_models.records.envelope import find_extremes
 from reduced_models.records.sources import open_source
 
 RESOLUTION = 1e-4
-"""Shortest step of the piston [D], which is the error of an instability's height."""
+"""Shortest step of the piston [D]; an instability's height has this error."""
 
 _KICK = 1e-2  # displacement along the unstable mode [D], large enough to leave a saddle at the shortest step
 _MOVED = 0.25  # of the largest displacement; grains that move farther count as rearranged
 
 
 class HeldState(NamedTuple):
-    """An equilibrium with the piston held, and its oscillator (M + m) s^2 + c s + k = 0."""
+    """Equilibrium with the piston held, and the oscillator (M + m) s^2 + c s + k = 0 about it."""
 
     height: float  # [m]
     force: float  # F: downward force on the piston including its weight [N]
@@ -72,17 +73,17 @@ class HeldState(NamedTuple):
 
 
 class Instability(NamedTuple):
-    """A height at which the equilibrium under the held piston ends.
+    """A height at which the equilibrium under the held piston becomes unstable.
 
     Attributes
     ----------
     height : float
         Height of the piston [m], to 1e-4 D.
     grains : tuple of int
-        Grains that move by a quarter of the largest displacement or more.
+        Grains that move by at least a quarter of the largest displacement.
     force_drop : float
-        Force of the bed on the piston before minus after the rearrangement, at this height [N]; 0 for a
-        gradual one.
+        Decrease [N] of the force on the piston, at this height, due to the rearrangement; 0 if the
+        rearrangement is gradual.
     """
 
     height: float
@@ -91,11 +92,11 @@ class Instability(NamedTuple):
 
 
 def held_state(pencil: Pencil, piston: int, s: complex) -> HeldState:
-    """Oscillator of a held equilibrium, with the root closest to s [1/s]."""
+    """Return the oscillator about a held equilibrium, using the root closest to s [1/s]."""
     root, shape, height = refine_root(pencil, piston, s), static_shape(pencil, piston), pencil.at[piston]
     if root is None:
         raise InputError(
-            f"the piston has no oscillation at a height of {1e3 * height:.4g} mm; lower the drag or the reach"
+            f"the piston does not oscillate at {1e3 * height:.4g} mm of height; reduce the drag or the reach"
         )
     stiffness, s = float(shape @ pencil.times(0.0, shape)), root.s
     mass, damping = np.linalg.solve([[(s * s).real, s.real], [(s * s).imag, s.imag]], [-stiffness, 0.0])
@@ -106,7 +107,7 @@ def held_state(pencil: Pencil, piston: int, s: complex) -> HeldState:
 def follow_piston(
     pencil: Pencil, piston: int, s: complex, step: float, count: int
 ) -> tuple[list[HeldState], Instability | None]:
-    """Follow the equilibrium by ``count`` signed steps of the piston [m], up to the first instability."""
+    """Follow the equilibrium along ``count`` steps of the piston (signed, [m]) to the first instability."""
     states: list[HeldState] = []
     start = float(pencil.at[piston])
     for k in range(1, count + 1):
@@ -119,7 +120,7 @@ def follow_piston(
 
 
 def _advance(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
-    """Return the matrices at the goal [m] or at the last height before an instability, and a flag."""
+    """Follow the equilibrium towards a height [m]; return its matrices, and whether it was reached."""
     size = goal - pencil.at[piston]
     while (left := goal - pencil.at[piston]) != 0.0:
         height = goal if abs(left) <= abs(size) else float(pencil.at[piston] + size)
@@ -134,7 +135,7 @@ def _advance(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
 
 
 def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | None:
-    """Return the stable equilibrium at a height [m] that continues the present one, if there is one."""
+    """Return the stable equilibrium at a height [m] that continues the current one; None if it ends."""
     step, held = height - float(pencil.at[piston]), _held(pencil.bed, piston)
     start = pencil.at + step * static_shape(pencil, piston)
     start[piston] = height
@@ -173,12 +174,12 @@ def _instability(pencil: Pencil, piston: int, direction: float) -> Instability:
 
 
 RESIDUAL = 1e-5
-"""Relative residual of a polynomial (of the force and of its slope) at which its order stops growing."""
+"""The order of a polynomial is raised until its relative residual (force and slope) is below this."""
 
 HIGHEST_ORDER = 9
 
 LARGEST_RESIDUAL = 0.01
-"""Relative residual of a polynomial above which a law is refused, since its error would be as large."""
+"""Maximum relative residual of a polynomial; the error of the law is as large."""
 
 # Of a half cycle: the midpoint rule of a smooth periodic function converges faster than any power.
 _NODES = 64
@@ -188,7 +189,7 @@ _MOST_STEPS = 50
 def polynomial_law(
     states: Sequence[HeldState], middle: int, order: int | None
 ) -> tuple[Law, dict[str, float], str]:
-    """Law with its parameter values, and the orders and residuals of its polynomials in words."""
+    """Return a law, its parameter values, and a text on the orders and residuals of its polynomials."""
     heights, at = np.array([state.height for state in states]), states[middle]
     distances = np.abs(heights - at.height)
     fits = _fits(states, at, order)
@@ -199,9 +200,9 @@ def polynomial_law(
             if max(residual for _, residual in _fits(near, at, order).values()) <= LARGEST_RESIDUAL:
                 break
         raise InputError(
-            f"no polynomial of the height fits the {worst} from {1e3 * heights[0]:.4g} to "
-            f"{1e3 * heights[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}: the bed nearly "
-            f"rearranges there; give a reach of {0.995e3 * reach:.3g} mm"
+            f"no polynomial in the height fits the {worst} from {1e3 * heights[0]:.4g} to "
+            f"{1e3 * heights[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}, since the bed is about "
+            f"to rearrange there; use reach = {0.995e3 * reach:.3g} mm"
         )
     k, m, c = (coefficients / at.mass for coefficients, _ in fits.values())
     values = {f"m{j}": float(m[j]) for j in range(1, len(m))} | {"rest": at.height}
@@ -223,7 +224,7 @@ def polynomial_law(
 def _fits(
     states: Sequence[HeldState], at: HeldState, order: int | None
 ) -> dict[str, tuple[Float[np.ndarray, "p"], float]]:
-    """Coefficients and residuals of force, mass and damping about a state."""
+    """Fit polynomials to force, mass and damping about a state; return coefficients and residuals."""
     height, force, stiffness, mass, damping, _ = np.array(states).real.T
     x, less = height - at.height, None if order is None else order - 1
     return {
@@ -238,7 +239,7 @@ def _term(factor: str, power: int) -> str:
 
 
 def _unit(kind: str, power: int) -> str:
-    """Return the unit of a coefficient of inertia, damping or force over the mass, by its power."""
+    """Return the unit of a coefficient (inertia, damping or force, divided by mass) of a power of height."""
     seconds = {"m": 0, "c": 1, "k": 2}[kind]
     metres = power - (kind == "k")
     below = [f"{unit}^{size}" if size > 1 else unit for unit, size in (("m", metres), ("s", seconds)) if size]
@@ -252,7 +253,7 @@ def _fit_polynomial(
     order: int | None,
     slopes: Float[np.ndarray, "n"] | None = None,
 ) -> tuple[Float[np.ndarray, "p"], float]:
-    """Coefficients of a polynomial with known lowest ones, and its relative maximum residual."""
+    """Fit a polynomial whose lowest coefficients are known; return it and its maximum relative residual."""
     reach = float(np.abs(x).max())
     u = x / reach
     target = values if slopes is None else np.concatenate([values, reach * slopes])
@@ -275,7 +276,7 @@ def _fit_polynomial(
 
 
 def energy_backbone(values: Mapping[str, float], amplitudes: Sequence[float]) -> Backbone:
-    """Backbone [m, rad/s] of the undamped law, and damping by the energy lost along its cycles."""
+    """Backbone [m, rad/s] of the undamped law, and damping from the energy lost along its cycles."""
     # The lowest coefficients of inertia and force in z - rest are fixed and not parameters.
     laws = tuple(
         np.polynomial.Polynomial([*lowest, *(value for name, value in values.items() if name[0] == kind)])
@@ -290,7 +291,7 @@ def _cycle(laws: tuple[np.polynomial.Polynomial, ...], amplitude: float) -> tupl
     """Angular frequency [rad/s] and damping ratio of a cycle of an amplitude [m]."""
     inertia, damping, force = laws
     if not amplitude > 0.0:
-        raise InputError(f"amplitude = {amplitude:g} m; give one above 0")
+        raise InputError(f"amplitude = {amplitude:g} m; give an amplitude above 0")
     potential, centre = force.integ(), 0.0
     for _ in range(_MOST_STEPS):  # Newton's method for extremes of one energy
         low, high = centre - amplitude, centre + amplitude
@@ -304,7 +305,9 @@ def _cycle(laws: tuple[np.polynomial.Polynomial, ...], amplitude: float) -> tupl
     angles = math.pi * ((np.arange(_NODES) + 0.5) / _NODES - 0.5)
     x = centre + amplitude * np.sin(angles)
     if not (force(high) > 0.0 > force(low) and (quotient(x) > 0.0).all() and (inertia(x) > 0.0).all()):
-        raise InputError(f"the force is not restoring at an amplitude of {amplitude:g} m; give a smaller one")
+        raise InputError(
+            f"the force is not restoring at an amplitude of {amplitude:g} m; give a smaller amplitude"
+        )
     pace = np.sqrt(2.0 * quotient(x) / inertia(x))  # speed / (amplitude cos(angle))
     omega = 1.0 / float((1.0 / pace).mean())
     loss = 2.0 * math.pi * float((damping(x) * pace * np.cos(angles) ** 2).mean())
@@ -312,37 +315,38 @@ def _cycle(laws: tuple[np.polynomial.Polynomial, ...], amplitude: float) -> tupl
 
 
 REACH = 0.2
-"""Range on both sides of the equilibrium [D], if the scene has no lift."""
+"""Default range on both sides of the equilibrium [D] for a scene without a lift."""
 
 STEP = 0.025
 """Longest step of the piston [D]."""
 
 FEWEST_STEPS = 4
-"""Minimum number of steps to each side."""
+"""Minimum number of steps of the piston on each side of the equilibrium."""
 
 CYCLES = 10
-"""Number of cycles of a run for comparison, from the second extreme."""
+"""Number of cycles of a run, from its second extreme, that are compared with the law."""
 
 FRACTIONS = (1.0, 0.5, 0.1)
-"""Amplitudes of the printed backbone, relative to the shorter side of the range."""
+"""Amplitudes in the printed backbone, as fractions of the shorter side of the range."""
 
 REARRANGED = 0.5
-"""Displacement of a grain [D] above which a state belongs to another packing with other roots."""
+"""If a grain has moved more than this [D], the packing has changed and has other roots."""
 
 NAMED = 8
 """Maximum number of printed grains of an instability."""
 
 GRADUAL = 1e-9
-"""Drop of the force relative to the piston's weight below which it is rounding."""
+"""A drop of the force below this fraction of the piston's weight is rounding."""
 
 
 class MotionError(NamedTuple):
-    """Error of a law's motion from a run's second extreme.
+    """Error of a law's motion that starts at the second extreme of a run.
 
     Attributes
     ----------
     relative : float
-        Rms difference of the heights over the run's rms displacement from the law's equilibrium.
+        Rms difference of the heights, divided by the run's rms displacement from the law's
+        equilibrium.
     mean_shift : float
         Mean height of the law's motion minus the run's mean height [m].
     rms : float
@@ -359,19 +363,19 @@ class MotionError(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class DerivedModel(ReducedModel):
-    """A law from a bed's equilibria and roots; see `ReducedModel` for all other attributes and methods.
+    """A law derived from equilibria and roots of a bed; see `ReducedModel` for its other attributes.
 
-    A file stores the law and the print-out, but not the attributes below.
+    A saved file contains the law and the print-out, but not the attributes below.
 
     Attributes
     ----------
     states : tuple of HeldState
-        Height [m], force F [N], stiffness dF/dz [N/m], mass M + m [kg], damping c [N s/m] and root [1/s] at
-        each height, the lowest first.
+        Height [m], force F [N], stiffness dF/dz [N/m], mass M + m [kg], damping c [N s/m] and root [1/s],
+        in order of increasing height.
     instabilities : tuple of Instability
-        Instabilities that end the range below or above.
+        Instabilities at which the range ends, below or above the equilibrium.
     error : MotionError or None
-        Error against a run; None without a comparison.
+        Error in comparison with a run; None if there is no comparison.
     """
 
     states: tuple[HeldState, ...] = ()
@@ -379,22 +383,22 @@ class DerivedModel(ReducedModel):
     error: MotionError | None = None
 
     def backbone(self, amplitudes: Sequence[float]) -> Backbone:
-        """Frequency and damping ratio against amplitude, by the energy of the undamped cycle and its loss.
+        """Compute frequency and damping ratio against amplitude from undamped cycles and their energy loss.
 
         Parameters
         ----------
         amplitudes : sequence of float
-            Half distances of the two extremes of a cycle, above 0 [m].
+            Amplitudes [m], above 0: half the distance between the two extremes of a cycle.
 
         Returns
         -------
         Backbone
-            Angular frequency [rad/s] and damping ratio of a cycle of each amplitude, as (n,) arrays.
+            Angular frequency [rad/s] and damping ratio for each amplitude, arrays (n,).
 
         Raises
         ------
         InputError
-            If an amplitude is not above zero, or the force is not restoring at the cycle's extremes.
+            If an amplitude is not above 0, or the force is not restoring at the extremes of the cycle.
         """
         return energy_backbone(self.parameters, amplitudes)
 
@@ -408,37 +412,37 @@ def derive(
 ) -> DerivedModel:
     """Derive the law of a piston on its bed from equilibria and complex roots, without a fit.
 
-    The piston is held at heights about its equilibrium, up to the first instability on each side, if there is
-    one. The law is (M + m) z'' + m'/2 z'^2 + c z' + F = 0 with polynomials F, m and c of the height, over the
-    mass M + m at equilibrium. It does not include drives, thermal motion and dry friction of the scene.
+    The piston is held at heights about its equilibrium, up to the first instability (if any) on each side.
+    The law is (M + m) z'' + m'/2 z'^2 + c z' + F = 0, divided by the mass M + m at equilibrium; F, m and c
+    are polynomials in the height. The law does not include drives, thermal motion and dry friction.
 
     Parameters
     ----------
     source : Scene, Trajectory, str or Path
-        A run, or its directory, whose last frame is the settled bed; or a scene, whose protocol is run up to
-        the first rest.
+        A run (or its directory) whose last frame is the settled bed, or a scene. The protocol of a scene is
+        simulated until the bed first comes to rest.
     reach : float, optional
-        Range on both sides of the equilibrium [m]; by default the scene's lift, or 0.2 D.
+        Range on both sides of the equilibrium [m]; by default the scene's lift, or 0.2 D without a lift.
     order : int, optional
-        Order of F, from 1 to 9; the order of m and c is lower by one. By default the lowest order with a
-        residual of 1e-5.
+        Order of F, from 1 to 9; the order of m and c is lower by one. By default each has the lowest order
+        whose relative residual is below 1e-5.
     against : Trajectory, PistonRecord, str or Path, optional
-        Free oscillation for comparison, over ten cycles from its second extreme; by default the release of
-        the source, if it is a run.
+        Free oscillation that is compared with the law over ten cycles from its second extreme; by default
+        the oscillation after the release, if the source is a run.
 
     Returns
     -------
     DerivedModel
-        Model whose motion starts at the run's release, if the source has one: from the projection of its
-        state on the root, or from the state itself if grains have rearranged since. Otherwise it starts from
-        rest at the top of the range.
+        Derived model. If the source is a run with a release, the motion of the model starts there: from the
+        released state projected on the piston's root, or from height and velocity of the piston if grains
+        have rearranged. Otherwise it starts from rest at the top of the range.
 
     Raises
     ------
     InputError
-        If the bed has no free piston, no equilibrium or no oscillation, a machine carries it, the reach is
-        not above 0 and below the piston's height, the order is out of range, the range is empty, or no
-        polynomial fits mass, damping and force there within 1 %.
+        If the bed has no free piston, no equilibrium or no oscillation; if the bed is mounted on a machine;
+        if ``reach`` is not between 0 and the piston's height; if ``order`` is out of range; if the bed is
+        unstable close to equilibrium; or if no polynomial fits mass, damping and force within 1 %.
     RecordError
         If ``against`` has fewer than two extremes.
 
@@ -452,17 +456,21 @@ def derive(
     """
     opened = open_source(source) if isinstance(source, str | Path) else source
     if not isinstance(opened, Scene | Trajectory):
-        raise InputError(f"{type(opened).__name__} is not a bed; give a scene or a run")
+        raise InputError(f"a {type(opened).__name__} does not contain a bed; give a scene or a run")
     rest = equilibrium(opened)
     bed, piston = rest.pencil.bed, require_free_piston(rest)
     if bed.machine is not None:
-        raise InputError("the law of a piston on a machine needs more than its height; remove effects.host")
+        raise InputError(
+            "the bed is mounted on a machine, whose motion the law does not include; remove effects.host"
+        )
     if reach is None:
         lifts = [abs(stage.by) for stage in rest.scene.protocol if isinstance(stage, Lift)]
         reach = lifts[-1] if lifts else REACH * bed.length
     height = float(rest.pencil.at[piston])
     if not 0.0 < reach < height:
-        raise InputError(f"reach = {reach:g} m; give a number above 0 and below the piston's {height:.4g} m")
+        raise InputError(
+            f"reach = {reach:g} m; give a number above 0 and below the piston's height, {height:.4g} m"
+        )
     if order is not None and not 1 <= order <= HIGHEST_ORDER:
         raise InputError(f"order = {order}; give a number from 1 to {HIGHEST_ORDER}")
     root = piston_roots(rest)[0]
@@ -473,7 +481,9 @@ def derive(
     states = (*reversed(below[0]), held_state(rest.pencil, piston, root.s), *above[0])
     instabilities = tuple(end for _, end in (below, above) if end is not None)
     if len(states) < 3:
-        raise InputError(f"the bed is unstable {1e3 * reach / count:.2g} mm off rest; give a smaller reach")
+        raise InputError(
+            f"the bed is unstable {1e3 * reach / count:.2g} mm from equilibrium; give a smaller reach"
+        )
     small = {"height": height, "period": 1.0 / root.frequency, "damping_ratio": root.damping_ratio}
     law, values, accuracy = polynomial_law(states, len(below[0]), order)
     model = DerivedModel(
@@ -502,7 +512,7 @@ def derive(
     low, high = (1e3 * end for end in model.domain["height"])
     ending = "" if instabilities else ", without an instability"
     lines = [
-        f"derived from the scene {rest.scene.name}: nothing is fitted to a motion",
+        f"derived from the scene {rest.scene.name}, without a fit to a motion",
         f"piston held at {len(states)} heights, from {low:.5g} to {high:.5g} mm{ending}",
         f"polynomials: {accuracy}; moving mass {states[len(below[0])].mass:.5g} kg",
         f"backbone: {_backbone_text(model)}",
@@ -520,7 +530,9 @@ def derive(
 def _open_motion(against: Trajectory | PistonRecord | str | Path | None) -> PistonRecord | None:
     opened = open_source(against) if isinstance(against, str | Path) else against
     if isinstance(opened, Scene):
-        raise InputError(f"the scene {opened.name} has no motion; simulate it and give the run's directory")
+        raise InputError(
+            f"the scene {opened.name} is not simulated yet; simulate it and give the directory of the run"
+        )
     return opened.piston() if isinstance(opened, Trajectory) else opened
 
 
@@ -528,7 +540,9 @@ def motion_error(model: ReducedModel, record: PistonRecord) -> MotionError:
     """Compare a model with a free oscillation over ten cycles from its second extreme."""
     extremes, rest = find_extremes(record), model.at_rest
     if rest is None or len(extremes) < 2:
-        raise RecordError(f"the height has {len(extremes)} extremes; give a free oscillation")
+        raise RecordError(
+            f"the motion has {len(extremes)} extremes, but 2 are needed; give a free oscillation"
+        )
     start, height = float(extremes.time[1]), float(extremes.height[1])
     chosen = (record.time > start) & (record.time <= start + CYCLES * rest.period)
     seen = record.height[chosen]
@@ -539,7 +553,7 @@ def motion_error(model: ReducedModel, record: PistonRecord) -> MotionError:
 
 
 def _release(run: Trajectory) -> str | None:
-    """Name of the stage after a run's last lift, if there is one."""
+    """Return the name of the stage after a run's last lift; None if there is none."""
     lifts = [stage.name for stage in run.scene.protocol if isinstance(stage, Lift)]
     names = [stage.name for stage in run.stages]
     behind = names[names.index(lifts[-1]) + 1 :] if lifts and lifts[-1] in names else []
@@ -547,7 +561,7 @@ def _release(run: Trajectory) -> str | None:
 
 
 def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root) -> tuple[float, float]:
-    """Height [m] and velocity [m/s] at the start of a stage, projected on the root."""
+    """Project the state at the start of a stage on the root; return height [m] and velocity [m/s]."""
     bed, data, start = rest.pencil.bed, run.dataset, run.stage(stage).start
     piston = require_free_piston(rest)
     frame = int(np.searchsorted(data["frame_time"].values, start + 1e-9, side="right")) - 1
@@ -566,7 +580,7 @@ def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root)
 
 
 def _exact(values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    """Intervals of values without an error."""
+    """Return intervals of zero width, for values without an error."""
     return {name: (value, value) for name, value in values.items()}
 
 
@@ -574,14 +588,16 @@ def _notes(rest: Equilibrium, root: Root, instabilities: Sequence[Instability]) 
     notes = []
     if root.mass_fraction < 1.0 - MASS_FRACTION:
         part = f"{100.0 * root.mass_fraction:.2g} %"
-        notes.append(f"the law describes {part} of the piston's small motions; other modes the remainder")
+        notes.append(
+            f"the law describes {part} of the piston's small motions; other modes contain the remainder"
+        )
     for end in instabilities:
         grains = f"{', '.join(map(str, end.grains[:NAMED]))}{' ...' * (len(end.grains) > NAMED)}"
         drops = abs(end.force_drop) > GRADUAL * rest.pencil.bed.weight
-        how = f"its force on the piston drops by {end.force_drop:.3g} N" if drops else "gradually"
+        how = f"and the force on the piston drops by {end.force_drop:.3g} N" if drops else "gradually"
         notes.append(
-            f"the range ends at {1e3 * end.height:.5g} mm, at which the bed loses its equilibrium: grains "
-            f"{grains} rearrange, {how}"
+            f"the range ends at {1e3 * end.height:.5g} mm, where the bed's equilibrium becomes unstable: "
+            f"grains {grains} rearrange, {how}"
         )
     if rest.pencil.bed.scene is not rest.scene:
         notes.append("the law does not include the scene's drive, heat and dry friction")

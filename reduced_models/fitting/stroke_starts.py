@@ -111,7 +111,7 @@ class StrokeStart:
     def grown(
         self, problem: FitProblem, released: Sequence[str], theta: Float[np.ndarray, "s q"]
     ) -> Float[np.ndarray, "s q"]:
-        """Turn fits of a smaller law into start vectors of a larger one by drawing its additional parameters."""
+        """Turn fits of a smaller law into start vectors of a larger one; draw its additional parameters."""
         draws = _Draws(problem, self.sizes)
         count = len(theta)
         values = np.repeat(draws.values(theta), max(1, _DRAWS // count), axis=0)
@@ -162,7 +162,7 @@ class _Draws:
         return _Draws(self.problem.with_scales(unknowns), self.sizes)
 
     def zeros(self, count: int) -> np.ndarray:
-        """Return rows with held entries at their values, positive factors nearly zero, and zeros elsewhere."""
+        """Return rows of zeros, with held entries at their values and positive factors nearly zero."""
         held = self.low == self.high
         here = np.where(held, np.where(self.logs, np.exp(np.where(held, self.low, 0.0)), self.low), 0.0)
         here[held] *= np.where(self.logs, 1.0, self.units)[held]
@@ -210,7 +210,7 @@ class _Draws:
         return np.nan_to_num(np.concatenate(left), nan=1e9, posinf=1e9, neginf=-1e9)
 
     def costs(self, values: np.ndarray) -> np.ndarray:
-        """Sums of squared residuals (draws,)."""
+        """Return the sums of squared residuals (draws,)."""
         return np.asarray((self.residuals(values) ** 2).sum(axis=0))
 
     def solved(self, values: np.ndarray) -> np.ndarray:

@@ -1,19 +1,19 @@
 """A bed that yields as it falls, and hardens as it orders.
 
 The elastoplastic bed has one modulus and one strength. A bed of magnets that has come to rest is
-stiffer than the falling bed and yields later: its grains have settled into a lattice, and large
-strains disorder it again. A second hidden state, the order q of the bed, measures this. It is 0 at
-release, grows towards 1 in time, and decreases with plastic strain, which is the fraction w^4/y^4
-of the strain if the bed yields at y:
+stiffer than the falling bed and yields at a larger strain: its grains have settled into a lattice,
+and large strains disorder the lattice again. A second hidden state q describes the order of the bed.
+It is 0 at release, grows towards 1 in time, and decreases with plastic strain. The plastic strain is
+the fraction w^4/y^4 of the strain if the bed yields at w = y:
 
     w' = -(modulus (1 + STIFFENING q)/z) (z' + |z'| |w|^3 w/y^4),    y = strength (1 + HARDENING q),
     q' = (1 - q)/TIME - q |z'| w^4/(PLASTIC z y^4).
 
-It yields more sharply than the elastoplastic bed, with w^4 in place of w^2. A fall does not
-distinguish the two, but a bed at rest that oscillates by 0.5 to 1.5 D loses less energy than w^2
-gives.
+This bed yields more sharply than the elastoplastic bed, since w^4 replaces w^2. A fall does not
+distinguish the two laws, but a settled bed that oscillates by 0.5 to 1.5 D loses less energy than
+w^2 predicts.
 
-The constants of the order were fitted once, with modulus and strength, to simulations of one bed of
+The constants in capitals were fitted once, with modulus and strength, to simulations of one bed of
 368 grains, the packaged damper: falls from 14 to 28 D, lifts by 0.2 to 4 D after it has come to
 rest, the work of prescribed sines of 0.5 to 3 D at 1 to 8 Hz, and the motion of pistons driven at 1
 to 8 Hz (least squares of all errors; exponents 2, 3, 4, 6 and 8 give sums of 30.1, 26.9, 26.1, 25.7
@@ -28,13 +28,13 @@ from reduced_models.laws.elastoplastic_bed import ELASTOPLASTIC_BED
 from reduced_models.laws.law import Law
 
 MODULUS, STRENGTH = 0.309, 0.0388
-"""Modulus and strength of beds without order, for all sizes from 368 grains on."""
+"""Modulus and strength of a bed without order (q = 0), for all sizes from 368 grains on."""
 STIFFENING, HARDENING = 0.225, 0.744
-"""Relative increase of modulus and strength due to order."""
+"""Relative increase of modulus and strength from q = 0 to q = 1."""
 TIME = 3.1
 """Time constant of ordering [s]; values from 1 to 30 describe the beds nearly as well."""
 PLASTIC = 0.317
-"""Plastic strain after which order has decreased to 1/e."""
+"""Plastic strain that reduces the order q to 1/e."""
 
 _STRENGTH = f"(strength*(1 + {HARDENING!r}*q))"
 

@@ -1,4 +1,4 @@
-"""Bouc-Wen hysteresis, normalised, with a linear spring and viscous drag.
+"""Normalised Bouc-Wen hysteresis, with a linear spring and viscous drag.
 
 The hysteretic force is ``friction`` times a hidden state w, which starts at zero and tends to +-1:
 w' = rho (z' - sigma |z'| |w|^(n-1) w + (sigma - 1) z' |w|^n), with n = 2, so that the transition to

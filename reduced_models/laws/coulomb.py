@@ -1,7 +1,7 @@
-"""A linear spring with dry friction (Coulomb 1785) in a smooth form without events; also with drag.
+"""A linear spring with dry friction (Coulomb 1785), smoothed so that it needs no events; also with drag.
 
-The friction is complete above a few hundredths of the speed friction/omega; below, it decreases
-smoothly to zero: z'' + friction tanh(S omega z'/friction) + omega^2 z = g0, S = 20. The amplitude
+The friction reaches its full value above a few hundredths of the speed friction/omega; below, it
+decreases smoothly to zero: z'' + friction tanh(S omega z'/friction) + omega^2 z = g0, S = 20. The amplitude
 decays linearly in time, by 4 friction/omega^2 per period. A real piston would stick; this one creeps
 back to equilibrium, at a rate of omega/S or less.
 """

@@ -1,7 +1,7 @@
 """The Duffing oscillator: a linear spring with a cubic term (Duffing 1918).
 
-The linear stiffness may be negative: then ``rest`` is the barrier between two potential wells, and the
-motion crosses both wells or stays in one.
+If the linear stiffness is negative, ``rest`` is the barrier between two potential wells, and the
+motion crosses both wells or stays in one of them.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def _draw_start_values(
 def _move_last_start_to_two_wells(
     result: dict[str, np.ndarray], guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Replace the last starts by springs with negative linear stiffness."""
+    """Replace the last start values by springs with negative linear stiffness."""
     count = len(result["k"])
     minimum = int(count >= _MINIMUM_STARTS)
     across, within = (

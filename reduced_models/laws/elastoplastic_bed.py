@@ -2,9 +2,9 @@
 
 Magnets compressed to a height z by a piston exert two forces. Their mean pressure grows as a power
 of the density: force = weight (rest/z)^power, with power = 5/2 for dipoles, the pressure of their
-hexagonal lattice. A bed compressed from above only is also sheared, and a lattice resists with a shear
-stress, w times the pressure. It builds up with the strain dz/z by the shear modulus, and saturates
-when the lattice yields,
+hexagonal lattice. A bed compressed only from above is also sheared, and a lattice resists with a shear
+stress, which is w times the pressure. The ratio w grows with the strain dz/z at a rate given by the
+shear modulus, and saturates when the lattice yields,
 
     w' = -(modulus/z) (z' + |z'| |w| w/strength^2).
 

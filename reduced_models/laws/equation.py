@@ -1,9 +1,9 @@
-"""Parsing of laws: from text to syntax trees, to expressions, to compiled functions.
+"""Parse laws from text to syntax trees and expressions, and compile them to functions.
 
-A law is a list of equations separated by semicolons. A name alone on the left is observed, a column of
-the record; a name with a prime is a hidden state, and the equation gives its rate; every other equation
-is an equation of motion, for a coordinate with two primes. Without an equation of motion the coordinate
-is a stroke that the record prescribes.
+A law is a list of equations separated by semicolons. A name alone on the left is an observed column of
+the record. A name with one prime on the left is a hidden state, and the equation gives its rate. Every
+other equation is an equation of motion for a coordinate, which has two primes. Without an equation of
+motion the coordinate is a stroke that the record prescribes.
 
 If the height is a linear function of the coordinate, ``height = shift + scale*z``, the law is converted
 to a law of the height when it is read: in all later computations z is the height.
@@ -29,20 +29,20 @@ if TYPE_CHECKING:
     import sympy
 
 COMPILED = 64
-"""Number of compiled functions of laws kept in memory; each discovery creates many laws used only once."""
+"""Maximum number of compiled laws in memory; each discovery creates many laws that are used only once."""
 
 PROGRAMS = 16
-"""Number of JAX programs of each kind kept in memory; one takes some 20 MB."""
+"""Maximum number of JAX programs of each kind in memory; one program takes about 20 MB."""
 
 _RATES = {"z'": "z_first", "z''": "z_second"}
 TIME_OR_OBSERVATION = re.compile(rf"(?<![\w']){TIME}(?![\w'])|(?:^|;)\s*[^\W\d]\w*\s*=")
-"""Pattern of a law with inputs that are not columns of the record."""
+"""Key of inputs that are not columns of the record."""
 _MAXIMUM_EQUATIONS = 12  # more could not be identified from any record
 
 
 @dataclasses.dataclass(frozen=True)
 class ParsedEquation:
-    """A law as expressions, with the names in it.
+    """A law as expressions, with the names that occur in it.
 
     Along a prescribed stroke the acceleration is None, and z, z' and z'' are inputs.
     """
@@ -62,7 +62,7 @@ class ParsedEquation:
 
     @property
     def rates(self) -> list[Any]:
-        """Rates of all states but z: the acceleration, if there is one, and of hidden states."""
+        """Rates of all states but z: the acceleration (if z is a state) and the rates of hidden states."""
         return [*([] if self.acceleration is None else [self.acceleration]), *self.hidden.values()]
 
     @property
@@ -76,7 +76,7 @@ class ParsedEquation:
 
 
 class EquationTrees(NamedTuple):
-    """The formulas of a law, by the kind of their left side; the first coordinate is named z in them."""
+    """Formulas of a law by the kind of their left side; the first coordinate is renamed to z."""
 
     motion: tuple[tuple[formulas.Node, formulas.Node], ...]  # sides of the equations of motion
     hidden: dict[str, formulas.Node]  # rates
@@ -86,12 +86,12 @@ class EquationTrees(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names as written, without primes, each once."""
+        """All names in the formulas, without primes, each once."""
         return tuple(dict.fromkeys(symbol.name for symbol in formulas.variable_names(*self.all_trees)))
 
     @property
     def stroke(self) -> tuple[str, ...]:
-        """Columns of a prescribed stroke in the law: z, z', z''; empty if z is a state."""
+        """Inputs among z, z' and z'' that are columns of a prescribed stroke; empty if z is a state."""
         if self.coordinates:
             return ()
         names = {item.text for item in formulas.variable_names(*self.all_trees)}
@@ -110,9 +110,11 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
     inputs = tuple(dict.fromkeys((*inputs, *given)))
     for name in inputs:
         if name not in (*trees.names, *trees.stroke):
-            raise InputError(f"{law} does not contain its input {quote(name)}")
+            raise InputError(
+                f"{law} does not contain the input {quote(name)}; remove the input or use it in the equation"
+            )
         if name in states:
-            raise InputError(f"{law} has the input {name!r}, which is one of its states; rename it")
+            raise InputError(f"{law} has {name!r} as an input and as a state; rename one of them")
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     symbols = {"z": z, "z'": v, "z''": a}
     symbols |= {f"{name}'": sympy.Symbol(f"{name}_first") for name in trees.hidden}
@@ -161,7 +163,7 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
 
 
 def _written_out_rates(law: str, hidden: Mapping[str, Any]) -> dict[Any, Any]:
-    """Rates of hidden states by their symbols, with the rates in them written out."""
+    """Return the rates of hidden states by symbol, after inserting rates into each other."""
     import sympy
 
     waiting = {sympy.Symbol(f"{name}_first"): rate for name, rate in hidden.items()}
@@ -170,7 +172,7 @@ def _written_out_rates(law: str, hidden: Mapping[str, Any]) -> dict[Any, Any]:
         ready = {symbol: rate for symbol, rate in waiting.items() if not rate.has(*waiting)}
         if not ready:
             raise InputError(
-                f"{law} has a rate of a hidden state that depends on itself; solve the equation for the rate"
+                f"in {law} the rate of a hidden state depends on itself; solve the equation for the rate"
             )
         rates |= ready
         waiting = {symbol: rate.xreplace(rates) for symbol, rate in waiting.items() if symbol not in ready}
@@ -178,7 +180,7 @@ def _written_out_rates(law: str, hidden: Mapping[str, Any]) -> dict[Any, Any]:
 
 
 def _height_line(height: Any, parameters: Collection[str]) -> tuple[Any, Any] | None:
-    """Observed height at z = 0, and per unit of z; None if it is z itself or not linear in z."""
+    """Return intercept and slope of the height in z; None if the height is z itself or not linear in z."""
     import sympy
 
     z = sympy.Symbol("z")
@@ -203,7 +205,9 @@ def _solve_for_accelerations(
     matrix = sympy.Matrix(factors)
     if seconds and (matrix.has(*seconds) or matrix.det() == 0):
         names = " and ".join(str(second).replace("_second", "''") for second in seconds)
-        raise InputError(f"{law} must be linear in {names}; write it as z'' = ..., or with m*z''")
+        raise InputError(
+            f"{law} must be linear in {names}; write it as z'' = ..., or with a factor as in m*z''"
+        )
     still = dict.fromkeys(seconds, 0)
     rest = [-difference.subs(still) for difference in differences]
     return (
@@ -214,13 +218,17 @@ def _solve_for_accelerations(
 
 
 def parse_law_formulas(equation: str) -> EquationTrees:
-    """Read the formulas of a law, and check the names and primes in each of them."""
+    """Parse the formulas of a law, and check the names and primes in them."""
     law = f"the law {quote(equation)}"
     if len(equation) > formulas.MAX_CHARACTERS:
-        raise InputError(f"{law} has {len(equation)} characters; the maximum is {formulas.MAX_CHARACTERS}")
+        raise InputError(
+            f"{law} has {len(equation)} characters, but the maximum is {formulas.MAX_CHARACTERS}; shorten it"
+        )
     parts = equation.split(";")
     if len(parts) > _MAXIMUM_EQUATIONS:
-        raise InputError(f"{law} has {len(parts)} equations; the maximum is {_MAXIMUM_EQUATIONS}")
+        raise InputError(
+            f"{law} has {len(parts)} equations, but the maximum is {_MAXIMUM_EQUATIONS}; use fewer"
+        )
     sides = [_parse_sides(law, part) for part in parts]
     coordinates = _coordinate_names(law, sides)
     if coordinates[0] != "z":
@@ -235,9 +243,11 @@ def parse_law_formulas(equation: str) -> EquationTrees:
         every.append(right)
         kind = hidden if left.primes else observations
         if left.primes and left.name in ("z", *coordinates):
-            raise InputError(f"{law} has an equation for the rate of its coordinate; remove it")
+            raise InputError(
+                f"{law} has an equation for the velocity of its coordinate; remove this equation"
+            )
         if left.name in (*hidden, *observations):
-            raise InputError(f"{law} has two equations for {left.name}; write one")
+            raise InputError(f"{law} has two equations for {left.name}; remove one")
         kind[left.name] = right
     used = ("z", *coordinates[1:]) if motion else ()
     trees = EquationTrees(tuple(motion), hidden, observations, used, tuple(every))
@@ -258,7 +268,7 @@ def _parse_sides(law: str, text: str) -> tuple[formulas.Node, formulas.Node]:
 
 
 def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.Node]]) -> tuple[str, ...]:
-    """Names of the coordinates, the one observed as the height first; z without any primes."""
+    """Return the names of the coordinates, first the one observed as height; z if none has primes."""
     motion = [pair for pair in sides if not isinstance(pair[0], formulas.Name) or pair[0].primes > 1]
     rates = {left.name for left, _ in sides if isinstance(left, formulas.Name) and left.primes == 1}
     trees = [side for pair in motion or sides for side in pair]
@@ -268,7 +278,7 @@ def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.No
     if motion and len(names) != len(motion):
         raise InputError(
             f"{law} has {len(motion)} equations of motion for {' and '.join(names) or 'no coordinate'}; "
-            "write one with two primes, as in z'', for each coordinate"
+            "write one equation for each coordinate, with its acceleration as in z''"
         )
     if not motion and len(names) > 1:
         raise InputError(f"{law} has two prescribed strokes, {names[0]} and {names[1]}; a law can have one")
@@ -280,11 +290,15 @@ def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.No
                 *(name for name in names if name not in observed),
             ]
     if TIME in names:
-        raise InputError(f"{law} has t as its coordinate, which is the time; use another name")
+        raise InputError(
+            f"{law} has t as its coordinate, but t is the time; use another name for the coordinate"
+        )
     every = (item.name for item in formulas.variable_names(*(side for pair in sides for side in pair)))
     if names and names[0] != "z" and "z" in every:
         if "z" not in names:
-            raise InputError(f"{law} contains z besides its coordinate {names[0]}; use another name for z")
+            raise InputError(
+                f"{law} contains z in addition to its coordinate {names[0]}; use another name for z"
+            )
         names.sort(key=lambda name: name != "z")
     return tuple(names) or ("z",)
 
@@ -295,29 +309,33 @@ def _check_equation_names(law: str, trees: EquationTrees, coordinates: tuple[str
     for name in trees.observations:
         if name in (*trees.names, *trees.hidden, *coordinates, TIME):
             raise InputError(
-                f"{law} has {name} on both sides; alone on the left it would be observed, on the right a "
-                "column of the record or a parameter"
+                f"{law} has {name} on both sides: alone on the left it is an observed column, on the right "
+                "an input or a parameter; rename one of them"
             )
     if not trees.motion and not trees.observations:
-        raise InputError(f"{law} has no coordinate, a name with two primes; write z'' = ...")
+        raise InputError(f"{law} has no coordinate; give one two primes, as in z'' = ...")
     for item in formulas.variable_names(*trees.all_trees):
         if item.primes > motion.get(item.name, 0):
             first = coordinates[0]
             raise InputError(
-                f"{law} has a prime that does not follow {first}, {item.text}; write {first}, {first}' and "
-                f"{first}'', or w' of a hidden state w that has an equation"
+                f"{law} contains {item.text}, but primes can follow only {first} (up to two) and a "
+                f"hidden state (one); write {first}, {first}' and {first}'', or add an "
+                "equation such as w' = ... for the hidden state"
             )
         if item.name in _RATES.values():
-            raise InputError(f"{law} contains {item.name}; write z' or z'', or use another name")
+            raise InputError(
+                f"{law} contains the reserved name {item.name}; write z' or z'', or use another name"
+            )
     for rate in trees.hidden.values():
         if any(item.primes > 1 for item in formulas.variable_names(rate)):
             raise InputError(
-                f"{law} has an acceleration in the rate of a hidden state; replace it by its equation"
+                f"in {law} the rate of a hidden state contains the acceleration; replace the acceleration by "
+                "the equation of motion"
             )
 
 
 def _rename_coordinate(tree: formulas.Node, coordinate: str) -> formulas.Node:
-    """Return the formula with its coordinate renamed to z."""
+    """Return a formula with the coordinate renamed to z."""
     if isinstance(tree, formulas.Name) and tree.name == coordinate:
         return formulas.Name("z", tree.primes)
     if isinstance(tree, formulas.Operation):
@@ -328,7 +346,7 @@ def _rename_coordinate(tree: formulas.Node, coordinate: str) -> formulas.Node:
 
 @functools.lru_cache(maxsize=COMPILED)
 def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "jax") -> Callable[..., Any]:
-    """Compile the rates of all states but z: the acceleration, if there is one, and of hidden states."""
+    """Compile the rates of all states but z: acceleration, unless prescribed, and hidden states' rates."""
     parsed = parse_equation(equation, inputs)
     return algebra.compile_function(parsed.argument_symbols, parsed.rates, modules)
 
@@ -344,7 +362,7 @@ def compile_observation(
 
 @functools.lru_cache(maxsize=COMPILED)
 def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
-    """Compile the derivatives (rates, states) of z'' and the hidden states' rates by the state."""
+    """Compile the derivatives (rates, states) of z'' and hidden states' rates with respect to the state."""
     # All entries are NaN at a jump, as of dry friction at z' = 0.
     import sympy
 
@@ -360,7 +378,7 @@ def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..
 def jacobian_function(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
-    """Compile the derivatives (rates, by) of rates as a function of real symbols; NaN at a jump."""
+    """Compile the derivatives (rates, symbols) of rates with respect to real symbols; NaN at a jump."""
     # The derivative of a sign is a delta function.
     names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
     function = algebra.compile_function(arguments, rate_derivatives(rates, by), names)
@@ -378,7 +396,7 @@ def jacobian_function(
 
 
 def rate_derivatives(rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:
-    """Return the derivatives of each rate by each real symbol, one rate after another."""
+    """Return the derivatives of each rate with respect to each real symbol, one rate after another."""
     import sympy
 
     def step(inner: sympy.Expr) -> sympy.Expr:

@@ -1,8 +1,8 @@
 """Laws of the force on a prescribed stroke, ``force = F(z, z', hidden states)``.
 
 A dynamometer moves the rod of a damper, or a plate of a bed, and measures the force that it exerts on
-it. It counts positive in the direction of the coordinate, so that friction and drag have the sign of
-the velocity.
+the rod or plate. The force is positive in the direction of the coordinate, so that friction and drag
+have the sign of the velocity.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _ALL = (
         "+ c*z' + k*z + zero; w' = (z' - 0.5*Abs(z')*Abs(w)**3*w - 0.5*z'*w**4)/(gap + travel)",
         positive=("gap", "travel"),
         units={"friction": "N", "gap": "m", "travel": "m", "c": "N s/m", **_SPRING},
-        source="an elastic element that slips (G. R. Jenkin 1922), behind a free play",
+        source="an elastic element that slips (G. R. Jenkin 1922), in series with a free play",
     ),
     Law(
         "bouc-wen",
@@ -93,4 +93,4 @@ FORCE_LAWS = Registry[Law](
     WANTED,
     lambda law: law.equation,
 )
-"""Laws of a force on a prescribed stroke, by name."""
+"""Laws of the force on a prescribed stroke, by name."""

@@ -1,4 +1,4 @@
-"""Laws of motion, declared with an equation as text, or read from that text alone."""
+"""Laws of motion: declared with an equation as text, or made from the text alone."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class HeightLine(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Line as an equation of a law."""
+        """The line as an equation in a law's text."""
         return f"height = {self.shift!r} + {self.scale!r}*z"
 
     def coordinate(self, height: Any) -> Any:
@@ -46,31 +46,32 @@ class HeightLine(NamedTuple):
 Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
 
 _STEPS_OF_STROKE = 16
-"""Steps along a stroke are then 1/40 of half of it, which is stable for hysteresis within 1/20."""
+"""Gives steps of 1/40 of half the stroke, which are stable for hysteresis over 1/20 of half the stroke."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Law:
     """A law with parameters: equations of its states and of the observed signals.
 
-    The equation is parsed, and refused if invalid, when the law is first used.
+    The equation is parsed when the law is first used; an invalid equation raises an error then.
 
     Attributes
     ----------
     name : str
         Name under which the law is listed.
     equation : str
-        Such as ``"z'' + 2*lam*z' + omega**2*z = g0"``: linear in ``z''``. A law with memory has
-        hidden states, which start at zero, each with a separate equation after a semicolon:
+        Equation of motion such as ``"z'' + 2*lam*z' + omega**2*z = g0"``, linear in ``z''``. A law
+        with memory has hidden states, which start at zero; each has an equation after a semicolon:
         ``"z'' + k*z + f*w = 0; w' = r*z' - r*Abs(z')*w"``. A name alone on the left is an observed
-        column of the record: ``"z'' + k*z = 0; acceleration = gain*z'' + offset"``; without one the
-        height is the coordinate. Without an equation of motion the record prescribes the stroke, z, as
+        column of the record: ``"z'' + k*z = 0; acceleration = gain*z'' + offset"``; without one,
+        the height is the coordinate. Without an equation of motion the record prescribes the stroke, z, as
         on a dynamometer: ``"force = c*z' + k*z + zero"``. Two coordinates have two equations of motion,
-        and the observed one is the height: ``"m*x'' = k*(y - x); y'' = k*(x - y); height = x"``.
+        and an equation tells which is the height: ``"m*x'' = k*(y - x); y'' = k*(x - y); height = x"``.
         The height of a dimensionless coordinate is given by ``"...; height = shift + scale*z"``.
     start : callable or None
-        ``start(guesses, random, count)`` returns random start values, an array of ``count`` for
-        each parameter. None to estimate them from the accelerations in the record.
+        Function ``start(guesses, random, count)`` that returns random start values, an array of
+        ``count`` values for each parameter. None: start values are estimated from the accelerations
+        in the record.
     positive : tuple of str
         Positive parameters, which are searched on a logarithmic scale.
     units : mapping of str to str
@@ -79,18 +80,18 @@ class Law:
         Papers behind the law, as text; may be empty.
     inputs : tuple of str
         Names in the equation that are columns of the record, such as the motion of a base or a
-        force: known functions of time, in the units of the columns. ``t``, the time since the start,
-        and ``z``, ``z'``, ``z''`` of a prescribed stroke are always inputs if they occur.
+        force; they are known functions of time, in the units of the columns. The time since the
+        start, ``t``, and the ``z``, ``z'``, ``z''`` of a prescribed stroke are inputs if they occur.
     given : str
-        Parameter that is held at the mean height of a prescribed stroke [m], unless it is fixed
-        otherwise; may be empty.
+        Parameter that is held at the mean height of a prescribed stroke [m], unless a fit gives it
+        another value or bounds; may be empty.
     resolution : int
         Number of steps per period that a solution needs, relative to a smooth law.
 
     Raises
     ------
     InputError
-        If the equation contains ``t`` or an observation, and cannot be read.
+        If the equation contains ``t`` or an observation, and the equation cannot be read.
 
     Examples
     --------
@@ -117,14 +118,14 @@ class Law:
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Papers behind the law as texts, for `granular.cite`: its ``source`` alone."""
+        """Papers behind the law as texts, for `granular.cite`: only its ``source``."""
         return (self.source,)
 
     @property
     def parsed_equation(self) -> ParsedEquation:
         """The equation as SymPy expressions and names.
 
-        `InputError` if it cannot be read, is not linear in z'', or lacks one of the inputs.
+        Raises `InputError` if the equation cannot be read, is not linear in z'', or lacks an input.
         """
         return parse_equation(self.equation, self.inputs)
 
@@ -132,28 +133,29 @@ class Law:
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of the equation.
 
-        Inputs, hidden states and the time ``t`` are not parameters. `InputError` as of
-        `parsed_equation`.
+        Inputs, hidden states and the time ``t`` are not parameters. Raises `InputError` as
+        `parsed_equation` does.
         """
         return self.parsed_equation.parameters
 
     @property
     def prescribed(self) -> bool:
-        """True if the record prescribes the motion; `InputError` as of `parsed_equation`."""
+        """True if the record prescribes the motion; raises `InputError` as `parsed_equation` does."""
         return self.parsed_equation.acceleration is None
 
     @property
     def observations(self) -> tuple[str, ...]:
-        """Names of the columns that the law observes; `InputError` as of `parsed_equation`.
+        """Names of the columns that the law observes; raises `InputError` as `parsed_equation` does.
 
-        Empty if only the height is observed and is the coordinate or a linear function of it.
+        The tuple is empty if only the height is observed and the height is the coordinate or linear in
+        the coordinate.
         """
         result = tuple(self.parsed_equation.observations)
         return () if result == ("height",) and self.observes_height else result
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """Names of the hidden states, in the order of their equations; empty without any.
+        """Names of the hidden states, in the order of their equations.
 
         Raises
         ------
@@ -165,12 +167,12 @@ class Law:
 
     @property
     def observes_height(self) -> bool:
-        """True if the height determines the coordinate, whose origin is otherwise arbitrary."""
+        """True if the height determines the coordinate; otherwise the coordinate's origin is arbitrary."""
         parsed = self.parsed_equation
         return not parsed.observations or parsed.observations.get("height") == parsed.symbol_z
 
     def height_line(self, values: Mapping[str, float]) -> HeightLine:
-        """Linear function from the coordinate of the text to the height.
+        """Return the linear function from the coordinate in the equation to the height.
 
         Parameters
         ----------
@@ -180,7 +182,8 @@ class Law:
         Returns
         -------
         HeightLine
-            Height [m] at z = 0, and per unit of z: 0 and 1 if the text does not give them.
+            Height [m] at z = 0, and change of the height per unit of z; 0 and 1 if the equation does not
+            give them.
 
         Raises
         ------
@@ -209,8 +212,8 @@ class Law:
     def step_ratio(self) -> int:
         """Number of steps per period that a solution needs, relative to a smooth law.
 
-        Further coordinates have faster motions. Hidden states along a stroke respond to a fraction
-        of it, such as the travel of a slip.
+        Further coordinates move faster. Hidden states along a stroke respond within a fraction of the
+        stroke, such as the travel before slip.
         """
         steps_by_states = _STEPS_OF_STROKE if self.prescribed else 1 + len(self.other_coordinates) // 2
         return self.resolution * steps_by_states
@@ -219,7 +222,8 @@ class Law:
     def acceleration(self) -> sympy.Expr:
         """Acceleration z'' in the symbols z, z_first (for z'), hidden states, inputs and parameters.
 
-        In m/s^2, with z the height [m] even if the text has another coordinate (see `height_line`).
+        It is in m/s^2; z is the height [m] even if the equation has another coordinate (see
+        `height_line`).
 
         Raises
         ------
@@ -228,11 +232,14 @@ class Law:
             ``inputs``, or if the record prescribes the motion.
         """
         if self.prescribed:
-            raise InputError(f"a record prescribes the motion of the law {quote(self.name)}; it has no z''")
+            raise InputError(
+                f"the law {quote(self.name)} has no z'', since a record prescribes the motion; use a "
+                "law of motion"
+            )
         return self.parsed_equation.acceleration
 
     def sympy_equation(self, values: Mapping[str, float] | None = None) -> sympy.Eq:
-        """Equation in z(t), with the numbers in ``values``.
+        """Return the equation in z(t), with the numbers in ``values``.
 
         Hidden states stay symbols; `sympy_hidden` has their equations.
 
@@ -245,8 +252,8 @@ class Law:
         Returns
         -------
         sympy.Eq
-            Both sides as in the equation, not solved for z''; along a prescribed stroke the equation of
-            the first observation.
+            Equation as written, not solved for z''; for a prescribed stroke, the equation of the first
+            observation.
 
         Raises
         ------
@@ -272,7 +279,7 @@ class Law:
         return sympy.Eq(*sides, evaluate=False)
 
     def sympy_hidden(self, values: Mapping[str, float] | None = None) -> dict[str, sympy.Expr]:
-        """Rate of each hidden state, in z(t), z'(t), hidden states and inputs.
+        """Return the rate of each hidden state as a function of z(t), z'(t), hidden states and inputs.
 
         Parameters
         ----------
@@ -283,7 +290,7 @@ class Law:
         Returns
         -------
         dict of str to sympy.Expr
-            Rate [1/s times the state's unit] of each hidden state by its name; empty without any.
+            Rate [unit of the state per s] of each hidden state by name; empty if there are none.
 
         Raises
         ------
@@ -300,7 +307,7 @@ class Law:
 
 
 def law_from_text(equation: str, columns: Collection[str] = (), declared: Collection[str] = ()) -> Law:
-    """Law from its equation alone; names that are columns of the record are its inputs."""
+    """Make a law from its equation alone; names that are columns of the record become inputs."""
     # An undeclared name that looks like a column or a constant is refused, since a typing error would become
     # a parameter.
     trees = parse_law_formulas(equation)
@@ -308,8 +315,8 @@ def law_from_text(equation: str, columns: Collection[str] = (), declared: Collec
     for name in formulas.constant_names(*trees.all_trees):
         if name in columns:
             raise InputError(
-                f"{law} contains the number {name}, but the record has a column of that name; rename the "
-                "column"
+                f"{law} contains {name}, which is a number in equations, but the record has a column of "
+                "that name; rename the column"
             )
     inputs = tuple(name for name in trees.names if name in columns and name != "z")
     result = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
@@ -317,7 +324,7 @@ def law_from_text(equation: str, columns: Collection[str] = (), declared: Collec
         if name not in declared:
             refuse_suspicious_name(law, name, columns)
     if not result.parameters:
-        raise InputError(f"{law} has no parameter, so there is nothing to fit")
+        raise InputError(f"{law} has no parameter to fit; write a name for a number that is unknown")
     return result
 
 
@@ -350,15 +357,17 @@ def refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> Non
     declare = f"or declare the parameter, parameters={{{name!r}: ...}}"
     if lower in near:
         raise InputError(
-            f"{law} contains {name}, but the record has a column {near[lower]!r}; write that, {declare}"
+            f"{law} contains {name}, but the record has a column {near[lower]!r}; write that name, {declare}"
         )
     if name in _MOTION:
-        raise InputError(f"{law} contains {name}; write {_MOTION[name]} for it, {declare}")
+        raise InputError(f"{law} contains {name}; write {_MOTION[name]} instead, {declare}")
     if lower in _COLUMNS:
         known_columns = ", ".join(map(repr, columns)) or "none"
         raise InputError(
-            f"{law} contains {name}, which looks like a column, but the record has: {known_columns}; add the "
-            f"column, {declare}"
+            f"{law} contains {name}, which looks like a column, but the columns of the record are: "
+            f"{known_columns}; add the column, {declare}"
         )
     if lower in _NUMBERS and len(name) > 1:
-        raise InputError(f"{law} contains {name}, which looks like a number; write pi or e for it, {declare}")
+        raise InputError(
+            f"{law} contains {name}, which looks like a number; write pi or e instead, {declare}"
+        )

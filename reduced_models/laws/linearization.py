@@ -1,9 +1,9 @@
-"""Linearisation of a law: its small oscillation about equilibrium, and harmonic cycles of any amplitude.
+"""Linearise a law: small oscillation about equilibrium, and harmonic cycles of any amplitude.
 
 Stiffness and damping of a harmonic cycle, z = centre + A cos(omega t), are the first harmonics of
 the law's force (describing functions; Krylov & Bogoliubov 1943, Gelb & Vander Velde 1968). The
-damping ratio, damping over twice the root of stiffness, is the energy dissipated per cycle over 4 pi
-times the energy of the oscillation.
+damping ratio is the damping divided by twice the square root of the stiffness. It equals the energy
+dissipated per cycle divided by 4 pi times the energy of the oscillation.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _NEGLIGIBLE = 1e-9  # of a matrix's largest entry: smaller values count as zero
 Field = Callable[[np.ndarray], np.ndarray]
 """Map from a state, z, its velocity and hidden states, to the rates of all but the first."""
 Rates = Callable[..., Sequence[Any]]
-"""Map from z, its velocity and hidden states to z'' and the rates of the hidden states."""
+"""Function of z, velocity and hidden states that returns z'' and the rates of the hidden states."""
 
 # Per cycle. The damping of dry friction, which jumps at zero speed, is then accurate to (pi/256)^2/6 =
 # 2.5e-5.
@@ -49,7 +49,7 @@ _DIFFERENCE_STEP, _MAXIMUM_STEP = 1e-4, 0.3
 
 
 class SmallOscillation(NamedTuple):
-    """A motion so small that the law is linear, with inputs at zero."""
+    """Oscillation so small that the law is linear, with all inputs zero."""
 
     z: float
     period: float  # [s]
@@ -66,13 +66,13 @@ class NoOscillation(NamedTuple):
 
 _NO_EQUILIBRIUM = NoOscillation("no isolated equilibrium is found near the record")
 FORCE_JUMPS = NoOscillation("the force jumps at rest, as dry friction does")
-_NO_RESTORING_FORCE = NoOscillation("there is no restoring force at the equilibrium")
+_NO_RESTORING_FORCE = NoOscillation("the force at the equilibrium is not restoring")
 _UNSTABLE = NoOscillation("the equilibrium is not stable")
 _OVERDAMPED = NoOscillation("the motion is overdamped and returns to equilibrium without oscillation")
 
 
 def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscillation | NoOscillation:
-    """Small oscillation of a law with values of its parameters, about the equilibrium near z."""
+    """Small oscillation of a law, given values of its parameters, about the equilibrium near z."""
     # Hidden states follow their equations. They are at zero if any value is possible at rest, as with
     # hysteresis.
     inputs = (0.0,) * len(law.inputs)
@@ -86,7 +86,7 @@ def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscil
 
 
 def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillation | NoOscillation:
-    """Small oscillation of an equation in z(t) with numbers for all parameters; see `small_oscillation`."""
+    """Small oscillation of an equation in z(t) whose parameters are numbers; see `small_oscillation`."""
     from granular.formulas.algebra import compile_function
 
     rate, state = acceleration_expression(equation)
@@ -97,7 +97,7 @@ def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillat
 
 
 def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]:
-    """Acceleration from an equation in z(t), with all symbols except z and z' at zero."""
+    """Solve an equation in z(t) for the acceleration; all symbols except z and z' are set to zero."""
     import sympy
 
     t = sympy.Symbol("t")
@@ -113,7 +113,7 @@ def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.
 
 @functools.lru_cache(maxsize=COMPILED)
 def dry_friction_coefficient(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., Any] | None:
-    """Compile the coefficient of sign(z'), or of its smooth tanh, in a law's parameters; None without one."""
+    """Compile the coefficient of sign(z') or tanh(z'/v) as a function of parameters; None if absent."""
     import sympy
 
     from granular.formulas.algebra import compile_function
@@ -134,7 +134,7 @@ def dry_friction_coefficient(equation: str, inputs: tuple[str, ...] = ()) -> Cal
 def _oscillation_with_velocity_jump(
     rates: Field, slopes: Field, state: np.ndarray
 ) -> SmallOscillation | NoOscillation:
-    """Small oscillation; if the force jumps with the sign of the velocity, for the mean of both sides."""
+    """Small oscillation; if the force jumps with the sign of the velocity, with the mean of both forces."""
     # Dry friction jumps at rest: its damping ratio for small motions is infinite, and the mean gives the
     # stiffness.
     result = _find_rest_state(rates, slopes, state)
@@ -190,7 +190,7 @@ def _find_rest_state(rates: Field, slopes: Field, state: np.ndarray) -> SmallOsc
 def _oscillation_with_hidden_states(
     state: np.ndarray, matrix: np.ndarray
 ) -> SmallOscillation | NoOscillation:
-    """Small oscillation with hidden states, from the slowest complex eigenvalues that move z."""
+    """Small oscillation from the slowest complex eigenvalues whose eigenvectors contain z."""
     size = len(state)
     full = np.zeros((size, size))
     full[0, 1] = 1.0
@@ -222,24 +222,24 @@ class HarmonicCycles(NamedTuple):
 
     @property
     def damping_ratio(self) -> np.ndarray:
-        """Fraction of critical damping; NaN without a restoring force."""
+        """Fraction of critical damping; NaN if the force is not restoring."""
         with np.errstate(all="ignore"):
             return np.asarray(self.damping / (2.0 * np.sqrt(self.stiffness)))
 
     def equivalent_friction(self, amplitude: Any) -> Float[np.ndarray, "n"]:
-        """Constant friction, per unit mass, that dissipates the same energy in such a cycle."""
+        """Constant friction, per unit mass, that dissipates the same energy per cycle."""
         # Friction F dissipates 4 F A per cycle, damping c dissipates pi c omega A^2.
         return np.asarray(0.25 * math.pi * amplitude * self.frequency * self.damping)
 
 
 def law_rates(law: Law, values: Sequence[Any]) -> Rates:
-    """Rates of a law with values of its parameters, numbers or arrays, and inputs at zero."""
+    """Return the rates of a law as a function of the state; parameters are given, inputs are zero."""
     field, still = compile_rates(law.equation, law.inputs, "numpy"), (0.0,) * len(law.inputs)
     return lambda *state: field(*state, *still, *values)
 
 
 def equation_rates(equation: sympy.Eq) -> Rates:
-    """Rate of an equation in z(t) with numbers for all parameters."""
+    """Return the acceleration of an equation in z(t) as a function; all parameters are numbers."""
     from granular.formulas.algebra import compile_function
 
     rate, state = acceleration_expression(equation)
@@ -249,7 +249,7 @@ def equation_rates(equation: sympy.Eq) -> Rates:
 def harmonic_cycles(
     rates: Rates, hidden: int, amplitude: Any, centre: Any, omega: Any, *, free: bool = True
 ) -> HarmonicCycles:
-    """Cycles of amplitudes (n,), from guesses of their centres and angular frequencies [rad/s]."""
+    """Find cycles of amplitudes (n,), from guesses of their centres and angular frequencies [rad/s]."""
     # Harmonic balance with one harmonic, or describing function (Krylov and Bogoliubov 1947, Introduction
     # to Non-Linear Mechanics). A free cycle has the frequency at which the stiffness balances the inertia.
     amplitude, centre, omega = np.broadcast_arrays(
@@ -273,7 +273,7 @@ def centre_cycles(
     centre: Float[np.ndarray, "n"],
     omega: Float[np.ndarray, "n"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres moved towards zero mean force; stiffness [1/s^2], damping [1/s] before that; omega [rad/s]."""
+    """Shift centres towards zero mean force; also return stiffness and damping at the given centres."""
     step = _DIFFERENCE_STEP * amplitude
     positions = np.stack([centre, centre + step])
     mean, stiffness, damping = harmonic_coefficients(rates, hidden, amplitude, positions, omega)

@@ -1,8 +1,9 @@
-"""Elastomers: a spring and Maxwell elements in parallel, each a spring and a dashpot in series.
+"""Law of an elastomer: a spring in parallel with Maxwell elements (spring and dashpot in series).
 
-The spring of element i has the stiffness ki and the elongation xi, which its dashpot takes back within the
-time taui: xi' = z' - xi/taui. With one element this is the standard linear solid (Zener 1948). Several, with
-times apart by factors, describe the loss of rubber over decades of frequency.
+The spring of element i has the stiffness ki and the elongation xi, which relaxes through the dashpot with
+the time constant taui: xi' = z' - xi/taui. With one element this is the standard linear solid (Zener
+1948). Several elements with very different time constants describe the loss of rubber over decades of
+frequency.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ _SOURCE = "C. Zener, Elasticity and Anelasticity of Metals, 1948"
 
 
 def maxwell_chain(name: str, order: int) -> Law:
-    """Law of the force of a spring and so many Maxwell elements in parallel."""
+    """Make the law of the force of a spring in parallel with ``order`` Maxwell elements."""
     numbers = range(1, order + 1)
     force = " + ".join(["k*z", *(f"k{i}*x{i}" for i in numbers), "zero"])
     rates = (f"x{i}' = z' - x{i}/tau{i}" for i in numbers)

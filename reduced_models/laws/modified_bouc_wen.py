@@ -1,8 +1,9 @@
-"""The modified Bouc-Wen law of a magneto-rheological damper, without its current.
+"""The modified Bouc-Wen law of a magneto-rheological damper at constant current.
 
-A dashpot c1 is in series with the hysteretic element, a dashpot c0 and a spring k0; y is the displacement
-between them. It lets the force fall where the rod is slow. A spring k1, the accumulator, bears all. The
-hysteretic force is friction times w, as in the law ``bouc-wen``.
+The hysteretic element, a dashpot c0 and a spring k0 are in parallel; a dashpot c1 is in series with all
+three, and y is the displacement between them. The dashpot c1 lets the force decrease at low speeds. A
+spring k1, the accumulator, is in parallel with everything. The hysteretic force is friction times w, as
+in the law ``bouc-wen``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""A pendulum, with viscous drag and dry friction, or with viscous and quadratic drag.
+"""A pendulum with viscous drag and either dry friction or quadratic drag.
 
-z is its angle [rad]; in equilibrium it hangs straight down.
+The coordinate z is the angle [rad]; in equilibrium the pendulum hangs straight down.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Equations of motion as LaTeX and MathML, with dots for time derivatives and z'' first."""
+"""Print equations of motion as LaTeX and MathML, with dots for time derivatives and z'' first."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _NAME = re.compile(r"([A-Za-z]+?)_?(\d*)")
 
 
 def parameter_symbol(name: str) -> str:
-    """Symbol of a parameter in formulas: Greek letters, and a trailing number as a subscript."""
+    """Return the symbol of a parameter: Greek letters by name, and a trailing number as a subscript."""
     match = _NAME.fullmatch(name)
     if match is None:
         return name
@@ -121,12 +121,12 @@ _THIN_SPACE = '<mspace width="0.17em"/>'
 
 
 def mathml(equation: sympy.Eq) -> str:
-    """Equation in z(t) as presentation MathML, one formula per term, so that lines break between terms."""
+    """Return an equation in z(t) as MathML, one formula per term so that lines break between terms."""
     return _mathml_equation(_signed_terms(equation.lhs), _signed_terms(equation.rhs))
 
 
 def mathml_of_rate(name: str, rate: sympy.Expr) -> str:
-    """Equation of a hidden state as MathML; its rate is an expression in z(t)."""
+    """Return the equation of a hidden state as MathML; the rate is an expression in z(t)."""
     return _mathml_equation([f"<mover><mi>{name}</mi><mo>{_DOT}</mo></mover>"], _signed_terms(rate))
 
 

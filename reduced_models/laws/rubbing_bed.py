@@ -1,23 +1,23 @@
-"""A spring in parallel with slip elements of different yield travels: a bed that rubs on its plates.
+"""A bed that rubs on its plates: a spring in parallel with slip elements of different yield travels.
 
 W. D. Iwan's model (1966): a spring omega^2, and N elements, each a spring in series with a dry slider
-(G. R. Jenkin 1922). Each carries a maximum force of friction/N, from a travel x_i on,
+(G. R. Jenkin 1922). Each element slips at a force of friction/N, which it reaches at the travel x_i,
 
     x_i = travel ((i - 1/2)/N)^spread.
 
 A column with uniform friction along its sides has spread = 2 and travel = friction/omega^2: after a turning
 point, sliding spreads from the piston as the square root of its displacement (`granular.linear.friction`).
-That is the limit of infinitely many elements; six elements approximate it best with spread = 1.55. The law of
-motion has the constants of a column. If a bed sticks within an oscillation, one release does not separate
-friction, travel and spread from rest and bend; with all of them free, a fit errs by 6 to 12 % on a release
-from half the lift. The law of force has them as parameters; with spread = 0 all elements slip together. At
-rest the springs of the elements add their stiffness: the frequency rises as the amplitude decreases, and the
-piston stops away from the equilibrium, ``rest``.
+This holds for infinitely many elements; six elements approximate it best with spread = 1.55. In the law of
+motion, travel and spread are fixed to the values of a column. If a bed sticks within an oscillation, one
+release does not separate friction, travel and spread from rest and bend; with all of them free, a fit errs by
+6 to 12 % on a release from half the lift. In the law of the force, travel and spread are parameters; with
+spread = 0 all elements slip together. Without slip the springs of the elements add to the stiffness: the
+frequency rises as the amplitude decreases, and the piston stops away from the equilibrium, ``rest``.
 
-The hidden state w_i is the force of an element over its maximum, zero if the motion begins in a bed without
-stress. Beyond 1 it relaxes at the rate CREEP omega, so that the force is constant and no time step has to
-resolve the onset of slip: a time of 1/(20 omega) rounds turning points as little as 1/(50 omega) (residuals
-of simulated beds, within 2 %).
+The hidden state w_i is the force of an element divided by its maximum; it starts at zero in a bed without
+stress. Beyond 1 it relaxes at the rate CREEP omega, so that the force stays constant and no time step has to
+resolve the onset of slip. A relaxation time of 1/(20 omega) is short enough: residuals on simulated beds
+differ by less than 2 % from those with 1/(50 omega).
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from granular.linear import MotionFriction
 
 ELEMENTS = 6
-"""Number of slip elements: four give 1.3 times the residual on simulated records, eight the same as six."""
+"""Number of slip elements: on simulated records four have 1.3 times the residual of six, eight the same."""
 CREEP = 20
-"""Relaxation rate of the excess force of an element that has slipped, over omega."""
+"""Relaxation rate, divided by omega, of the excess force of an element that has slipped."""
 COLUMN_SPREAD = 1.55
-"""Spread of the six elements of a column."""
+"""Value of spread with which six elements approximate a column."""
 
 
 def _draw_start_values(
@@ -62,7 +62,7 @@ def _clipped(k: int) -> str:
 
 
 def slip_states(rate: str, spread: float | str = COLUMN_SPREAD) -> str:
-    """Equations of the hidden states, for the relaxation rate of an element that has slipped."""
+    """Return the equations of the hidden states, given the relaxation rate of an element that has slipped."""
     return "; ".join(
         f"w{k}' = z'/(travel*{(k - 0.5) / ELEMENTS:.6g}**{spread}) - {rate}*(w{k} - {_clipped(k)})"
         for k in range(1, ELEMENTS + 1)
@@ -86,7 +86,7 @@ RUBBING_BED = Law(
 
 
 def rubbing_bed_near(known: MotionFriction) -> Law:
-    """Law whose fits start from the friction of a known bed."""
+    """Return the law with fits that start from the friction of a known bed."""
     omega = 2.0 * np.pi * known.frequency
     values = {
         "lam": known.damping_ratio * omega,

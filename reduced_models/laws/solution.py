@@ -1,9 +1,10 @@
-"""Solutions of a law: a fixed grid for the search, and diffrax for verification and prediction.
+"""Solve a law: on a fixed grid for the search, with diffrax for verification and prediction.
 
-A fit solves the law thousands of times, for many starts at once. For this a sixth-order Runge-Kutta
-method on a uniform grid is best: it vectorises, its cost does not depend on the trial parameters, and
-its compiled code is small. The result is then verified, and every later prediction computed, by diffrax
-with an adaptive time step, one interval between samples after the other, for any number of them.
+A fit solves the law thousands of times, for many starts simultaneously. For this a sixth-order
+Runge-Kutta method on a uniform grid is best: it vectorises, its cost does not depend on the trial
+parameters, and its compiled code is small. Diffrax, with an adaptive time step, then verifies the result
+and computes every later prediction. It solves the intervals between samples one after the other, so that
+the same compiled code serves any number of samples.
 """
 
 from __future__ import annotations
@@ -34,20 +35,20 @@ from reduced_models.records.inputs import Interpolation, piecewise_cubics
 jnp = jax.numpy
 
 Value = jax.Array | float
-"""A number, or a traced one of JAX."""
+"""A number, or a traced JAX number."""
 
 Data = jax.Array | NDArray[Any]
 A = TypeVar("A", jax.Array, NDArray[Any])
-"""Arrays of JAX or of NumPy."""
+"""JAX or NumPy arrays."""
 
 States = tuple[Value, ...]
 
 Ending = Literal["complete", "blow-up", "steps"]
 
 TOLERANCE = 1e-12
-"""Relative tolerance of an adaptive solution; the absolute one is this times the amplitude."""
+"""Relative tolerance of an adaptive solution; the absolute tolerance is this times the amplitude."""
 DIVERGENCE = 1e9
-"""Displacement, in amplitudes, above which a solution counts as diverging."""
+"""A solution diverges if its displacement exceeds this multiple of the amplitude."""
 
 # J. C. Butcher, "On Runge-Kutta processes of high order", J. Austral. Math. Soc. 4 (1964) 179:
 # seven stages, sixth order.
@@ -67,11 +68,11 @@ _MAXIMUM_GRID_STEPS = 2**18
 
 
 def count_grid_steps(duration: float, period: float, per_period: int) -> int:
-    """Return the steps of a grid over a duration [s], with a minimum number per period [s]."""
+    """Return the number of grid steps for a duration [s], given their minimum number per period [s]."""
     wanted = per_period * duration / period
     if wanted > _MAXIMUM_GRID_STEPS:
         raise RecordError(
-            f"the record holds about {duration / period:.3g} periods, and the maximum for a fit is "
+            f"the record has about {duration / period:.3g} periods, but the maximum for a fit is "
             f"{_MAXIMUM_GRID_STEPS // per_period}; fit a part of it, record.between(start, stop)"
         )
     return round_up_to_chunks(wanted)
@@ -83,7 +84,7 @@ def round_up_to_chunks(steps: float) -> int:
 
 
 def padded_length(count: int, minimum: int) -> int:
-    """Return the array length for which code is compiled, shared by records of similar length."""
+    """Return the array length for which code is compiled; records of similar length share it."""
     size = minimum
     while size < count:
         size *= 2
@@ -96,9 +97,9 @@ def padded_step_count(steps: int) -> int:
 
 
 CHUNK = 64
-"""Grid steps that are solved together; every grid has an integer number of such chunks."""
+"""Number of grid steps in a chunk, which is solved together; every grid consists of whole chunks."""
 _MINIMUM_STEPS = 512
-"""Minimum length for which code is compiled: empty steps cost less than another compilation."""
+"""Minimum length for which code is compiled; solving empty steps costs less than compiling again."""
 
 
 def solve_on_grid(
@@ -168,7 +169,7 @@ def states_at_samples(
 
 
 def _hermite_cubic(value: A, rate: A, step: Value, point: Data, fraction: Data) -> A:
-    """Cubic values (n, ...) of a state, from it and its rate (points, ...) at grid points."""
+    """Interpolate a state (n, ...) by cubics, from its values and rates (points, ...) at grid points."""
     s = fraction
     late = s * s * (3.0 - 2.0 * s)
     inside = s * (1.0 - s) * ((1.0 - s) * rate[point] - s * rate[point + 1])
@@ -183,7 +184,7 @@ def _stack_rows(parts: Sequence[Value], like: jax.Array) -> jax.Array:
 def _advance_state(
     state: jax.Array, weights: Sequence[float], slopes: Sequence[jax.Array], step: Value
 ) -> jax.Array:
-    """State after a step along weighted slopes."""
+    """Return the state after a step along the weighted sum of slopes."""
     for weight, slope in zip(weights, slopes, strict=True):
         if weight:
             state = state + weight * step * slope
@@ -191,7 +192,7 @@ def _advance_state(
 
 
 def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
-    """Quintic values (n, ...) of z (points, ...), a fraction of a step after grid points; step [s]."""
+    """Interpolate z (n, ...) by quintics at a fraction of a step after grid points; step [s]."""
     s = fraction
     # Quintic Hermite polynomials in nested form.
     s3 = s * s * s
@@ -225,13 +226,13 @@ class Solution:
 _INTERVALS_PER_CALL = 2**11
 """Number of time intervals that one call of a program solves."""
 _STEPS_PER_CALL = 2**14
-"""Number of steps of one call, after which the solution is checked and may be aborted."""
+"""Number of steps in one call of a program; after each call the solution is checked and may be aborted."""
 MAXIMUM_STEPS = 64
-"""Maximum number of steps per time interval and per shortest time constant."""
+"""Maximum number of steps for each time interval, and for each shortest time constant within it."""
 _STIFF_STEP = 2.0
-"""Step in time constants above which stability limits it: accuracy needs less than a half."""
+"""Step, in units of the time constant, above which stability limits the step; accuracy needs < 0.5."""
 _IMPLICIT_COST = 10.0
-"""Cost of an implicit step over an explicit one; with corners between stiff stretches both are needed."""
+"""How many explicit steps cost as much as an implicit one; with corners between stiff parts both are used."""
 _NO_PROGRESS = 1e-12  # of the duration: progress of a call at a singularity
 _SAMPLED_STATES = 64  # number of states per call whose time constants are computed
 
@@ -258,7 +259,7 @@ def _adaptive_solver(
         values: States,
         size: Value,
     ) -> tuple[Any, ...]:
-        """Continue from a time [s] in the first piece, a step [s] and a state to a piece of zero length."""
+        """Continue from a time [s], step [s] and state in the first interval; stop at one of zero length."""
         # Hidden states are of order 1.
         tolerance = TOLERANCE * jnp.where(jnp.arange(len(start[2])) < 2, size, 1.0)
         control = diffrax.PIDController(rtol=TOLERANCE, atol=tolerance)
@@ -316,9 +317,9 @@ def solve_law(
     hidden: Sequence[float] = (),
     interpolation: Interpolation = "spline",
 ) -> Solution:
-    """Return the motion of a law at times [s]; size is the amplitude to which the tolerance refers.
+    """Return the motion of a law at times [s]; the tolerance is relative to ``size``, the amplitude.
 
-    Along a prescribed stroke only hidden states are solved for; z0, v0 and size are not used.
+    Along a prescribed stroke only hidden states are solved for; ``z0``, ``v0``, ``size`` are not used.
     """
     # Dopri8 (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3), and on stiff stretches Kvaerno5
     # (Kvaerno 2004, doi:10.1023/B:BITN.0000046811.70614.38), with adaptive steps that end at the times.
@@ -372,7 +373,7 @@ def solve_law(
 def observed_signal(
     law: Law, observation: str, solution: Solution, parameters: Sequence[float], inputs: Sequence[np.ndarray]
 ) -> Float[np.ndarray, "n"]:
-    """Return the observed signal of a law for a solution, with its inputs at the same times."""
+    """Return the observed signal of a law for a solution; inputs are given at the same times."""
     observe = compile_observation(law.equation, law.inputs, observation, "numpy")
     with np.errstate(all="ignore"):
         result = observe(*solution.states.T, *inputs, *parameters)
@@ -382,7 +383,7 @@ def observed_signal(
 def _fastest_rates(
     law: Law, values: States, states: Float[np.ndarray, "k n"], cubics: np.ndarray
 ) -> Float[np.ndarray, "m"]:
-    """Maximum eigenvalues [1/s] of a law's Jacobian at some of its states, in modulus; zero at a jump."""
+    """Largest modulus [1/s] of the eigenvalues of a law's Jacobian at some states; zero at a jump."""
     slopes = compile_jacobian(law.equation, law.inputs)
     seen = np.unique(np.linspace(0, len(states) - 1, _SAMPLED_STATES).astype(int))
     velocity = [] if law.prescribed else [np.eye(states.shape[1])[1]]

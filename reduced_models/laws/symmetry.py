@@ -1,6 +1,6 @@
-"""Parameter values that give the same law, and their canonical form.
+"""Find parameter values that give the same law, and choose their canonical form.
 
-An angle is equivalent after a whole turn, and k*sin(z - r) is the same with -k and r half a turn on.
+An angle may change by a whole turn, and k*sin(z - r) is unchanged if k changes sign and r half a turn.
 In the canonical form an angle lies in (-pi, pi], and a parameter of arbitrary sign is positive.
 """
 
@@ -26,7 +26,7 @@ _UNBOUNDED = (-math.inf, math.inf)
 
 
 class Symmetries(NamedTuple):
-    """Changes of parameters that leave a law invariant."""
+    """Parameters that can change without changing a law."""
 
     turning: tuple[str, ...]  # equivalent after a whole turn
     flipping: tuple[
@@ -85,7 +85,7 @@ class Similarity(NamedTuple):
 
 
 def find_similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:
-    """Parameters that compensate a shift or another unit of the coordinate; None if they cannot."""
+    """Find parameters that can compensate a shift or rescaling of the coordinate; None if they cannot."""
     return _similarity(law.equation, law.inputs, law.parameters, law.positive, change)
 
 
@@ -127,7 +127,7 @@ def _similarity(
 def _rates_and_slopes(
     equation: str, inputs: tuple[str, ...], hidden: int, parameters: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Random states (n, 2 + hidden), rates (n, 1 + hidden), their derivatives by state and by parameter."""
+    """Draw states (n, 2 + hidden); return them, the rates, and derivatives by states and parameters."""
     from reduced_models.jax_setup import Compiled, jax
 
     field = compile_rates(equation, inputs)
@@ -153,7 +153,7 @@ def canonical_parameters(
     unchanged: Collection[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Values (...) of parameters in their canonical form, or as near to it as bounds allow."""
+    """Bring parameters (...) to their canonical form, or as near to it as bounds allow."""
     result = {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
     known, edges = find_symmetries(law), bounds or {}
     unchanged = {*unchanged, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}

@@ -1,4 +1,4 @@
-"""Two linear modes in one column: a decay that `identify --coordinates 2` fits."""
+"""Two linear modes seen in one column: the law of a decay that `identify --coordinates 2` fits."""
 
 from __future__ import annotations
 

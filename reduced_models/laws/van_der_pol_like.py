@@ -20,9 +20,9 @@ from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
 _MAXIMUM_UNEXPLAINED = 0.3
-"""Maximum unexplained fraction of the accelerations for the quadratic damping to be used."""
+"""The quadratic damping is used if it leaves less than this fraction of the accelerations unexplained."""
 _SPREADS = 0.003, 0.1
-"""Spreads of the first and the last start value, relative to the damping."""
+"""Random spread, relative to the damping, of the first and of the last start value."""
 _MINIMUM_CURVATURE = 1e-3  # minimum curvature and depth of a damping, relative to its size
 _TEST_FUNCTION_WIDTH = 0.6  # half-width of a test function, in periods
 _TEST_FUNCTION_POWER = 4  # of the test function (1 - s^2)^4
@@ -32,7 +32,7 @@ _MAXIMUM_TEST_FUNCTIONS = 512
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    """Start values from the quadratic damping of the motion (weak form), or about first guesses."""
+    """Draw start values about the fitted quadratic damping of the motion, or about first guesses."""
     displacement = (guesses.heights - guesses.rest) / guesses.amplitude
     result = fit_quadratic_damping(guesses.time, displacement, guesses.period)
     if not result.unexplained < _MAXIMUM_UNEXPLAINED or not result.stiffness > 0.0:
@@ -65,7 +65,7 @@ def _draw_about_guesses(
 def law_with_quadratic_damping(
     guesses: FirstGuesses, damping: Float[np.ndarray, "3 n"], k: Float[np.ndarray, "n"], f: float
 ) -> dict[str, np.ndarray]:
-    """Law with the damping c0 + c1 u + c2 u^2 of the height u about rest, in amplitudes."""
+    """Convert damping c0 + c1 u + c2 u^2 into the law; u is the displacement divided by the amplitude."""
     # z = p + q u turns the damping 2 alpha (z^2 - 2 z) into c0 + c1 u + c2 u^2 with c2 = 2 alpha q^2, c1 = 4
     # alpha q (p - 1), so 2 alpha = c1^2/(4 c2) - c0: a parabola that opens upwards and is negative at its
     # vertex. Other parabolas are replaced by such a one with the same damping at rest.

@@ -1,8 +1,9 @@
 """Frequency and damping as functions of amplitude, measured from a record without a law.
 
-For a free oscillation they come from its envelope: the measured frequency and the decay of the
-amplitude. For a driven one they come from the restoring force, drive minus acceleration (Masri &
-Caughey 1979, doi:10.1115/1.3424568): the stiffness and damping that fit it best in each cycle.
+For a free oscillation they come from the envelope: the measured frequency and the decay of the
+amplitude. For a driven oscillation they come from the restoring force, which is drive minus
+acceleration: a stiffness and a damping are fitted to the force of each cycle (Masri & Caughey 1979,
+doi:10.1115/1.3424568).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from reduced_models.records.envelope import (
 )
 
 SHOWN_FRACTIONS = (1.0, 0.7, 0.5, 0.25, 0.1)
-"""Amplitudes shown in tables, over the maximum amplitude of the record."""
+"""Amplitudes shown in tables, as fractions of the record's maximum amplitude."""
 _NEIGHBOUR_RATIO = 1.6  # ratio of amplitudes up to which cycles are neighbours
 _MINIMUM_NEIGHBOURS = 5  # minimum number of neighbours of a driven cycle, whatever their amplitude
 _NEIGHBOUR_COUNTS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # neighbours on either side of a free cycle
@@ -58,7 +59,7 @@ class BackbonePoint(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Backbone:
-    """Backbone and damping curves of a record, one row per cycle, by increasing amplitude."""
+    """Backbone and damping curves of a record: one row per cycle, sorted by increasing amplitude."""
 
     method: str
     amplitude: Float[np.ndarray, "n"]  # [m, rad]
@@ -69,7 +70,7 @@ class Backbone:
     drive: float | None = None  # [rad/s]
 
     def interpolate_at(self, amplitude: float) -> BackbonePoint:
-        """Frequency [rad/s] and damping at an amplitude [m, rad], between the nearest rows."""
+        """Interpolate frequency [rad/s] and damping at an amplitude [m, rad]."""
 
         def between(row: np.ndarray) -> float:
             return float(np.interp(amplitude, self.amplitude, row))
@@ -82,7 +83,7 @@ class Backbone:
         return BackbonePoint(amplitude, between(self.frequency), ratio, between(self.frequency_error), error)
 
     def amplitudes_to_show(self, scale: float) -> tuple[float, ...]:
-        """Amplitudes [m, rad] of a table of the curves, the largest first."""
+        """Return the amplitudes [m, rad] to show in a table of the curves, the largest first."""
         # The last cycles before a motion stops are cut short, so their amplitude is too small.
         minimum, maximum = scale * float(self.amplitude[0]), scale * float(self.amplitude[-1])
         rounded = [float(f"{fraction * maximum:.2g}") for fraction in SHOWN_FRACTIONS]
@@ -132,7 +133,7 @@ def backbone_of_extremes(extremes: Extremes) -> Backbone:
 
 
 def _extremes_before_rest(extremes: Extremes) -> Extremes:
-    """Extremes before the first that comes much later, when the motion has stopped."""
+    """Return the extremes before the motion stops; after that the next extreme comes much later."""
     halves = np.diff(extremes.time)
     slow = np.flatnonzero(halves[1:] > halves[:-1] / _STOPPING_RATIO) + 2
     stop = int(slow[0]) if len(slow) and slow[0] >= MINIMUM_EXTREMES else len(extremes)
@@ -144,9 +145,10 @@ def _extremes_before_rest(extremes: Extremes) -> Extremes:
 def _row_about(
     extremes: Extremes, scatter: Scatter, size: np.ndarray, k: int
 ) -> tuple[float, float, float, float, float] | None:
-    """Amplitude [m], frequency [rad/s], damping ratio and the errors of both at an extreme.
+    """Return amplitude [m], frequency [rad/s] and damping ratio at an extreme, with errors of the last two.
 
-    From the fewest neighbours that determine the damping, without any of very different amplitude.
+    They are fitted to as few neighbouring extremes as determine the damping; none has a very different
+    amplitude.
     """
     from scipy.stats import t
 
@@ -193,7 +195,7 @@ def _row_about(
 
 
 def _fit_columns(columns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of columns (n, p) in values (n,), and their standard errors for unit noise."""
+    """Fit columns (n, p) to values (n,); return coefficients and their standard errors for unit noise."""
     units = np.abs(columns).max(axis=0)
     basis = columns / units
     solution, *_ = np.linalg.lstsq(basis, values, rcond=None)
@@ -203,9 +205,10 @@ def _fit_columns(columns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, n
 def _scatter_of_rows(
     terms: np.ndarray, values: np.ndarray, errors: np.ndarray, amplitude: np.ndarray
 ) -> np.ndarray:
-    """Two standard deviations of neighbouring rows (n,) about a smooth function of the amplitude.
+    """Return twice the standard deviation (n,) of neighbouring rows about a smooth function of amplitude.
 
-    Slow noise and beats shift neighbouring rows together, which the scatter of their extremes misses.
+    It includes slow noise and beats, which shift neighbouring rows together and are not seen in the
+    scatter of the extremes of one row.
     """
     if len(values) < _MINIMUM_ROWS:
         return np.zeros(len(values))
@@ -219,7 +222,7 @@ def _scatter_of_rows(
 def driven_backbone(
     record: PistonRecord, drive_acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Backbone:
-    """Backbone [m or rad, rad/s] and damping of a driven oscillation, for its drive_acceleration [m/s^2]."""
+    """Backbone [m or rad, rad/s] and damping of a driven oscillation; ``drive_acceleration`` in m/s^2."""
     # Restoring force method (Masri & Caughey 1979, doi:10.1115/1.3424568): a stiffness and a damping are
     # fitted to drive minus acceleration in each cycle.
     smooth = derivatives(record)
@@ -259,7 +262,7 @@ def driven_backbone(
 
 
 def _cycles_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
-    """Rows with an amplitude near that of row k, given the logarithms of all amplitudes."""
+    """Return rows whose amplitude is similar to that of row k; ``size`` has logarithms of amplitudes."""
     away = np.abs(size - size[k])
     near = np.flatnonzero(away <= math.log(_NEIGHBOUR_RATIO))
     return (
@@ -270,7 +273,7 @@ def _cycles_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
 
 
 def _fit_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Value at zero of a line through points, and two standard errors from their scatter."""
+    """Fit a line to points; return its value at zero, and two standard errors from the scatter."""
     basis = np.stack([np.ones_like(x), x], axis=1)
     (value, _), (error, _) = _fit_columns(basis, y)
     scatter = residual_square(basis, y) / max(1, len(x) - 2)

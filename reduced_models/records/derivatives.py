@@ -1,4 +1,4 @@
-"""Smoothing and derivatives of a record, its noise, and the noise of the derivatives.
+"""Smooth a record and differentiate it; estimate its noise and the noise of the derivatives.
 
 For a given window the estimator is linear in the heights. The window is the widest for which the
 smoothing residual is not larger than the record's noise (discrepancy principle, Morozov 1966), so
@@ -20,7 +20,7 @@ from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
 
 NORMAL_MEDIAN = 0.6745
-"""Median of the modulus of a standard normal variable."""
+"""Median of the absolute value of a standard normal variable."""
 _MINIMUM_STEP = 1e-9  # of the range: finer steps are floating-point rounding
 # Minimum number of steps of a rounding sensor; a signal of two or three levels is switched.
 _MINIMUM_STEPS = 5
@@ -48,7 +48,7 @@ _WINDOWS_IN_MEMORY = 2**16  # maximum number of window samples in memory
 _EIGENVALUE_CUT_OFF = 1e-13  # fraction of the largest eigenvalue below which there is only rounding error
 
 Smoother = Callable[[np.ndarray], np.ndarray]
-"""Map from heights (m, n) of m records at the same times to height, velocity and acceleration (m, 3, n)."""
+"""Function that turns heights (m, n) of m records into height, velocity and acceleration (m, 3, n)."""
 
 
 class Derivatives(NamedTuple):
@@ -68,7 +68,7 @@ def derivatives(record: PistonRecord) -> Derivatives:
     if len(record) < LEAST_SAMPLES:
         raise RecordError(
             f"the record has {len(record)} samples; {LEAST_SAMPLES} or more are needed to "
-            "differentiate it: sample faster"
+            "differentiate it; sample faster or longer"
         )
     time, height = record.time, record.height
     sigma = noise_level(height, time)
@@ -80,7 +80,7 @@ def derivatives(record: PistonRecord) -> Derivatives:
 
 
 def _noise_gain(smoother: Smoother, count: int) -> float:
-    """Rms of a smoother's acceleration for white noise of unit variance, away from the ends."""
+    """Rms acceleration, away from the ends, that a smoother gives for white noise of unit variance."""
     random = np.random.default_rng(0)
     probes = max(1, _PROBE_SAMPLES // count)
     inner = slice(count // 4, count - count // 4)
@@ -89,7 +89,7 @@ def _noise_gain(smoother: Smoother, count: int) -> float:
 
 
 _known_noise_gain = functools.lru_cache(maxsize=64)(_noise_gain)
-"""Noise gain of local polynomials on evenly spaced times, cached because every fit of a record needs it."""
+"""Cached noise gain of local polynomials on evenly spaced times, which every fit of a record needs."""
 
 
 # Local polynomials -----------------------------------------------------------------------------
@@ -148,7 +148,7 @@ class _SavitzkyGolayFilter:
         return np.stack([self.filter_heights(heights, order) for order in range(3)], axis=1)
 
     def filter_heights(self, height: np.ndarray, order: int) -> np.ndarray:
-        """Smoothed heights, or a derivative of them."""
+        """Return smoothed heights, or a derivative of the smoothed heights."""
         from scipy.signal import savgol_filter
 
         result = savgol_filter(height, self.window, _DEGREE, deriv=order, delta=self.step)
@@ -179,7 +179,7 @@ def _polynomials_at_uneven_times(heights: np.ndarray, time: np.ndarray, window: 
 def fit_local_cubics(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], period: float, nodes: np.ndarray | int
 ) -> Float[np.ndarray, "4 m"]:
-    """Rows height [m], velocity [m/s], acceleration [m/s^2], time [s] at nodes [s], by cubics; period [s]."""
+    """Fit local cubics; return rows height [m], velocity [m/s], acceleration [m/s^2], time [s] at nodes."""
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):
         nodes = np.linspace(time[0] + half, time[-1] - half, nodes)
@@ -201,7 +201,7 @@ def fit_local_cubics(
 
 
 def _cubic_coefficients(position: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """First three coefficients (3, m) of cubics through points (m, n) from -1 to 1, by least squares."""
+    """Fit cubics to points (m, n) from -1 to 1; return their first three coefficients (3, m)."""
     from numpy.polynomial.legendre import legvander
 
     # Legendre polynomials are nearly orthogonal there; the pseudo-inverse is for samples that
@@ -217,7 +217,7 @@ def _cubic_coefficients(position: np.ndarray, height: np.ndarray) -> np.ndarray:
 
 
 def rounding_step(height: Float[np.ndarray, "n"]) -> float:
-    """Step of a sensor that rounds, in the unit of its heights; 0 if it does not round."""
+    """Return the rounding step of a sensor, in the unit of the heights; 0 if it does not round."""
     levels = np.unique(height)
     gaps = np.diff(levels)
     gaps = gaps[gaps > _MINIMUM_STEP * float(np.ptp(height))]
@@ -229,7 +229,7 @@ def rounding_step(height: Float[np.ndarray, "n"]) -> float:
 
 
 def noise_level(height: Float[np.ndarray, "n"], time: Float[np.ndarray, "n"]) -> float:
-    """Return the standard deviation of a record's noise, white or from rounding, in its unit; time [s]."""
+    """Return the standard deviation of a record's noise, white or due to rounding, in the record's unit."""
     if len(height) < 4:
         return 0.0
     white = min(_noise_by_differences(height, time), _noise_by_spectrum(height, time))
@@ -250,9 +250,10 @@ def _noise_by_differences(height: np.ndarray, time: np.ndarray) -> float:
 
 
 def _noise_by_spectrum(height: np.ndarray, time: np.ndarray) -> float:
-    """Estimate white noise by the median of a spectrum; infinite for uneven samples.
+    """Estimate white noise from the median of a spectrum; infinite for uneven samples.
 
-    With few samples per cycle the motion dominates the differences, but is only a line in the spectrum.
+    With few samples per cycle the motion dominates differences of heights, but it is only a line in
+    the spectrum.
     """
     steps = np.diff(time)
     if np.ptp(steps) > _EVEN_TOLERANCE * float(steps.mean()):
@@ -265,9 +266,10 @@ def _noise_by_spectrum(height: np.ndarray, time: np.ndarray) -> float:
 
 
 def noise_faster_than_motion(time: np.ndarray, height: np.ndarray) -> float:
-    """Return the rms of components faster than 1.7 times the motion's frequency; 0 for few cycles.
+    """Return the rms of components above 1.7 times the motion's frequency; 0 if there are few cycles.
 
-    With a Hann window, late in the record if cycles suffice: harmonics of a large motion are not noise.
+    If there are enough cycles, only the end of the record is used (with a Hann window), since harmonics
+    of a large motion are not noise.
     """
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, height)

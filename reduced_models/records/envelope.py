@@ -1,10 +1,10 @@
-"""The envelope of a free oscillation: amplitude, frequency and damping, half cycle by half cycle.
+"""Envelope of a free oscillation: amplitude, frequency and damping of each half cycle.
 
-An extreme lies between two passages through equilibrium. A passage counts once the displacement exceeds
+An extreme lies between two passages through equilibrium. A passage is counted when the displacement exceeds
 the noise, the sensor's rounding and a fifth of the amplitude, so that neither noise nor a second mode
-produces a separate extreme. Three successive extremes form one cycle. Its amplitude, frequency and
-decay rate, plotted against amplitude, are the backbone and damping curves of the oscillator (Londono,
-Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003). They need no law.
+produces a separate extreme. Three successive extremes form one cycle. The frequency and decay rate of
+all cycles, plotted against amplitude, are the backbone and damping curves of the oscillator (Londono,
+Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003). No law is needed.
 """
 
 from __future__ import annotations
@@ -28,9 +28,11 @@ _CONFIDENCE = 0.975  # quantile of a two-sided 95 % interval
 MINIMUM_EXTREMES = 5
 _MINIMUM_ROWS = 10  # minimum number of cycles, half a period apart, for a remark on the amplitude
 _RISE_RATIO, _DECAY_RATIO = 1.3, 0.8
-"""Ratio of an amplitude to the minimum before it that is a rise, and to the maximum that is a decay."""
+"""An amplitude has risen if it is above this multiple of the minimum before it, and has decayed if it is
+below this fraction of the maximum before it."""
 _HYSTERESIS_NOISES, _HYSTERESIS_FRACTION = 5.0, 0.2
-"""Hysteresis of a passage, in standard deviations of the noise (of a rise too), and over the amplitude."""
+"""Displacement beyond equilibrium after which a passage counts: standard deviations of the noise (a rise
+in amplitude needs the same), and fraction of the amplitude."""
 _POLYNOMIAL_HALF_WIDTH = 0.3  # of the time between passages: half-width of the polynomial about an extreme
 _DEGREE = 4
 _MINIMUM_SAMPLES = 10  # minimum number of samples for a polynomial; with fewer it is fitted to a spline
@@ -41,7 +43,8 @@ _GAP_LIMITS = 2.5, 0.25
 _LEVEL_PART = 3  # the mean of the last third of the record is the first estimate of equilibrium
 _MAXIMUM_SHIFT = 0.2  # half cycles by which an extreme may differ from the fitted motion's
 _NEIGHBOURS, _POOLED_NEIGHBOURS, _COEFFICIENTS = 3, 6, 4
-"""Extremes on either side in a parabola and in the average of squared residuals, and its coefficients."""
+"""Number of extremes on either side to which a parabola is fitted; number in the average of its squared
+residuals; and number of its coefficients."""
 _MINIMUM_SCATTER = 0.15  # of the sensor's step: minimum scatter of an extreme, half of 1/sqrt(12)
 # Samples of a running median, and noise levels beyond which one is an outlier.
 _MEDIAN_WINDOW, _OUTLIER_LIMIT = 5, 5.0
@@ -49,7 +52,7 @@ _MEDIAN_WINDOW, _OUTLIER_LIMIT = 5, 5.0
 
 @dataclasses.dataclass(frozen=True)
 class PeakDamping:
-    """Damping ratios from successive peaks of a record, without a law."""
+    """Damping ratios measured from successive peaks of a record, without a law."""
 
     mean: float
     low: float  # minimum of the whole record and its halves
@@ -57,7 +60,7 @@ class PeakDamping:
     noise: float  # maximum error of the mean due to the record's noise
 
     def contradicts(self, ratio: float) -> bool:
-        """Return whether a damping ratio is far from the ratios of the peaks."""
+        """Return whether a damping ratio is far from the ratios measured from peaks."""
         low = min(0.5 * self.low, 2.0 * self.low) - self.noise
         high = max(0.5 * self.high, 2.0 * self.high) + self.noise
         return not low <= ratio <= high
@@ -74,10 +77,10 @@ class Envelope:
     level : float64 (n,)
         Mean level of the oscillation [m].
     amplitude, frequency, damping : float64 (n,)
-        Amplitude [m]; angular frequency [rad/s]; decay rate of the logarithm of the amplitude [1/s]
-        (negative if the amplitude grows).
+        Amplitude [m], angular frequency [rad/s], and rate at which the logarithm of the amplitude
+        decreases [1/s] (negative if the amplitude grows).
     amplitude_noise, frequency_noise : float64 (n,)
-        Standard deviations [m] and [rad/s], from the scatter of the extremes.
+        Standard deviations of amplitude [m] and frequency [rad/s], from the scatter of the extremes.
     phase : float64 (n,)
         Phase of each cycle's middle extreme [rad]; half a period is pi.
     """
@@ -93,7 +96,7 @@ class Envelope:
 
     @property
     def peak_damping(self) -> PeakDamping:
-        """Damping ratios, without unit, from the decay of the peaks of the whole record and its halves."""
+        """Damping ratios from the decay of the peaks, in the whole record and in each half."""
         half = len(self.amplitude) // 2
         parts = (slice(None), slice(half + 1), slice(half, None))
         (total, error), *halves = (self._logarithmic_slope(part) for part in parts)
@@ -102,7 +105,7 @@ class Envelope:
         return PeakDamping(total, min(total, *ratios), max(total, *ratios), largest)
 
     def _logarithmic_slope(self, part: slice) -> tuple[float, float]:
-        """Decay of the logarithm of the amplitude [1/rad], and half its 95 % interval from the scatter."""
+        """Return the decrease of the logarithm of the amplitude [1/rad], and half its 95 % interval."""
         from scipy.stats import t
 
         phase, size = self.phase[part], self.amplitude[part]
@@ -116,15 +119,15 @@ class Envelope:
 
     @property
     def damping_ratio(self) -> np.ndarray:
-        """Damping ratio of each cycle, float64 (n,), without unit: decay rate over angular frequency."""
+        """Damping ratio of each cycle (n,): decay rate divided by angular frequency."""
         return self.damping / self.frequency
 
 
 def envelope(record: PistonRecord) -> Envelope:
     """Find amplitude, frequency and damping of an oscillation as functions of time.
 
-    From every three successive extremes, as for the logarithmic decrement (Londono, Neild & Cooper 2015,
-    doi:10.1016/j.jsv.2015.02.003).
+    They are computed from every three successive extremes, as for the logarithmic decrement (Londono,
+    Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003).
 
     Parameters
     ----------
@@ -134,7 +137,7 @@ def envelope(record: PistonRecord) -> Envelope:
     Returns
     -------
     Envelope
-        Amplitude [m], angular frequency [rad/s] and decay rate [1/s] of each cycle, (n,) each.
+        Amplitude [m], angular frequency [rad/s] and decay rate [1/s] of each cycle, arrays (n,).
 
     Raises
     ------
@@ -156,7 +159,7 @@ def envelope(record: PistonRecord) -> Envelope:
 
 
 def envelope_of_extremes(extremes: Extremes) -> Envelope:
-    """Amplitude [m], angular frequency [rad/s] and decay rate [1/s] of each cycle, from its extremes."""
+    """Return amplitude [m], angular frequency [rad/s] and decay rate [1/s] of each cycle."""
     check_extremes(extremes)
     scatter = extremes.scatter()
     before, here, after = extremes.height[:-2], extremes.height[1:-1], extremes.height[2:]
@@ -183,14 +186,14 @@ def check_extremes(extremes: Extremes) -> None:
     if cycles < MINIMUM_EXTREMES - 2:
         seen = int(np.isfinite(extremes.height).sum())
         raise RecordError(
-            f"{seen} extremes of the height exceed the noise; {MINIMUM_EXTREMES} or more in a row are needed "
-            "for an envelope: record longer, or with less noise"
+            f"only {seen} successive extremes of the height exceed the noise; {MINIMUM_EXTREMES} or more are "
+            "needed for an envelope; record longer, or with less noise"
         )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Extremes:
-    """Alternating crests and troughs of an oscillation, half a cycle apart; NaN if a gap hides one."""
+    """Alternating crests and troughs of an oscillation, half a cycle apart; NaN for one hidden by a gap."""
 
     time: Float[np.ndarray, "k"]  # [s]
     height: Float[np.ndarray, "k"]  # [m]
@@ -201,7 +204,7 @@ class Extremes:
         return len(self.time)
 
     def scatter(self) -> Scatter:
-        """Scatter of amplitudes and times about local parabolas, which includes all kinds of noise."""
+        """Scatter of amplitudes and times about local parabolas; all kinds of noise contribute to it."""
         number = np.arange(len(self))
         known = np.isfinite(self.height)
         size = np.abs(self.height - np.nanmean(self.height))
@@ -277,7 +280,7 @@ def find_extremes(record: PistonRecord, *, exact: bool = False) -> Extremes:
 
 
 def describe_extreme_mismatch(seen: Extremes, fitted: Extremes) -> str:
-    """Return a text on how the extremes of a record differ from a fitted motion's; empty if they agree."""
+    """Describe how the extremes of a record differ from those of a fitted motion; empty if they agree."""
     known = np.isfinite(seen.time)
     times = seen.time[known]
     if not len(times):
@@ -338,7 +341,7 @@ def _passages(time: np.ndarray, away: np.ndarray, floor: float) -> tuple[np.ndar
 
 
 def _extremes_between(time: np.ndarray, height: np.ndarray, passages: tuple[np.ndarray, float]) -> Extremes:
-    """Extremes between successive passages, and the one before the first if both its sides are recorded."""
+    """Find extremes between passages, and one before the first passage if both its sides are recorded."""
     from scipy.interpolate import make_interp_spline
 
     times, first = passages
@@ -348,8 +351,8 @@ def _extremes_between(time: np.ndarray, height: np.ndarray, passages: tuple[np.n
     if float(np.median(halves)) < _MINIMUM_HALF_CYCLE_SAMPLES * float(np.median(np.diff(time))):
         cycle = 2.0 * np.median(halves) / np.median(np.diff(time))
         raise RecordError(
-            f"the record has {cycle:.2g} samples per cycle, and {2.0 * _MINIMUM_HALF_CYCLE_SAMPLES:.2g} are "
-            "needed to find its extremes: sample faster"
+            f"the record has {cycle:.2g} samples per cycle, but {2.0 * _MINIMUM_HALF_CYCLE_SAMPLES:.2g} are "
+            "needed to find its extremes; sample faster"
         )
     sign = -first * (-1.0) ** np.arange(len(halves))
     # Used only with few samples per half cycle.
@@ -373,7 +376,7 @@ def _extreme_about(
     half: float,
     sign: float,
 ) -> tuple[float, float]:
-    """Time and height of the extreme near a time, given the half period; NaN if a gap hides it."""
+    """Return time and height of the extreme near a time, given half the period; NaN if a gap hides it."""
     begin, end = np.searchsorted(time, [middle - half, middle + half])
     usual = 2.0 * half / max(4, end - begin)
     for _ in range(2):  # the second time about the extreme
@@ -400,7 +403,7 @@ _POWERS_OF_FINE = np.vander(_FINE, _DEGREE + 1, increasing=True)
 
 
 def _polynomial_top(x: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Position, from -1 to 1, and value of the maximum of a polynomial fitted to points."""
+    """Fit a polynomial to points; return position (from -1 to 1) and value of its maximum."""
     basis = np.vander(x, _DEGREE + 1, increasing=True)
     coefficients, *_ = np.linalg.lstsq(basis, values, rcond=None)
     top = float(_FINE[int((_POWERS_OF_FINE @ coefficients).argmax())])
@@ -414,7 +417,7 @@ def _polynomial_top(x: np.ndarray, values: np.ndarray) -> tuple[float, float]:
 
 
 def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ...]:
-    """Remarks on an amplitude that falls and rises again, or does not fall although no law explains it."""
+    """Report an amplitude that decreases and rises again, or that does not decay without known damping."""
     size = cycles.amplitude
     if len(size) < _MINIMUM_ROWS:
         return ()
@@ -430,8 +433,8 @@ def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ..
         and fallen < _DECAY_RATIO
     ):
         return (
-            f"the amplitude falls to {fallen:.2g} of its first value and rises again to {risen:.2g}: "
-            "two modes? Filter one of them out, or fit the part after one has decayed (--between T:T)",
+            f"the amplitude falls to {fallen:.2g} of its first value and rises again to {risen:.2g}; there "
+            "may be two modes: filter one of them out, or fit the part after it has decayed (--between T:T)",
         )
     damping, error = cycles._logarithmic_slope(slice(None))
     if damping > error or damping_is_known:
@@ -439,6 +442,6 @@ def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ..
     grows = damping < -error
     return (
         f"the amplitude {'grows' if grows else 'does not fall'} from {cycles.time[0]:.4g} to "
-        f"{cycles.time[-1]:.4g} s: driven? Then these are not the natural frequency and damping ratio; "
-        "record the force in a column and give it (identify --input NAME)",
+        f"{cycles.time[-1]:.4g} s; if the motion is driven, these are not the natural frequency and "
+        "damping ratio: record the force in a column and give its name (identify --input NAME)",
     )

@@ -1,7 +1,7 @@
-"""Example records in the format of instruments, each with the ``record.toml`` that describes it.
+"""Write example records in the formats of instruments, each with a ``record.toml`` that describes it.
 
-All except the pendulum's are simulated: each motion follows from a law with known parameters, given in
-`EXAMPLES`, plus seeded noise.
+All except the record of the real pendulum are simulated: the motion follows from a law with known
+parameters, given in `EXAMPLES`, and noise from a seed is added.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def write_example_records(out: str | Path) -> dict[str, str]:
     for path in (*files.values(), *(path.with_suffix(".toml") for path in files.values())):
         if path.exists():
             raise InputError(
-                f"{path.name} exists already in {shortened_path_text(directory)}, and files are not "
+                f"{path.name} already exists in {shortened_path_text(directory)}, and files are not "
                 "overwritten; give another directory (-o)"
             )
     for seed, (name, example) in enumerate(EXAMPLES.items()):
@@ -111,13 +111,13 @@ def _force_stroke_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
 
 
 PLATFORM = {"mass": 2.0e7, "B1": 2.4e5, "B2": 1.2e6, "period": 22.0}
-"""Made platform in heave: mass with added mass [kg], damping [N s/m, N s^2/m^2], period [s]."""
+"""Simulated platform in heave: mass with added mass [kg], damping [N s/m, N s^2/m^2], period [s]."""
 
 
 def platform_decay(
     amplitude: float, random: np.random.Generator, noise: float = 0.02
 ) -> dict[str, np.ndarray]:
-    """Return time [s] and heave [m] of a decay test of the made platform, with noise and a drifting zero.
+    """Return time [s] and heave [m] of a simulated decay test of a platform, with noise and drift.
 
     The noise is a fraction of the amplitude [m]; the zero drifts by 3 cm within a quarter of an hour.
     """
@@ -137,7 +137,7 @@ def platform_decay(
 
 
 def _platform_record(amplitude: float) -> ExampleRecord:
-    """Describe a decay test of the made platform from one amplitude [m]."""
+    """Return the example of a decay test of the simulated platform from one amplitude [m]."""
     return ExampleRecord(
         lambda random: platform_decay(amplitude, random),
         {},

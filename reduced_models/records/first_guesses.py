@@ -1,4 +1,4 @@
-"""First guesses from a record: equilibrium, amplitude, frequency, decay rate and initial motion."""
+"""Guess equilibrium, amplitude, frequency, decay rate and initial motion from a record."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from reduced_models.records.derivatives import noise_faster_than_motion, noise_l
 
 LEAST_SAMPLES = 20
 MAXIMUM_HEIGHT, MINIMUM_AMPLITUDE = 1e12, 1e-18
-"""Maximum height and minimum amplitude [m]; squares and cubes stay far from overflow and from zero."""
+"""Maximum height and minimum amplitude [m], so that squares and cubes neither overflow nor vanish."""
 MAXIMUM_TIME, MINIMUM_TIME = 1e12, 1e-12
-"""Limits of times [s], for the same reason: 30 000 years, and the time of sound across an atom."""
+"""Limits of the duration [s], for the same reason: 30 000 years, and the time sound takes across an atom."""
 _PADDING, _MAXIMUM_PEAKS = 8, 6  # of a spectrum: zero-padding factor, and maximum number of lines
 MINIMUM_CROSSINGS = 3
-"""Passages through equilibrium below which frequency and equilibrium are hardly better than guesses."""
+"""With fewer passages through equilibrium, frequency and equilibrium are poorly determined."""
 _DISTINCT_LOG_RATIO = 0.05  # difference of logarithms of clearly different frequencies
 _MAXIMUM_RIVAL_RATIO = 8.0  # maximum ratio of a rival frequency to the estimate, or of the estimate to it
 _HUM_FACTOR = 3.0  # rms values of hum, twice its crest, which a passage must exceed
@@ -28,7 +28,7 @@ _MINIMUM_SAMPLES_PER_HALF = 2.5  # samples between passages below which a spectr
 # of a search, within the valley of the right minimum; with fewer than three passages, a factor of six.
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 _LINEAR_SAMPLES, _LINEAR_GRID = 2000, 16
-"""For a linear motion of few passages: maximum number of fitted samples, and number of trial rates."""
+"""For a linear motion with few passages: maximum number of fitted samples, and number of trial rates."""
 _LINEAR_MISFIT = 0.1  # of the height's standard deviation: with a larger residual the motion is not linear
 
 
@@ -43,14 +43,14 @@ class FirstGuesses:
     rest, amplitude : float
         Mean level of the last third of the record, and the maximum displacement from it [m].
     frequency, decay : float
-        Angular frequency [rad/s] and decay rate [1/s] of the oscillation about it, above 0.
+        Angular frequency [rad/s] and decay rate [1/s] of the oscillation about this level, above 0.
     height, velocity : float
         Initial height [m] and velocity [m/s].
     crossings : int
         Number of passages through equilibrium.
     rivals : tuple of float
-        Clearly different angular frequencies [rad/s]: the frequency of the first cycles, which may
-        have a larger amplitude than the later ones, and the strongest line of the spectrum.
+        Alternative angular frequencies [rad/s] that clearly differ from ``frequency``: of the first
+        cycles, whose amplitude may be larger, and of the strongest line of the spectrum.
     fastest : float
         Half the sampling rate, as an angular frequency [rad/s].
     time, heights : float64 (n,)
@@ -74,31 +74,31 @@ class FirstGuesses:
 
     @property
     def is_poor(self) -> bool:
-        """True if there are fewer than three passages through equilibrium, so that guesses are poor."""
+        """True if guesses are poor because there are fewer than three passages through equilibrium."""
         return self.crossings < MINIMUM_CROSSINGS
 
     @property
     def log_frequency_spread(self) -> float:
-        """Half-width of the natural logarithm of the starting frequencies: 0.15, or ln 6 if poor."""
+        """Half-width of the range of log(starting frequency): 0.15, or log(6) if guesses are poor."""
         return _SPREAD_IF_POOR if self.is_poor else _SPREAD
 
     @property
     def period(self) -> float:
-        """Period of the oscillation [s], 2 pi over its angular frequency."""
+        """Period of the oscillation [s], 2 pi divided by the angular frequency."""
         return 2.0 * math.pi / self.frequency
 
     @property
     def shortest_start_period(self) -> float:
-        """Shortest period of all starts of a search, rivals included [s]."""
+        """Shortest period [s] among all start values of a search, including alternative frequencies."""
         return self.shortest_cycle_period * math.exp(-self.log_frequency_spread)
 
     @property
     def shortest_cycle_period(self) -> float:
-        """Shortest period of the estimate and its rivals [s]."""
+        """Shortest period [s] among the estimate and the alternative frequencies."""
         return 2.0 * math.pi / max(self.frequency, *self.rivals, 0.0)
 
     def draw_frequencies(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Random starting frequencies, log-uniform about the estimate and each rival in turn.
+        """Draw starting frequencies, log-uniform about the estimate and each alternative in turn.
 
         Parameters
         ----------
@@ -110,7 +110,8 @@ class FirstGuesses:
         Returns
         -------
         float64 (count,)
-            Angular frequencies [rad/s], within a factor exp(`log_frequency_spread`) of these.
+            Angular frequencies [rad/s], within a factor exp(`log_frequency_spread`) of the estimate or an
+            alternative.
 
         Raises
         ------
@@ -124,11 +125,11 @@ class FirstGuesses:
         return np.asarray(np.where(drawn < self.fastest, drawn, self.fastest**2 / drawn))
 
     def _spread_from_first(self, drawn: np.ndarray) -> np.ndarray:
-        """Random deviations; for poor guesses, which have a wide spread, the first is the estimate itself."""
+        """Draw random deviations; if guesses are poor, the first is 0, so that the estimate is tried too."""
         return drawn * (np.arange(len(drawn)) > 0) if self.is_poor else drawn
 
     def draw_rest_levels(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Random starting equilibrium heights, uniform about the estimate.
+        """Draw starting equilibrium heights, uniform about the estimate.
 
         Parameters
         ----------
@@ -140,7 +141,8 @@ class FirstGuesses:
         Returns
         -------
         float64 (count,)
-            Heights [m], within a tenth of the amplitude, or the whole amplitude if guesses are poor.
+            Heights [m], within a tenth of the amplitude of the estimate, or within the whole amplitude
+            if guesses are poor.
 
         Raises
         ------
@@ -152,7 +154,7 @@ class FirstGuesses:
         return np.asarray(self.rest + self.amplitude * drawn)
 
     def draw_decay_rates(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Random starting decay rates, log-uniform about the estimate.
+        """Draw starting decay rates, log-uniform about the estimate.
 
         Parameters
         ----------
@@ -164,7 +166,7 @@ class FirstGuesses:
         Returns
         -------
         float64 (count,)
-            Rates [1/s], within a factor exp(1.5).
+            Rates [1/s], within a factor exp(1.5) of the estimate.
 
         Raises
         ------
@@ -190,22 +192,22 @@ def zero_crossing_times(
 
 
 def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> FirstGuesses:
-    """First guesses of the parameters of a recorded motion; time [s], height [m, rad]."""
+    """Guess the parameters of a recorded motion; time [s], height [m, rad]."""
     time = time - time[0]
     if len(time) < LEAST_SAMPLES:
         raise RecordError(
             f"the record has {len(time)} samples to fit; {LEAST_SAMPLES} or more are needed to "
-            "identify a law: sample faster, or hold out less"
+            "identify a law; sample faster, or hold out less"
         )
     largest = float(np.abs(height).max())
     if largest > MAXIMUM_HEIGHT:
         raise RecordError(
-            f"the record has heights up to {largest:g} m; the maximum is {MAXIMUM_HEIGHT:g} m: "
+            f"the record has heights up to {largest:g} m, but the maximum is {MAXIMUM_HEIGHT:g} m; "
             "check the units"
         )
     if not MINIMUM_TIME <= time[-1] <= MAXIMUM_TIME:
         raise RecordError(
-            f"the record lasts {time[-1]:g} s; the range is {MINIMUM_TIME:g} to {MAXIMUM_TIME:g} s: "
+            f"the record lasts {time[-1]:g} s, but it must last {MINIMUM_TIME:g} to {MAXIMUM_TIME:g} s; "
             "check the units"
         )
     rest = float(height[-len(height) // 3 :].mean())
@@ -231,9 +233,9 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
 
 
 def _without_oscillation(time: np.ndarray, height: np.ndarray, guess: FirstGuesses) -> FirstGuesses:
-    """Guesses for a motion with few passages through equilibrium, from the best linear motion.
+    """Guess the parameters of a motion with few passages through equilibrium from the best linear motion.
 
-    Its equilibrium, initial height and velocity follow from linear least squares, so only decay rate and
+    Equilibrium, initial height and velocity follow from linear least squares, so only decay rate and
     frequency are searched; an overdamped motion is a sum of two exponentials.
     """
     from scipy.optimize import least_squares
@@ -275,7 +277,7 @@ def _without_oscillation(time: np.ndarray, height: np.ndarray, guess: FirstGuess
 def _alternative_frequencies(
     time: np.ndarray, displacement: np.ndarray, passages: np.ndarray, frequency: float
 ) -> tuple[float, ...]:
-    """Frequencies of the first cycles and of the spectral peak, if clearly different."""
+    """Return the frequencies of the first cycles and of the spectral peak that clearly differ."""
     if len(passages) <= MINIMUM_CROSSINGS:
         return ()
     early = math.pi / float(np.diff(passages[: 2 * MINIMUM_CROSSINGS]).mean())
@@ -288,7 +290,7 @@ def _alternative_frequencies(
 
 
 def _half_period(passages: np.ndarray, duration: float) -> float:
-    """Half a period from the passages through equilibrium."""
+    """Estimate half a period from the passages through equilibrium."""
     if len(passages) > 1:
         return float(np.median(np.diff(passages)))
     if len(passages) == 1:
@@ -297,7 +299,7 @@ def _half_period(passages: np.ndarray, duration: float) -> float:
 
 
 def _initial_motion(time: np.ndarray, height: np.ndarray, half: float) -> tuple[float, float]:
-    """Height and velocity at the start, from a parabola through the first part of the motion."""
+    """Estimate initial height and velocity from a parabola fitted to the first part of the motion."""
     count = max(4, int(np.searchsorted(time, 0.1 * half)))
     first = slice(0, min(count, len(time)))
     line = np.polynomial.Polynomial.fit(time[first], height[first], 2).convert()
@@ -305,7 +307,7 @@ def _initial_motion(time: np.ndarray, height: np.ndarray, half: float) -> tuple[
 
 
 def _decay_rate(time: np.ndarray, displacement: np.ndarray, half: float) -> float:
-    """Decay rate of the maximum displacement in each half period."""
+    """Estimate the decay rate from the maximum displacements in successive half periods."""
     edges = half * np.floor(time / half)
     first = np.flatnonzero(np.diff(edges, prepend=-1.0))
     first = first[edges[first] < time[-1]]

@@ -117,11 +117,11 @@ _MINIMUM_HALF_PERIODS = 4.0
 
 
 def find_free_motion(record: PistonRecord, release: int | str | None = None) -> PistonRecord:
-    """Return a free motion in a record, from its release on."""
+    """Return one free motion in a record, from its release on."""
     if release == ALL:
         raise RecordError(
-            "release = 'all', but one motion is needed; give its number, or fit all of them together "
-            "with fit, compare or discover"
+            "release = 'all', but one motion is needed; give the number of a release, or fit all motions "
+            "together with fit, compare or discover"
         )
     drives = active_inputs(record) if release is None else []
     if drives:
@@ -137,7 +137,8 @@ def find_free_motion(record: PistonRecord, release: int | str | None = None) -> 
         )
     if not 1 <= (number := int(release or 1)) <= len(motions):
         raise RecordError(
-            f"release {number}: the record holds {len(motions)}; give a number from 1 to {len(motions)}"
+            f"release {number} does not exist; the record has {len(motions)}, so give a number from 1 to "
+            f"{len(motions)}"
         )
     return _trim_motion(motions[number - 1])
 
@@ -148,14 +149,14 @@ def find_free_motions(record: PistonRecord) -> list[PistonRecord]:
 
 
 def _driven_motion(record: PistonRecord, drives: Sequence[str]) -> PistonRecord:
-    """Whole record of a motion that is driven by columns, without lost and clipped samples."""
+    """Return the whole record of a motion driven by some columns, without lost and clipped samples."""
     record = drop_lost_samples(record)
     clipped = clipped_sample_mask(record)
     count = len(_free_motion_slices(record))
     if count > 1:
         warnings.warn(
-            f"{' and '.join(map(quote, drives))} acts throughout the record, which is not cut; if it holds "
-            f"{count} free motions, --release 1 selects the first, and --release all each of them",
+            f"{' and '.join(map(quote, drives))} acts throughout the record, so the record is not cut; if it "
+            f"contains {count} free motions, --release 1 selects the first and --release all selects all",
             RecordWarning,
             stacklevel=3,
         )
@@ -163,7 +164,7 @@ def _driven_motion(record: PistonRecord, drives: Sequence[str]) -> PistonRecord:
 
 
 def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
-    """Free motions of a record, each with the hold before it."""
+    """Cut a record into its free motions, each with the hold before it."""
     record = drop_lost_samples(record)
     # a clipped hold still shows a release
     clipped = clipped_sample_mask(record)
@@ -182,7 +183,7 @@ def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
 
 
 def _trim_motion(record: PistonRecord) -> PistonRecord:
-    """Motion from its release to a knock, or until it is lost in the noise."""
+    """Cut a motion from its release to a knock, or until it is lost in the noise."""
     record = cut_at_release(record)
     if active_inputs(record):
         return record
@@ -195,8 +196,8 @@ def _trim_motion(record: PistonRecord) -> PistonRecord:
         start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
         times = ", ".join(f"{before:.4g} to {after:.4g}" for before, after in impacts)
         warnings.warn(
-            f"the amplitude grows suddenly at {times} s, by a knock or another release: the longest part "
-            f"without that, from {start:.4g} to {stop:.4g} s, is used; to keep all: --between :",
+            f"the amplitude grows suddenly at {times} s (a knock or another release), so only the longest "
+            f"undisturbed part, from {start:.4g} to {stop:.4g} s, is used; to keep all: --between :",
             RecordWarning,
             stacklevel=3,
         )
@@ -205,7 +206,7 @@ def _trim_motion(record: PistonRecord) -> PistonRecord:
 
 
 def _free_motion_slices(record: PistonRecord) -> list[slice]:
-    """Return the samples of each free motion, with the hold before it."""
+    """Return the samples of each free motion, including the hold before it."""
     total = slice(0, len(record))
     if len(record) < LEAST_SAMPLES:
         return [total]
@@ -257,7 +258,7 @@ def _decays(time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], 
 
 
 def _displacement_from_equilibrium(record: PistonRecord) -> np.ndarray:
-    """Displacement (n,) from the level passed most often, among medians of the record's end."""
+    """Displacement (n,) from equilibrium: the median of an end of the record that is passed most often."""
     # Part of the record may be a hold, whose level is never passed.
     levels = [np.median(record.height[-max(1, len(record) // part) :]) for part in _END_DIVISORS]
     displacements = [np.asarray(record.height - level) for level in levels]
@@ -269,7 +270,7 @@ def _displacement_from_equilibrium(record: PistonRecord) -> np.ndarray:
 
 
 def _half_period_and_restarts(time: np.ndarray, displacement: np.ndarray) -> tuple[float | None, list[int]]:
-    """Time between passages through equilibrium, and the samples at which motions restart after a pause."""
+    """Return the time between passages, and the samples at which motions restart after a pause."""
     largest, noise = float(np.abs(displacement).max()), noise_level(displacement, time)
     passages = zero_crossing_times(time, displacement, _SMALL * largest)
     if len(passages) < _MINIMUM_PASSAGES or noise > _MAXIMUM_NOISE * largest:
@@ -297,12 +298,12 @@ def _starts_suddenly(time: np.ndarray, away: np.ndarray, start: int, half: float
 
 
 def _count_samples_before(time: np.ndarray, before: int, duration: float) -> int:
-    """Count the samples within a duration before one of them."""
+    """Count the samples within a duration before a given sample."""
     return before - int(np.searchsorted(time, time[before] - duration))
 
 
 def _onset_sample(time: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
-    """Sample at which a motion leaves rest; a jump starts at its end."""
+    """Return the sample at which a motion leaves rest; for a jump, the sample after it."""
     calm = int(np.flatnonzero(small[:start])[-1])
     return start if start - calm <= 2 else calm - _count_samples_before(time, calm, half)
 
@@ -310,7 +311,7 @@ def _onset_sample(time: np.ndarray, small: np.ndarray, start: int, half: float) 
 def _top_sample_of_lift(
     time: np.ndarray, away: np.ndarray, small: np.ndarray, start: int, half: float
 ) -> int:
-    """Sample at which a slow rise from rest turns into a decay; 0 if the motion starts otherwise."""
+    """Return the sample at which a slow rise from rest turns into a decay; 0 if there is no such rise."""
     calm = int(np.flatnonzero(small[:start])[-1])
     end = start + int(np.argmax(small[start:])) if small[start:].any() else len(time)
     top = calm + int(np.argmax(away[calm:end]))
@@ -328,7 +329,7 @@ def _top_sample_of_lift(
 def _end_of_undisturbed_motion(
     time: np.ndarray, displacement: np.ndarray, small: np.ndarray, start: int, half: float
 ) -> int:
-    """End of the samples that the start of the next motion does not disturb."""
+    """Return the end of the samples that are not disturbed by the beginning of the next motion."""
     calm = np.flatnonzero(small[:start])
     if not len(calm):
         return start
@@ -342,7 +343,7 @@ def _end_of_undisturbed_motion(
 
 
 def _find_holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tuple[int, int]]:
-    """First and last samples of large displacements that stay constant and then fall."""
+    """Find the first and last sample of each hold: a large constant displacement that then decreases."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
     time, largest = record.time, float(away.max())
@@ -376,7 +377,7 @@ def _is_oscillating(away: np.ndarray, minimum: float) -> bool:
 
 
 def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
-    """Return the times of the extremes before and after each sudden growth of a free oscillation [s]."""
+    """Return the times [s] of the extremes before and after each sudden growth of a free oscillation."""
     if len(record) < LEAST_SAMPLES:
         return []
     time = record.time
@@ -435,7 +436,7 @@ def _beats(
 def _half_cycle_extremes(
     time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], minimum: float
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-    """Return times [s] and values of the maximum displacement of each half cycle above a minimum."""
+    """Return times [s] and displacements of the extremes of all half cycles above a minimum."""
     beyond = np.flatnonzero(np.abs(displacement) > minimum)
     firsts = np.flatnonzero(np.diff(np.sign(displacement[beyond]), prepend=0.0))
     parts = np.split(beyond, firsts[1:]) if len(firsts) else []
@@ -444,11 +445,11 @@ def _half_cycle_extremes(
 
 
 _MINIMUM_AMPLITUDE, _MINIMUM_NOISES = 0.01, 4.0
-"""Minimum amplitude of a cycle, over the maximum amplitude and in noise levels."""
+"""Minimum amplitude of a cycle: fraction of the maximum amplitude, and standard deviations of the noise."""
 _MAXIMUM_BLOCKS = 60
-"""Maximum number of blocks; with more cycles, several together form one block."""
+"""Maximum number of parts; if there are more cycles, several cycles form one part."""
 _FEW_CYCLES = 10
-"""Number of whole cycles below which half cycles are used."""
+"""Half cycles are used if there are fewer whole cycles than this."""
 # A single cycle has no standard error.
 _MINIMUM_HELD_OUT = 2
 
@@ -456,7 +457,7 @@ _MINIMUM_HELD_OUT = 2
 def find_whole_cycles(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], moving_samples: int
 ) -> tuple[slice, ...]:
-    """Return the samples of the whole cycles above the noise; time [s], height [m, rad]."""
+    """Return the samples of each whole cycle above the noise; time [s], height [m, rad]."""
     # The errors in both halves of a cycle are similar, so whole cycles are used. Few cycles are halved, since
     # a standard error needs enough parts; more than `_MAXIMUM_BLOCKS` parts do not improve it.
     displacement = height[:moving_samples] - height[-len(height) // 3 :].mean()
@@ -472,7 +473,7 @@ def find_whole_cycles(
 def choose_held_out_cycles(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], fraction: float, moving_samples: int
 ) -> tuple[slice, ...]:
-    """Return the samples of a fraction of the whole cycles, evenly spread; time [s], height [m, rad]."""
+    """Choose a fraction of the whole cycles, evenly spread; return the samples of each."""
     # The first one is never held out, since it determines the initial state.
     cycles = find_whole_cycles(time, height, moving_samples)
     passed = np.floor(fraction * np.arange(len(cycles) + 1) + 0.5 + 1e-9)
@@ -482,7 +483,7 @@ def choose_held_out_cycles(
 
 
 class PredictionErrorEstimate(NamedTuple):
-    """Prediction error of a law on held-out cycles, over the rms displacement of the record."""
+    """Prediction error of a law on held-out cycles, divided by the rms displacement of the record."""
 
     value: float
     at_rest: float  # of a piston that stays at rest
@@ -495,7 +496,7 @@ def prediction_error_on_cycles(
     cycles: Sequence[slice],
     rms_displacement: float,
 ) -> PredictionErrorEstimate:
-    """Return the prediction error of a law, with its standard error; residuals [m, rad]."""
+    """Return the prediction error of a law on some cycles, with its standard error."""
     # Squared errors are summed, so each cycle counts by its size. The standard error is the error of their
     # ratio to the cycles' squared displacements (for a wrong law) or lengths (for noise), whichever scatters
     # less (ratio estimator, Cochran 1977, Sampling Techniques, ch. 6).

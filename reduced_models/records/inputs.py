@@ -1,4 +1,4 @@
-"""Known functions of time that drive a law: columns of a record, interpolated between its samples."""
+"""Interpolate the inputs of a law, which are columns of a record, between the samples."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from granular.shared.errors import RecordError, quote
 from reduced_models.records.derivatives import derivatives, is_evenly_sampled
 
 STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)
-"""Nodes of the stages of the Runge-Kutta method, in steps of the grid."""
+"""Times of the stages of the Runge-Kutta method, as fractions of a grid step."""
 
 TIME = "t"
-"""Name of the time since a record's start, which any law may have as an input."""
+"""Name of the input that is the time since a record's start; any law may use it."""
 
 STROKE = ("z", "z'", "z''")
-"""Names of a prescribed stroke, its velocity and its acceleration as inputs of a law."""
+"""Names of the inputs of a law that are a prescribed stroke, its velocity and its acceleration."""
 
 Interpolation = Literal["spline", "linear", "previous", "band-limited"]
 INTERPOLATIONS: tuple[Interpolation, ...] = ("spline", "linear", "previous", "band-limited")
-"""Interpolation of an input between its samples: a cubic spline with two continuous derivatives;
-straight lines; the last value (a zero-order hold); or without components above half the sampling rate.
+"""Interpolation of an input between its samples: by a cubic spline with two continuous derivatives, by
+straight lines, by the last value (zero-order hold), or without components above half the sampling rate.
 """
 _TAPS = 24  # samples on each side of a band-limited value
 # Upsampling of a band-limited input before its spline: the error is 1e-4 of a tone at 0.6 of half the
@@ -44,12 +44,12 @@ class StepGrid(NamedTuple):
 
     @property
     def finer(self) -> StepGrid:
-        """Grid of twice as many steps over the same time."""
+        """Grid with twice as many steps for the same duration."""
         return StepGrid(0.5 * self.step, 2 * self.steps)
 
 
 def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
-    """Column of a record with the name of a law's input; the time is from the first sample [s]."""
+    """Return the column of a record for a law's input; the time starts at 0 at the first sample [s]."""
     result = record.extra.get(name, record.force if name == "force" else None)
     if result is None and name == TIME:
         return record.time - record.time[0]
@@ -63,12 +63,12 @@ def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
 
 
 def column_names(record: PistonRecord) -> tuple[str, ...]:
-    """Names of the columns of a record that a law can have as inputs."""
+    """Return the names of the columns of a record that a law can use as inputs."""
     return (*(["force"] if record.force is not None else []), *record.extra)
 
 
 def with_stroke_columns(record: PistonRecord) -> PistonRecord:
-    """Record of a prescribed stroke with its smoothed height, velocity and acceleration as columns."""
+    """Add smoothed height, velocity and acceleration to the record of a prescribed stroke."""
     smooth = derivatives(record)
     velocity = smooth.velocity if record.velocity is None else record.velocity
     columns = (smooth.height, velocity, smooth.acceleration)
@@ -103,7 +103,7 @@ def interpolate_inputs(
     times: np.ndarray,
     interpolation: Interpolation = "spline",
 ) -> np.ndarray:
-    """Values of columns at times between their samples; time, times [s]."""
+    """Return values of columns at times between their samples."""
     if not columns:
         return np.zeros((*times.shape, 0))
     inside = np.clip(times, time[0], time[-1])
@@ -120,7 +120,7 @@ class PiecewiseCubics(NamedTuple):
 def piecewise_cubics(
     time: Float[np.ndarray, "n"], columns: list[np.ndarray], interpolation: Interpolation = "spline"
 ) -> PiecewiseCubics:
-    """Columns as cubics between samples; band-limited ones by a spline of finer samples; time [s]."""
+    """Interpolate columns by cubics between samples; if band-limited, through finer samples."""
     length = np.diff(time)
     if interpolation == "band-limited" and columns:
         fraction = np.arange(_UPSAMPLING) / _UPSAMPLING
@@ -156,7 +156,7 @@ def _interpolate_column(
 
 
 def _interpolate_band_limited(time: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Interpolate by sinc functions under a Kaiser window (Kaiser 1974); mirrored at the ends."""
+    """Interpolate by sinc functions with a Kaiser window (Kaiser 1974); the ends are mirrored."""
     # Mirrored through the end points, so that value and slope are continuous; a truncated series would ring
     # over `_TAPS` samples.
     step = float(time[-1] - time[0]) / (len(time) - 1)

@@ -1,4 +1,4 @@
-"""Overview of a record's file: columns, sampling, noise and a picture in characters."""
+"""Overview of a record's file: columns, sampling, noise and a plot in characters."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 GAP_RATIO = 2.5
-"""Ratio to the usual time step above which a step is a gap."""
+"""A time step longer than this multiple of the usual one is a gap."""
 _WIDTH, _ROWS = 68, 12
 
 
@@ -39,13 +39,13 @@ class RecordOverview:
     rate : float
         Sampling rate [1/s].
     gaps : int
-        Number of time steps longer than 2.5 times the usual one.
+        Number of gaps: time steps longer than 2.5 times the usual step.
     noise : float
         Standard deviation of the coordinate's white noise, in its unit.
     level : float or None
-        Step of a sensor that rounds, in the coordinate's unit.
+        Rounding step of the sensor, in the coordinate's unit; None if it does not round.
     useful : float
-        Time after which the motion is hardly larger than the noise about its equilibrium [s].
+        Time [s] after which the displacement is hardly larger than the noise.
     """
 
     record: PistonRecord
@@ -98,7 +98,7 @@ class RecordOverview:
             + (f", {self.gaps} gaps" if self.gaps else ""),
             f"{quantity} from {low:.5g} to {high:.5g} {unit}, noise {self.noise:.2g} {unit}"
             + (f"; the sensor rounds to {self.level:.2g} {unit}" if self.level else ""),
-            f"the motion is above its noise until {self.useful:.4g} s",
+            f"the motion is above the noise until {self.useful:.4g} s",
         ]
         lines += [f"note: {sanitize(note)}" for note in self.meaning.notes]
         return "\n".join([*lines, "", *_motion_in_characters(record)])
@@ -133,7 +133,7 @@ def overview_of_record_file(path: str | Path, options: ReadOptions | None = None
 
 
 def _motion_in_characters(record: PistonRecord) -> list[str]:
-    """Motion as a picture in characters, for a terminal."""
+    """Plot the motion in characters, for a terminal."""
     signal = record.signal
     extent = float(np.ptp(signal)) or 1.0
     position = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
@@ -145,7 +145,7 @@ def _motion_in_characters(record: PistonRecord) -> list[str]:
 
 
 def plot_overview(overview: RecordOverview) -> Figure:
-    """Draw the motion [m, rad] over time [s], and mark when it is lost in its noise."""
+    """Plot the motion [m, rad] against time [s]; mark the time after which it is lost in the noise."""
     from granular.shared.plotting import COLOURS, GREY, figure
 
     with figure(width=7.0, height=3.0) as (drawing, axes):
@@ -153,5 +153,5 @@ def plot_overview(overview: RecordOverview) -> Figure:
         axes.plot(record.time, record.signal, color=COLOURS[0], linewidth=1)
         axes.axvline(overview.useful, color=GREY, linestyle=":")
         axes.set(xlabel="time [s]", ylabel=f"{record.measured} [{record.signal_unit}]")
-        axes.set_title("dotted: from there on the motion is within its noise", fontsize=9)
+        axes.set_title("right of the dotted line the motion is within the noise", fontsize=9)
         return drawing

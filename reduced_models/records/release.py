@@ -1,14 +1,14 @@
-"""The release in a record: the hold before it is not part of the motion.
+"""Find the release in a record; the hold before the release is not part of the motion.
 
 A recorder that is started by a trigger or by hand records the hold first. The hold obeys another law
 than the motion: a fit that includes it gives too low a frequency and too much damping.
 
-A hold differs from a slow start by its end. From a hold the displacement grows immediately, with
-the square of the time since the release or faster. The parabola through the passages of two levels
-extrapolates back to the release, and through two higher levels to no later time. A motion that grows
-gradually, as from an unstable equilibrium or at a resonance, has no such time. A motion that starts at
-a turning point has it at the record's start. A motion that starts shortly before a turning point is
-curved, whereas a hold is straight.
+A hold differs from a slow start by the way it ends. After a hold the displacement grows immediately,
+as the square of the time since the release or faster. A parabola through the passages of two levels
+therefore extrapolates back to the release, and a parabola through two higher levels extrapolates to no
+later time. A motion that grows gradually, from an unstable equilibrium or at a resonance, has no such
+release time. For a motion that starts at a turning point, the release time is the start of the record.
+A motion that starts shortly before a turning point is curved, whereas a hold is straight.
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ _LATER_RELEASE = 0.25
 _STRAIGHT_CURVATURE, _CURVATURE_ERROR = 0.1, 0.6
 _LEVEL_SIGMAS = 4.0
 _CHANGED_FRACTION, _DRIVE_FRACTION = 0.1, 0.25
-"""Fractions of a further column's range: for a change at the release, and for a drive of the motion."""
+"""Minimum change of another column, as a fraction of its range: to mark a release, and to be a drive."""
 _MINIMUM_DRIVE_FRACTION = 0.1
-"""Minimum fraction of a record over which a driving column differs from its median."""
+"""A driving column differs from its median during at least this fraction of a record."""
 _HUM_RATIO, _SLOW_POWER = 5.0, 0.01
-"""A column is hum if less than the second number, as a fraction, of its power is below the first times the
-motion's frequency. A drive at 2 (parametric) or 3 times (superharmonic) that frequency still is a drive."""
+"""A column is hum if the fraction of its power below `_HUM_RATIO` times the motion's frequency is less than
+`_SLOW_POWER`. A column at 2 or 3 times that frequency is still a (parametric or superharmonic) drive."""
 _DRIVE_WORDS = ("force", "base", "drive", "input")
-"""Words in names of columns that may drive a motion; others, such as a temperature, may drift in a hold."""
+"""Only columns with these words in their name can drive a motion; a temperature, say, may drift in a hold."""
 
 
 def cut_at_release(record: PistonRecord) -> PistonRecord:
     """Cut a record at its release, if it is at rest before it moves.
 
     A hold is recognised by its end (see `reduced_models.records.release`): the displacement then
-    grows with the square of the time since the release, or faster. Nothing is cut if a column named
-    as a force, base, drive or input acts during the hold, nor in strong noise.
+    grows as the square of the time since the release, or faster. Nothing is cut if a column whose
+    name contains force, base, drive or input acts during the hold, or if the noise is strong.
 
     Parameters
     ----------
@@ -67,13 +67,13 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
     Returns
     -------
     PistonRecord
-        Record from the release on, with unchanged times [s] and all columns; the same object if it
-        is not at rest first or has fewer than 20 samples.
+        Record from the release on, with unchanged times [s] and all columns; the same object if the
+        record does not begin at rest or has fewer than 20 samples.
 
     Warns
     -----
     RecordWarning
-        If the record is cut, with the end of the hold.
+        If the record is cut; the warning gives the end of the hold.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
 
 
 def release_sample(record: PistonRecord) -> int:
-    """Index of the sample at which a record at rest starts to move; 0 if it is not at rest first."""
+    """Return the index of the sample at the release; 0 if the record does not begin at rest."""
     # The parabola through two levels of the growth starts at the release (see the module).
     if len(record) < LEAST_SAMPLES:
         return 0
@@ -115,7 +115,7 @@ def release_sample(record: PistonRecord) -> int:
 
 
 def _find_release(time: np.ndarray, height: np.ndarray) -> tuple[float, float] | None:
-    """Time at which a height leaves its initial level, and its rise time."""
+    """Return the time at which a height leaves its initial level, and its rise time."""
     level = float(np.median(height[:5]))
     for _ in range(2):  # the longer the hold is known to be, the better its level
         displacement = np.abs(height - level)
@@ -172,13 +172,13 @@ def _level_passage_times(time: np.ndarray, displacement: np.ndarray, levels: np.
 
 
 def _onset_of_quadratic_growth(times: np.ndarray, levels: np.ndarray) -> float:
-    """Time of the vertex of a parabola that passes two levels."""
+    """Return the time of the vertex of a parabola, given the times at which it passes two levels."""
     ratio = math.sqrt(levels[1] / levels[0])
     return float((ratio * times[0] - times[1]) / (ratio - 1.0))
 
 
 def _is_straight_within_noise(time: np.ndarray, height: np.ndarray, curvature: float, noise: float) -> bool:
-    """Return whether a height is straight within noise, compared with the curvature of the motion."""
+    """Return whether a height is straight, within noise and small compared with the motion's curvature."""
     if len(time) < 4:
         return False
     x = (time - time.mean()) / (duration := float(np.ptp(time)))
@@ -196,7 +196,7 @@ def _is_straight_within_noise(time: np.ndarray, height: np.ndarray, curvature: f
 
 
 def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float) -> float:
-    """Time between two limits at which a constant level best joins a cubic motion."""
+    """Return the release time, between limits, for which a constant level joins a cubic motion best."""
     low, high = between
     here = (time >= 2.0 * low - end) & (time <= end)
     release_times = np.linspace(low, high, 41)
@@ -210,7 +210,7 @@ def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float,
 
 
 def active_inputs(record: PistonRecord) -> list[str]:
-    """Names of columns that drive the motion, by their names, over more than a short part of a record."""
+    """Names of columns that have the name of a drive and act during more than a short part of a record."""
     names = []
     for name in column_names(record):
         values = input_column(record, name)
@@ -242,7 +242,7 @@ def _is_hum(time: np.ndarray, values: np.ndarray, height: np.ndarray) -> bool:
 
 
 def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
-    """Return whether a column that is a drive by its name acts well before the release."""
+    """Return whether a column that has the name of a drive acts well before the release."""
     extent = float(np.ptp(values))
     if early == 0 or extent == 0.0 or not any(word in name.lower() for word in _DRIVE_WORDS):
         return False
@@ -250,7 +250,7 @@ def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, 
 
 
 def _sample_of_column_change(values: np.ndarray, early: int, start: int) -> int:
-    """Sample shortly before a release at which a column changes, the cause of the motion."""
+    """Return the sample, shortly before a release, at which a column changes and so causes the motion."""
     if early < 4:
         return start
     away = np.abs(values[:start] - np.median(values[:early]))

@@ -1,9 +1,9 @@
-"""A second mode in a free decay: found by its line in the spectrum, confirmed by a fit of both modes.
+"""Find a second mode in a free decay from its spectral line, and confirm it by a fit of both modes.
 
-A decay of one mode may change its frequency with the amplitude, carry harmonics, hum and a drift.
-None of these is a second mode: two damped cosines have to leave clearly less than one whose
-frequency changes with the amplitude, their difference has to decay, and it has to stand out of the
-noise at its own frequency.
+A decay of one mode may have a frequency that changes with the amplitude, harmonics, hum and a drift.
+A second mode is distinguished from these by three conditions. Two damped cosines must have a clearly
+smaller residual than one whose frequency changes with the amplitude. The second mode must decay. It must
+exceed the noise at its frequency.
 """
 
 from __future__ import annotations
@@ -20,21 +20,22 @@ from reduced_models.records.first_guesses import first_guesses, spectral_peaks
 
 _MOST_SAMPLES = 4000  # that a fit sees: more are averaged
 _STANDS_OUT = 12.0
-"""Energy of a mode over what noise at its frequency gives four numbers: chance gives 3 or less."""
-_ALIVE = 3.0  # decay times, or the record, in which a mode is seen
-_CYCLES = 2.0  # of a mode in that time, so that it is no drift
+"""Minimum ratio of a mode's energy to the energy that noise at its frequency gives four fitted parameters;
+chance gives 3 or less."""
+_ALIVE = 3.0  # decay times in which a mode is observed (or the record, if shorter)
+_CYCLES = 2.0  # of a mode in that time: with fewer it is a drift
 _BEATS = 0.9  # of a cycle by which two modes get out of step in that time
-_STEADY = 0.5  # amplitude at the end over that at the start from which on a line is hum or a drive
+_STEADY = 0.5  # ratio of final to initial amplitude above which a line is hum or a drive
 _HARMONIC = 0.02  # relative distance of a line from a multiple of the frequency
 _MULTIPLES = (2, 3, 4, 5)
-_LARGE = 0.15  # fraction of the amplitude that no harmonic has
+_LARGE = 0.15  # fraction of the amplitude above which a line is not a harmonic
 _UNEXPLAINED = 0.5  # of the gain, by which a law's mean squared residual exceeds that of both modes
 _LEFT = 0.05
-"""Energy of the residuals about the first mode, over the gain: more is the error of a nonlinear decay."""
+"""Maximum ratio of the residuals' energy about the first mode to the gain; more shows a nonlinear decay."""
 _LOCAL = 0.3  # half-width of the band of a mode's noise, of its frequency
 _DAMPINGS = (0.3, 1.0, 3.0)  # of the first mode, tried for the second
 _BESIDE = (-0.3, -0.2, -0.13, -0.08, -0.05, 0.05, 0.08, 0.13, 0.2, 0.3)
-"""Relative distances from the first mode that are tried: lines that the first one hides."""
+"""Trial frequencies relative to the first mode, for lines that the first mode hides: relative distances."""
 _REFINED = 4  # trials that are refined
 
 
@@ -49,12 +50,12 @@ class SecondMode(NamedTuple):
     gain: float  # decrease of the mean squared residual by the second mode, in that unit squared
 
     def is_seen_beside(self, law_residual: float) -> bool:
-        """Return whether a law leaves the mode in its residual, of that rms [m]."""
+        """Return whether a law whose rms residual [m] is given leaves the mode in its residual."""
         return law_residual**2 - self.residual**2 > _UNEXPLAINED * self.gain
 
     @property
     def text(self) -> str:
-        """Sentence that names the mode and the remedy."""
+        """Sentence that describes the mode and gives the remedy."""
         return (
             f"a second mode at {self.frequency:.4g} Hz has {100.0 * self.fraction:.2g} % of the amplitude at "
             f"the start (first mode: {self.first_frequency:.4g} Hz); fit both: identify --coordinates 2"
@@ -62,7 +63,7 @@ class SecondMode(NamedTuple):
 
 
 class TwoModes(NamedTuple):
-    """Two damped cosines that fit a decay, the first one the stronger where it can be told."""
+    """Two damped cosines fitted to a decay."""
 
     frequencies: tuple[float, float]  # angular, of the damped motion [rad/s]
     decay_rates: tuple[float, float]  # [1/s]
@@ -71,7 +72,7 @@ class TwoModes(NamedTuple):
 
 
 def find_second_mode(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> SecondMode | None:
-    """Find a second mode beside the strongest one of a free decay; None if there is none; time [s]."""
+    """Find the second mode of a free decay; None if the decay has only one mode; time [s]."""
     return _find_second_mode(time.tobytes(), height.tobytes())
 
 
@@ -101,7 +102,7 @@ def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
 
 
 def _fit_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Frequencies and decay rates of two modes, and of one mode without and with a chirp."""
+    """Fit two modes, and one mode without and with a chirp; return frequencies and decay rates."""
     guess = first_guesses(time, height)
     decay = DampedCosines(*thin_to_even_times(time, height))
     start = np.array([guess.frequency, min(guess.decay, 0.5 * guess.frequency), 0.0])
@@ -124,7 +125,7 @@ def _fit_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[n
 
 
 def thin_to_even_times(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Record at even times, its samples averaged where there are many."""
+    """Interpolate a record to even times; average its samples if there are many."""
     even = np.linspace(time[0], time[-1], len(time))
     height = np.interp(even, time, height)
     every = max(1, len(time) // _MOST_SAMPLES)
@@ -133,7 +134,7 @@ def thin_to_even_times(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray
 
 
 class DampedCosines:
-    """A record, and damped cosines next to a slow drift that fit it."""
+    """A record, and fits of damped cosines plus a slow drift to it."""
 
     def __init__(self, time: np.ndarray, height: np.ndarray, slow_degree: int = 3) -> None:
         self.time, self.height = time - time[0], height - height.mean()
@@ -141,7 +142,7 @@ class DampedCosines:
         self.slow = np.polynomial.chebyshev.chebvander(2.0 * self.time / self.duration - 1.0, slow_degree)
 
     def cosines(self, frequency: float, decay: float, chirp: float = 0.0) -> np.ndarray:
-        """Columns (n, 2) of one mode: cosine and sine of its phase, with its decay."""
+        """Columns (n, 2) of one mode: cosine and sine of the phase, multiplied by the decay."""
         faded = np.exp(np.clip(-decay * self.time, -50.0, 2.0))
         phase = frequency * self.time
         if chirp:
@@ -149,11 +150,11 @@ class DampedCosines:
         return np.stack([faded * np.cos(phase), faded * np.sin(phase)], axis=1)
 
     def both(self, pair: np.ndarray) -> np.ndarray:
-        """Columns (n, 4) of two modes: frequency and decay rate of each."""
+        """Columns (n, 4) of two modes; ``pair`` has frequency and decay rate of each."""
         return np.hstack([self.cosines(*pair[:2]), self.cosines(*pair[2:])])
 
     def without(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (n,) of columns (n, k) and a slow drift, and the factors of these."""
+        """Fit columns (n, k) and a slow drift; return residuals (n,) and the fitted factors."""
         basis = np.hstack([columns, self.slow])
         factors = np.linalg.lstsq(basis, self.height, rcond=1e-10)[0]
         return self.height - basis @ factors, factors
@@ -163,11 +164,11 @@ class DampedCosines:
         return self.without(self.cosines(*vector))[0]
 
     def residuals_of_two(self, vector: np.ndarray) -> np.ndarray:
-        """Residuals (n,) of two modes: frequency and decay rate of each."""
+        """Residuals (n,) of two modes; ``vector`` has frequency and decay rate of each."""
         return self.without(self.both(vector))[0]
 
     def refine(self, start: np.ndarray, *, chirp: bool) -> np.ndarray:
-        """Frequency, decay rate and chirp of one mode that leave least."""
+        """Fit frequency, decay rate and chirp of one mode by least squares."""
         from scipy.optimize import least_squares
 
         count = 3 if chirp else 2
@@ -178,7 +179,7 @@ class DampedCosines:
         return np.append(solution.x, start[count:])
 
     def refine_two(self, start: np.ndarray) -> np.ndarray:
-        """Frequencies and decay rates of two modes that leave least."""
+        """Fit frequencies and decay rates of two modes by least squares."""
         from scipy.optimize import least_squares
 
         solution = least_squares(
@@ -187,7 +188,7 @@ class DampedCosines:
         return np.asarray(solution.x)
 
     def judge(self, pair: np.ndarray, squares: float) -> SecondMode | None:
-        """Second of two modes, if it stands out of what one mode leaves and decays; None otherwise."""
+        """Return the weaker of two modes if it decays and exceeds the noise; None otherwise."""
         left, factors = self.without(self.both(pair))
         sizes = np.hypot(factors[[0, 2]], factors[[1, 3]])
         parts = [slice(2 * k, 2 * k + 2) for k in (0, 1)]
@@ -227,7 +228,7 @@ class DampedCosines:
         )
 
     def _spectrum(self, left: np.ndarray, frequency: float) -> tuple[np.ndarray, np.ndarray]:
-        """Energy of residuals (n,) at each line of their spectrum, half of it, and lines near a frequency."""
+        """Return half the energy of residuals at each line of their spectrum, and a mask near a frequency."""
         window = np.hanning(len(left))
         power = np.abs(np.fft.rfft(left * window)) ** 2 / (window**2).sum()
         lines = 2.0 * math.pi * np.fft.rfftfreq(len(left), self.duration / (len(left) - 1))

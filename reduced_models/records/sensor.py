@@ -1,4 +1,4 @@
-"""Sensors: the measured quantity of a motion, and the resulting signal."""
+"""Sensors: the quantity of a motion that is measured, and the resulting signal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from reduced_models.records.derivatives import derivatives
 SensorQuantity = Literal["height", "velocity", "acceleration", "force", "base_force"]
 Columns = Mapping[str, np.ndarray]
 Setting = float | tuple[float, float] | Literal["free"]
-"""A known number, lower and upper bounds, or a number to be fitted."""
+"""A known number, a pair of bounds, or "free" for a number to be fitted."""
 
 _DERIVATIVES: dict[str, int] = {"height": 0, "velocity": 1, "acceleration": 2, "force": 2, "base_force": 2}
 _SETTINGS = ("gain", "offset", "low_pass", "high_pass", "damping_ratio", "absolute", "column")
@@ -28,30 +28,31 @@ _MAXIMUM_ITEMS = 20  # in a line of text
 
 @dataclasses.dataclass(frozen=True)
 class Sensor:
-    """A sensor, whose signal is gain * quantity + offset, passed through a filter if it has one.
+    """A sensor with the signal gain * quantity + offset, which may pass through a filter.
 
     Attributes
     ----------
     quantity : str
         ``"height"`` [m], ``"velocity"`` [m/s] or ``"acceleration"`` [m/s^2] of the coordinate;
         ``"base_force"``, the reaction of the mass on the base, for which the gain is the mass [kg];
-        or ``"force"`` along a prescribed stroke (of a record without heights: the force that
-        accelerates the mass).
+        or ``"force"``, the force along a prescribed stroke or, in a record without heights, the
+        force that accelerates the mass.
     gain, offset : float, (float, float) or "free", optional
-        A known number, lower and upper bounds, or fitted. The gain, in the signal's unit over the
-        quantity's, is not 0 and its bounds have one sign; the offset is in the signal's unit. By
-        default the gain is 1, or free for a force, and the offset is free, or 0 for a height.
+        A known number, lower and upper bounds, or ``"free"`` for a fitted value. The gain has the unit
+        of the signal divided by the unit of the quantity; it is not 0, and its bounds have the same
+        sign. The offset has the unit of the signal. By default the gain is 1 (free for a force) and
+        the offset is free (0 for a height).
     low_pass, high_pass : float, optional
-        Corner frequency of the filter, above 0 [Hz]; one of the two. A geophone is a velocity sensor
-        with a high pass.
+        Corner frequency of the filter, above 0 [Hz]; give one of the two at most. A geophone is a
+        velocity sensor with a high pass.
     damping_ratio : float, optional
-        Damping ratio of a second-order filter, above 0, without unit; without it the filter is of
-        first order.
+        Damping ratio of a second-order filter, above 0; if it is not given, the filter is of first
+        order.
     absolute : bool
-        Whether the sensor measures in the frame at rest, including the motion of the base (column
+        Whether the sensor measures in the laboratory frame, including the motion of the base (column
         ``base_height`` or ``base_acceleration``).
     column : str, optional
-        Column of the signal; by default the one with the quantity's name.
+        Column of the signal; by default the column with the quantity's name.
 
     Raises
     ------
@@ -78,7 +79,9 @@ class Sensor:
     def __post_init__(self) -> None:
         if self.quantity not in _DERIVATIVES:
             known = ", ".join(map(repr, get_args(SensorQuantity)))
-            raise InputError(f"measured = {quote(self.quantity)}; give one of {known}, or a Sensor")
+            raise InputError(
+                f"measured = {quote(self.quantity)} is unknown; give one of {known}, or a Sensor"
+            )
         is_force = self.quantity in ("force", "base_force")
         if self.gain is None:
             object.__setattr__(self, "gain", "free" if is_force else 1.0)
@@ -87,15 +90,15 @@ class Sensor:
         _check_setting("gain", self.gain)
         _check_setting("offset", self.offset)
         if not self.nominal_gain:
-            raise InputError("the gain of a sensor is 0, so it gives no signal; give another")
+            raise InputError("the gain of a sensor is 0, so the sensor has no signal; give another gain")
         if self.low_pass is not None and self.high_pass is not None:
-            raise InputError("a sensor has one filter: give low_pass or high_pass")
+            raise InputError("a sensor can have only one filter; give low_pass or high_pass, not both")
         for name in ("low_pass", "high_pass", "damping_ratio"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | float) and 0.0 < value < math.inf):
                 raise InputError(f"{name} = {quote(value)}; give a number above 0")
         if self.damping_ratio is not None and self.corner_frequency is None:
-            raise InputError("damping_ratio belongs to a filter: give its low_pass or high_pass too")
+            raise InputError("damping_ratio needs a filter; give low_pass or high_pass too")
 
     def __str__(self) -> str:
         texts = [f"{'absolute ' * self.absolute}{self.quantity.replace('_', ' ')}"]
@@ -114,7 +117,7 @@ class Sensor:
 
     @property
     def derivative_sign(self) -> float:
-        """Sign, 1 or -1, of that derivative in the quantity; -1 for a force on the base."""
+        """Sign of the derivative in the measured quantity: -1 for a force on the base, otherwise 1."""
         return -1.0 if self.quantity == "base_force" else 1.0
 
     @property
@@ -129,19 +132,19 @@ class Sensor:
 
     @property
     def nominal_gain(self) -> float:
-        """Start value of the gain, in the signal's unit over the quantity's.
+        """Start value of the gain (unit of the signal divided by unit of the quantity).
 
-        The given number, the middle of its bounds, or 1 if it is free.
+        It is the given number, the middle of the bounds, or 1 if the gain is free.
         """
         return _nominal_value(self.gain, 1.0)
 
     @property
     def nominal_offset(self) -> float:
-        """Start value of the offset in the signal's unit: as given, middle of the bounds, or 0 if free."""
+        """Start value of the offset in the signal's unit: the given one, middle of bounds, or 0 if free."""
         return _nominal_value(self.offset, 0.0)
 
     def signal(self, columns: Columns) -> np.ndarray:
-        """Measured signal of this sensor, among the columns of a record.
+        """Return the signal of this sensor from the columns of a record.
 
         Parameters
         ----------
@@ -151,7 +154,7 @@ class Sensor:
         Returns
         -------
         float64 (n,)
-            The column ``column``, or the column with the quantity's name, in its unit.
+            Column with the name ``column`` or, if that is not given, with the name of the quantity.
 
         Raises
         ------
@@ -163,14 +166,14 @@ class Sensor:
             available = ", ".join(map(repr, columns))
             raise RecordError(
                 f"measured = {self.quantity!r} needs the column {quote(name)}, but the record has "
-                f"{available}; add it, or give its name: Sensor(..., column=...)"
+                f"{available}; add the column, or give the name of another: Sensor(..., column=...)"
             )
         return columns[name]
 
     def approximate_heights(self, columns: Columns, *, about_rest: bool) -> np.ndarray:
-        """Approximate heights: the record's, or else the integrated signal.
+        """Return the heights of a record or, if it has none, heights integrated from the signal.
 
-        The signal is converted with the nominal gain and offset, its filter is ignored, and it is
+        The signal is converted with the nominal gain and offset, without regard to the filter, and
         integrated by `granular.records.integration.integrate_without_drift`.
 
         Parameters
@@ -199,18 +202,18 @@ class Sensor:
         return integrate_without_drift(columns["time"], values, self.derivative_order)
 
     def signal_deviations(self, deviations: Columns) -> dict[str, np.ndarray]:
-        """Deviations of a record whose height column is the signal.
+        """Return the deviations of a record whose height column is replaced by the signal.
 
         Parameters
         ----------
         deviations : mapping of str to float64 (k, n)
-            Changes of each column for one standard deviation of each number of its calibration, in
-            the column's unit.
+            Change of each column due to one standard deviation of each calibration constant, in the
+            column's unit.
 
         Returns
         -------
         dict of str to float64 (k, n)
-            The same, with the signal's deviations in place of the deviations of ``height``.
+            The same deviations, but with those of the signal under the name ``height``.
         """
         result = {name: values for name, values in deviations.items() if name != "height"}
         rows = deviations.get(self.column or self.quantity)
@@ -218,22 +221,24 @@ class Sensor:
         return result if rows is None else result | {"height": rows}
 
     def deviations_with_open_gain(self, columns: Columns, deviations: Columns) -> dict[str, np.ndarray]:
-        """Deviations of a calibration, including the uncertainty of a gain between two bounds.
+        """Add the uncertainty of a gain between two bounds to the deviations of a calibration.
 
-        The gain is assumed uniform between its bounds; its standard deviation is their distance over the
-        square root of 12 (JCGM 100:2008, 4.3.7). The signal's mean is subtracted.
+        The gain is assumed to be uniformly distributed between its bounds; its standard deviation is the
+        distance of the bounds divided by the square root of 12 (JCGM 100:2008, 4.3.7). The mean of the
+        signal is subtracted.
 
         Parameters
         ----------
         columns : mapping of str to float64 (n,)
             Columns of the record, in SI units.
         deviations : mapping of str to float64 (k, n)
-            Changes of each column for one standard deviation of each number of the calibration, in its unit.
+            Change of each column due to one standard deviation of each calibration constant, in the
+            column's unit.
 
         Returns
         -------
         dict of str to float64 (k or k + 1, n)
-            The same, with one more row for the signal's column, in its unit, if the gain has bounds.
+            The same deviations; if the gain has bounds, the signal's column has one more row, in its unit.
 
         Raises
         ------
@@ -249,7 +254,7 @@ class Sensor:
         return result
 
     def base_motion(self, columns: Columns) -> np.ndarray:
-        """Motion of the base, if an absolute sensor includes it; zero otherwise.
+        """Return the motion of the base that the signal includes; zero if the sensor is not absolute.
 
         Parameters
         ----------
@@ -260,8 +265,9 @@ class Sensor:
         Returns
         -------
         float64 (n,)
-            Height [m], velocity [m/s] or acceleration [m/s^2] of the base, by `derivative_order`; from a
-            smoothed base height if needed (`reduced_models.records.derivatives.derivatives`).
+            Height [m], velocity [m/s] or acceleration [m/s^2] of the base, according to
+            `derivative_order`; if needed, differentiated from a smoothed base height
+            (`reduced_models.records.derivatives.derivatives`).
 
         Raises
         ------
@@ -279,21 +285,21 @@ class Sensor:
         wanted = f"{BASE_ACCELERATION} or {BASE_HEIGHT}" if self.derivative_order == 2 else BASE_HEIGHT
         raise RecordError(
             f"an absolute {self.quantity} needs the motion of the base, but the record has no "
-            f"column {wanted}; add it, or measure relative to the base (absolute=False)"
+            f"column {wanted}; add the column, or use a sensor relative to the base (absolute=False)"
         )
 
 
 def sensor_report_lines(sensor: Sensor | None, undetermined: Iterable[str]) -> list[str]:
-    """Lines of a model's text on the measured signal and the quantities that it does not determine."""
+    """Lines that describe the measured signal and the quantities that it does not determine."""
     if sensor is None:
         return []
     texts = {"level": "the equilibrium height", "size": "the amplitude of the motion"}
     names = ", ".join(texts.get(name, name) for name in undetermined)
-    return [f"  measured: {sensor}"] + [f"  not determined by it: {names}"] * bool(names)
+    return [f"  measured: {sensor}"] + [f"  not determined by the signal: {names}"] * bool(names)
 
 
 def parse_sensor(text: str) -> Sensor:
-    """Sensor from a line of text: a quantity followed by settings."""
+    """Make a sensor from a line of text: a quantity followed by settings."""
     quantity, *items = text.split()[:_MAXIMUM_ITEMS] or [""]
     given: dict[str, Any] = {}
     for item in items:
@@ -308,7 +314,7 @@ def parse_sensor(text: str) -> Sensor:
 
 
 def resolve_sensor(measured: str | Sensor) -> Sensor | None:
-    """Sensor from a quantity or a Sensor; None if the height itself is compared."""
+    """Return the sensor for a quantity or a Sensor; None if the height itself is compared."""
     sensor = measured if isinstance(measured, Sensor) else Sensor(measured)  # type: ignore[arg-type]  # checked there
     return None if sensor == Sensor("height") else sensor
 
@@ -321,7 +327,9 @@ def _check_setting(name: str, value: object) -> None:
     if not sound or len(numbers) != 2 or not numbers[0] < numbers[1]:
         raise InputError(f"{name} = {quote(value)}; give a number, a lower and an upper bound, or 'free'")
     if name == "gain" and numbers[0] * numbers[1] <= 0.0:
-        raise InputError(f"gain = {quote(value)}: the sign must be known; give bounds on one side of 0")
+        raise InputError(
+            f"gain = {quote(value)}, but its sign must be known; give two bounds above 0, or two below 0"
+        )
 
 
 def _parse_setting(name: str, text: str) -> Setting:
@@ -343,7 +351,7 @@ def _nominal_value(setting: Setting | None, free: float) -> float:
 
 
 def column_sensor(name: str) -> Sensor:
-    """Sensor that reads a column unchanged."""
+    """Return a sensor whose signal is a column, unchanged."""
     quantity: Any = name if name in get_args(SensorQuantity) else "height"
     return Sensor(quantity, gain=1.0, offset=0.0, column=name)
 
@@ -355,7 +363,7 @@ def motion_signal(
     velocity: Float[np.ndarray, "n"],
     base: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Signal of a motion (time [s], height [m], velocity [m/s]) and its base, after a settled filter."""
+    """Signal of a motion (time [s], height [m], velocity [m/s]) and its base, through a settled filter."""
     from scipy.interpolate import CubicSpline
 
     quantity = (height, velocity)[min(sensor.derivative_order, 1)]
@@ -382,7 +390,7 @@ def filter_by_sensor(
 
 
 def filter_matrices(sensor: Sensor, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """State-space matrices of the filter, x' = A x + b u, y = c x + d u, with time in steps."""
+    """State-space matrices of the filter, x' = A x + b u, y = c x + d u; the unit of time is ``step``."""
     if not sensor.filter_order:
         return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros(0), 1.0
     assert sensor.corner_frequency is not None

@@ -1,4 +1,4 @@
-"""Samples that show the sensor instead of the motion: lost, clipped, spikes, or within its noise."""
+"""Find samples that do not show the motion: lost or clipped samples, spikes, and noise after the end."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ KEEP_REMEDY = "to keep them: --between :"
 # begins, at 120 samples per period. 12 would miss it.
 _MINIMUM_CLIPPED = 6
 _MINIMUM_RUN = 3
-"""Minimum number of equal samples in a row: two may be equal by rounding."""
+"""Minimum number of successive equal samples in a run; two samples may be equal because of rounding."""
 _COARSE_STEP = 1e-3  # rounding step over the range above which two samples are equal by chance
 # Ratio of the numbers of samples at a limit and at the next value inside, above which a peak is clipped. A
 # rounded crest has at most 1/(sqrt(2) - 1) = 2.4 times as many on its last step as on the one before; 8
 # misses peaks clipped by 5 %.
 _CLIPPED_RATIO = 4.0
 _PASSAGE_DISPLACEMENT, _MINIMUM_PLATEAUS = 0.3, 2
-"""Displacement over the maximum above which passages through equilibrium count; and minimum number of
-plateaus at one level, since a hold is a single one."""
+"""Fraction of the maximum displacement above which passages through equilibrium count; and minimum number
+of plateaus at one level, since a hold is a single plateau."""
 _PLATEAU_NOISES, _MAXIMUM_DEPTH, _MINIMUM_DURATION_RATIO = 7.0, 0.35, 1.1
-"""Range of a plateau in standard deviations of the noise, maximum of that range over the displacement, and
-minimum duration over the duration of a crest."""
+"""Range of a plateau, in standard deviations of the noise; maximum ratio of this range to the displacement;
+and minimum ratio of a plateau's duration to the duration of a crest."""
 _PERIOD_TOLERANCE = 0.3  # of a period: maximum deviation of the time between plateaus from it
 _FLATNESS = 0.3  # standard deviations by which the middle of a plateau may be higher
 _MINIMUM_NOISE, _ROUNDING_SHARE = 1e-4, 0.3
-"""Noise over the range of a record above which a hold is not a run of equal samples, and fraction of equal
-neighbours above which a sensor rounds. Without noise, or if it rounds, a single run may be a hold."""
+"""Noise, as a fraction of the record's range, above which a hold is not a run of equal samples; and fraction
+of equal neighbours above which the sensor rounds. With less noise or rounding, a single run may be a hold."""
 # Step to a lost sample over the usual step, of the whole record and near it. 4 to 32 give the same for zeros
 # and -999 in simulated records; with 2 the first sample of a shock is dropped.
 _JUMP_RATIO = 8.0
@@ -48,26 +48,27 @@ _MAXIMUM_LOST = 0.2
 # of 0.3 in noise of 1 % are missed, with 0.1 of the range small ones; smaller values find more.
 _MEDIAN_WINDOW, _SPIKE_DEVIATIONS, _SPIKE_NOISES, _MINIMUM_SPIKE = 7, 7.4, 10.0, 0.03
 _SPIKE_STEP_RATIO = 3.0
-"""Steps to a spike and back over the steps near them."""
+"""Minimum ratio of the steps to a spike and back to the steps near them."""
 _RESIDUAL_SPIKE = 8.0  # standard deviations of the usual residual beyond which a single one is a spike
 # Fraction of samples above which spikes are kept as part of the record: if they are a tenth, 15 to 30 % of
 # them would still be missed. 0.01 keeps all if they are 2 %.
 _MAXIMUM_SPIKES = 0.05
 _ENDED_RATIO, _MINIMUM_RMS_SAMPLES = 1.5, 5
-"""Rms displacement over the noise below which a motion has ended; minimum number of samples of the rms."""
+"""A motion has ended if its rms displacement is below this multiple of the noise; and minimum number of
+samples in this rms."""
 _NOISE_TAIL_START = 0.7
-"""Fraction of a record in which its motion must have ended for the rest to be omitted: a fit holds out
-as large a part, which would then be noise alone."""
+"""The rest of a record is omitted if the motion ends before this fraction of the record. The omitted part
+is as large as the part that a fit holds out, which would otherwise be noise alone."""
 _EQUILIBRIUM_PART = 0.05
-"""Minimum fraction of a record, at its end, that gives the equilibrium."""
+"""The equilibrium is the level of at least this fraction of a record, at its end."""
 _MOTION_END = 0.85
-"""Fraction of a record in which its motion must have ended for the rest not to count."""
+"""The rest of a record does not count if the motion ends before this fraction of the record."""
 _MINIMUM_CROSSINGS = 8
-"""Minimum number of passages through equilibrium of a motion that is split without its noise tail."""
+"""A noise tail is excluded only if the motion has at least this many passages through equilibrium."""
 
 
 def drop_lost_samples(record: PistonRecord) -> PistonRecord:
-    """Record without lost samples, for which a sensor or logger wrote some number, and without spikes."""
+    """Remove spikes and lost samples, for which a sensor or logger wrote a placeholder."""
     lost = _placeholder_mask(record.height)
     spikes = np.zeros_like(lost)
     spikes[~lost] = _spike_mask(record.time[~lost], record.height[~lost])
@@ -84,7 +85,7 @@ def drop_lost_samples(record: PistonRecord) -> PistonRecord:
 
 
 def _placeholder_mask(height: np.ndarray) -> np.ndarray:
-    """Return the samples of an extreme value that the record jumps to and back from."""
+    """Mask the samples of an extreme value if the record jumps to this value and back."""
     lost = np.zeros(len(height), dtype=bool)
     for extreme in (np.min, np.max):
         here = height == extreme(height)
@@ -104,7 +105,7 @@ def _placeholder_mask(height: np.ndarray) -> np.ndarray:
 
 
 def _spike_mask(time: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Return single samples far from the median of their neighbours (Hampel identifier)."""
+    """Mask single samples far from the median of their neighbours (Hampel identifier)."""
     none = np.zeros(len(height), dtype=bool)
     if len(height) < LEAST_SAMPLES:
         return none
@@ -128,7 +129,7 @@ def _spike_mask(time: np.ndarray, height: np.ndarray) -> np.ndarray:
 
 
 def clipped_sample_mask(record: PistonRecord) -> Bool[np.ndarray, "n"]:
-    """Mask of the samples at the limits of a sensor, if there are runs of them at several crests."""
+    """Mask the samples at the limits of a sensor if runs of such samples occur at several crests."""
     clipped = _clipped_sample_mask(record)
     if clipped.any():
         warnings.warn(_clipped_text(record, clipped), RecordWarning, stacklevel=3)
@@ -147,19 +148,19 @@ def _clipped_text(record: PistonRecord, clipped: np.ndarray) -> str:
 
 
 def keep_text(record: PistonRecord) -> str:
-    """Remedy for samples that are omitted from a record."""
+    """Explain how to keep samples that are omitted from a record."""
     known = record.source is not None and record.source.name
     return KEEP_REMEDY if known else "to keep them: complete=True of the PistonRecord"
 
 
 def with_note(record: PistonRecord, text: str) -> PistonRecord:
-    """Record with a further note on its samples in its source."""
+    """Add a note on its samples to the source of a record."""
     source = record.source or RecordSource("")
     return dataclasses.replace(record, source=dataclasses.replace(source, notes=(*source.notes, text)))
 
 
 def without_clipped_samples(record: PistonRecord) -> PistonRecord:
-    """Record without the samples at a sensor's limits, which a fit would take for the motion."""
+    """Remove the samples at a sensor's limits, which a fit would otherwise regard as motion."""
     # a driven motion may repeatedly be held at a level
     if record.complete or active_inputs(record):
         return record
@@ -172,7 +173,7 @@ def without_clipped_samples(record: PistonRecord) -> PistonRecord:
 
 
 def spike_mask(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
-    """Mask of single samples far from the heights of a fitted motion [m]; none of a complete record."""
+    """Mask single samples far from a fitted motion [m]; in a record marked complete, none."""
     # With few samples per cycle the neighbours alone do not distinguish a spike from the motion.
     away = np.abs(record.height - fitted)
     about = np.pad(away, 1, mode="reflect")
@@ -183,7 +184,7 @@ def spike_mask(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> Bool[np.
 
 
 def _equal_sample_mask(record: PistonRecord) -> np.ndarray:
-    """Mask of samples equal to the minimum or the maximum, in runs."""
+    """Mask runs of samples that are equal to the minimum or to the maximum."""
     height = record.height
     at_limit = np.zeros(len(height), dtype=bool)
     runs = samples = 0
@@ -210,7 +211,7 @@ def _equal_sample_mask(record: PistonRecord) -> np.ndarray:
 
 
 def _plateau_mask(record: PistonRecord) -> np.ndarray:
-    """Mask of samples that stay at the maximum displacement, apart from noise, longer than a crest."""
+    """Mask samples that stay at the maximum displacement, within noise, for longer than a crest would."""
     time, height = record.time, record.height
     plateau = np.zeros(len(height), dtype=bool)
     noise = noise_level(height, time)
@@ -245,7 +246,7 @@ def _plateau_mask(record: PistonRecord) -> np.ndarray:
 
 
 def _is_flat(values: np.ndarray, noise: float) -> bool:
-    """Return whether the middle of a run is not higher than the rest of it."""
+    """Return whether the middle of a run is not higher than its other samples."""
     quarter = max(1, len(values) // 5)
     middle, about = values[2 * quarter : -2 * quarter], values[quarter:-quarter]
     if not len(middle):
@@ -260,7 +261,7 @@ def mask_runs(mask: np.ndarray) -> list[tuple[int, int]]:
 
 
 def end_time_of_motion(record: PistonRecord) -> float:
-    """Time after which the motion is hardly larger than the noise about its final level [s]."""
+    """Return the time [s] after which the displacement is hardly larger than the noise."""
     displacement = record.height - np.median(record.height[-max(3, int(_EQUILIBRIUM_PART * len(record))) :])
     count = min(len(displacement), max(_MINIMUM_RMS_SAMPLES, len(displacement) // 50))
     largest = float(np.abs(displacement).max()) or 1.0  # squares of heights may overflow or underflow
@@ -286,14 +287,14 @@ def count_samples_in_motion(record: PistonRecord) -> int:
 
 
 def cut_noise_tail(record: PistonRecord) -> PistonRecord:
-    """Record until its motion is lost in the sensor's noise, if noise is a large part of it."""
+    """Cut a record when its motion is lost in the noise, if the part that is only noise is large."""
     start, stop = float(record.time[0]), float(record.time[-1])
     end = end_time_of_motion(record)
     motion = record.time <= end
     if end - start > _NOISE_TAIL_START * (stop - start) or motion.sum() < LEAST_SAMPLES:
         return record
     warnings.warn(
-        f"from {end:.4g} s on the motion is within the sensor's noise, and the rest is omitted; "
+        f"from {end:.4g} s on the motion is within the sensor's noise, so the rest is omitted; "
         "to keep it: --between :",
         RecordWarning,
         stacklevel=3,

@@ -1,7 +1,7 @@
-"""A filter of the sensor that the record shows: its transient beside the oscillation.
+"""Find a filter of the sensor in a record, from the transient that it adds to the oscillation.
 
-Behind a filter of first order a damped cosine is a damped cosine, and the start adds an exponential
-with the filter's rate. A law without the filter adapts its damping to this exponential.
+A first-order filter turns a damped cosine into a damped cosine plus an exponential that starts with the
+record and decays at the filter's rate. A law without the filter adapts its damping to this exponential.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.second_mode import DampedCosines, thin_to_even_times
 
 _HALVED = 0.5
-_DECAYED = 3.0  # decay times in a record after which an exponential has ended
-_LEAST_SAMPLES = 5.0  # in a decay time
+_DECAYED = 3.0  # number of decay times in a record after which an exponential has ended
+_LEAST_SAMPLES = 5.0  # minimum number of samples in a decay time
 _RECTIFIED = 0.2
-"""Relative distance from once and twice the decay rate, as the mean of an asymmetric oscillation has."""
-_NOISES = 2.0  # noise levels up to which the filter explains the record
-_AWAY = 0.2  # level over the amplitude up to which a high pass has removed it
-_RATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of the angular frequency, that are tried
+"""Minimum relative distance from the oscillation's decay rate and from twice this rate, at which the mean of
+an asymmetric oscillation decays."""
+_NOISES = 2.0  # maximum residual, in noise levels, with which the filter explains the record
+_AWAY = 0.2  # maximum ratio of mean level to amplitude for a high pass, which removes the level
+_RATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # trial rates, divided by the angular frequency
 
 
 class SensorFilter(NamedTuple):
@@ -36,7 +37,7 @@ class SensorFilter(NamedTuple):
     residual: float  # rms of a damped cosine behind it [m]
 
     def text(self, law_residual: float) -> str:
-        """Sentence that suggests the filter, from the residual of a law without it."""
+        """Sentence that suggests the filter, given the residual [m] of a law without the filter."""
         words = self.kind.replace("_", " ")
         return (
             f"a first-order {words} of the sensor at about {self.corner:.2g} Hz would reduce the residual to "
@@ -48,7 +49,7 @@ class SensorFilter(NamedTuple):
 def find_sensor_filter(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], law_residual: float
 ) -> SensorFilter | None:
-    """Find a filter that halves the residual [m] of a law of a free decay, or None; time [s]."""
+    """Find a filter that would halve the residual [m] of a law in a free decay; None if there is none."""
     candidate = _find_sensor_filter(time.tobytes(), height.tobytes())
     return candidate if candidate is not None and candidate.residual <= _HALVED * law_residual else None
 

@@ -1,4 +1,4 @@
-"""Sources of a record: a scene to simulate, a run, a CSV or Parquet file, or an object."""
+"""Load records from their sources: a scene to simulate, a run, a CSV or Parquet file, or an object."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def load_record(source: Scene | Trajectory | PistonRecord, progress: bool) -> Pi
 def open_and_check_source(
     source: str | Path | Scene | Plan | Trajectory | PistonRecord,
 ) -> Scene | Plan | Trajectory | PistonRecord:
-    """Open a source, and check that it has, or will produce, a piston's record."""
+    """Open a source; check that it contains a piston's record, or that its simulation will give one."""
     result = open_source(source) if isinstance(source, str | Path) else source
     if isinstance(result, PistonRecord):  # without importing the simulation
         return result
@@ -56,20 +56,24 @@ def open_and_check_source(
     if isinstance(result, Scene | Plan):
         scene = result.scene if isinstance(result, Plan) else result
         if scene.piston is None:
-            raise InputError(f"scene {quote(scene.name)} has no piston, so there is nothing to identify")
+            raise InputError(
+                f"scene {quote(scene.name)} has no piston, so there is nothing to identify; "
+                "choose a scene with a piston"
+            )
         return result
     if not hasattr(result, "settings"):
         raise InputError(f"a {type(result).__name__} is not a source; give a scene, plan, run or record")
     missing = {"dt", "method", "steps"} - set(result.settings())
     if missing:
         raise StoreError(
-            f"the settings of the run in {result.path} lack {', '.join(sorted(missing))}; run the scene again"
+            f"the settings of the run in {result.path} do not contain {', '.join(sorted(missing))}; "
+            "run the scene again"
         )
     return result
 
 
 def make_directory(out: str | Path) -> Path:
-    """Return a directory to write to, created if it does not exist."""
+    """Return a directory to write to; create it if it does not exist."""
     path = Path(out)
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -85,24 +89,25 @@ def make_directory(out: str | Path) -> Path:
 
 
 def shortened_path_text(path: Path) -> str:
-    """Path for a message, shortened and without control characters."""
+    """Return a path for a message, shortened and without control characters."""
     return sanitize(path, 80)
 
 
 def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
     """Read the motion in a file, as `PistonRecord.from_file` does, from its release on.
 
-    Omitted are lost or clipped samples, the hold before the release, further releases, the motion
-    after a knock, and an end that is noise (`reduced_models.records.free_motion`). ``release=2``
-    selects the second release. If times (``between``) are given, here or in the ``record.toml``, only
-    they cut the record. A record of the force on a prescribed stroke is not cut at all.
+    Lost or clipped samples, the hold before the release, further releases, the motion after a knock,
+    and an end that is only noise are omitted (see `reduced_models.records.free_motion`).
+    ``release=2`` selects the second release. If times (``between``) are given, here or in the
+    ``record.toml``, the record is cut at these times only. A record of the force on a prescribed
+    stroke is not cut at all.
 
     Parameters
     ----------
     path : str or Path
         File to read, or a ``record.toml`` that describes one.
     units : mapping of str to str, optional
-        Units of the columns by their roles or names, which replace the units in the file.
+        Units of the columns by their roles or names; they replace the units in the file.
     **said
         Reading options: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``, ``between``,
         ``scale``, ``zero``, ``calibration``, ``rate``, ``sort`` and ``release``, the fields of
@@ -117,8 +122,8 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     ------
     RecordError
         If the file cannot be read as a record, an option is unknown or out of its range, a release is
-        given together with times, the file has no such release, or all (``release="all"``) are
-        requested.
+        given together with times, the file does not have this release, or ``release="all"`` is given
+        (use `read_releases`).
     InputError
         If a ``.toml`` file is not valid TOML.
 
@@ -139,10 +144,10 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
 def read_releases(
     path: str | Path, units: Mapping[str, str] | None = None, **said: Any
 ) -> list[PistonRecord]:
-    """Read the motions in a file of several releases, to be fitted together or one by one.
+    """Read the motions in a file with several releases, to fit them together or one by one.
 
-    Each is cut as by `read_record`, also if times (``between``) are given; a record of a force on a
-    prescribed stroke is returned whole, as the only one.
+    Each motion is cut as `read_record` does, also if times (``between``) are given. A record of a
+    force on a prescribed stroke is returned whole, as a list of one record.
 
     Parameters
     ----------
@@ -156,8 +161,8 @@ def read_releases(
     Returns
     -------
     list of PistonRecord
-        One for each release, in SI units: times [s] and heights [m], or angles [rad], (n,) each, and
-        further columns.
+        One record for each release, in SI units: times [s] and heights [m], or angles [rad], (n,)
+        each, and further columns.
 
     Raises
     ------
@@ -179,7 +184,7 @@ def read_releases(
 
 
 def _with_warnings_as_notes(find: Callable[[], list[PistonRecord]]) -> list[PistonRecord]:
-    """Motions that a function finds, with its warnings as notes of their source."""
+    """Return the motions that a function finds, and store its warnings as notes in their source."""
     with warnings.catch_warnings(record=True, action="always", category=RecordWarning) as caught:
         motions = find()
     for warning in caught:
@@ -196,7 +201,7 @@ def _with_warnings_as_notes(find: Callable[[], list[PistonRecord]]) -> list[Pist
 
 
 def describe_record(record: PistonRecord, period: float | None = None) -> list[str]:
-    """Lines on a record: name, contents, duration and cycles (period [s]); calibration, cuts and repairs."""
+    """Describe a record: name, contents, duration, cycles (period [s]), calibration, cuts and repairs."""
     duration = float(record.time[-1] - record.time[0])
     cycles = f" ({duration / period:.0f} cycles)" if period and duration > period else ""
     source = record.source
@@ -212,20 +217,20 @@ def describe_record(record: PistonRecord, period: float | None = None) -> list[s
 
 
 def options_with_description(path: Path, options: ReadOptions) -> ReadOptions:
-    """Options of reading a file, merged with the options of a description if the path is one."""
+    """Merge the options of reading a file with those of its description, if the path is a description."""
     return read_record_description(path)[1].merge(options) if is_record_description(path) else options
 
 
 def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene | Trajectory | PistonRecord:
-    """Open a path or a scene by name; for a record's file return the motion in it."""
+    """Open a path, or a scene by its name; return the motion of a record's file."""
     path, plain = Path(source), {} if options is None else options.to_plain()
     try:
         if is_record_file(path) or not (path.is_dir() or path.suffix in ("", ".toml")):
             return read_record(path, **plain)
         if plain:
             raise InputError(
-                f"{', '.join(plain)}: only for the file of a record, which {shortened_path_text(path)} is "
-                "not; remove it"
+                f"{', '.join(plain)} can be given for the file of a record only, but "
+                f"{shortened_path_text(path)} is not one; remove the option"
             )
         from granular.run.run_directory import is_run_directory
         from granular.run.trajectory import load_trajectory
@@ -254,7 +259,7 @@ def run_plan(plan: Plan, out: Path | None, progress: bool) -> Trajectory:
 
 
 def incomplete_run_notes(run: Trajectory) -> tuple[str, ...]:
-    """Return notes on an incomplete run, as the source of a record."""
+    """Return notes for the record of an incomplete run."""
     if run.complete:
         return ()
     last = run.stages[-1] if run.stages else None
@@ -267,7 +272,7 @@ def incomplete_run_notes(run: Trajectory) -> tuple[str, ...]:
 
 
 def time_step_text(run: Trajectory) -> str:
-    """Time step of a run as text, an automatic one also in seconds."""
+    """Return the time step of a run as text; an automatic step is also given in seconds."""
     settings = run.settings()
     dt = settings["dt"]
     if not isinstance(dt, str):
@@ -284,7 +289,7 @@ RECORD, FALL = "record", "fall"
 
 
 def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Piston's record of a run, and of its first stage if it is a free motion, as columns [s, m]."""
+    """Return the piston's record of a run, and of its first stage if free, as columns [s, m]."""
     from granular.protocol.stages import Free
 
     motions = {RECORD: run.piston()}

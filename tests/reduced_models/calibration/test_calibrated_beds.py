@@ -158,11 +158,11 @@ def accelerations() -> PistonRecord:
 
 BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: quiet("piston.mas"), "did you mean 'mass'"),
-    (lambda: quiet("piston.drag"), "starts from a value above 0"),
+    (lambda: quiet("piston.drag"), "needs a start value above 0"),
     (lambda: quiet("grains.count"), "is not a quantity"),
     (lambda: quiet("effects"), "is not a quantity"),
     (lambda: quiet("effects.friction.static"), "has no effects.friction.static"),
-    (lambda: quiet(MASS, MASS), "each once"),
+    (lambda: quiet(MASS, MASS), "each only once"),
     (lambda: quiet(seeds=1), "from 2"),
     (lambda: quiet(seeds=10**60), "to 10000"),
     (lambda: quiet(confidence=1.0), "between 0 and 1"),
@@ -171,7 +171,7 @@ BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: quiet(method="euler?"), "unknown method"),
     (lambda: quiet(scene=load_scene("bed")), "moves freely"),
     (lambda: calibrate(accelerations(), load_scene("damper")), "calibrate needs heights"),
-    (lambda: calibrate(RECORD, "damper"), "give a Scene"),  # type: ignore[arg-type]  # what is refused
+    (lambda: calibrate(RECORD, "damper"), "is not a Scene"),  # type: ignore[arg-type]  # what is refused
 ]
 
 
@@ -189,7 +189,7 @@ def test_wrong_arguments_are_refused(act: Callable[[], Any], words: str) -> None
         ("nothing.csv damper", "does not exist"),
         ("damper damper", "is a scene; give a record"),
         ("still.csv damper", "a motion is needed"),
-        ("grows.csv damper", "unexplained, the limit is 50 %"),
+        ("grows.csv damper", "unexplained, but the maximum is 50 %"),
         ("lab.csv dampr", "did you mean 'damper'"),
         ("lab.csv damper --parameter piston.weight", "unknown key 'weight'"),
         ("lab.csv damper --seeds 1", "from 2"),

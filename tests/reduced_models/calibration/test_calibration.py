@@ -232,8 +232,8 @@ def test_growing_motion_or_missing_equilibrium_is_refused(monkeypatch: pytest.Mo
     times = np.linspace(0.0, 2.0, 2000)
     record = PistonRecord(times, 0.059 + 1e-3 * np.cos(21.8 * times))
     for at_rest, words in (
-        (grows, r"damping ratio is -0\.09; it must be above 0: give a record that comes to rest"),
-        (None, "finds no equilibrium in the record"),
+        (grows, r"damping ratio is -0\.09, but it must be above 0; give a record that comes to rest"),
+        (None, "has no equilibrium near the record"),
     ):
         made_up = dataclasses.replace(model, at_rest=at_rest)
         monkeypatch.setattr(f"{record_features.__module__}.fit", lambda *_, found=made_up, **__: found)

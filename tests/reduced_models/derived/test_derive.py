@@ -151,7 +151,7 @@ def test_error_for_a_range_without_a_polynomial_gives_a_possible_reach() -> None
         HeldState(0.03 + x, 500.0 * x, 500.0, 7.5, 20.0 if x < -3e-3 else 10.0, 8j)
         for x in np.linspace(-4e-3, 4e-3, 9)
     ]
-    with pytest.raises(InputError, match=r"the damping from 26 to 34 mm .* give a reach of 2\.9"):
+    with pytest.raises(InputError, match=r"the damping from 26 to 34 mm .* use reach = 2\.9"):
         polynomial_law(states, 4, None)
 
 
@@ -159,7 +159,7 @@ def test_error_for_a_range_without_a_polynomial_gives_a_possible_reach() -> None
     ("options", "words"),
     [
         ({"reach": 0.0}, "reach = 0 m; give a number above 0"),
-        ({"reach": 0.03}, "below the piston's 0.02392 m"),
+        ({"reach": 0.03}, "below the piston's height, 0.02392 m"),
         ({"order": 0}, "order = 0; give a number from 1 to 9"),
     ],
 )

@@ -218,7 +218,7 @@ def test_uncertain_fits_warn_and_keep_the_note(tmp_path: Path) -> None:
 
 def test_records_with_too_many_periods_are_refused() -> None:
     time = np.linspace(0.0, 4000.0, 200_000)
-    with pytest.raises(RecordError, match=r"holds about 1\.39e\+04 periods.*record\.between"):
+    with pytest.raises(RecordError, match=r"has about 1\.39e\+04 periods.*record\.between"):
         fit(PistonRecord(time, 0.06 + 0.001 * np.cos(21.8 * time)), "linear")
 
 

@@ -124,7 +124,7 @@ def test_missing_columns_and_single_noise_of_several_columns_are_refused() -> No
     law = Law("two masses", MASSES + "; second = y", positive=POSITIVE)
     with pytest.raises(InputError, match="give noise as a mapping"):
         fit(record, law, noise=1e-6)
-    with pytest.raises(InputError, match="remove measured"):
+    with pytest.raises(InputError, match="remove the argument measured"):
         fit(record, law, options=FitOptions(measured="height"))
 
 

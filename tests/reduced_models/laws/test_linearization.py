@@ -56,7 +56,7 @@ def test_small_oscillation_agrees_with_simulation(name: str) -> None:
 @pytest.mark.parametrize(
     ("equation", "values", "reason"),
     [
-        ("z'' - k*z = 0", [1.0], "no restoring force"),
+        ("z'' - k*z = 0", [1.0], "not restoring"),
         ("z'' + c*z' + f*w = 0; w' = z' - w", [50.0, 1.0], "no isolated equilibrium"),
         ("z'' + c*z' + k*z + f*w = 0; w' = z' - w", [50.0, 1.0, 1.0], "overdamped"),
         ("z'' - k*z + f*w = 0; w' = z' - w", [9.0, 1.0], "is not stable"),

@@ -61,7 +61,7 @@ REFUSED = {
         "record.between",
     ),
     "too large": (table(1e200 * SWING), "heights up to"),
-    "times too large": (table(SWING, 1e200 * TIME), "s: check the units"),
+    "times too large": (table(SWING, 1e200 * TIME), "s; check the units"),
     "no text": ("\x00\x01\x02\n", "cannot be read as text"),
 }
 QUESTIONABLE = {

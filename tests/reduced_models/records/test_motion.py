@@ -131,7 +131,7 @@ def test_releases_are_found_in_a_record_of_mostly_holds() -> None:
 
 def test_missing_release_number_is_refused() -> None:
     record = record_of(np.concatenate([decay(2.5)] * 3))
-    with pytest.raises(RecordError, match="release 4: the record holds 3"):
+    with pytest.raises(RecordError, match="release 4 does not exist; the record has 3"):
         find_free_motion(record, 4)
     with pytest.raises(RecordError, match="'all', but one motion is needed"):
         find_free_motion(record, ALL)
