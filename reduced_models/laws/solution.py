@@ -232,7 +232,7 @@ MAXIMUM_STEPS = 64
 _STIFF_STEP = 2.0
 """Step, in units of the time constant, above which stability limits the step; accuracy needs < 0.5."""
 _IMPLICIT_COST = 10.0
-"""How many explicit steps cost as much as an implicit one; with corners between stiff parts both are used."""
+"""Ratio of the cost of an implicit step to an explicit one; corners between stiff parts need both."""
 _NO_PROGRESS = 1e-12  # of the duration: progress of a call at a singularity
 _SAMPLED_STATES = 64  # number of states per call whose time constants are computed
 

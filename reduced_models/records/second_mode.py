@@ -160,7 +160,7 @@ class DampedCosines:
         return self.height - basis @ factors, factors
 
     def residuals(self, vector: np.ndarray) -> np.ndarray:
-        """Residuals (n,) of one mode: frequency, decay rate, and phase that the amplitude adds."""
+        """Residuals (n,) of one mode; ``vector`` has frequency, decay rate and amplitude-dependent phase."""
         return self.without(self.cosines(*vector))[0]
 
     def residuals_of_two(self, vector: np.ndarray) -> np.ndarray:

@@ -64,7 +64,7 @@ def test_a_shock_absorber_blows_off_at_different_speeds() -> None:
 def test_a_bed_above_its_floor_is_refused_on_a_stroke_about_zero() -> None:
     time = np.linspace(0.0, 4.0, 400)
     record = PistonRecord(time, 0.01 * np.sin(6.0 * time), force=np.cos(6.0 * time))
-    with pytest.raises(InputError, match=r"heights above 0, and the stroke goes down to -0\.01 m"):
+    with pytest.raises(InputError, match=r"heights above 0, but the stroke goes down to -0\.01 m"):
         fit(record, "elastoplastic-bed", options=FitOptions(measured="force"))
 
 
