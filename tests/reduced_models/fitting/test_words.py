@@ -122,7 +122,7 @@ def test_names_in_an_equation_are_recognised(text: str, made: Callable[..., Pist
 
 ASKED_ABOUT = {
     "z'' + k*z = a*force": "add the column, or declare the parameter",
-    "z'' + k*z = a*velocity": "write z' for it",
+    "z'' + k*z = a*velocity": "write z' instead",
     "z'' + k*z = Pi": "write pi",
     "z'' + k*z = max()": "max",
     "z'' + k*z = sqare(z)": "is not a function",
@@ -144,7 +144,7 @@ def test_unknown_names_are_refused_with_a_suggestion(text: str, made: Callable[.
         ({"parameters": ["omega"]}, "is not a mapping"),
         ({"parameters": {"omege": 1.0}}, "omega"),
         ({"parameters": {"omega": Parameter(-1.0, fixed=True)}}, "parameter omega: it must be positive"),
-        ({"parameters": {"g0": Parameter(0.0, low=0.0)}}, "parameter g0: it is positive"),
+        ({"parameters": {"g0": Parameter(0.0, low=0.0)}}, "parameter g0: it must be positive"),
         ({"parameters": {"omega": Parameter([1.0, 2.0], fixed=True)}}, "2 values for 1 records"),
         ({"parameters": {name: Parameter(1.0, fixed=True) for name in LAWS["linear"].parameters}}, "nothing"),
         ({"parameters": {"omega": "fast"}}, "parameter omega: 'fast' is not a quantity"),
