@@ -20,7 +20,8 @@ class Exporter(NamedTuple):
     contents : str
         Description of the files.
     of_scenes : bool
-        Whether the format also exports scenes, and takes ``dt`` [s] or "auto" instead of ``progress``.
+        Whether the format also exports scenes; ``write`` then takes ``dt`` ([s] or "auto") instead of
+        ``progress``.
     next_step : str
         Command that uses the files.
     """

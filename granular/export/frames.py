@@ -20,7 +20,9 @@ def open_run(run: Trajectory | str | Path) -> Trajectory:
     """Return a run unchanged, or load it from a directory."""
     run = run if isinstance(run, Trajectory) else load_trajectory(run)
     if not run.dataset.sizes["frame"]:
-        raise InputError("the run has no frames; run it for longer, or reduce output.frames")
+        raise InputError(
+            "the run has no frames; simulate a longer time, or reduce the interval output.frames"
+        )
     return run
 
 

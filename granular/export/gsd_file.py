@@ -27,8 +27,8 @@ def to_gsd(
     periodic; `to_extxyz` marks each side as periodic or not. The exact values in double precision, in the
     coordinates of the cell, are also stored as logged quantities, which OVITO shows as properties of the
     particles: ``position``, ``velocity``, ``force`` (magnetic, weight and contact), each (k, 3), and
-    ``grain`` (its index in the scene); and for the frame ``time`` [s] and, with a piston, ``piston_height``
-    [m]. The step is the index of the frame. Grains that have left the cell are omitted.
+    ``grain`` (its index in the scene). Each frame also logs ``time`` [s] and, with a piston,
+    ``piston_height`` [m]. The step is the index of the frame. Grains that have left the cell are omitted.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def to_gsd(
 
 
 def _bounding_box_of_run(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left corner and size of a box that contains the cell at all times (2,), (2,) [m]."""
+    """Return lower left corner (2,) and size (2,) of a box that contains the cell at all times [m]."""
     if run.scene.cell.periods is not None:
         return np.zeros(2), np.array(run.scene.cell.periods)
     heights = [0.0] if run.scene.piston is None else run.dataset["frame_height"].values

@@ -1,9 +1,9 @@
 """Export of a scene as an input deck of LAMMPS, to run it on many processors.
 
-Exported: repulsion of dipoles or discs, and walls, as tables (any number of species), gravity, viscous drag,
-shaking, and a prescribed piston. Refused, because LAMMPS has no equivalent: dry friction, contact, walls that
-depend on two coordinates, a free piston, and stages that end at rest or at a force. See
-``docs/large-scale.md``.
+The deck contains the repulsion of dipoles or discs and of walls as tables (for any number of species),
+gravity, viscous drag, shaking and a prescribed piston. Scenes with one of the following are refused, because
+LAMMPS has no equivalent: dry friction, contact, walls that depend on two coordinates, a free piston, and
+stages that end at rest or at a force. See ``docs/large-scale.md``.
 
 The tables give forces to about 1e-7; time steps equal those of ``stormer-verlet``, including drag.
 """
@@ -63,9 +63,9 @@ def to_lammps(
     directory : path
         Directory of the deck; created if missing.
     dt : float or str
-        Maximum time step [s]; each stage uses the next smaller step that divides its duration. "auto" follows
-        the stiffest mode of the present bed and of the bed compressed uniformly to the piston's lowest
-        height; "auto/2" is half of it.
+        Maximum time step [s]; each stage uses the next smaller step that divides its duration. "auto"
+        resolves the stiffest mode of the present bed and of the bed compressed uniformly to the piston's
+        lowest height; "auto/2" is half of that step.
     overwrite : bool
         Whether existing files may be replaced.
 
@@ -116,7 +116,7 @@ def _start_of_scene(scene: Scene) -> DeckStart:
 
 
 def _start_after_run(run: Trajectory) -> DeckStart:
-    """State in the last frame, and the remaining stages."""
+    """Return the state in the last frame of a run and the remaining stages of its protocol."""
     grains, frame = present_grains(frame_at(run))
     completed_stages = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
     current_height = None if run.scene.piston is None else frame.piston_height
@@ -133,7 +133,7 @@ def _start_after_run(run: Trajectory) -> DeckStart:
 def _remaining_stages(
     scene: Scene, index: int, height: float | None, elapsed: float = 0.0
 ) -> Iterator[RemainingStage]:
-    """Stages from a given one on, which begins (or began) with the piston at a height [m]."""
+    """Yield the stages from a given index on; the first one begins with the piston at a height [m]."""
     for stage in scene.protocol[index:]:
         remaining = remaining_stage(stage, height, elapsed)
         yield remaining
@@ -157,7 +157,7 @@ def _make_deck(scene: Scene, start: DeckStart, dt: float | str) -> LammpsDeck:
 
 
 def _choose_time_step(deck: LammpsDeck, dt: float | str) -> float:
-    """Given time step [s], or the step allowed by the bed's stiffest modes."""
+    """Return the requested time step or, for "auto", the step allowed by the bed's stiffest modes [s]."""
     from granular.run.plan import parse_time_step
 
     requested = parse_time_step(dt, deck.scene)
@@ -220,7 +220,7 @@ def _highest_collision_frequency(deck: LammpsDeck) -> float:
 
 
 def _data_file_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Grains, in the order of the scene and numbered from 1."""
+    """Yield the lines of the data file: grains in the order of the scene, numbered from 1."""
     start = deck.start
     species = deck.scene.grains.species_indices()[start.grains] + 1
     depth = deck.scene.cell.separation
@@ -242,7 +242,7 @@ def _data_file_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 REACH = 6.0
-"""Distance [D] within which pairs are included in the stiffness, which falls as distance^-5."""
+"""Distance [D] within which pairs are included in the stiffness; the stiffness decreases as distance^-5."""
 
 
 def mode_frequency_bound(
@@ -256,7 +256,7 @@ def mode_frequency_bound(
     pairs: bool,
     discs: Sequence[Disc] = (),
 ) -> float:
-    """Upper bound of the modes' angular frequencies from row sums [1/tau]; positions, width, height [D]."""
+    """Bound the modes' angular frequencies from above by row sums [1/tau]; all lengths in D."""
     from scipy.spatial import cKDTree
 
     near_pairs = cKDTree(positions).query_pairs(REACH if pairs else 0.0, output_type="ndarray")

@@ -27,13 +27,13 @@ NEAREST_PAIR, NEAREST_WALL = 0.25, 0.1
 closer."""
 
 MAXIMUM_WALL_DISTANCE = 200.0
-"""Maximum last distance of the walls' tables [D], at which the experimental wall's force is 5e-9 F*."""
+"""Maximum distance in the walls' tables [D]; there the force of the experimental wall is 5e-9 F*."""
 
 WALLS: dict[str, tuple[Any, float]] = {
     "experimental": (ExperimentalWall, 3.5),
     "infinite": (InfiniteWall, 3.0),
 }
-"""Wall laws that depend only on distance, with the power by which their force falls."""
+"""Wall laws that depend only on distance, each with the exponent of its force as a function of distance."""
 
 _PAIR_EXPONENT = 4.0
 
@@ -80,7 +80,7 @@ def _table_lines(
     force: np.ndarray,
     slopes: np.ndarray,
 ) -> Iterator[str]:
-    """Section of a table file in SI, for a law in natural units with its slopes at both ends."""
+    """Yield a section of a table file in SI, from a law and its slopes at both ends in natural units."""
     first, last = (slopes * (scales.force / scales.length)).tolist()
     yield f"{name}\nN {ROWS} {slope_keyword} {first:.17g} {last:.17g}\n\n"
     rows = np.column_stack([distance * scales.length, energy * scales.energy, force * scales.force])
@@ -90,8 +90,8 @@ def _table_lines(
 
 
 PAIR_BITS, WALL_ROWS = 16, 100_000
-"""Sizes of LAMMPS's internal tables: for pairs 2^16 rows spaced like floating-point numbers, interpolated
-linearly; for walls equal steps, interpolated by splines."""
+"""Sizes of LAMMPS's internal tables: for pairs 2^16 rows, spaced like floating-point numbers and interpolated
+linearly; for walls 100,000 rows in equal steps, interpolated by splines."""
 
 FACES = {"left": "xlo", "right": "xhi", "bottom": "ylo", "top": "yhi"}
 
@@ -125,24 +125,24 @@ def check_exportable_scene(scene: Scene) -> None:
     if scene.cell.is_polygon:
         raise InputError(
             "cell.sides cannot be exported to LAMMPS, whose tabulated walls are vertical or "
-            "horizontal; write the frames as extended XYZ, GSD or VTK, or give cell.width"
+            "horizontal; write the frames as extended XYZ, GSD or VTK, or describe the cell by cell.width"
         )
     for side, wall in () if walls is None else walls.present_walls:
         if wall.law not in WALLS:
             reason = "it depends on two coordinates" if wall.own is None else "its law has no table"
             raise InputError(
-                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: {reason}; take "
+                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: {reason}; use "
                 f"{' or '.join(map(repr, WALLS))}"
             )
     if scene.cell.periods is not None:
         raise InputError(
-            "cell.sides = 'periodic': the LAMMPS script supports walls only; write the frames as "
-            "extended XYZ, whose lattice is periodic"
+            "cell.sides = 'periodic' cannot be exported to LAMMPS, whose script here supports walls only; "
+            "write the frames as extended XYZ, whose lattice is periodic"
         )
     if scene.pair_method == "verlet-list":
         raise InputError(
             "pairs.method = 'verlet-list' cannot be exported to LAMMPS, whose neighbour lists "
-            "are always complete; take 'cut-off' with the same radius"
+            "are always complete; use 'cut-off' with the same radius"
         )
 
 
@@ -181,7 +181,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def decay_rate_groups(self) -> list[tuple[str, str, int]]:
-        """Groups of grains with one decay rate: suffix of their variables, LAMMPS name, a species."""
+        """Groups of grains with equal decay rates, each as suffix of variables, LAMMPS name and a species."""
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]
@@ -294,7 +294,7 @@ def _wall_force_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Drag, and the modified masses that make its step exact."""
+    """Yield the lines of drag and of the modified masses that make a time step with drag exact."""
     drag = deck.scene.effects.drag
     moving = drag is not None and drag.coefficient > 0.0
     if drag is not None and moving:
@@ -319,7 +319,7 @@ def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def _gravity_and_shaking_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Gravity and shaking as accelerations, from the forces on the true masses."""
+    """Yield the lines that apply gravity and shaking as accelerations, from the forces on the true masses."""
     gravity, shaking = deck.scene.effects.gravity, deck.scene.effects.shaking
     for suffix, group, _ in deck.decay_rate_groups:
         if gravity is not None:

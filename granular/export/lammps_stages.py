@@ -41,7 +41,9 @@ def remaining_stage(stage: Stage, height: float | None, elapsed: float = 0.0) ->
     """Convert a stage of a protocol to a form that LAMMPS can run; height [m], elapsed [s]."""
     reason = None
     if stage.needs_piston_mass:
-        reason = "its piston is free, but LAMMPS needs a prescribed motion; drive it (follow) or hold it"
+        reason = (
+            "its piston is free, but LAMMPS needs a prescribed motion; use a stage of kind 'follow' or 'hold'"
+        )
     elif isinstance(stage, TimedStage) and stage.until is not None:
         reason = f"it ends at {stage.until}, at an unknown time; give it a duration instead of 'until'"
     elif stage.ends_at_force:

@@ -1,10 +1,10 @@
-"""Forces and resistance of a bed and its machine as functions of coordinates, from the simulation loop.
+"""Forces and resistance of a bed and its machine, computed by the simulation loop from their coordinates.
 
 The coordinates are q = (x_1 ... x_n, y_1 ... y_n, z, Z_1 ... Z_p, X_1 ... X_b): the grains, the piston and
 further pistons in the frame of the cell, and the displacements of a machine's bodies. Every derivative is a
-finite difference of these forces, so that every effect, wall and pair law, including user-defined ones, has a
-stiffness without a second formula. At a displacement of 5e-4 D the fourth-order stencil has an error of 3e-12
-of the largest stiffness (dipoles).
+finite difference of these forces. No effect, wall or pair law, not even a user-defined one, therefore needs a
+formula for its stiffness. With a displacement of 5e-4 D the error of the fourth-order stencil is 3e-12 times
+the largest stiffness (dipoles).
 
 Bodies and springs other than grains and piston (`effects.host`) are represented by matrices. Their
 coordinates are the heights of further pistons in the cell, and the displacements of a machine's bodies
@@ -65,13 +65,13 @@ class Machine:
 
     @property
     def masses(self) -> Float[np.ndarray, "b"]:
-        """Masses of further pistons and of the machine's bodies; of the last body, the fixed mass [kg]."""
+        """Masses of further pistons and machine bodies; the last body counts with its fixed mass [kg]."""
         names = [other.name for other in self.pistons] + list(self.table.chain[:-1])
         masses = [self.table.masses[self.table.row(name)] for name in names]
         return np.array([*masses, *([self.table.carrying_mass] if self.table.chain else [])])
 
     def row(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q"]:
-        """Displacement of a body relative to the base, as a row over the coordinates."""
+        """Coefficients of all coordinates in the displacement of a body relative to the base."""
         result, first = np.zeros(size), size - self.size
         if name == "base":
             return result
@@ -86,7 +86,7 @@ class Machine:
         return result
 
     def frame(self, size: int, piston: int | None) -> Float[np.ndarray, "q"]:
-        """Displacement of the cell relative to the base, as a row over the coordinates."""
+        """Coefficients of all coordinates in the displacement of the cell relative to the base."""
         result = np.zeros(size)
         if self.table.chain:
             result[-1] = 1.0
@@ -114,7 +114,7 @@ class Machine:
         return np.asarray(result)
 
     def matrix_of_links(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
-        """Stiffness [N/m] or damping [N s/m] matrix, chosen by name, of all springs except stops."""
+        """Matrix of ``name``, "stiffness" [N/m] or "damping" [N s/m], of all springs except stops."""
         rows = self._stretches(size, piston)
         values = [getattr(link, name) * (link.gap is None) for link in self.table.springs]
         return np.asarray(rows.T @ (np.array(values).reshape(-1, 1) * rows))
@@ -127,7 +127,7 @@ class Machine:
         return result
 
     def mass_matrix(self, masses: Float[np.ndarray, "q"], piston: int | None) -> csc_matrix:
-        """Mass matrix of all coordinates, from the masses of grains (for x and y) and piston [kg]."""
+        """Mass matrix of all coordinates [kg]; ``masses`` holds grains (twice, for x and y) and piston."""
         from scipy.sparse import csc_matrix
 
         size = len(masses)
@@ -166,7 +166,7 @@ def machine_of(scene: Scene) -> Machine | None:
 def matrices_of_chain(
     host: Host,
 ) -> tuple[Float[np.ndarray, "b"], Float[np.ndarray, "b b"], Float[np.ndarray, "b b"]]:
-    """Masses [kg], spring matrix [N/m] and dashpot matrix [N s/m] of a machine's bodies without the bed."""
+    """Masses [kg], spring matrix [N/m] and dashpot matrix [N s/m] of a machine's bodies, without the bed."""
     alone = Host(mount=host.mount, cell_mass=host.cell_mass, bodies=host.bodies)
     machine = Machine(alone.table(None), 0.0, 0.0, None, None)
     springs, dashpots = (
@@ -179,13 +179,13 @@ DISPLACEMENT = 5e-4
 """Largest displacement of a coordinate in a finite difference of forces [D]."""
 
 OVERLAP_FRACTION, MINIMUM_DISPLACEMENT = 0.025, 1e-7
-"""Maximum of this displacement relative to the overlap or gap of two grains, because contact forces are
-nonlinear: the error of the Hertzian stiffness of two separating grains is then 1e-6. Second, its minimum
-[D]."""
+"""First, maximum of the displacement in a finite difference, divided by the overlap or gap of two grains.
+Contact forces are nonlinear; with this maximum the relative error of the Hertzian stiffness of two separating
+grains is 1e-6. Second, minimum of the displacement [D]."""
 
 FLOW = 1e-5
-"""Duration of the resisting flow that is differentiated [tau]: for decay rates of 5/tau, its rounding error
-of 1e-11 equals the neglected second-order term."""
+"""Duration [tau] of motion under resistance alone, over which velocities are differentiated: for decay rates
+of 5/tau, the rounding error of 1e-11 then equals the neglected second-order term."""
 
 _FRICTION = ("friction", "wall_friction")
 
@@ -222,7 +222,7 @@ class BedForces:
         self._displacement: tuple[np.ndarray | None, float] = (None, DISPLACEMENT)
 
     def _reverse_gravity(self) -> None:
-        """Reverse gravity, so that the weight acts towards the piston, which carries the bed."""
+        """Reverse gravity: the piston carries the bed, and the weight must act towards the piston."""
         constants = self._run.constants
         laws = tuple(
             law._replace(pull=-law.pull) if isinstance(law, GravityLaw) else law
@@ -292,11 +292,11 @@ class BedForces:
     def stiffness_times(
         self, q: Float[np.ndarray, "q"], direction: Float[np.ndarray, "q"]
     ) -> Float[np.ndarray, "q"]:
-        """Product of the stiffness -dF/dq at q [m] with a direction [N/m times the direction's unit]."""
+        """Multiply the stiffness -dF/dq at q [m] by a direction [N/m times the unit of the direction]."""
         return -difference(self.forces, q, direction, self.displacement_at(q) * self.length)
 
     def displacement_at(self, q: Float[np.ndarray, "q"]) -> float:
-        """Displacement in a finite difference of forces [D]; smaller if grains are about to touch."""
+        """Displacement in a finite difference of forces [D]; it is smaller if grains are about to touch."""
         grains = self.scene.grains
         if self.scene.effects.contact is None and grains.magnets != "cylinders":
             return DISPLACEMENT
@@ -319,7 +319,7 @@ class BedForces:
     def resistance_times(
         self, q: Float[np.ndarray, "q"], velocities: Float[np.ndarray, "q"]
     ) -> Float[np.ndarray, "q"]:
-        """Product of the damping matrix at q [m] with velocities [m/s]: minus the resisting forces [N]."""
+        """Multiply the damping matrix at q [m] by velocities [m/s]; return minus the resisting forces [N]."""
         self._evaluate(q)
         run, n, scales = self._run, self.grains, self.scales
         state = run.state
@@ -344,7 +344,7 @@ class BedForces:
         return result
 
     def masses(self) -> Float[np.ndarray, "q"]:
-        """Masses of the grains (for x and y), of the piston, and zeros for other bodies [kg]."""
+        """Masses of the grains (twice, for x and y) and of the piston, and zeros for other bodies [kg]."""
         grains = self.scene.grains.masses()
         result = np.zeros(self.size)
         result[: 2 * self.grains] = np.tile(grains, 2)
@@ -353,7 +353,7 @@ class BedForces:
         return result
 
     def frame_and_uplift(self) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
-        """Displacement of the cell relative to the base, as a row, and the uniform lift by 1."""
+        """Coefficients in the displacement of the cell relative to the base, and a uniform lift by 1."""
         frame, uplift = np.zeros(self.size), np.zeros(self.size)
         if self.machine is None or not self.machine.table.chain:
             uplift[self.grains : self.bodies] = 1.0
@@ -378,7 +378,7 @@ def difference(
     direction: Float[np.ndarray, "q"],
     largest: float,
 ) -> Any:
-    """Differentiate along a direction to fourth order; its largest entry is displaced by ``largest``."""
+    """Differentiate along a direction to fourth order; the displacement's largest entry is ``largest``."""
     size = float(np.abs(direction).max(initial=0.0))
     if size == 0.0:
         return 0.0 * function(at)
@@ -425,19 +425,23 @@ def has_dry_friction(scene: Scene) -> bool:
 
 
 def _misplaced_grain_error() -> InputError:
-    return InputError("a grain is behind a wall or on another grain; give a settled state")
+    return InputError(
+        "a grain is behind a wall or at the same place as another grain; start from a settled state"
+    )
 
 
 def scaled_parameter(scene: Scene, key: str, factor: float) -> Scene:
-    """Multiply the value at a dotted key of a scene, including values that follow from parts."""
+    """Multiply the value at a dotted key of a scene; values derived from the parts are allowed too."""
     value = find_value(scene, key)
     if not isinstance(value, float):
-        raise InputError(f"{quote(key)} is not a number of the scene {quote(scene.name)}; give another key")
+        raise InputError(
+            f"{quote(key)} is not the key of a number in the scene {quote(scene.name)}; use another key"
+        )
     return with_number(scene, key, value * factor)
 
 
 def with_number(scene: Scene, key: str, value: float) -> Scene:
-    """Change the value at a dotted key; touching magnets of a row stay in contact at a new diameter."""
+    """Change the value at a dotted key; if a diameter changes, the magnets of a wall keep touching."""
     changes = {key: value}
     before, walls = find_value(scene, key), scene.effects.walls
     if key.endswith(".diameter") and walls is not None:

@@ -1,8 +1,8 @@
-"""`equilibrium`: the state in which all conservative forces of a bed vanish, by Newton's method.
+"""`equilibrium`: find the state in which all conservative forces of a bed vanish, by Newton's method.
 
 If that fails, the bed relaxes downhill by the fast inertial relaxation engine (FIRE), with the published
 parameters (Bitzek et al. 2006, doi:10.1103/PhysRevLett.97.170201). The mass of each coordinate equals its
-stiffness, so that all have the same period, which is the unit of the time step.
+stiffness. All coordinates then have the same period, and the unit of time is this period/(2 pi).
 """
 
 from __future__ import annotations
@@ -74,31 +74,33 @@ def relax(
 
 
 REST = 1e-13
-"""Largest residual force at equilibrium, over the piston's weight or the pair force at one diameter."""
+"""Largest residual force at equilibrium, divided by the piston's weight or the pair force at one diameter,
+whichever is larger."""
 
 SETTLED = 1e-7
-"""Maximum distance to the equilibrium, from Newton's step, if rounding or a far field on a mesh keeps the
-force above `REST` [D]; the tables of discs and the mesh have jumps of 1e-7 of the pair force at one
-diameter."""
+"""Maximum distance to the equilibrium [D], estimated from Newton's step, that is accepted if rounding or a
+far field on a mesh keeps the force above `REST`; the tables of discs and the mesh have jumps of 1e-7 of the
+pair force at one diameter."""
 
 MAXIMUM_HALVINGS = 12
 """Maximum number of halvings of a step that does not reduce the largest force."""
 
 MAXIMUM_ITERATIONS, MAXIMUM_MATRICES = 60, 4
-"""Maximum numbers of Newton steps and of matrices; further matrices are allowed as long as each halves the
-largest force. A settled bed of 368 grains takes three steps and two matrices; if an equilibrium has just
-vanished, the force is not halved."""
+"""Maximum number of Newton steps, and maximum number of stiffness matrices; further matrices are allowed as
+long as each halves the largest force. A settled bed of 368 grains takes three steps and two matrices; if an
+equilibrium has just vanished, the force is not halved."""
 
 FURTHER_REDUCTIONS = (1e-2, 1e-2)
-"""Force reductions of further relaxations, if Newton's method still fails; in a bed whose softest mode has
-0.0026 N/m it failed from 1e-9 N but not from 1e-11 N."""
+"""Factors by which further relaxations reduce the forces if Newton's method still fails; in a bed whose
+softest mode has a stiffness of 0.0026 N/m Newton's method failed at forces of 1e-9 N but not at 1e-11 N."""
 
 LONGEST_STEP = 0.1
-"""Maximum step of a coordinate [D]; larger steps change the neighbours' forces too much."""
+"""Maximum Newton step of a coordinate [D]; larger steps change the forces of the neighbours too much."""
 
 COARSE_REST = 0.01
-"""Tolerance of rest [D] at which the fall of a further bed may end. From 1e-4 to 0.1 D three packings of the
-packaged damper reach the same equilibrium to 1e-9; at 0.01 D they fall for 9 s instead of 15 s."""
+"""Tolerance of rest [D] at which the simulated settling of a further bed may end. With tolerances from 1e-4
+to 0.1 D three packings of the packaged damper reach the same equilibrium to 1e-9; with 0.01 D settling takes
+9 s of simulated time instead of 15 s."""
 
 EIGENVALUES = 6
 """Number of lowest eigenvalues of the stiffness that are reported."""
@@ -123,8 +125,8 @@ class Equilibrium:
     is_stable : bool
         Whether every small displacement raises the energy, except uniform shifts in a periodic cell.
     frictionless : bool
-        Whether dry friction acts in the scene and is ignored: friction can hold a bed anywhere within its
-        force over the stiffness, and this is the equilibrium without friction.
+        Whether dry friction acts in the scene and is ignored. Friction can hold a bed at any height within
+        (friction force)/(stiffness) of the equilibrium without friction, which is the one given here.
     pencil : Pencil
         Stiffness, damping and mass matrices about the equilibrium.
     """
@@ -190,15 +192,15 @@ def equilibrium_from(
 ) -> Equilibrium:
     """Find the equilibrium closest to given positions and heights of piston and further pistons [m].
 
-    With the matrices of a similar bed, find the equilibrium that is reached downhill, even if the bed
-    rearranges.
+    If ``near`` gives the matrices of a similar bed, the result is the equilibrium reached by relaxation
+    downhill, even if the bed rearranges.
     """
     bed = BedForces(scene)
     if bed.forces_jump:
-        remedy = "'direct'" if scene.cell.periods is None else "'mesh', which takes 40 grains or more"
+        remedy = "'direct'" if scene.cell.periods is None else "'mesh' (for 40 grains or more)"
         raise InputError(
             f"pairs.method = {scene.pair_method!r}: pairs are cut off at a distance at which "
-            f"their force jumps, so that forces have no derivative; give {remedy}"
+            f"their force jumps, so that forces have no derivative there; use {remedy}"
         )
     start = bed.coordinates(positions, height)
     far = _norm(bed.forces(start)) > RELAXED * max(bed.scales.force, bed.weight)
@@ -222,7 +224,7 @@ def equilibrium_from(
 def settled_state(
     source: Scene | Trajectory | str | Path,
 ) -> tuple[Scene, Float[np.ndarray, "n 2"], Float[np.ndarray, "p"]]:
-    """Return scene, positions and heights [m] at the end of a run, or at the first rest of a scene."""
+    """Return scene, positions and heights [m] at the end of a run or at the first rest of a simulation."""
     if not isinstance(source, Trajectory | Scene):
         source = load_trajectory(source) if is_run_directory(Path(source)) else load_scene(source)
     run = (
@@ -233,20 +235,20 @@ def settled_state(
     positions = run.dataset["position"].values[-1]
     if not np.isfinite(positions).all():
         raise InputError(
-            "grains have left the cell; a bed with a gap has no equilibrium: remove gap_start "
-            "and gap_end of effects.walls, and close all sides"
+            "grains have left the cell through an open side, so that the bed has no equilibrium; remove "
+            "gap_start and gap_end from effects.walls, and close all sides of the cell"
         )
     scene = source.scene if isinstance(source, Trajectory) else source
     return scene, positions, frame_heights(run.scene, run.dataset)[-1]
 
 
 def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
-    """Return the changes that make a scene's run end at its first rest, to a coarser tolerance if given [D].
+    """Return changes that make a scene's run end at its first rest; ``coarse`` is a coarser tolerance [D].
 
-    A bed on a machine settles without the machine, with further pistons and the springs in the cell.
+    A bed on a machine settles without the machine, but with further pistons and the springs inside the cell.
     """
     if not scene.grains.count:
-        raise InputError("a scene without grains has no bed; give grains.count")
+        raise InputError("the scene has no grains, so that there is no bed; choose grains.count above 0")
     host: Any = getattr(scene.effects, "host", None)
     changes: dict[str, Any] = {"output.record": None}
     stages: list[dict[str, Any]] = scene.to_plain()["protocol"]
@@ -258,7 +260,8 @@ def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
             changes["piston.mass"] = host.cell_mass + float(scene.grains.masses().sum())
     if not any(rests):
         raise InputError(
-            "no stage of the protocol ends at rest; give one until = 'rest', or a run's directory"
+            "no stage of the protocol ends at rest; add until = 'rest' to a stage, or pass the directory of "
+            "a run"
         )
     stages = stages[: rests.index(True) + 1]
     if coarse:
@@ -270,7 +273,7 @@ def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
 def find_equilibrium(
     bed: BedForces, start: Float[np.ndarray, "q"], held: tuple[int, ...] = (), near: Pencil | None = None
 ) -> Pencil:
-    """Return the matrices about the equilibrium closest to a start, with some coordinates held [m].
+    """Return the matrices about the equilibrium closest to a start [m]; some coordinates can be held.
 
     If Newton's method finds no equilibrium, the start is first relaxed downhill.
     """
@@ -293,7 +296,7 @@ def _newton(
 ) -> Pencil:
     """Solve for the equilibrium by Newton's method; coordinates [m].
 
-    The first steps share a matrix until a step reduces the force by less than a factor of ten (chord method).
+    Steps share a matrix until a step reduces the force by less than a factor of ten (chord method).
     """
     free = np.delete(np.arange(bed.size), list(held))
     force = bed.forces(at)
@@ -327,8 +330,8 @@ def _newton(
             before = _norm(force[free])
             pencil, fresh = make_pencil(bed, at), True
     raise InputError(
-        f"no equilibrium is near: forces of {_norm(force[free]):.3g} N remain; give a run "
-        "that has come to rest"
+        f"no equilibrium was found near the start: forces of {_norm(force[free]):.3g} N remain; start from a "
+        "run that has come to rest"
     )
 
 
@@ -345,5 +348,5 @@ def _norm(forces: np.ndarray) -> float:
 
 
 def held_shifts(bed: BedForces) -> tuple[int, ...]:
-    """Coordinates of the grain held in a periodic cell, in which all grains can shift together."""
+    """Coordinates of the grain that is held in a periodic cell, because all grains could shift together."""
     return () if bed.scene.cell.periods is None else (0, bed.grains)

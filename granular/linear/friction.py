@@ -1,15 +1,15 @@
 """Dry friction of a bed's grains during the motion of its piston, without simulation.
 
-While the piston moves by dz, a grain with the load N slides by |u| dz, where u is the ratio of its
-displacement to the piston's. Friction therefore dissipates F_c dz, with F_c = mu_d sum N |u|. With the
-elastic energy k z^2/2 + k' z^3/6 of the bed, half an oscillation from z_0 to z_1 has the potential G(z) = k
-z^2/2 + k' z^3/6 -+ F_c z, with its minimum at z_c, and
+While the piston moves by dz, a grain under the normal load N slides by |u| dz, where u is the displacement of
+the grain divided by the displacement of the piston. Friction therefore dissipates F_c dz, with F_c = mu_d sum
+N |u|. With the elastic energy k z^2/2 + k' z^3/6 of the bed, half an oscillation from z_0 to z_1 has the
+potential G(z) = k z^2/2 + k' z^3/6 -+ F_c z, whose minimum is at z_c, and
 
     G(z_1) - G(z_c) = exp(-2 pi zeta/sqrt(1 - zeta^2)) (G(z_0) - G(z_c)) + (2/3) F_c^2/k.
 
-The last term is due to grains that do not slide immediately after a turning point; friction in the piston's
-guide adds to F_c elsewhere, but not to this term. In a column with uniform friction, sliding spreads from the
-piston: a change of force by 2 sqrt(2 F_c k s) moves the piston by s, up to s = 2 F_c/k; beyond that, all
+The last term is due to grains that do not slide immediately after a turning point. Friction in the piston's
+guide adds to F_c in G(z), but not in this last term. In a column with uniform friction, sliding spreads from
+the piston: a change of force by 2 sqrt(2 F_c k s) moves the piston by s, up to s = 2 F_c/k; beyond that, all
 grains slide. In a stroke of 14 F_c/k this takes a quarter of the time, and on average an eighth of the load
 sticks. In a shorter stroke a larger part sticks.
 """
@@ -34,14 +34,15 @@ if TYPE_CHECKING:
     from granular.linear.roots import Root
 
 DYNAMIC_RATIO = 0.75
-"""Ratio mu_d/mu_s used if only mu_s is given; the value for glass in [D, Table 4.3]."""
+"""Ratio mu_d/mu_s used if only mu_s is given; this is the value for glass in [D, Table 4.3]."""
 
 STICKS = 7.0
-"""Amplitude below which on average a tenth of the load or more sticks, in F_c/k; see the module docstring."""
+"""Amplitude, in units of F_c/k, below which on average at least a tenth of the load sticks; see the module
+docstring."""
 
 STRAIN = 0.02
-"""Displacement of the piston in the finite difference for k' [D]; rounding and the next order are below
-1e-3."""
+"""Displacement of the piston in the finite difference for k' [D]; errors from rounding and from the next
+order are below 1e-3."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,9 +54,9 @@ class MotionFriction:
     load : float
         Sum of the normal loads N of all grains [N].
     moving_load : float
-        Sum of N |u|, where u is the ratio of a grain's displacement to the piston's [N].
+        Sum of N |u| [N], where u is the displacement of a grain divided by the displacement of the piston.
     force : float
-        F_c, friction of grains and piston, referred to the piston, while all grains slide [N].
+        F_c, friction of grains and piston as an equivalent force on the piston, if all grains slide [N].
     stiffness : float
         k, stiffness of the bed at the piston [N/m].
     bending : float
@@ -66,7 +67,7 @@ class MotionFriction:
     frequency : float
         Natural frequency without friction [Hz].
     guide_force : float
-        Friction of the piston only, included in ``force`` [N].
+        Friction of the piston alone [N]; it is included in ``force``.
     """
 
     load: float
@@ -80,7 +81,7 @@ class MotionFriction:
 
     @property
     def sticking_amplitude(self) -> float:
-        """Amplitude below which on average a tenth of the load or more sticks [m]."""
+        """Amplitude below which on average at least a tenth of the load sticks [m]."""
         return STICKS * (self.force - self.guide_force) / self.stiffness
 
     @property
@@ -89,7 +90,7 @@ class MotionFriction:
         return self.equivalent_damping_ratio(self.damping_ratio) if self.damping_ratio else math.inf
 
     def equivalent_damping_ratio(self, amplitude: float) -> float:
-        """Damping ratio of viscous drag that dissipates as much energy per cycle as friction.
+        """Damping ratio of a viscous drag that dissipates as much energy per cycle as friction does.
 
         Parameters
         ----------
@@ -116,13 +117,13 @@ class MotionFriction:
         Returns
         -------
         float64 (n,)
-            Displacements from equilibrium [m], the start first; fewer than ``count`` + 1 if sliding no longer
-            reaches the floor, in which case the last turning points require a simulation.
+            Displacements from equilibrium [m], the start first. There are fewer than ``count`` + 1 if sliding
+            no longer reaches the floor; the last turning points then require a simulation.
 
         Raises
         ------
         InputError
-            If the cubic energy does not allow a motion of this amplitude.
+            If the amplitude is too large for the cubic expansion of the energy.
         """
         from scipy.optimize import brentq
 
@@ -156,7 +157,7 @@ class MotionFriction:
         return np.array(points)
 
     def _energy(self, height: float, side: float) -> float:
-        """Energy [J] at a height above equilibrium [m], including work against friction from there."""
+        """Energy [J] at a height above equilibrium [m], including work against friction on the way there."""
         elastic = 0.5 * self.stiffness * height**2 + self.bending * height**3 / 6.0
         return elastic + side * self.force * height
 
@@ -175,7 +176,7 @@ class MotionFriction:
         }
 
     def __str__(self) -> str:
-        """Friction and amplitudes as two lines."""
+        """Describe friction and amplitudes in two lines."""
         added = 100.0 * self.equivalent_damping_ratio(1e-3)
         drag, sticking_amplitude = self.drag_amplitude, self.sticking_amplitude
         comparison = (
@@ -205,8 +206,8 @@ def motion_friction(
 ) -> MotionFriction:
     """Compute the dry friction during the motion of a bed's piston.
 
-    Grains tilt and press on the plates as given by the scene's effect ``friction``, with its bound on the
-    load (``friction.tilt``); friction at the side walls is not included.
+    Grains tilt and press on the plates as the scene's effect ``friction`` describes, whose ``friction.tilt``
+    selects the bound on the normal load; friction at the side walls is not included.
 
     Parameters
     ----------
@@ -244,7 +245,9 @@ def motion_friction(
     assert scene.piston is not None
     friction = scene.effects.friction
     if not has_friction(scene):
-        raise InputError(f"the scene {scene.name!r} has no friction; give a coefficient, or effects.friction")
+        raise InputError(
+            f"the scene {scene.name!r} has no friction; pass the argument static, or add effects.friction"
+        )
     shape, n = static_shape(pencil, piston), pencil.bed.grains
     loads = evaluate(scene, rest.positions, piston_height=rest.heights).normal_load
     moving = float(loads @ np.hypot(shape[:n], shape[n : 2 * n]))

@@ -1,4 +1,4 @@
-"""The page of a bed's small motions, and its plots."""
+"""The HTML page of a bed's small motions, and the plots on this page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["plot_density_of_states", "plot_dynamic_stiffness", "plot_mode", "plot_transmissibility"]
 
 LONGEST_ARROW = 1.5
-"""Length of the longest arrow of a mode [diameters of a grain]."""
+"""Length of the longest arrow in the plot of a mode [diameters of a grain]."""
 
 BINS = 40
 
@@ -46,7 +46,7 @@ def plot_mode(rest: Equilibrium, shape: Shaped[np.ndarray, "q"], ax: Axes | None
     rest : Equilibrium
         Equilibrium of the bed.
     shape : float or complex (q,)
-        Displacements of all coordinates, whose real part is drawn; the longest arrow is 1.5 diameters.
+        Displacements of all coordinates. The real part is drawn; the longest arrow is 1.5 diameters long.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 
@@ -157,7 +157,8 @@ POINTS, FEW_POINTS = 80, 12
 frequency."""
 
 REACH = 4.0
-"""Highest frequency of the curves relative to the last root, and lowest frequency relative to the first."""
+"""Highest frequency of the curves divided by the frequency of the last root, and lowest frequency of the
+curves divided by the frequency of the first root."""
 
 MODES = 3
 LISTED = 12
@@ -165,7 +166,7 @@ LISTED = 12
 
 
 def modes_page(motions: SmallMotions) -> Page:
-    """Page of small motions: figures, modes on the bed, their density, curves and slopes."""
+    """Make the page of small motions: results, modes drawn on the bed, their density, curves and slopes."""
     rest = motions.rest
     root, scene = motions.roots[0], rest.scene
     assert rest.piston_height is not None
@@ -173,8 +174,8 @@ def modes_page(motions: SmallMotions) -> Page:
         f"Small motions of scene {scene.name!r}",
         f"{scene.grains.count} magnets at equilibrium at {1e3 * rest.piston_height:.6g} mm: "
         f"{root.frequency:.6g} Hz without damping, damping ratio {100.0 * root.damping_ratio:.4g} %. "
-        "No values are fitted: all follow from forces about the equilibrium, and hold for "
-        "small amplitudes.",
+        "No value is fitted: all values follow from the forces near the equilibrium, and hold for small "
+        "amplitudes.",
         tuple(_blocks(motions)),
         result=motions,
     )
@@ -191,8 +192,8 @@ def _blocks(motions: SmallMotions) -> Iterator[Block]:
     yield Heading("Response to a small harmonic motion")
     yield Picture(
         partial(_draw_curves, motions),
-        "Top: displacement of the piston over displacement of the base under vertical "
-        "motion. Bottom: force on the piston over its displacement, including all inertia.",
+        "Top: displacement of the piston divided by displacement of the base, for vertical motion. Bottom: "
+        "force on the piston divided by its displacement, including all inertia.",
     )
     yield Heading("Logarithmic slopes")
     yield Table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), slope_rows(motions))
@@ -208,9 +209,9 @@ def _modes(motions: SmallMotions) -> Iterator[Block]:
     largest = np.argsort(-motions.participation)[:MODES]
     yield Picture(
         partial(_draw_modes, motions, largest),
-        "Displacements of grains and piston, the longest 1.5 diameters: in the piston's "
-        "first root (real part; the piston's arrow is in the middle) and in the undamped "
-        "normal modes with the largest participation of the piston.",
+        "Displacements of grains and piston, scaled to 1.5 diameters for the longest arrow. Shown are the "
+        "piston's first root (real part; the piston's arrow is in the middle) and the undamped normal modes "
+        "in which the piston participates most.",
     )
     all_modes = motions.rest.pencil.has_all_modes
     part = "" if all_modes else " Only the lowest modes of this large bed are computed."

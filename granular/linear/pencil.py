@@ -1,9 +1,10 @@
-"""The matrices of small motions about a state, and solutions of (K + s C + s^2 M) u = f.
+"""The matrices of small motions about a state, and the solution of (K + s C + s^2 M) u = f.
 
 Products with a vector are finite differences of the forces, and the equations are solved by GMRES (Saad and
-Schultz 1986, doi:10.1137/0907058). The preconditioner is the factorised matrix of near pairs; one difference
-serves many distant grains at once (Curtis, Powell and Reid 1974, doi:10.1093/imamat/13.1.117). For beds of up
-to `DENSE` coordinates full matrices, computed column by column, give all modes.
+Schultz 1986, doi:10.1137/0907058). The preconditioner is the factorised matrix of near pairs, for which one
+finite difference serves many mutually distant grains (Curtis, Powell and Reid 1974,
+doi:10.1093/imamat/13.1.117). For beds of up to `DENSE` coordinates full matrices, computed column by column,
+give all modes.
 """
 
 from __future__ import annotations
@@ -24,23 +25,25 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
 DENSE = 4000
-"""Maximum number of coordinates for full matrices; three of them take 400 MB, and a dipole stiffness 30 s."""
+"""Maximum number of coordinates for full matrices; at this number three matrices take 400 MB, and the
+stiffness of dipoles takes 30 s."""
 
 NEIGHBOURS = 18
 """Number of neighbours in the matrix of near pairs: three shells of a triangular lattice."""
 
 CYCLE, MAXIMUM_CYCLES = 100, 3
-"""Maximum numbers of steps and cycles of GMRES; settled beds of 368 to 1,472 dipoles take one cycle of about
-35 steps."""
+"""Maximum number of steps in a cycle of GMRES, and maximum number of cycles; settled beds of 368 to 1,472
+dipoles take one cycle of about 35 steps."""
 
 PRECISION, NOISE = 1e-10, 3e-11
-"""Residual at which GMRES ends, relative to the right-hand side, or to the largest stiffness times the
-largest displacement, which limits the accuracy of force differences (7e-12 with 1,472 dipoles)."""
+"""Residual at which GMRES ends, relative to the right-hand side or to (largest stiffness) x (largest
+displacement). The latter limits the accuracy of force differences (7e-12 with 1,472 dipoles)."""
 
 STALLED = 1e-5
 """Residual, relative to the right-hand side, that is accepted in large beds if further cycles do not halve
-it: rounding in a mesh of 5,888 dipoles leaves 2e-8, and the error of a root is its square. Smaller beds then
-use full matrices: in hard contact each product has a different error of 1e-6."""
+it: rounding in a mesh of 5,888 dipoles leaves a residual of 2e-8, and the error of a root is the square of
+this residual. Smaller beds use full matrices instead: in hard contact each product has a different error of
+1e-6."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -117,12 +120,14 @@ class Pencil:
                 full = self.full_stiffness + s * self.full_damping + s * s * self.mass
                 u = np.linalg.solve(np.asarray(full)[np.ix_(free, free)], column)
             elif left > max(STALLED * size, noise):
-                raise InputError("the equations of small motions could not be solved; give a settled bed")
+                raise InputError(
+                    "the equations of small motions could not be solved; start from a settled bed"
+                )
             result[free, k] = u
         return result
 
     def mass_at(self, coordinate: int) -> float:
-        """Effective mass of one coordinate, with all others free: force over acceleration [kg]."""
+        """Effective mass of one coordinate, with all others free: force divided by acceleration [kg]."""
         from scipy.sparse.linalg import spsolve
 
         unit = np.zeros(self.bed.size)
@@ -189,7 +194,7 @@ def _factors(matrix: csc_matrix) -> Any:
         return splu(csc_matrix(matrix), "MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options=symmetric)
     except RuntimeError:
         raise InputError(
-            "a coordinate has no stiffness: a grain without neighbours, or a body without a spring"
+            "a coordinate has no stiffness: a grain has no neighbours, or a body has no spring"
         ) from None
 
 
@@ -225,7 +230,7 @@ def _full_matrix(product: Callable[[np.ndarray], np.ndarray], size: int) -> Floa
 def _near_matrix(
     groups: list[np.ndarray], near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], size: int
 ) -> csc_matrix:
-    """Matrix of the entries in ``near``, from one product for each group of columns without common rows."""
+    """Compute the entries listed in ``near`` from one product per group of columns that share no row."""
     from scipy.sparse import csc_matrix
 
     values = np.zeros(near.nnz)
@@ -243,7 +248,7 @@ def _near_matrix(
 def _without_far_pairs(
     near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], grains: int
 ) -> csc_matrix:
-    """Remove far pairs from the diagonal entries too, so that a uniform shift has the correct response."""
+    """Remove far pairs from the diagonal entries too, so that the response to a uniform shift is correct."""
     from scipy.sparse import csc_matrix, diags
 
     # Otherwise long waves, which distant grains follow, would be much too stiff and GMRES slow in large beds.
@@ -258,7 +263,7 @@ def _without_far_pairs(
 
 
 def _near_columns(bed: BedForces, at: Float[np.ndarray, "q"]) -> tuple[list[np.ndarray], csc_matrix]:
-    """Group columns without common rows of near pairs; also return the pattern of near pairs."""
+    """Group columns that share no row of the near pairs; also return the pattern of near pairs."""
     from scipy.sparse import bmat, csc_matrix, identity
     from scipy.spatial import cKDTree
 

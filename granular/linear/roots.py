@@ -5,12 +5,12 @@ is
 
     h(s) = sum over roots of u_z^2 / (u^T (2 s_k M + C) u) / (s - s_k),
 
-so each root has a residue, and 1/h is the dynamic stiffness at the piston.
+so that each root has a residue. 1/h is the dynamic stiffness at the piston.
 
-An integration method changes a root slightly, depending on the time step. Several steps of the compiled loop
-map coordinates and velocities; about the equilibrium the exact map multiplies the motion of a root by exp(s
-T). The multiplier of the method follows from the exact motion w = (u, s u) and the left eigenvector y = (s M
-u + C u, M u) as (y^T map w)/(y^T w), with an error of second order in the error of w.
+An integration method changes a root slightly, depending on the time step. Several steps of the compiled loop,
+over the time T, map coordinates and velocities. Near the equilibrium the exact map multiplies the motion of a
+root by exp(s T). The multiplier of the method follows from the exact motion w = (u, s u) and the left
+eigenvector y = (s M u + C u, M u) as (y^T map w)/(y^T w); its error is of second order in the error of w.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ LOWEST = 40
 """Default number of modes of a bed without full matrices."""
 
 MODE_SHIFT = 1e-3
-"""Shift of the search for modes, below zero, relative to the largest stiffness of a coordinate over its
+"""Negative shift in the search for modes, in units of the largest ratio of a coordinate's stiffness to its
 mass."""
 
 
@@ -73,8 +73,8 @@ def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
     rest : Equilibrium
         Equilibrium of a bed.
     count : int, optional
-        Number of modes; if not given, all modes of a bed of up to `granular.linear.pencil.DENSE` coordinates,
-        and 40 of a larger bed.
+        Number of modes. If not given, a bed of up to `granular.linear.pencil.DENSE` coordinates gives all
+        modes, and a larger bed gives 40.
 
     Returns
     -------
@@ -101,24 +101,25 @@ def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
 
 
 MASS_FRACTION = 0.05
-"""Minimum residue, relative to the largest one, of a root of the piston."""
+"""Minimum residue of a root of the piston, relative to the largest residue."""
 
 MAXIMUM_ROOTS = 8
 """Number of undamped modes used as starting points for roots."""
 
 SMALLEST_FRACTION = 0.5
-"""Sum of the oscillatory roots' fractions below which the piston creeps more than it oscillates."""
+"""Sum of the mass fractions of oscillatory roots below which the piston creeps more than it oscillates."""
 
 REAL_TOLERANCE = 1e-6
-"""Im s over |s| below which a root is complex only by rounding: two merging real roots separate as the square
-root."""
+"""Ratio of Im s to |s| below which a root is complex only because of rounding: the distance of two merging
+real roots varies as the square root of the change."""
 
 ROUNDED = 1e-9
-"""Relative step below which a step of more than half the previous one is due to rounding: 5e-11 in a mesh of
-23,552 grains."""
+"""Relative Newton step below which rounding dominates if the step is more than half the previous one; in a
+mesh of 23,552 grains rounding causes steps of 5e-11."""
 
 MAXIMUM_STEPS = 30
-"""Maximum number of Newton steps to a root; five are needed from the oscillator with the static shape."""
+"""Maximum number of Newton steps to a root; five are needed if the search begins at the root for the static
+shape."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -130,12 +131,14 @@ class Root:
     s : complex
         Root [1/s]; the motion is u exp(s t).
     shape : complex (q,)
-        u, ratio of the displacement of each coordinate to the piston's; see `granular.linear.bed_forces`.
+        u, displacement of each coordinate divided by the displacement of the piston; see
+        `granular.linear.bed_forces`.
     residue : complex
         Residue of the piston's receptance [s/kg].
     mass_fraction : float
         Twice Re(s residue) times the effective mass against a sudden acceleration of the piston (on a
-        machine, including its recoil). Over all roots these fractions add up to 1, if real roots count half.
+        machine, including the recoil of the machine). The fractions of all roots add up to 1 if real roots
+        count half.
     frequency : float
         Natural frequency |s|/(2 pi) [Hz].
     damping_ratio : float
@@ -169,21 +172,21 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
     Returns
     -------
     tuple of Root
-        Roots near the undamped modes in which the piston participates, with a residue of a twentieth of the
-        largest one or more.
+        Roots near the undamped modes in which the piston participates. The residue of each is at least a
+        twentieth of the largest residue.
 
     Raises
     ------
     InputError
-        If the bed has no free piston, is unstable, or is damped so strongly that real roots account for half
-        of the piston's motion or more.
+        If the bed has no free piston, is unstable, or is damped so strongly that real roots account for at
+        least half of the piston's motion.
     """
     pencil, piston = rest.pencil, require_free_piston(rest)
     if pencil.has_all_modes and not rest.is_stable:
         lowest = rest.lowest_stiffness[0]
         raise InputError(
             f"the equilibrium is not stable: an eigenvalue of the stiffness is {lowest:.3g} N/m; "
-            "give a settled bed"
+            "start from a settled bed"
         )
     first = refine_root(pencil, piston, _static_start(pencil, piston))
     roots = [] if first is None else [first]
@@ -196,15 +199,15 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
     fraction = sum(root.mass_fraction for root in roots)
     if not roots or (pencil.has_all_modes and fraction < SMALLEST_FRACTION):
         raise InputError(
-            f"oscillations account for {fraction:.2g} of the piston's motion and creep for the "
-            "rest; reduce the drag"
+            f"the piston mainly creeps: oscillations account for a fraction of {fraction:.2g} of its motion; "
+            "reduce the drag"
         )
     roots.sort(key=lambda root: -abs(root.residue))
     return tuple(root for root in roots if abs(root.residue) >= MASS_FRACTION * abs(roots[0].residue))
 
 
 def require_free_piston(rest: Equilibrium) -> int:
-    """Return the coordinate index of the free piston; raise an error if there is no free piston."""
+    """Return the coordinate index of the free piston; raise an error if the bed has none."""
     check_free_piston(rest.scene)
     assert rest.pencil.bed.piston is not None
     return rest.pencil.bed.piston
@@ -235,12 +238,12 @@ def stiffness_derivative_times(
 
 
 def static_shape(pencil: Pencil, piston: int) -> Float[np.ndarray, "q"]:
-    """Displacements of all coordinates relative to the piston's, if they follow its height instantly."""
+    """Displacements of all coordinates per unit displacement of the piston, if they follow it instantly."""
     return _shape_at(pencil, piston, 0.0, held_shifts(pencil.bed))
 
 
 def _shape_at(pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]) -> Shaped[np.ndarray, "q"]:
-    """Displacements of all coordinates relative to the piston's, if it moves as exp(s t) [1/s]."""
+    """Displacements of all coordinates per unit displacement of a piston that moves as exp(s t); s in 1/s."""
     unit = np.zeros(pencil.bed.size, np.result_type(s))
     unit[piston] = 1.0
     column = -pencil.times(s, unit)
@@ -249,7 +252,7 @@ def _shape_at(pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]) ->
 
 
 def _static_start(pencil: Pencil, piston: int) -> complex:
-    """Root of the piston if all grains follow its height instantly [1/s]."""
+    """Root of the piston [1/s] if all grains follow its height instantly."""
     shape = static_shape(pencil, piston)
     stiffness = float(shape @ pencil.times(0.0, shape))
     damping = float(shape @ pencil.damping_times(shape))
@@ -259,7 +262,7 @@ def _static_start(pencil: Pencil, piston: int) -> complex:
 def modal_coordinate(
     pencil: Pencil, root: Root, displacement: Float[np.ndarray, "q"], velocity: Float[np.ndarray, "q"]
 ) -> complex:
-    """Modal coordinate a of a root in a state: it moves the piston by 2 Re(a exp(s t)); [m], [m/s]."""
+    """Modal coordinate a of a root in a state [m], [m/s]; the root moves the piston by 2 Re(a exp(s t))."""
     # Uses the left eigenvector, which equals the shape because the matrices are symmetric.
     inertia = stiffness_derivative_times(pencil, root.s, root.shape)
     weights = inertia - root.s * (pencil.mass @ root.shape)
@@ -272,7 +275,7 @@ def _root_of_oscillator(mass: float, damping: float, stiffness: float) -> comple
 
 
 def _mode_starts(rest: Equilibrium, piston: int) -> list[complex]:
-    """Approximate roots of the modes in which the piston participates most, with modal damping [1/s]."""
+    """Approximate roots [1/s] of the modes in which the piston participates most, from modal damping."""
     pencil, modes = rest.pencil, normal_modes(rest)
     fractions = modes.shapes[piston] ** 2
     chosen = np.argsort(-fractions)[:MAXIMUM_ROOTS]
@@ -287,7 +290,7 @@ def _mode_starts(rest: Equilibrium, piston: int) -> list[complex]:
 def root_of_steps(
     rest: Equilibrium, root: Root, dt: float, method: str | Method = "stormer-verlet"
 ) -> complex:
-    """Find the root that an integration method produces instead of an exact root.
+    """Find the root that the motion computed by an integration method has instead of an exact root.
 
     Parameters
     ----------
@@ -303,7 +306,7 @@ def root_of_steps(
     Returns
     -------
     complex
-        Root of the motion with that time step [1/s].
+        Root of the motion computed with that time step [1/s].
 
     Raises
     ------
@@ -318,10 +321,10 @@ def root_of_steps(
         )
     run_plan = plan(bed.scene, dt, method, threads=1)
     if run_plan.method.variable:
-        raise InputError(f"{run_plan.method.name!r} varies its step; give a method with constant steps")
+        raise InputError(f"{run_plan.method.name!r} varies its time step; use a method with constant steps")
     if run_plan.method.tableau is not None and rest.pencil.damping.max() > 0.0:
         raise InputError(
-            f"{run_plan.method.name!r} does not support drag; give 'stormer-verlet', or a bed without drag"
+            f"{run_plan.method.name!r} does not support drag; use 'stormer-verlet', or remove the drag"
         )
     far_field = run_plan.system.constants.acting.far
     steps = (far_field.every or 1) if far_field is not None else 1
@@ -343,7 +346,7 @@ def root_of_steps(
 def _advance(
     run: RunState, bed: BedForces, dt: float, steps: int, start: Float[np.ndarray, "2q"]
 ) -> Float[np.ndarray, "2q"]:
-    """Coordinates [m], and velocities times the natural unit of time [m], after some steps."""
+    """Advance some steps; return coordinates [m] and velocities times the natural unit of time [m]."""
     state, n, length = run.state, bed.grains, bed.length
     q, v = start[: bed.size] / length, start[bed.size :] / length
     state.x[:n], state.y[:n], state.vx[:n], state.vy[:n] = q[:n], q[n : 2 * n], v[:n], v[n : 2 * n]
@@ -361,7 +364,7 @@ def _advance(
 
 
 def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> Complex[np.ndarray, "f"]:
-    """Dynamic stiffness at the piston: force over displacement, at each frequency.
+    """Dynamic stiffness at the piston: force divided by displacement, at each frequency.
 
     Parameters
     ----------
@@ -388,7 +391,7 @@ def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) ->
 
 
 def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> Complex[np.ndarray, "f"]:
-    """Transmissibility: displacement of the piston in the laboratory over vertical displacement of the base.
+    """Transmissibility: absolute displacement of the piston divided by vertical displacement of the base.
 
     Parameters
     ----------

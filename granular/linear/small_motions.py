@@ -1,4 +1,4 @@
-"""Small motions of a bed in one result, with slopes with respect to every value of its scene.
+"""Small motions of a bed in one result, including the derivatives with respect to every value of its scene.
 
 Slopes need no simulation. For a parameter p, the equilibrium moves by dq/dp = K^-1 dF/dp, and a root s with
 shape u by
@@ -41,21 +41,23 @@ from granular.shared.errors import InputError
 from granular.shared.html_pages import Shown
 
 CHANGE, SHIFT = 3e-4, 5e-4
-"""Relative change of a parameter: for r^-5, the relative error, 20 times its square, is 1e-5. Second, the
-maximum change of a side of the cell, which moves a wall towards the grains [D]."""
+"""First, relative change of a parameter; the relative error for r^-5 is 20 times the square of this change,
+1e-5. Second, maximum change of a side of the cell [D], which moves a wall towards the grains."""
 
 IN_CONTACT = 0.1
-"""Relative change of a diameter in contact, over the displacement in a finite difference of forces."""
+"""Relative change of a diameter of grains in contact, divided by the displacement in a finite difference of
+forces."""
 
 _PARTS = ("grains", "cell", "piston", "effects")
 _WITHOUT_SLOPES = ("piston.height", "grains.seed", "grains.count", "grains.temperature")
-"""Keys without slopes: initial conditions, counts, and degrees Celsius, whose zero is a convention."""
+"""Keys without slopes: initial conditions, counts, and temperatures in degrees Celsius, whose zero is a
+convention."""
 _NAMED = {"grains.grade": "grains.remanence", "effects.drag.liquid": "effects.drag.viscosity"}
 """Keys that choose a material, and the value that follows from it."""
 
 
 class Slopes(NamedTuple):
-    """Logarithmic slopes of a damper's figures with respect to the values of its scene.
+    """Logarithmic slopes of a damper's results with respect to the values of its scene.
 
     Attributes
     ----------
@@ -88,7 +90,7 @@ class Slopes(NamedTuple):
         """
         if key not in self.keys:
             raise InputError(
-                f"{key!r} is not a number of the scene with slopes; give one of {', '.join(self.keys)}"
+                f"{key!r} is not the key of a number with slopes; choose one of {', '.join(self.keys)}"
             )
         return np.asarray(self.values[self.keys.index(key)])
 
@@ -181,7 +183,7 @@ def _changed_bed(rest: Equilibrium, key: str, factor: float) -> BedForces:
 
 
 def _work(bed: BedForces, at: Float[np.ndarray, "q"], root: Root) -> complex:
-    """Evaluate u^T (K + s C + s^2 M) u of a changed bed at its equilibrium."""
+    """Evaluate u^T (K + s C + s^2 M) u for a changed bed at the equilibrium of the changed bed."""
     shape, s = root.shape, root.s
     total = s * s * (bed.mass_matrix() @ shape)
     total = total + complex_product(functools.partial(bed.stiffness_times, at), shape)
@@ -189,14 +191,15 @@ def _work(bed: BedForces, at: Float[np.ndarray, "q"], root: Root) -> complex:
 
 
 DRY_FRICTION = (
-    "dry friction is not included in the equilibrium: it can hold the bed anywhere "
-    "within its force over the stiffness"
+    "dry friction is not included in the equilibrium: it can hold the bed at any height within "
+    "(friction force)/(stiffness) of this equilibrium"
 )
 NOT_FLOWS = ("bath", "host")
-"""Effects whose resistance is added to the resistance in the loop's kick."""
+"""Effects whose resistance is added to the resistance applied in the kick of the simulation loop."""
 
 NO_SLOPE = 1e-6
-"""Slope below which a value does not enter the forces: rounding leaves 1e-9 (see `CHANGE`)."""
+"""Slope below which a value is taken not to enter the forces; rounding causes slopes of 1e-9 (see
+`CHANGE`)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -212,21 +215,22 @@ class SmallMotions(Shown):
     modes : NormalModes
         Undamped normal modes.
     participation : float64 (k,)
-        Fraction of each mode in the piston's motion after a push; the fractions of all modes add up to 1.
+        Fraction that each mode contributes to the piston's motion after a push; the fractions add up to 1.
     stiffness : float
-        Static stiffness: force on the piston over its displacement [N/m].
+        Static stiffness: force on the piston divided by its displacement [N/m].
     dynamic_stiffness : complex
         Storage and loss stiffness of the bed at the first root's frequency [N/m]; NaN on a machine.
     moving_mass : float
-        Added mass with which the piston on ``stiffness`` has the first root [kg]; NaN on a machine.
+        Mass of the oscillator whose spring is ``stiffness`` and whose root is the first root, minus the
+        piston's mass [kg]; NaN on a machine.
     damping : float
-        Dashpot of that oscillator [N s/m]; NaN on a machine.
+        Dashpot of the same oscillator [N s/m]; NaN on a machine.
     loss_shares : dict of str to float
-        Fraction of each effect in the energy dissipated in the first root.
+        Fraction that each effect contributes to the energy dissipated in the first root.
     slopes : Slopes
         Logarithmic slopes of equilibrium height, frequency and damping ratio.
     deviation : float64 (k, 3) or None
-        Standard deviation of the slopes over beds, if they are means over beds.
+        Standard deviation of the slopes over several beds, if ``slopes`` are means over these beds.
     """
 
     rest: Equilibrium
@@ -273,7 +277,7 @@ class SmallMotions(Shown):
         }
 
     def blocks(self) -> list[Block]:
-        """Text of the figures, and the table of slopes.
+        """Text of the results, and the table of slopes.
 
         Returns
         -------
@@ -286,7 +290,7 @@ class SmallMotions(Shown):
 
     @property
     def figures_text(self) -> str:
-        """Equilibrium, roots, stiffness, mass and damping as lines of text."""
+        """Describe equilibrium, roots, stiffness, mass and damping in lines of text."""
         rest, scene, at_root = self.rest, self.rest.scene, self.dynamic_stiffness
         assert rest.piston_height is not None
         stable = "stable" if rest.is_stable else "NOT STABLE"
@@ -336,7 +340,7 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
     Returns
     -------
     SmallMotions
-        Figures, roots, modes and slopes; ``print`` shows them.
+        Equilibrium, roots, modes and slopes; ``print`` shows them.
 
     Raises
     ------
@@ -375,7 +379,7 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
 
 
 def loss_shares(rest: Equilibrium, root: Root) -> dict[str, float]:
-    """Find the fraction of each effect in the energy dissipated in a root."""
+    """Find the fraction that each effect contributes to the energy dissipated in a root."""
     pencil, scene, shape = rest.pencil, rest.scene, root.shape
     bed = pencil.bed
     flows = [

@@ -68,21 +68,22 @@ def per_distance(
         frame separately.
     edges : float (k + 1,), optional
         Edges of the bins [m], increasing from 0 or more; if not given, the default edges of the frame whose
-        last edge is the smallest.
+        last default edge is the smallest.
     start, stop : float
         First and last time of the frames [s].
 
     Returns
     -------
     xarray.DataArray
-        Mean over the frames, weighted by their pairs (see `PairDistanceFunction`), on ``distance``, the
-        centres of the bins [m]; NaN in bins without pairs; with unit and meaning if the function is an
-        `observable`. Frames in which the grains do not span a box are omitted.
+        Mean over the frames, weighted by their numbers of pairs (see `PairDistanceFunction`), as a function
+        of ``distance``, the centres of the bins [m]; NaN in bins without pairs. Unit and meaning are attached
+        if the function is an `observable`. Frames in which the grains do not span a box are omitted.
 
     Raises
     ------
     InputError
-        If the function raises it, no frame lies in the range, or the grains do not span a box in any frame.
+        If the function raises this error, no frame lies in the range, or the grains do not span a box in any
+        frame.
     """
     chosen = run.dataset["position"].values[select_frames(run, start, stop)]
     frames = box_spanning_frames(run.scene.cell.wrap_positions(chosen))
@@ -97,34 +98,34 @@ def per_distance(
 
 
 def check_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1"]:
-    """Check the edges of distance bins, and convert them [m]; edges [m]."""
+    """Check the edges of distance bins [m], and convert them to an array."""
     array = np.asarray(edges, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not (np.diff(array) > 0.0).all() or array[0] < 0.0:
-        raise InputError("edges needs 2 or more increasing distances, the first 0 m or more; sort them")
+        raise InputError("the edges must be 2 or more increasing distances from 0 m on; sort the edges")
     return array
 
 
 def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "BINS+1"]:
-    """Choose bins up to half the box's shorter side or `MAXIMUM_SPACINGS` [m]; positions (n, 2) [m]."""
+    """Choose bins [m] up to half the box's shorter side, at most `MAXIMUM_SPACINGS`; positions (n, 2) [m]."""
     low, high = bounding_box(positions)
     sides = high - low
     if not (sides > 0.0).all():
-        raise InputError("the grains do not span a box; give 2 or more grains that are not in a row")
+        raise InputError("the grains do not span a box; 2 or more grains that are not in a row are needed")
     count = int(is_present(positions).sum())
     spacing = float(np.sqrt(np.prod(sides) / count))
     return np.linspace(0.0, min(0.5 * float(sides.min()), MAXIMUM_SPACINGS * spacing), BINS + 1)
 
 
 def box_spanning_frames(frames: Float[np.ndarray, "f n 2"]) -> list[np.ndarray]:
-    """Select the frames (n, 2) whose grains span a box, unlike the last frames of an emptying cell [m]."""
+    """Select the frames (n, 2) [m] whose grains span a box; in an emptying cell the last frames do not."""
     result = [frame for frame in frames if (np.ptp(bounding_box(frame), axis=0) > 0.0).all()]
     if not result:
-        raise InputError("the grains do not span a box in any frame; give frames with more grains")
+        raise InputError("the grains do not span a box in any frame; use frames with more grains")
     return result
 
 
 def count_pairs(points: Float[np.ndarray, "n 2"], edges: Float[np.ndarray, "k+1"]) -> Int[np.ndarray, "k"]:
-    """Count the pairs i < j in each bin (lower edge, upper edge] of their distance; points, edges [m]."""
+    """Count the pairs i < j at a distance in each bin (lower edge, upper edge]; points, edges [m]."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
@@ -132,14 +133,14 @@ def count_pairs(points: Float[np.ndarray, "n 2"], edges: Float[np.ndarray, "k+1"
 
 
 def divide_by_pair_count(total: Float[np.ndarray, "k"], pairs: np.ndarray) -> Float[np.ndarray, "k"]:
-    """Divide sums by numbers of pairs, with NaN where there are no pairs."""
+    """Divide sums by numbers of pairs; NaN without pairs."""
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0)
 
 
 def sum_pair_products(
     points: Float[np.ndarray, "n 2"], values: Float[np.ndarray, "n"], edges: Float[np.ndarray, "k+1"]
 ) -> Float[np.ndarray, "k"]:
-    """Sum v_i v_j over the pairs i < j in each bin (lower edge, upper edge] of distance; edges [m]."""
+    """Sum v_i v_j over the pairs i < j at a distance in each bin (lower edge, upper edge]; edges [m]."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
@@ -156,16 +157,16 @@ def radial_distribution(
 
     The expectation is exact for N grains in a rectangle a x b: 2 pi r dr is weighted by the set covariance of
     the rectangle, a b - (2/pi) (a + b) r + r^2/pi, and integrated over each bin (Ohser and Stoyan, Biom. J.
-    23, 523, 1981; Ghosh, Bull. Calcutta Math. Soc. 43, 17, 1951). Grains at the rim therefore count as well,
-    and for grains without order g is 1 on average at every distance up to the shorter side.
+    23, 523, 1981; Ghosh, Bull. Calcutta Math. Soc. 43, 17, 1951). Grains at the rim are therefore included,
+    and for grains without order the mean of g is 1 at every distance up to the shorter side.
 
     Parameters
     ----------
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent grains.
     edges : float (k + 1,), optional
-        Edges of the bins [m], increasing from 0 or more; 100 bins up to half the shorter side of the box of
-        the outermost centres (or 10 mean spacings, if that is less) if not given.
+        Edges of the bins [m], increasing from 0 or more. If not given, 100 bins up to half the shorter side
+        of the box of the outermost centres, or up to 10 mean spacings if that is less.
     box : float (2, 2), optional
         Lowest and highest x and y of the rectangle available to the grains [m]; the bounding box of the
         centres if not given.
@@ -200,10 +201,12 @@ def radial_distribution(
     edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
     box = bounding_box(points) if box is None else np.asarray(box, dtype=np.float64)
     if box.shape != (2, 2):
-        raise InputError(f"the box has the shape {box.shape}; give (2, 2): lowest and highest x and y")
+        raise InputError(
+            f"the box has the shape {box.shape}; pass the shape (2, 2): lowest and highest x and y"
+        )
     low, high = box
     if not ((points >= low) & (points <= high)).all():
-        raise InputError("a grain lies outside the box; give a box that contains all grains")
+        raise InputError("a grain lies outside the box; use a box that contains all grains")
     pairs = count_pairs(points, edges)
     expected = _expected_pair_counts(len(points), high - low, edges)
     return PairDistanceFunction(edges, pairs / expected, pairs, expected)
@@ -215,7 +218,7 @@ def _expected_pair_counts(count: int, sides: np.ndarray, edges: np.ndarray) -> n
     if edges[-1] > min(a, b) * (1.0 + 1e-12):
         raise InputError(
             f"the last edge, {edges[-1]:.6g} m, exceeds the shorter side of the box, "
-            f"{min(a, b):.6g} m, beyond which g(r) is not exact; give smaller edges"
+            f"{min(a, b):.6g} m, beyond which g(r) is not exact; use smaller edges"
         )
     # Integral over the disc of radius r of the overlap (a - |x|)(b - |y|) of the box with a copy shifted by
     # (x, y); exact for r below both sides.
@@ -260,7 +263,7 @@ def spatial_correlation(
     edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
     variance = float(np.mean(deviation**2)) if len(points) else 0.0
     if not variance > 0.0:
-        raise InputError("all values are equal, so there is no correlation; give values that differ")
+        raise InputError("the correlation of equal values is undefined; pass values that differ")
     pairs, products = count_pairs(points, edges), sum_pair_products(points, deviation, edges)
     return PairDistanceFunction(edges, divide_by_pair_count(products, pairs) / variance, pairs, pairs)
 
@@ -396,7 +399,7 @@ def bond_correlation(
 ) -> PairDistanceFunction:
     """Bond correlation g6(r) = Re <psi6*(0) psi6(r)>, the mean over pairs at the distance r.
 
-    It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a liquid
+    It is constant in a crystal, decreases algebraically in the hexatic phase and exponentially in a liquid
     (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979). A mean over pairs needs no correction at the rim. Only
     grains with an interior Voronoi cell are included.
 
@@ -437,8 +440,8 @@ def bond_relaxation(
 ) -> np.ndarray:
     """Bond relaxation g6(t) = Re <psi6*(0) psi6(t)>, averaged over grains and frames.
 
-    It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a liquid (Zahn
-    and Maret, Phys. Rev. Lett. 85, 3656, 2000). A grain is included if it has an interior cell in both
+    It is constant in a crystal, decreases algebraically in the hexatic phase and exponentially in a liquid
+    (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000). A grain is included if it has an interior cell in both
     frames.
 
     Parameters
@@ -474,7 +477,7 @@ def bond_relaxation(
         products = products[np.isfinite(products)]
         if not len(products):
             raise InputError(
-                f"no grain has an interior cell in both of two frames {lag} apart; take shorter lags"
+                f"no grain has an interior cell in both of two frames at the lag {lag}; use shorter lags"
             )
         result.append(products.mean())
     return np.array(result)

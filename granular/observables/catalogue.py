@@ -66,7 +66,7 @@ def nearest_grain_to_piston_by_species(frame: Frame) -> dict[str, float]:
 
 @observable("1", "packing fraction below the piston, or of a periodic cell", name="packing")
 def frame_packing_fraction(frame: Frame) -> float:
-    """Area of the grains over the cell's area below the piston, or the periodic cell's area [D, eq. 2.2]."""
+    """Ratio of the grains' area to the area below the piston or of the periodic cell [D, eq. 2.2]."""
     present = is_present(frame.positions)
     height = frame.scene.cell.height or frame.piston_height
     return float(packing_fraction(frame.diameters[present], frame.scene.cell.width, height))
@@ -114,7 +114,7 @@ def granular_temperature(frame: Frame) -> float:
 
 @observable("J", "kinetic temperature of the species", name="species_temperature")
 def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
-    """Mean fluctuation energy per degree of freedom of each species, about the motion of all [J]."""
+    """Mean fluctuation energy per degree of freedom [J] of each species, about the mean motion of all."""
     energies = fluctuation_energies(frame.velocities, frame.masses)
     means = {}
     for k, name in enumerate(species_names(frame.scene)):
@@ -180,18 +180,18 @@ def per_frame(
     run : Trajectory
         Finished run, or one that was cut off.
     function : str or function of Frame
-        A name in `OBSERVABLES`, or a function. It returns a number; a number (n,), a vector (n, 2) or a
-        tensor (n, 2, 2) for each grain; or a mapping of labels to such values, with the same labels and
-        shapes in every frame.
+        A name in `OBSERVABLES`, or a function. The function returns one number; or for each grain a number
+        (n,), a vector (n, 2) or a tensor (n, 2, 2); or a mapping of labels to such values, with the same
+        labels and shapes in every frame.
     start, stop : float
         First and last time of the frames [s].
 
     Returns
     -------
     xarray.DataArray
-        Values on ``frame``, then on ``label`` for a mapping, and on ``grain`` and ``axis``, or ``row`` and
-        ``column``, depending on the shape; with unit and meaning if the function is an `observable`. NaN
-        where the function returns NaN, for example for grains that have left the cell.
+        Values with the dimension ``frame``, then ``label`` for a mapping, and ``grain`` and ``axis``, or
+        ``row`` and ``column``, depending on the shape. Unit and meaning are attached if the function is an
+        `observable`. NaN if the function returns NaN, for example for grains that have left the cell.
 
     Raises
     ------
@@ -247,14 +247,14 @@ def _value_dimensions(values: Sequence[np.ndarray], name: str, count: int, label
     if len(shapes) > 1 or not shapes <= set(known):
         raise InputError(
             f"observable {quote(name)} returns values of the shape "
-            f"{', '.join(map(str, sorted(shapes)))}; give one number, one per grain ({count},), "
-            f"or a vector per grain ({count}, 2)"
+            f"{', '.join(map(str, sorted(shapes)))}; return one number, one number per grain ({count},) or "
+            f"one vector per grain ({count}, 2)"
         )
     return (*(("label",) if labelled else ()), *known[shapes.pop()])
 
 
 def observables_table(run: Trajectory, functions: Sequence[Callable[[Frame], Value]]) -> pandas.DataFrame:
-    """Tabulate observables over the frames of a run; each column's name holds its unit [s]."""
+    """Tabulate observables at the frames of a run from start to stop [s]; column names include units."""
     import pandas
 
     columns = {"time [s]": run.dataset["frame_time"].values}

@@ -72,7 +72,7 @@ def link_defect_tracks(
 ) -> list[DefectTrack]:
     """Link the defects of successive frames into tracks."""
     if not reach > 0.0 or memory < 0:
-        raise InputError(f"reach {reach:g} and memory {memory}; give reach above 0, and memory 0 or more")
+        raise InputError(f"reach = {reach:g}, memory = {memory}; reach must be above 0, and memory 0 or more")
     # The detections of each track: frame number and index of the defect in that frame.
     open_tracks: list[list[tuple[int, int]]] = []
     closed: list[list[tuple[int, int]]] = []
@@ -102,7 +102,7 @@ def link_defect_tracks(
 def _assign_defects_to_tracks(
     ends: list[tuple[int, int]], frames: Sequence[FrameDefects], known: list[int], number: int, reach: float
 ) -> dict[int, int]:
-    """For each defect of a frame find the track, by its last detection, that it continues."""
+    """For each defect of a frame find the track that it continues, from the last detection of every track."""
     from scipy.optimize import linear_sum_assignment
 
     defects = frames[number]
@@ -128,7 +128,7 @@ def _assign_defects_to_tracks(
 
 
 def _squared_displacement(before: FrameDefects, index: int, after: FrameDefects, k: int) -> float:
-    """Squared displacement of a defect; infinite between different kinds, along b only for a boundary."""
+    """Squared displacement of a defect; infinite between kinds; for a boundary, the part along b only."""
     kind, burgers = before.kinds[index], before.burgers[index]
     if kind != after.kinds[k]:
         return math.inf
@@ -224,13 +224,13 @@ def motion_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> Defect
 
 
 def detect_defects_in_frames(frames: Float[np.ndarray, "f n 2"]) -> list[FrameDefects]:
-    """Detect the defects of every frame, tracking the lattice direction in time; frames [m]."""
+    """Detect the defects of every frame, and track the lattice direction from frame to frame; frames [m]."""
     array = check_frames(frames, minimum_count=1)
     defects: list[FrameDefects] = []
     for frame in array:
         cells = voronoi_cells(frame)
         if not cells.interior.any():
-            raise InputError("a frame has no grain with an interior cell; give a larger bed")
+            raise InputError("no grain of a frame has an interior cell; use a larger bed")
         angle = float(np.angle(global_psi6(frame, cells))) / 6.0
         if defects:
             # The bond order gives the direction modulo 60 degrees: take the value nearest to the previous
@@ -251,9 +251,9 @@ def track_defects(
 ) -> xarray.Dataset:
     """Track the defects over the frames with start <= time <= stop.
 
-    Defects are detected by `detect_defects`, which needs a bed of one crystal or of parts turned by less than
-    25 degrees. Defects of one kind and Burgers vector are linked from frame to frame as in Crocker and Grier,
-    J. Colloid Interface Sci. 179, 298 (1996), by `link_defect_tracks`; events are found by
+    Defects are detected by `detect_defects`, which needs a bed of one crystal, or of crystals turned by less
+    than 25 degrees. Defects of the same kind and Burgers vector are linked from frame to frame as in Crocker
+    and Grier, J. Colloid Interface Sci. 179, 298 (1996), by `link_defect_tracks`; events are found by
     `find_defect_events`. Frames should be so close in time that a defect moves less than ``reach`` spacings
     between them.
 
@@ -280,8 +280,9 @@ def track_defects(
         [m], NaN in frames without detection; on ``event``: ``event_kind``, ``event_time`` [s],
         ``event_position`` and ``event_burgers`` [m], the Burgers vector gained from the rim, with an
         ``axis``; on (``frame``, ``defect``): ``count`` of each kind; on (``frame``, ``axis``):
-        ``total_burgers`` [m]. The attribute ``conserved`` is the fraction of events away from the rim whose
-        Burgers vectors add up, NaN without such events; ``spacing`` is the mean lattice spacing [m].
+        ``total_burgers`` [m]. The attribute ``conserved`` is the fraction of events away from the rim that
+        conserve the sum of Burgers vectors, NaN without such events; ``spacing`` is the mean lattice spacing
+        [m].
 
     Raises
     ------
@@ -290,7 +291,7 @@ def track_defects(
         below 0 or ``minimum_frames`` below 1.
     """
     if minimum_frames < 1:
-        raise InputError(f"minimum_frames = {minimum_frames}; give 1 frame or more")
+        raise InputError(f"minimum_frames = {minimum_frames}; 1 frame or more is needed")
     chosen = select_frames(run, start, stop)
     frames = run.scene.cell.wrap_positions(run.dataset["position"].values[chosen])
     times = run.dataset["frame_time"].values[chosen]

@@ -116,7 +116,7 @@ def disclination_charges(cells: VoronoiCells) -> np.ndarray:
 
 
 def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Dislocations:
-    """Dislocations: the maximum number of pairs of neighbouring pentagons and heptagons.
+    """Find dislocations: as many pairs of neighbouring pentagons and heptagons as possible.
 
     Only interior cells are paired, and each belongs to one pair or none. In a cluster of defects several
     pairings can reach the maximum number of pairs; one of them is taken.
@@ -125,13 +125,13 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
 
         b = a z x (r7 - r5)/|r7 - r5|,
 
-    the direction from the pentagon to the heptagon turned by +90 degrees. The length a is the spacing of the
-    hexagonal lattice with the mean cell area of both grains and their neighbours. The same numbers of
-    triangles meet at the grains around every such pair, so that the image of the circuit in the perfect
-    lattice always fails to close by one lattice vector across the pair. The sign is given by the integral of
-    du over a counter-clockwise circuit, where u is the displacement from the perfect lattice (the convention
-    FS/RH of Hirth and Lothe, Theory of Dislocations, 1982, with the line direction out of the plane): b = +a
-    x has its extra half row, and the pentagon, above.
+    which is the direction from the pentagon to the heptagon, turned by +90 degrees. The length a is the
+    spacing of the hexagonal lattice whose cell area is the mean cell area of both grains and their
+    neighbours. The same numbers of triangles meet at the grains around every such pair, so that the image of
+    the circuit in the perfect lattice always fails to close by one lattice vector across the pair. The sign
+    is given by the integral of du over a counter-clockwise circuit, where u is the displacement from the
+    perfect lattice (the convention FS/RH of Hirth and Lothe, Theory of Dislocations, 1982, with the line
+    direction out of the plane): a dislocation with b = +a x has its extra half row, and the pentagon, above.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ DISLOCATION, DISCLINATION, VACANCY, INTERSTITIAL, PAIR, BOUNDARY = KINDS = (
 
 # Dislocations at this distance from each other turn the lattice by 1/7 rad, 8 degrees.
 BOUNDARY_LINK = 7.0
-"""Maximum distance between neighbouring dislocations of one grain boundary, in spacings."""
+"""Maximum distance between neighbouring dislocations in a grain boundary, in spacings."""
 
 MINIMUM_BOUNDARY_SIZE = 5
 """Minimum number of dislocations of a grain boundary, whose Burgers vectors do not cancel."""
@@ -254,9 +254,9 @@ def detect_defects(
     one with a Burgers vector is a dislocation. A cluster with neither is a vacancy or an interstitial if it
     has fewer or more grains than lattice sites within the circuit. With equal numbers it is a bound pair of
     dislocations, as thermal motion creates and annihilates them. A grain boundary consists of
-    `MINIMUM_BOUNDARY_SIZE` or more dislocations, each less than `BOUNDARY_LINK` spacings from the next, whose
-    Burgers vectors add up to half their number or more. Clusters that touch the rim, whose cells are not
-    interior, are seen only in part and are omitted, except grain boundaries.
+    `MINIMUM_BOUNDARY_SIZE` or more dislocations, each less than `BOUNDARY_LINK` spacings from the next, the
+    sum of whose Burgers vectors is at least half the sum of their lengths. Clusters that touch the rim, where
+    cells are not interior, are detected only in part and are omitted, except grain boundaries.
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ def detect_defects(
         Positions of the grains [m]; NaN for absent grains.
     angle : float, optional
         Direction of the lattice [rad], modulo 60 degrees; the direction of the mean bond order if not given.
-        Parts of the bed should be turned by less than 25 degrees from it.
+        Every part of the bed should be turned from this direction by less than 25 degrees.
     cells : VoronoiCells, optional
         Voronoi cells of these positions, if already computed.
 
@@ -282,7 +282,7 @@ def detect_defects(
     """
     positions, cells = check_cells(positions, cells)
     if not cells.interior.any():
-        raise InputError("no grain has an interior cell; give a larger bed")
+        raise InputError("no grain has an interior cell; use a larger bed")
     if angle is None:
         angle = float(np.angle(global_psi6(positions, cells))) / 6.0
     area = float(cells.area[cells.interior].mean())
@@ -353,7 +353,7 @@ def _cluster_defects(
 def _dislocation_core_position(
     positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
 ) -> np.ndarray:
-    """Centre of the disorder about a point: a core moves between sites while its grains jump."""
+    """Centre of the disorder around a point, because a core moves between sites while its grains jump."""
     started = position
     for _ in range(_CENTRINGS):
         relative_distance = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)

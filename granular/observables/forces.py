@@ -46,7 +46,8 @@ BLOCK = 512
 """Number of grains whose pairs are held in memory at the same time."""
 
 SERIES_DISTANCE = 20.0
-"""Distance, over the contact distance, beyond which only the first term of a disc's field series is kept."""
+"""Distance divided by the contact distance, beyond which only the first term of a disc's field series is
+kept."""
 
 KNOWN = ("dipole", "contact", "walls")
 SILENT = (
@@ -70,7 +71,7 @@ def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
 
 
 def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> Iterator[BranchesAndForces]:
-    """Yield branches (k, m, 2) [m] and forces [N] of all m grains on k grains at a time; positions [m]."""
+    """Yield branch vectors (k, m, 2) [m] and forces [N] of m grains on k grains at a time; positions [m]."""
     positions, present, system = _positions_and_natural_system(scene, positions)
     scales = system.scales
     points = positions[present]
@@ -101,9 +102,9 @@ def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> It
 def iterate_wall_forces(
     scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: Heights = None
 ) -> BranchesAndForces:
-    """Evaluate branches (k, m, 2) [m] and forces [N] of the m walls on each grain; positions [m].
+    """Evaluate branch vectors (k, m, 2) [m] and forces [N] of the m walls on each grain; positions [m].
 
-    After the piston's height come the heights of further pistons whose sides are walls.
+    ``heights`` holds the piston's height, then the heights of further pistons whose sides are walls.
     """
     positions, present, system = _positions_and_natural_system(scene, positions)
     scales, points = system.scales, positions[present]
@@ -122,7 +123,8 @@ def iterate_wall_forces(
         body = body_of_side(scene, line)
         if body >= len(heights):
             raise InputError(
-                f"side {line.name!r} moves with a further piston; give its height after the piston's"
+                f"side {line.name!r} moves with a further piston; append the height of this piston to the "
+                "piston heights"
             )
         evaluate_wall_forces(wall_side, x, y, heights[body] / scales.length, moments, pushes)
         distances = line.distances(points - [0.0, heights[body]], 0.0)
@@ -132,18 +134,18 @@ def iterate_wall_forces(
 
 
 def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
-    """Check positions, and return them with the scene in natural units."""
+    """Check positions; return the positions, and the scene in natural units."""
     from granular.scene.scene_in_natural_units import scene_in_natural_units
 
     positions = check_vectors(positions)
     if len(positions) != scene.grains.count:
         raise InputError(
-            f"{len(positions)} positions for {scene.grains.count} grains; give one for each grain"
+            f"{len(positions)} positions for {scene.grains.count} grains; pass one position for each grain"
         )
     if unresolved := effects_of_unknown_pair_force(scene):
         raise InputError(
-            f"effects.{unresolved[0]}: its force between grains cannot be resolved into pairs; use "
-            "the resultant force instead"
+            f"effects.{unresolved[0]}: the force of this effect between grains cannot be resolved into "
+            "pairs; use the resultant force instead"
         )
     return positions, np.flatnonzero(is_present(positions)), scene_in_natural_units(scene)
 
@@ -157,7 +159,7 @@ def relative_magnetic_moments(scene: Scene) -> Float[np.ndarray, "n"]:
 def _disc_to_dipole_force_ratio(
     discs: tuple[Disc, ...], r: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> np.ndarray:
-    """Ratio of disc force to dipole force for pairs of discs of the species ``first`` and ``second``."""
+    """Ratio of disc force to dipole force between discs of the species ``first`` and ``second``."""
     result = np.ones_like(r)
     for i, j in itertools.product(range(len(discs)), repeat=2):
         pair_block = np.ix_(first == i, second == j)
@@ -167,7 +169,7 @@ def _disc_to_dipole_force_ratio(
 
 @cache
 def _make_disc_to_dipole_ratio(first: Disc, second: Disc) -> Callable[[np.ndarray], np.ndarray]:
-    """Ratio of the forces of two discs and two dipoles, as a function of distance; linear below contact."""
+    """Ratio of disc force to dipole force as a function of distance; linear below contact."""
     from scipy.interpolate import CubicSpline
 
     from granular.pairs.disc_law import force_slope_at_contact
@@ -211,10 +213,10 @@ def _callable_kernel(kernel: Any) -> Any:
 
 
 def piston_force(run: Trajectory) -> xarray.DataArray:
-    """Force of the grains on the piston, upwards, at every record of a run [N, s]."""
+    """Upward force of the grains on the piston [N] at every record of a run; times in s."""
     if "piston_force" not in run.dataset:
         raise InputError(
-            f"scene {run.scene.name!r} records no piston force; give it a piston and "
+            f"scene {run.scene.name!r} records no piston force; add a piston and "
             f"{piston_wall_key(run.scene.cell.lines)}"
         )
     return run.dataset["piston_force"]
@@ -231,8 +233,8 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
     Returns
     -------
     xarray.DataArray
-        Force on each wall [N], positive outwards, on ``time`` [s] and ``wall``: the names of the sides that
-        are walls, and the piston.
+        Force on each wall [N], positive outwards, with the dimensions ``time`` [s] and ``wall``: the names of
+        the sides that are walls, and the piston.
 
     Raises
     ------
@@ -242,7 +244,7 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
     names = (*(line.name for line in run.scene.cell.lines), "piston")
     present = [wall for wall in names if f"{wall}_force" in run.dataset]
     if not present:
-        raise InputError(f"scene {run.scene.name!r} has no walls; give it effects.walls")
+        raise InputError(f"scene {run.scene.name!r} has no walls; add effects.walls")
     values = np.stack([run.dataset[f"{wall}_force"].values for wall in present], axis=1)
     coordinates = {"time": run.dataset["time"], "wall": present}
     label = Observable("wall_forces", "N", "force on the wall, outwards")
@@ -252,9 +254,8 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
 def interaction_forces(frame: Frame) -> np.ndarray:
     """Force of grains and walls on each grain.
 
-    These are the frame's forces without weight, and without inertia if the cell is shaken: the resultant
-    magnetic force of [D, 4.3.5], and contact if the scene has it. Forces of user-defined fields and gradients
-    are included.
+    These are the frame's forces without weight and, if the cell is shaken, without inertia: the resultant
+    magnetic force of [D, 4.3.5], contact forces, and the forces of user-defined fields and gradients.
 
     Parameters
     ----------
@@ -270,7 +271,7 @@ def interaction_forces(frame: Frame) -> np.ndarray:
 
 
 def outer_acceleration(scene: Scene, time: float) -> Float[np.ndarray, "2"]:
-    """Acceleration by weight, and by inertia in a shaken cell [m/s^2]; time [s]."""
+    """Acceleration [m/s^2] due to weight and, in a shaken cell, due to inertia; time [s]."""
     acceleration, effects = np.zeros(2), scene.effects
     gravity, shaking, host = effects.gravity, effects.shaking, effects.host
     if gravity is not None:
@@ -287,11 +288,11 @@ def outer_acceleration(scene: Scene, time: float) -> Float[np.ndarray, "2"]:
 def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: Heights = None) -> np.ndarray:
     """Sum of the magnitudes of all forces of other grains and of walls on each grain.
 
-    De Paula distinguishes it from the resultant force (``comPart`` and ``forPart``) and shows its
-    distribution [D, 4.3.5, Fig. 5.3, Appendix B]. In a bed at rest the resultant force is balanced by
-    friction and is a few hundredths of the compressive force. Forces of dipoles or discs, of contact without
-    its dashpot, and of walls are included; in a periodic cell each grain interacts with the nearest image of
-    every other one.
+    De Paula distinguishes the compressive force (``comPart``) from the resultant force (``forPart``) and
+    shows the distribution of the former [D, 4.3.5, Fig. 5.3, Appendix B]. In a bed at rest the resultant
+    force is balanced by friction and is a few hundredths of the compressive force. Forces of dipoles or
+    discs, of contact without its dashpot, and of walls are included; in a periodic cell each grain interacts
+    with the nearest image of every other one.
 
     Parameters
     ----------
@@ -300,7 +301,7 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: Heigh
     positions : float (n, 2)
         Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
-        Height of the piston [m]; the scene's if not given.
+        Height of the piston [m]; if not given, the height in the scene.
 
     Returns
     -------
@@ -323,7 +324,7 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: Heigh
 
 
 def relative_force_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndarray:
-    """Relative fluctuation |F_k - mean F|/mean F, where mean F is over the species of grain k [D, eq. 4.35].
+    """Relative fluctuation |F_k - mean F|/mean F, with the mean over the species of grain k [D, eq. 4.35].
 
     Parameters
     ----------
@@ -335,8 +336,8 @@ def relative_force_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> n
     Returns
     -------
     float64 (n,)
-        Dimensionless fluctuation; NaN for grains whose magnitude is not finite or whose species has a mean
-        that is not above 0.
+        Dimensionless fluctuation; NaN for grains whose magnitude is not finite, and for species whose mean is
+        not above 0.
 
     Raises
     ------
@@ -356,12 +357,12 @@ def relative_force_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> n
 
 
 def grain_virials(scene: Scene, positions: np.ndarray, piston_height: Heights = None) -> np.ndarray:
-    """Virial of each grain: sum of branch times force, halved for pairs, in full for walls.
+    """Virial of each grain: sum of (branch vector) times (force), halved for pairs but not for walls.
 
-    The branch of a pair is shared by two grains, the branch of a wall belongs to one. The sum over all grains
-    is therefore the virial of the bed: with every grain at rest its yy component is the piston force times
-    the piston's height, plus the contributions of weight and friction (the virial theorem; Allen and
-    Tildesley, Computer Simulation of Liquids, 2nd ed. 2017). The forces are the same as in
+    The branch vector of a pair is shared by two grains; the branch vector of a wall belongs to one grain. The
+    sum over all grains is therefore the virial of the bed: with every grain at rest its yy component is the
+    piston force times the piston's height, plus the contributions of weight and friction (the virial theorem;
+    Allen and Tildesley, Computer Simulation of Liquids, 2nd ed. 2017). The forces are the same as in
     `compressive_forces`.
 
     Parameters
@@ -371,7 +372,7 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: Heights = 
     positions : float (n, 2)
         Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
-        Height of the piston [m]; the scene's if not given.
+        Height of the piston [m]; if not given, the height in the scene.
 
     Returns
     -------
@@ -408,7 +409,7 @@ def grain_stresses(
     positions : float (n, 2)
         Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
-        Height of the piston [m]; the scene's if not given.
+        Height of the piston [m]; if not given, the height in the scene.
     cells : VoronoiCells, optional
         Voronoi cells of these positions, if already computed.
 
@@ -443,7 +444,7 @@ def grain_pressures(
     positions : float (n, 2)
         Positions of the grains within the cell [m]; NaN for absent grains.
     piston_height : float, optional
-        Height of the piston [m]; the scene's if not given.
+        Height of the piston [m]; if not given, the height in the scene.
     cells : VoronoiCells, optional
         Voronoi cells of these positions, if already computed.
 
@@ -474,14 +475,14 @@ def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histo
     frame : Frame
         Instant of a run; see `frame_at`.
     pooled : bool
-        All species in one histogram, named ``"all"``, with forces divided by the maximum force of the frame,
-        as in the source.
+        If true, all species are in one histogram, named ``"all"``, with forces divided by the maximum force
+        of the frame, as in [D].
 
     Returns
     -------
     dict of str to Histogram
-        Histogram of each species that has grains with an interior cell, by its name; forces in N, or divided
-        by the maximum if pooled.
+        Histogram of each species that has grains with an interior cell, by species name; forces in N, or
+        divided by the maximum if pooled.
 
     Raises
     ------
@@ -492,7 +493,7 @@ def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histo
     known = np.isfinite(forces)
     if not known.any():
         raise InputError(
-            f"the frame at {frame.time:g} s has 0 grains with an interior Voronoi cell; give a "
+            f"the frame at {frame.time:g} s has 0 grains with an interior Voronoi cell; use a "
             "frame whose grains lie in more than two rows"
         )
     if pooled:
@@ -518,7 +519,8 @@ def force_dip_test(frame: Frame) -> DipTest:
     Returns
     -------
     DipTest
-        Dip of the distribution and its probability for a distribution with one mode, dimensionless.
+        Dip of the distribution, and the probability of a dip this large in a distribution with one mode; both
+        are dimensionless.
 
     Raises
     ------

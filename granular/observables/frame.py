@@ -34,9 +34,9 @@ class Frame(NamedTuple):
     time : float
         Time in the run [s].
     positions, velocities, forces : float (n, 2)
-        Positions [m], wrapped into the cell if it is periodic; velocities [m/s]; forces [N]: magnetic and
-        contact forces, weight, user-defined laws and fields, the inertia of a shaken cell, but no drag and no
-        friction.
+        Positions [m], wrapped into the cell if it is periodic; velocities [m/s]; forces [N], which include
+        magnetic and contact forces, weight, user-defined laws and fields and the inertia of a shaken cell,
+        but not drag and friction.
     piston_height : float
         Height of the piston [m]; NaN without a piston.
     species : int (n,)
@@ -65,8 +65,8 @@ class Frame(NamedTuple):
 
 
 Value = float | np.ndarray | Mapping[Any, "float | np.ndarray"]
-"""A number; a number (n,), a vector (n, 2) or a tensor (n, 2, 2) for each grain; or a mapping of labels to
-such values."""
+"""One number; or for each grain a number (n,), a vector (n, 2) or a tensor (n, 2, 2); or a mapping of labels
+to such values."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -86,12 +86,12 @@ def observable(unit: str, meaning: str = "", name: str | None = None) -> Callabl
     Returns
     -------
     function
-        Decorator, which sets the attribute ``observable`` of a function and returns the function.
+        Decorator that sets the attribute ``observable`` of a function and returns this function.
 
     Raises
     ------
     InputError
-        If the unit cannot be parsed; from the decorator, if the name is missing or is not an identifier.
+        If the unit cannot be parsed. The decorator raises it if the name is missing or is not an identifier.
 
     Examples
     --------
@@ -109,7 +109,9 @@ def observable(unit: str, meaning: str = "", name: str | None = None) -> Callabl
     def mark(function: Function) -> Function:
         identifier = getattr(function, "__name__", "") if name is None else name
         if not identifier.isidentifier():
-            raise InputError(f"observable {quote(identifier)}; give a name such as 'maximum_force'")
+            raise InputError(
+                f"{quote(identifier)} cannot name an observable; use an identifier such as 'maximum_force'"
+            )
         function.observable = Observable(identifier, unit, meaning)  # type: ignore[attr-defined]
         return function
 
@@ -178,14 +180,14 @@ def frame_at(run: Trajectory, index: int = -1) -> Frame:
     total = run.dataset.sizes["frame"]
     if not -total <= index < total:
         raise InputError(
-            f"there is no frame {index}; the run has {total}: give 0 to {total - 1}, or -{total} to -1 "
+            f"the run has {total} frames, but no frame {index}; use 0 to {total - 1}, or -{total} to -1 "
             "to count from the end"
         )
     return next(frames(run, [index]))
 
 
 def labelled_array(values: Any, dims: Any, coords: Any, label: Observable | None) -> xarray.DataArray:
-    """Make a data array of values with dimensions, coordinates, unit and meaning."""
+    """Make a data array of values, with dimensions, coordinates, unit and meaning."""
     import xarray
 
     attributes = {} if label is None else {"units": label.unit, "long_name": label.meaning}
@@ -216,7 +218,7 @@ def check_vectors(vectors: Float[np.ndarray, "n 2"], name: str = "positions") ->
     """Check the shape of positions or other vectors, and convert them."""
     array = np.asarray(vectors, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise InputError(f"{name} have the shape {array.shape}; give (n, 2)")
+        raise InputError(f"{name} have the shape {array.shape}; the shape must be (n, 2)")
     return array
 
 
@@ -226,18 +228,18 @@ def check_series(names: str, *series: np.ndarray) -> tuple[np.ndarray, ...]:
     shapes = [array.shape for array in arrays]
     if len(shapes[0]) != 1 or len(set(shapes)) > 1:
         raise InputError(
-            f"{names} have the shapes {', '.join(map(str, shapes))}; give (n,), the same for all"
+            f"{names} have the shapes {', '.join(map(str, shapes))}; all must have the same shape (n,)"
         )
     return arrays
 
 
 def check_frames(frames: Float[np.ndarray, "f n 2"], minimum_count: int = 0) -> Float[np.ndarray, "f n 2"]:
-    """Check the shape and the number of frames, and convert them [m]; frames [m]."""
+    """Check the shape and the number of frames [m], and convert them to an array."""
     array = np.asarray(frames, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 2:
-        raise InputError(f"positions of frames have the shape {array.shape}; give (f, n, 2)")
+        raise InputError(f"positions of frames have the shape {array.shape}; the shape must be (f, n, 2)")
     if len(array) < minimum_count:
-        raise InputError(f"{len(array)} frames; give {minimum_count} or more")
+        raise InputError(f"{len(array)} frames; {minimum_count} or more are needed")
     return array
 
 
@@ -247,22 +249,22 @@ def check_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> Int[np.ndarray,
         return np.unique(np.geomspace(1, count - 1, 30).round().astype(int))
     array = np.asarray(lags)
     if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer) or not len(array):
-        raise InputError("lags are integer numbers of frames; give a one-dimensional array of integers")
+        raise InputError("lags must be numbers of frames; pass a one-dimensional array of integers")
     if array.min() < 1 or array.max() >= count:
-        raise InputError(f"lags from {array.min()} to {array.max()}; take 1 to {count - 1} frames")
+        raise InputError(f"lags are from {array.min()} to {array.max()} frames; use 1 to {count - 1} frames")
     return array
 
 
 def check_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
-    """Check the sides of a periodic cell, and convert them [m]; periods [m]."""
+    """Check the sides of a periodic cell [m], and convert them to an array."""
     array = np.asarray(periods, dtype=np.float64)
     if array.shape != (2,) or not (array > 0.0).all():
-        raise InputError(f"periods {periods}; give the width and height of the cell, above 0 m")
+        raise InputError(f"periods = {periods}; pass width and height of the periodic cell, both above 0 m")
     return array
 
 
 def is_present(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "... n"]:
-    """Find which grains are in the cell, by finite positions; positions [m]."""
+    """Return which grains are in the cell, that is, have finite positions [m]."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
 
@@ -276,7 +278,9 @@ def check_grain_values(name: str, values: np.ndarray, count: int) -> np.ndarray:
     """Check that there is one value for each grain, and convert them."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (count,):
-        raise InputError(f"{name} has the shape {array.shape}; give {(count,)}, one per grain")
+        raise InputError(
+            f"{name} has the shape {array.shape}; the shape must be {(count,)}, one value per grain"
+        )
     return array
 
 

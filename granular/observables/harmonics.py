@@ -48,8 +48,9 @@ def harmonic_response(
     """Amplitude ratio and phase of a response to a sinusoidal drive.
 
     Mean, slow drift (linear in time) and harmonics are fitted together by least squares over the last whole
-    periods after the transient, as in the sine fits of IEEE Std 1057. The standard errors are standard errors
-    of the mean over single periods, assumed independent; a remaining transient increases them.
+    periods after the transient, as in the sine fits of IEEE Std 1057. Single periods are assumed independent;
+    the standard errors are standard errors of the mean over periods. A remaining transient increases these
+    errors.
 
     Parameters
     ----------
@@ -67,15 +68,16 @@ def harmonic_response(
     Returns
     -------
     HarmonicResponse
-        Amplitude ratio (K,), in units of the response over units of the drive, and phase (K,) [rad] of each
-        harmonic, with standard errors; the error of a phase is infinite if the ratio is 0.
+        Amplitude ratio (K,), in units of the response divided by units of the drive, and phase (K,) [rad] of
+        each harmonic, with standard errors; the error of a phase is infinite if the ratio is 0.
 
     Raises
     ------
     InputError
-        If the shapes differ or are not (n,), there is no sample, a value, ``frequency``, ``harmonics`` or
-        ``discard`` is out of its limits, fewer than `MINIMUM_PERIODS` whole periods remain, there are fewer
-        than 2 K + 3 samples per period, or the drive has no amplitude at the frequency.
+        If the shapes differ or are not (n,); if there are no samples; if a value, ``frequency``,
+        ``harmonics`` or ``discard`` is out of its limits; or if fewer than `MINIMUM_PERIODS` whole periods
+        remain, there are fewer than 2 K + 3 samples per period, or the drive has no amplitude at the
+        frequency.
 
     Examples
     --------
@@ -93,11 +95,11 @@ def harmonic_response(
     if (np.diff(time) < 0.0).any():
         raise InputError("time decreases; sort the samples by time")
     if discard is not None and not 0.0 <= discard < np.inf:
-        raise InputError(f"discard = {discard:g} s; give a length of 0 s or more")
+        raise InputError(f"discard = {discard:g} s; 0 s or more is needed")
     if harmonics < 1 or not 0.0 < frequency < np.inf:
         raise InputError(
-            f"harmonics = {harmonics} and frequency = {frequency:g} Hz; give harmonics >= 1, and "
-            "a frequency above 0 Hz"
+            f"harmonics = {harmonics}, frequency = {frequency:g} Hz; harmonics must be 1 or more, and "
+            "the frequency above 0 Hz"
         )
     periods = _count_whole_periods(time, frequency, discard)
     chosen = time > time[-1] - (periods - 1e-9) / frequency
@@ -143,7 +145,7 @@ def harmonic_response(
 def stage_response(
     run: Trajectory, stage: str | None = None, harmonics: int = 3, discard: float | None = None
 ) -> xarray.Dataset:
-    """Harmonic response of a stage with a sinusoidal force on the piston or a sinusoidal motion of it.
+    """Harmonic response of a stage with a sinusoidal force on the piston or a sinusoidal piston motion.
 
     In a ``push`` stage the drive is the external force and the response is the piston's height (ratio in
     m/N). In an ``oscillate`` stage the drive is the height and the response is the force of the grains on the
@@ -169,9 +171,9 @@ def stage_response(
     Raises
     ------
     InputError
-        If there is no driven stage of that name, or no name is given and the run has none or several; if the
-        run has not reached the stage; if it is an ``oscillate`` and no piston force is recorded; and if
-        `harmonic_response` raises it.
+        If the run has no driven stage of that name or has not reached the stage; if no name is given and the
+        run does not have exactly one driven stage; if the stage is an ``oscillate`` and no piston force is
+        recorded; or if `harmonic_response` raises this error.
     """
     import xarray
 
@@ -179,8 +181,8 @@ def stage_response(
     time, drive, response, unit = _drive_and_response(run, driven)
     result = harmonic_response(time, drive, response, driven.frequency, harmonics, discard)
     columns = {
-        "ratio": (result.ratio, unit, "amplitude of the response over the amplitude of the drive"),
-        "phase": (result.phase, "rad", "phase of the response to the drive"),
+        "ratio": (result.ratio, unit, "ratio of the response's amplitude to the drive's amplitude"),
+        "phase": (result.phase, "rad", "phase of the response relative to the drive"),
         "ratio_error": (result.ratio_error, unit, "standard error of the ratio"),
         "phase_error": (result.phase_error, "rad", "standard error of the phase"),
     }
@@ -223,10 +225,10 @@ def _fit_harmonics(
 
 
 def _transfer_function(drive_harmonics: np.ndarray, response_harmonics: np.ndarray) -> np.ndarray:
-    """Harmonics (K,) of the response, relative to the drive's phase and divided by its amplitude."""
+    """Harmonics (K,) of the response, relative to the drive's phase and divided by the drive's amplitude."""
     amplitude = abs(drive_harmonics[0])
     if amplitude == 0.0:
-        raise InputError("the drive has no amplitude at this frequency; give the drive's frequency")
+        raise InputError("the drive has no amplitude at this frequency; use the frequency of the drive")
     orders = np.arange(1, len(response_harmonics) + 1)
     return np.asarray(response_harmonics * np.exp(-1j * orders * np.angle(drive_harmonics[0])) / amplitude)
 
@@ -271,7 +273,7 @@ def _find_driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
     if name is None:
         if len(driven) == 1:
             return next(iter(driven.values()))
-        advice = "name one" if driven else "give it an oscillate or a push"
+        advice = "name one" if driven else "add a stage of kind 'oscillate' or 'push'"
         raise InputError(f"the scene has {len(driven)} stages with a sinusoidal drive; {advice}")
     if name not in driven:
         raise InputError(unknown_word_message(name, tuple(driven), "driven stage"))
@@ -291,16 +293,16 @@ def _drive_and_response(
         return record.time, force, record.height, "m/N"
     if record.force is None:
         wall = piston_wall_key(run.scene.cell.lines)
-        raise InputError(f"the run records no piston force; give the scene {wall}")
+        raise InputError(f"the run records no piston force; add {wall} to the scene")
     return record.time, record.height, record.force, "N/m"
 
 
 MINIMUM_STROKE = 0.01
-"""Minimum reversal of the piston that counts as a cycle, as a fraction of its whole range."""
+"""Minimum reversal of the piston that counts as a cycle, as a fraction of the piston's whole range."""
 
 
 class CompressionCycle(NamedTuple):
-    """Samples of a cycle: from one maximum of the height, down, and up to the next maximum."""
+    """Samples of a cycle, which goes from one maximum of the height down and up to the next maximum."""
 
     start: int
     lowest: int
@@ -308,7 +310,7 @@ class CompressionCycle(NamedTuple):
 
 
 def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
-    """Work of the piston on the bed over one cycle, the area of the loop of force over height.
+    """Work of the piston on the bed in one cycle, the area of the loop of force against height.
 
     The loop is shown in [D, Fig. 3.4].
 
@@ -323,9 +325,9 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     Returns
     -------
     float
-        -(integral of F dh) [J], positive if the bed takes up energy, by the trapezoidal rule; NaN if a height
-        or force is NaN. To close the loop, only the part up to the lower of the first and the last height is
-        included; a cycle that does not begin at its top loses the part above.
+        -(integral of F dh) [J], positive if the bed takes up energy, computed with the trapezoidal rule; NaN
+        if a height or force is NaN. To close the loop, only heights up to the lower of the first and the last
+        height are included; if a cycle does not begin at its top, the part above is lost.
 
     Raises
     ------
@@ -343,14 +345,14 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     """
     height, force = check_series("height and force", height, force)
     if len(height) < 3:
-        raise InputError(f"a cycle of {len(height)} samples; give 3 or more")
+        raise InputError(f"the cycle has {len(height)} samples; 3 or more are needed")
     # The loop is closed only up to the lower of its two end points.
     top = min(height[0], height[-1])
     return -_work_below_height(height, force, top)
 
 
 def cycle_bounds(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
-    """Cycles of a motion, from each maximum of the height to the next; height [m]."""
+    """Find the cycles of a motion, from each maximum of the height to the next; height [m]."""
     height = np.asarray(height, dtype=np.float64)
     turns = _turning_points(height, MINIMUM_STROKE * np.ptp(height) if len(height) else 0.0)
     return [
@@ -375,7 +377,7 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     -------
     xarray.Dataset
         ``energy`` [J], ``start`` and ``stop`` [s], ``lowest`` and ``highest`` [m] (between which the loop is
-        closed) on ``cycle``; empty if there is no cycle.
+        closed), each on ``cycle``; empty without cycles.
 
     Raises
     ------
@@ -418,7 +420,7 @@ def _work_below_height(height: np.ndarray, force: np.ndarray, top: float) -> flo
 
 
 def _turning_points(height: np.ndarray, minimum_reversal: float) -> list[int]:
-    """Return the samples at which the motion reverses by more than ``minimum_reversal``, and both ends."""
+    """Return first and last sample, and the samples at which the motion reverses by ``minimum_reversal``."""
     turns: list[int] = []
     low = high = 0
     rising: bool | None = None
@@ -437,6 +439,6 @@ def _turning_points(height: np.ndarray, minimum_reversal: float) -> list[int]:
 
 
 def _last_sample_of_turn(height: np.ndarray, turn: int, next_turn: int) -> int:
-    """Last sample of a rest at a turning point."""
+    """Last sample at which the piston rests at a turning point."""
     at_rest = np.flatnonzero(height[turn:next_turn] == height[turn])
     return turn + int(at_rest[-1])

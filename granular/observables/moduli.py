@@ -1,4 +1,4 @@
-"""Elastic moduli in two dimensions, of a bed and of the hexagonal crystal of dipoles at rest."""
+"""Two-dimensional elastic moduli of a bed, and of the hexagonal crystal of dipoles at rest."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 
 
 BULK_OF_PRESSURE = 5.0 / 2.0
-"""Bulk modulus over pressure for pair energies ~ r^-3: p ~ rho^2.5, and B = rho dp/drho."""
+"""Ratio of bulk modulus to pressure for pair energies ~ r^-3: p ~ rho^2.5, and B = rho dp/drho."""
 
 SHEAR_OF_PRESSURE = 1.0 / 4.0
-"""Shear modulus over pressure for such pairs in an isotropic arrangement under affine shear."""
+"""Ratio of shear modulus to pressure for pair energies ~ r^-3, in an isotropic arrangement under affine
+shear."""
 
 
 class Moduli(NamedTuple):
@@ -109,7 +110,7 @@ def lattice_spacing(density: float) -> float:
 
 
 def interaction_parameter(density: float, strength: float, temperature: float) -> float:
-    """Interaction parameter Gamma = C (pi rho)^(3/2)/(k_B T), pair energy of neighbours over temperature.
+    """Interaction parameter Gamma = C (pi rho)^(3/2)/(k_B T), ratio of neighbours' pair energy to k_B T.
 
     Parameters
     ----------
@@ -137,7 +138,7 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
 
 
 def melting_theory_modulus(moduli: Moduli, density: float, temperature: float) -> float:
-    """Modulus K = Y a^2/(k_B T) of the theory of melting; dislocations unbind when it falls to 16 pi.
+    """Modulus K = Y a^2/(k_B T) of the theory of melting; dislocations unbind when K decreases to 16 pi.
 
     Here Y is `Moduli.young_modulus` and a is the spacing of the hexagonal lattice (Nelson and Halperin, Phys.
     Rev. B 19, 2457, 1979).
@@ -168,20 +169,21 @@ def melting_theory_modulus(moduli: Moduli, density: float, temperature: float) -
 
 def _check_positive(name: str, value: float) -> None:
     if not 0.0 < value < math.inf:
-        raise InputError(f"{name} {value:g} is not above 0; give a positive number")
+        raise InputError(f"{name} = {value:g} must be above 0")
 
 
 REACH = 6.0
 """Default distance within which pairs are summed, in mean spacings; beyond it the bed is a continuum."""
 
 STRAINS = (np.diag([1.0, 1.0]), np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]]))
-"""Strain of areal expansion, and the two shears at constant area."""
+"""Strain tensors of areal expansion and of the two shears at constant area."""
 
 _POINTS = 64
 _ROOMY = 4.0
-"""Spacing of an arrangement in which grains of any size fit [largest diameter]."""
+"""Spacing of an arrangement in which grains of any size fit, in units of the largest diameter."""
 _FAR_AWAY = 1e3
-"""Distance of absent grains [reach]: dipoles there are 1e-15 times as stiff as neighbours."""
+"""Distance at which absent grains are placed, in units of the reach: dipole stiffness there is 1e-15 of the
+stiffness between neighbours."""
 
 
 class BedModuli(NamedTuple):
@@ -194,22 +196,22 @@ class BedModuli(NamedTuple):
 
 
 def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> BedModuli:
-    """Pressure, bulk and shear modulus of the inner part of a bed, as in an infinite bed.
+    """Pressure, bulk and shear modulus of the inner part of a bed, corrected to an infinite bed.
 
     For any pair law, the second derivative of a pair's energy is taken by differences of the simulation's
-    forces, as in the matrices of small motions. Inner grains have an interior cell and lie ``reach`` mean
-    spacings or more inside the box of the outermost centres. At that distance the pair sums pass smoothly
-    into a continuum of dipoles of the mean density; other forces end there. Affine moduli describe small
-    strains that all grains follow, with mu averaged over directions; for dipoles B = 5 p/2 and mu = p/4 in
-    any arrangement. In a crystal they are exact. In a disordered bed grains also move relative to the strain.
-    The relaxed moduli include this: mu and B are reduced by
+    forces, as in the matrices of small motions. Inner grains have an interior cell and lie at least ``reach``
+    mean spacings inside the box of the outermost centres. Beyond ``reach`` dipoles are represented by a
+    continuum of the mean density, with a smooth transition; other forces end there. Affine moduli describe
+    small strains that all grains follow, with mu averaged over directions; for dipoles B = 5 p/2 and mu = p/4
+    in any arrangement. In a crystal affine moduli are exact. In a disordered bed grains also move relative to
+    the strain. The relaxed moduli include this: mu and B are reduced by
 
         (1/(4 A)) df . H^-1 df,
 
     where df are the forces on the inner grains after an affine strain, H is the matrix of second derivatives
-    of the energy and A is the area (Maloney and Lemaitre, Phys. Rev. E 74, 016118, 2006). The strain is
-    diag(1, 1) for B; for mu the mean over diag(1, -1) and the same strain turned by 45 degrees is taken. The
-    bed should be at rest. Images in a periodic cell are ignored.
+    of the energy and A is the area (Maloney and Lemaitre, Phys. Rev. E 74, 016118, 2006). For B the strain is
+    diag(1, 1); mu is the mean over diag(1, -1) and the same strain turned by 45 degrees. The bed should be at
+    rest. Images in a periodic cell are ignored.
 
     Parameters
     ----------
@@ -224,7 +226,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     Returns
     -------
     BedModuli
-        Pressure and moduli [N/m], affine and relaxed, with the density [1/m^2] and number of inner grains.
+        Pressure and moduli [N/m], affine and relaxed; density [1/m^2] and number of inner grains.
 
     Raises
     ------
@@ -235,10 +237,10 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     positions = check_vectors(positions)
     if len(positions) != scene.grains.count:
         raise InputError(
-            f"{len(positions)} positions for {scene.grains.count} grains; give one for each grain"
+            f"{len(positions)} positions for {scene.grains.count} grains; pass one position for each grain"
         )
     if not reach > 1.0:
-        raise InputError(f"reach {reach:g} is not above 1 mean spacing; give a larger value, such as 6")
+        raise InputError(f"reach = {reach:g} must be above 1 mean spacing; use a larger value, such as 6")
     inner, area, length = _interior_grains_and_reach(positions, reach)
     density = len(inner) / area
     first_derivative, second_derivative, forces, matrix = _strained_pair_sums(scene, positions, inner, length)
@@ -274,25 +276,25 @@ def first_species_moment(scene: Scene) -> float:
 
 
 def _interior_grains_and_reach(positions: np.ndarray, reach: float) -> tuple[np.ndarray, float, float]:
-    """Inner grains, the area of their cells [m^2] and the reach [m]."""
+    """Return the inner grains, the area of their cells [m^2] and the reach [m]."""
     cells = voronoi_cells(positions)
     inside = positions[cells.interior]
     if not len(inside):
-        raise InputError("no grain has an interior cell; give a larger bed")
+        raise InputError("no grain has an interior cell; use a larger bed")
     length = reach * math.sqrt(float(cells.area[cells.interior].mean()))
     low, high = np.nanmin(positions, axis=0), np.nanmax(positions, axis=0)
     depth = np.minimum(positions - low, high - positions).min(axis=1)
     inner = np.flatnonzero(cells.interior & (depth >= length))
     if not len(inner):
         raise InputError(
-            f"no grain lies {1e3 * length:.3g} mm inside the bed's outermost centres; give a "
+            f"no grain lies {1e3 * length:.3g} mm inside the bed's outermost centres; use a "
             f"reach below {reach:g} or a larger bed"
         )
     return inner, float(cells.area[inner].sum()), length
 
 
 def _cutoff_weight(r: np.ndarray, reach: float) -> np.ndarray:
-    """Weight that falls smoothly from 1 to 0 at the reach: lattice shells enter and leave without a jump."""
+    """Weight that decreases smoothly from 1 to 0 at the reach, so that lattice shells cause no jumps."""
     ramp = np.clip(2.0 * r / reach - 1.0, 0.0, 1.0)
     with np.errstate(divide="ignore", over="ignore"):
         rise, fall = (
@@ -312,7 +314,7 @@ def _tail_integral(reach: float) -> float:
 def _dipole_energy_beyond(
     scene: Scene, positions: np.ndarray, inner: np.ndarray, reach: float, density: float
 ) -> float:
-    """Energy [J] of the inner grains with a continuum of dipoles beyond the reach [m]; density [1/m^2]."""
+    """Energy [J] of inner grains in the field of dipoles beyond the reach [m]; density of dipoles [1/m^2]."""
     if scene.effects.dipole is None:
         return 0.0
     moments = relative_magnetic_moments(scene)
@@ -358,7 +360,7 @@ def _strained_pair_sums(
 
 
 def _pairs_alone(scene: Scene) -> Scene:
-    """Return a scene with only the forces between grains, summed over all pairs."""
+    """Return a scene in which the only forces act between grains and are summed over all pairs."""
     removed = {
         f"effects.{effect.key}": None for effect in scene.effects.acting if effect.key in (*SILENT, "walls")
     }

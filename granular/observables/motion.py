@@ -58,14 +58,14 @@ def per_lag(
     Returns
     -------
     xarray.DataArray
-        Values (k,) on ``lag`` [s], at about 30 logarithmically spaced lags, NaN where the function returns
-        NaN; with unit and meaning if the function is an `observable`.
+        Values (k,) at about 30 logarithmically spaced lags, the coordinate ``lag`` [s]; NaN if the function
+        returns NaN. Unit and meaning are attached if the function is an `observable`.
 
     Raises
     ------
     InputError
-        If the function raises it, fewer than two frames lie in the range, or they are not evenly spaced in
-        time.
+        If the function raises this error, fewer than two frames lie in the range, or these frames are not
+        evenly spaced in time.
     """
     chosen = select_frames(run, start, stop)
     frames = check_frames(run.dataset["position"].values[chosen], minimum_count=2)
@@ -114,7 +114,7 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
         squares = ((frames[lag:] - frames[:-lag]) ** 2).sum(axis=2)
         squares = squares[np.isfinite(squares)]
         if not len(squares):
-            raise InputError(f"no grain is present in both of two frames {lag} apart; take shorter lags")
+            raise InputError(f"no grain is present in both of two frames at the lag {lag}; use shorter lags")
         means.append(squares.mean())
     return np.array(means)
 
@@ -170,7 +170,7 @@ def lindemann_parameter(
                 number[k] += np.count_nonzero(known)
     area = np.concatenate(areas)
     if not len(area) or not number.all():
-        raise InputError("no neighbours have interior cells in both frames; give a larger bed")
+        raise InputError("no neighbours have interior cells in both frames; use a larger bed")
     # 2 a^2, a^2 = (2/sqrt(3)) times the area of a hexagonal cell.
     return np.asarray(total / number / (2.0 * 2.0 / np.sqrt(3.0) * area.mean()))
 
@@ -200,7 +200,8 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     -------
     NonAffineMotion
         D2min [m^2] (n,) and local strain (n, 2, 2), dimensionless; NaN for grains without an interior cell in
-        the first frame, absent from the second frame, or with fewer than three neighbours in it.
+        the first frame, for grains absent from the second frame, and for grains with fewer than three
+        neighbours in the second frame.
 
     Raises
     ------
@@ -209,7 +210,9 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     """
     first, second = check_vectors(first), check_vectors(second)
     if first.shape != second.shape:
-        raise InputError(f"{len(first)} and {len(second)} grains; give two frames of the same bed")
+        raise InputError(
+            f"the frames have {len(first)} and {len(second)} grains; use two frames of the same bed"
+        )
     cells = voronoi_cells(first)
     directed_pairs = np.concatenate([cells.neighbours, cells.neighbours[:, ::-1]])
     before = first[directed_pairs[:, 1]] - first[directed_pairs[:, 0]]
@@ -233,7 +236,7 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
 
 
 def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
-    """D2min of each grain relative to ``every`` frames earlier, as defined in `non_affine_motion`.
+    """D2min of each grain between two frames that are ``every`` frames apart, see `non_affine_motion`.
 
     (Falk and Langer, Phys. Rev. E 57, 7192, 1998.)
 
@@ -247,7 +250,7 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
     Returns
     -------
     xarray.DataArray
-        D2min [m^2] on (``frame``, ``grain``); NaN in the first ``every`` frames, and where
+        D2min [m^2] on (``frame``, ``grain``); NaN in the first ``every`` frames, and wherever
         `non_affine_motion` gives NaN.
 
     Raises
@@ -256,7 +259,7 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
         If ``every`` is below 1.
     """
     if every < 1:
-        raise InputError(f"every = {every}; give 1 frame or more")
+        raise InputError(f"every = {every}; 1 frame or more is needed")
     frames = run.dataset["position"].values
     result = np.full(frames.shape[:2], np.nan)
     for k in range(every, len(frames)):
@@ -300,7 +303,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     velocities = check_vectors(velocities, "velocities")
     masses = check_grain_values("masses", masses, len(velocities))
     if not (masses[is_present(velocities)] > 0.0).all():
-        raise InputError("a mass is not above 0 kg; give the masses of the grains")
+        raise InputError("a mass is not above 0 kg; check the masses of the grains")
     energies = fluctuation_energies(velocities, masses)
     energies = energies[np.isfinite(energies)]
     return float(energies.mean()) if len(energies) else np.nan
@@ -309,7 +312,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
 def fluctuation_energies(
     velocities: Float[np.ndarray, "n 2"], masses: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
-    """Energy (1/2) m |v - V|^2, V of the mass centre (Goldhirsch 2003) [J]; velocities [m/s], masses [kg]."""
+    """Energies (1/2) m |v - V|^2 [J], with the velocity V of the centre of mass (Goldhirsch 2003)."""
     here = is_present(velocities)
     if not here.any():
         return np.full(len(masses), np.nan)
@@ -343,7 +346,7 @@ def configurational_temperature(
     frames : float (f, n, 2)
         Positions of the grains in each frame [m]; NaN for absent grains.
     piston_height : float or float (f,), optional
-        Height of the piston [m]; the scene's if not given.
+        Height of the piston [m]; if not given, the height in the scene.
     forces : float (f, n, 2), optional
         Forces of a run at these frames [N]; these include weight and the inertia of a shaken cell. If not
         given, the forces of dipoles and walls are computed.
@@ -356,9 +359,9 @@ def configurational_temperature(
     Raises
     ------
     InputError
-        If a shape does not match, there is no frame, the scene has no dipoles or has discs instead
-        (``grains.magnets = "cylinders"``), or it has an effect other than `KNOWN` (with ``forces``: other
-        than `KNOWN` and `WITHOUT_LAPLACIAN`).
+        If a shape does not match, there are no frames, the scene has no dipoles or has discs instead
+        (``grains.magnets = "cylinders"``), or the scene has an effect other than `KNOWN` (with ``forces``:
+        other than `KNOWN` and `WITHOUT_LAPLACIAN`).
 
     Examples
     --------
@@ -374,13 +377,13 @@ def configurational_temperature(
     if piston_height is not None:
         if np.shape(piston_height) not in ((), (len(array),)):
             raise InputError(
-                f"piston_height has the shape {np.shape(piston_height)}; give one height per frame"
+                f"piston_height has the shape {np.shape(piston_height)}; pass one height per frame"
             )
         heights = np.broadcast_to(piston_height, len(array)).tolist()
     known: tuple[str, ...] = KNOWN
     if forces is not None:
         if np.shape(forces) != array.shape:
-            raise InputError(f"forces have the shape {np.shape(forces)}; give {array.shape}")
+            raise InputError(f"forces have the shape {np.shape(forces)}; the shape must be {array.shape}")
         known = (*KNOWN, *WITHOUT_LAPLACIAN)
     _check_effects_known(scene, known)
     squared_gradient = total_laplacian = 0.0
@@ -399,17 +402,17 @@ def _check_effects_known(scene: Scene, known: tuple[str, ...]) -> None:
     if scene.grains.magnets != "dipoles":
         raise InputError(
             "grains.magnets = 'cylinders': the configurational temperature is implemented for "
-            "dipoles only; take 'dipoles'"
+            "dipoles only; use 'dipoles'"
         )
     if unknown or scene.effects.dipole is None:
         raise InputError(
             f"effects.{unknown[0] if unknown else 'dipole'}: the configurational temperature is "
-            "implemented for dipoles and walls only; use a scene with only these"
+            "implemented for dipoles and walls only; use a scene with only dipoles and walls"
         )
 
 
 def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the forces, and the Laplacian of C/r^3, 9 C/r^5."""
+    """Return the forces, and the sum of 9 C/r^5, the Laplacian of C/r^3."""
     strength = dipole_pair_strength(first_species_moment(scene))
     present, moments = np.flatnonzero(is_present(positions)), relative_magnetic_moments(scene)
     forces, laplacian = np.zeros_like(positions), 0.0

@@ -1,4 +1,4 @@
-"""Packing fraction of the bed, its profile over the height, and distances between grains."""
+"""Packing fraction of the bed, its profile against height, and distances between grains."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BLOCK = 1024
 
 
 def packing_fraction(diameters: np.ndarray, width: float, height: float | np.ndarray) -> np.ndarray:
-    """Packing fraction: area of the grains over area of the cell [D, eq. 2.2].
+    """Packing fraction: area of the grains divided by area of the cell [D, eq. 2.2].
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
 def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
     """Packing fraction below the piston at every record of a run [D, eq. 2.2].
 
-    It is the area of the grains over the area of the cell, which is its width times the piston's height. If
-    grains leave the cell, the grains of the latest frame are counted.
+    It is the area of the grains divided by the width of the cell times the piston's height. If grains leave
+    the cell, the grains in the latest frame are counted.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def _check_positive_length(name: str, values: float | np.ndarray) -> None:
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
     wrong = ~(array > 0.0)
     if wrong.any():
-        raise InputError(f"{name} = {array[wrong][0]:g} m; give a length above 0 m")
+        raise InputError(f"{name} = {array[wrong][0]:g} m must be above 0 m")
 
 
 def area_fraction_profile(
@@ -147,7 +147,7 @@ def area_fraction_profile(
     diameters = check_grain_values("diameters", diameters, len(positions))
     edges = np.asarray(edges, dtype=np.float64)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
-        raise InputError("edges needs 2 or more increasing heights; sort them")
+        raise InputError("the edges must be 2 or more increasing heights; sort the edges")
     _check_positive_length("width", width)
     present = is_present(positions)
     _check_positive_length("diameter", diameters[present])
@@ -169,8 +169,8 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
     -------
     xarray.DataArray
         Dimensionless fraction on (``frame``, ``depth``), from `area_fraction_profile`; ``depth`` is the depth
-        of the middle of each strip below the piston [m]. For a strip cut by the bottom, the part in the cell
-        is used; values below the bottom are NaN.
+        of the middle of each strip below the piston [m]. For a strip that the bottom of the cell cuts, only
+        the part in the cell is used; values below the bottom are NaN.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
     heights = run.dataset["frame_height"].values
     step = run.scene.grains.species[0].diameter if thickness is None else thickness
     if not 0.0 < step < np.inf:
-        raise InputError(f"thickness = {step:g} m; give a length above 0 m")
+        raise InputError(f"thickness = {step:g} m must be finite and above 0 m")
     deepest = float(heights.max()) if len(heights) else 0.0
     depths = step * np.arange(max(1, int(np.ceil(deepest / step - 1e-9))) + 1)
     profiles = [

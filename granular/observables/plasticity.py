@@ -1,16 +1,16 @@
 """Plastic events, and the plastic strain due to the motion of dislocations.
 
-Events are drops of a force or an energy while a bed is driven.
+Plastic events are drops of a force or an energy while a bed is driven.
 
 A dislocation with the Burgers vector b (convention FS/RH, as in `granular.observables.defects`)
 that moves by d changes the mean plastic distortion of the area A around it by
 
     d beta_ij = b_i (z x d)_j / A
 
-with z out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958): glide shears the area, climb
-changes its size. The sum over all dislocations is the change of sum b_i (z x r)_j, so that a pair that is
-born at a distance, or annihilates, contributes the displacement that separates it; the Burgers vectors of
-such an event have to be conserved.
+with z out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958): glide shears the area, and climb
+changes the size of the area. The sum over all dislocations is the change of sum b_i (z x r)_j, so that a pair
+that appears at a distance, or annihilates, contributes its separation; the Burgers vectors in such an event
+have to be conserved.
 
 The plastic strain of the bed is the strain imposed by the piston minus the elastic strain of the bonds
 between neighbours. With the texture M = <r r> over the bonds, the elastic strain is (1/2) log M (Graner,
@@ -40,7 +40,7 @@ from granular.shared.errors import InputError
 
 
 class PlasticEvents(NamedTuple):
-    """Drops of a quantity, in the order of time."""
+    """Drops of a quantity, in chronological order."""
 
     begin: Int[np.ndarray, "k"]  # sample at the top of each drop
     end: Int[np.ndarray, "k"]  # sample at the bottom of each drop
@@ -58,7 +58,7 @@ class DropStatistics(NamedTuple):
 
 
 def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -> PlasticEvents:
-    """Find plastic events: monotonic drops of a quantity by ``smallest_drop`` or more.
+    """Find plastic events: monotonic drops of a quantity by at least ``smallest_drop``.
 
     Parameters
     ----------
@@ -86,7 +86,8 @@ def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -
         raise InputError("a value is not finite; remove such samples")
     if not smallest_drop > 0.0:
         raise InputError(
-            f"smallest_drop {smallest_drop:g} is not above 0; give the smallest drop that counts as an event"
+            f"smallest_drop = {smallest_drop:g} must be above 0; it is the smallest drop that counts as an "
+            "event"
         )
     falls = np.concatenate([[False], np.diff(series) < 0.0, [False]])
     edges = np.flatnonzero(np.diff(falls.astype(np.int8)))
@@ -97,7 +98,7 @@ def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -
 
 
 def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
-    """Maximum-likelihood exponent of a power law of drop sizes, and their mean.
+    """Maximum-likelihood exponent of a power law of drop sizes, and the mean drop.
 
     tau = 1 + k/sum log(size/smallest_drop), with the error (tau - 1)/sqrt(k) (Clauset, Shalizi and Newman,
     SIAM Review 51, 661, 2009). It does not test whether a power law holds.
@@ -112,8 +113,8 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
     Returns
     -------
     DropStatistics
-        Exponent and its standard error, dimensionless, NaN for fewer than two drops or if all equal
-        ``smallest_drop``; the mean in units of the drops, NaN without drops; and their number.
+        Exponent and its standard error, dimensionless, NaN for fewer than two drops or if all drops equal
+        ``smallest_drop``; mean drop in units of the drops, NaN without drops; and number of drops.
 
     Raises
     ------
@@ -122,11 +123,13 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
     """
     drops = np.asarray(sizes, dtype=np.float64)
     if drops.ndim != 1 or not np.isfinite(drops).all():
-        raise InputError(f"drops of the shape {drops.shape}; give finite values (k,)")
+        raise InputError(
+            f"drops have the shape {drops.shape} or are not finite; pass finite values of the shape (k,)"
+        )
     if not smallest_drop > 0.0 or (drops < smallest_drop).any():
         raise InputError(
-            f"drops below smallest_drop = {smallest_drop:g}, or smallest_drop is not above 0; "
-            "remove smaller drops, or give a value above 0"
+            f"smallest_drop = {smallest_drop:g} is not above 0 or exceeds a drop; "
+            "remove smaller drops, or use a value above 0"
         )
     count = len(drops)
     logs = float(np.log(drops / smallest_drop).sum())
@@ -150,17 +153,17 @@ class DislocationSlip(NamedTuple):
 
     @property
     def total(self) -> np.ndarray:
-        """Total plastic distortion of moves, events and rim, float64 (f, 2, 2), dimensionless."""
+        """Total plastic distortion due to motion, events and rim, float64 (f, 2, 2), dimensionless."""
         return self.moves + self.events + self.rim
 
 
 def axial_strain_difference(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
-    """Difference yy minus xx of strain tensors: the strain imposed by a piston at constant width."""
+    """Component yy minus component xx of strain tensors; at constant width the strain imposed by a piston."""
     return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
 
 
 def areal_strain(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
-    """Trace of strain tensors; for plastic strain, the part due to climb (grains lost or gained)."""
+    """Trace of strain tensors; for plastic strain it is due to climb, that is, to grains lost or gained."""
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
 
@@ -178,14 +181,14 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     Returns
     -------
     DislocationSlip
-        Distortion since the first frame (f, 2, 2) by moves, events and the rim, dimensionless; NaN from the
-        first frame without a grain whose cell and neighbours' cells are all interior; and the underlying
-        defects and tracks.
+        Distortion since the first frame (f, 2, 2) due to motion, events and the rim, dimensionless, and the
+        underlying defects and tracks. The distortion is NaN from the first frame on that has no grain whose
+        cell and neighbours' cells are all interior.
 
     Raises
     ------
     InputError
-        If the shape is wrong, there is no frame, or a frame has no interior cells.
+        If the shape is wrong, there are no frames, or a frame has no interior cells.
     """
     frames = check_frames(frames, minimum_count=1)
     defects = detect_defects_in_frames(frames)
@@ -248,7 +251,7 @@ def _add_track_slip(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, s
 
 
 def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
-    """Sum of `slip_area_tensor` for ended tracks moved to the event and started tracks moved from it."""
+    """Sum `slip_area_tensor` over moves of ended tracks to the event and of new tracks from the event."""
     total = np.zeros((2, 2))
     for track in (tracks[point] for point in event.ended):
         total += slip_area_tensor(track.burgers, event.position - track.positions[-1])
@@ -261,8 +264,8 @@ def elastic_strain(frames: np.ndarray) -> np.ndarray:
     """Elastic strain (1/2) log M of the bonds in the inner part of a bed, relative to the first frame.
 
     M = <r r> is the texture, averaged over bonds r between Voronoi neighbours (Graner, Dollet, Raufaste and
-    Marmottant, Eur. Phys. J. E 25, 349, 2008). For one grain of each bond its cell and all its neighbours'
-    cells are interior.
+    Marmottant, Eur. Phys. J. E 25, 349, 2008). A bond is included if the cell of one of its grains and the
+    cells of all neighbours of this grain are interior.
 
     Parameters
     ----------
@@ -278,7 +281,7 @@ def elastic_strain(frames: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        If the shape is wrong, or there is no frame.
+        If the shape is wrong, or there are no frames.
     """
     array = check_frames(frames, minimum_count=1)
     result = np.array([_log_texture(frame, voronoi_cells(frame)) for frame in array])
@@ -295,7 +298,7 @@ def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
 
 
 def grains_with_interior_neighbours(cells: VoronoiCells) -> Bool[np.ndarray, "n"]:
-    """Grains whose cell and whose neighbours' cells are interior; only there can defects be detected."""
+    """Find the grains whose cell and neighbours' cells are interior, as detection of defects requires."""
     result = cells.interior.copy()
     result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False
     return result

@@ -1,4 +1,4 @@
-"""Plots of the observables. Each function draws on the given axes, or in a new figure.
+"""Plots of the observables; each function draws on the given axes, or in a new figure.
 
 Matplotlib is imported on first use. Save a plot with ``ax.figure.savefig("file.png")``.
 """
@@ -179,7 +179,7 @@ def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes |
 
 
 def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Draw an observable over ``frame`` or ``time``; one line for each value of a second dimension.
+    """Draw an observable against ``frame`` or ``time``, with one line for each value of a second dimension.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
 
 
 def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
-    """Draw the piston force over the piston's height, down and up [D, Fig. 3.4].
+    """Draw the piston force against the piston's height, for compression and expansion [D, Fig. 3.4].
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Draw the local area fraction by depth below the piston, of one frame or of several [D, Fig. 3.2].
+    """Draw the local area fraction of one or several frames against depth below the piston [D, Fig. 3.2].
 
     Parameters
     ----------
@@ -265,7 +265,7 @@ def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes
 
 
 def plot_correlation_function(function: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Draw a correlation g(r) or g6(r) of a run over the distance.
+    """Draw a correlation g(r) or g6(r) of a run against distance.
 
     Parameters
     ----------
@@ -358,7 +358,7 @@ def plot_forces(
 
 
 def plot_order_correlation(orders: np.ndarray, fractions: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Draw Psi6 over the fraction of hexagons, with the line of best fit [D, Fig. 4.13].
+    """Draw Psi6 against the fraction of hexagons, with the line of best fit [D, Fig. 4.13].
 
     Parameters
     ----------
@@ -414,7 +414,7 @@ def plot_biexponential(fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: 
 
 
 def plot_response(responses: list[xarray.Dataset], ax: Axes | None = None) -> Axes:
-    """Draw the amplitude ratio of each harmonic over the drive's frequency, with errors.
+    """Draw the amplitude ratio of each harmonic, with errors, against the drive's frequency.
 
     Parameters
     ----------

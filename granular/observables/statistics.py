@@ -33,7 +33,7 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrela
     Returns
     -------
     PearsonCorrelation
-        Coefficient from -1 to 1 and its p-value, both dimensionless, NaN if one of the quantities does not
+        Coefficient from -1 to 1 and its p-value, both dimensionless and NaN if one of the quantities does not
         vary; and the number of samples.
 
     Raises
@@ -105,7 +105,9 @@ def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
     array = check_vectors(vectors, "vectors")
     array = array[np.isfinite(array).all(axis=1) & (array != 0.0).any(axis=1)]
     if not len(array):
-        raise InputError("0 vectors have a direction; give 1 or more finite vectors other than 0")
+        raise InputError(
+            "none of the vectors has a direction; 1 or more finite vectors other than 0 are needed"
+        )
     angle = np.arctan2(array[:, 1], array[:, 0])
     polar, axial = (float(abs(np.exp(1j * k * angle).mean())) for k in (1, 2))
     count = len(array)
@@ -126,7 +128,7 @@ MINIMUM_VALUES = 4
 DRAWS = 2000
 """Number of uniform samples with which a dip is compared."""
 LARGEST_SAMPLE = 200
-"""Maximum size of such a sample; for larger sizes the dip scales as one over the square root of the size."""
+"""Maximum size of such a sample; for larger sizes the dip is scaled as 1/sqrt(size)."""
 
 
 class DipTest(NamedTuple):
@@ -140,8 +142,8 @@ def dip_test(values: np.ndarray) -> DipTest:
     """Test whether values have more than one mode (Hartigan and Hartigan 1985, doi:10.1214/aos/1176346577).
 
     The p-value comes from the dips of `DRAWS` uniform samples of the same size. For more than
-    `LARGEST_SAMPLE` values, samples of that size are used, and the dip is scaled by the square root of the
-    size.
+    `LARGEST_SAMPLE` values, samples of the size `LARGEST_SAMPLE` are used, and the dip is scaled by the
+    square root of the size.
 
     Parameters
     ----------
@@ -151,7 +153,7 @@ def dip_test(values: np.ndarray) -> DipTest:
     Returns
     -------
     DipTest
-        Dip, and its p-value for one mode, 1/(`DRAWS` + 1) or more, both dimensionless.
+        Dip, and p-value of the hypothesis of one mode, at least 1/(`DRAWS` + 1); both are dimensionless.
 
     Raises
     ------
@@ -178,7 +180,7 @@ def dip_test(values: np.ndarray) -> DipTest:
 
 
 def dip_statistic(values: Float[np.ndarray, "n"]) -> float:
-    """Dip of sorted values: the maximum distance of their distribution from the nearest unimodal one."""
+    """Dip of sorted values: maximum distance of their distribution from the nearest unimodal distribution."""
     x, heights = np.unique(values, return_counts=True)
     if len(x) == 1:
         return 0.5 / len(values)
@@ -265,7 +267,7 @@ def knuth_bin_count(values: Float[np.ndarray, "n"]) -> int:
 
 
 def knuth_histogram(values: np.ndarray) -> Histogram:
-    """Histogram of values by Knuth's rule, from their minimum to their maximum.
+    """Histogram of values from their minimum to their maximum, with the number of bins from Knuth's rule.
 
     The number of bins is given by `knuth_bin_count` (K. H. Knuth, Digital Signal Processing 95, 102581, 2019;
     [D, eq. 4.33]). If all values are equal, there is one bin of width 1 about them.
@@ -278,12 +280,12 @@ def knuth_histogram(values: np.ndarray) -> Histogram:
     Returns
     -------
     Histogram
-        Edges (k + 1,) in the unit of the values, counts (k,), and densities (k,) in one over that unit.
+        Edges (k + 1,) in the unit of the values, counts (k,), and densities (k,) in the inverse of that unit.
 
     Raises
     ------
     InputError
-        If there is no finite value.
+        If no value is finite.
 
     Examples
     --------
@@ -299,7 +301,7 @@ def knuth_histogram(values: np.ndarray) -> Histogram:
 
 
 def _sorted_finite_values(values: np.ndarray) -> np.ndarray:
-    """Finite values in order."""
+    """Return the finite values in increasing order."""
     array = np.asarray(values, dtype=np.float64).ravel()
     array = np.sort(array[np.isfinite(array)])
     if not len(array):
@@ -308,11 +310,11 @@ def _sorted_finite_values(values: np.ndarray) -> np.ndarray:
 
 
 RATES = (-30.0, -12.0, -6.0, -3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 6.0, 12.0, 30.0)
-"""Initial rates, times the span of x; every pair of them is a starting point."""
+"""Initial rates times the range of x; every pair of these rates is a starting point."""
 
 # Faster exponentials decay within a sixtieth of the span, between two samples.
 LARGEST_RATE = 60.0
-"""Bound on the magnitude of the rates, times the span of x."""
+"""Bound on the magnitude of the rates times the range of x."""
 
 REFINED = 12
 """Number of best starting points that are optimised to their minimum."""
@@ -335,9 +337,10 @@ class BiexponentialFit(NamedTuple):
 def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     """Least-squares fit of A exp(l1 x) + B exp(l2 x), as in [D, Fig. 4.8, Table 4.5] for F_max(R).
 
-    The rates are searched from many starting points, between -60 and 60 divided by the span of x, with the
-    best amplitudes for every pair of rates (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10,
-    413, 1973). The 95 % confidence intervals follow from the law linearised at the minimum, with Student's t.
+    The rates are searched from many starting points, between -60 and 60 divided by the range of x; for every
+    pair of rates the best amplitudes are computed (variable projection, Golub and Pereyra, SIAM J. Numer.
+    Anal. 10, 413, 1973). The 95 % confidence intervals follow from the law linearised at the minimum, with
+    Student's t.
 
     Parameters
     ----------
@@ -347,9 +350,9 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     Returns
     -------
     BiexponentialFit
-        Amplitudes A and B (2,) in units of y, rates l1 <= l2 (2,) in one over the unit of x, their intervals
-        (2, 2), infinite if the data do not determine a value, NaN if every y is 0, and the standard deviation
-        of the residuals in units of y.
+        Amplitudes A and B (2,) in units of y; rates l1 <= l2 (2,) in the inverse of the unit of x; the
+        intervals of both (2, 2), infinite if the data do not determine a value, NaN if every y is 0; and the
+        standard deviation of the residuals in units of y.
 
     Raises
     ------
@@ -370,7 +373,10 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise InputError("x or y has a value that is not finite; remove such samples")
     if len(np.unique(x)) < 5:
-        raise InputError(f"{len(np.unique(x))} different x; four parameters with intervals need 5 or more")
+        raise InputError(
+            f"{len(np.unique(x))} different values of x are too few for four parameters with intervals; 5 or "
+            "more are needed"
+        )
     start, width = float(x.min()), float(np.ptp(x))
     u = (x - start) / width
     rates = _best_exponential_rates(u, y)
@@ -392,7 +398,7 @@ def _best_amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndar
 
 
 def _best_exponential_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Two rates, times the span of x, that minimise the sum of squares."""
+    """Find the two rates, times the range of x, that minimise the sum of squares."""
     from scipy.optimize import least_squares
 
     size = float(np.abs(y).max()) or 1.0

@@ -18,7 +18,7 @@ SHORTEST_SIDE = 1e-9
 """Sides shorter than this, in mean spacings, are rounding errors: four or more grains lie on one circle."""
 
 INSIDE = 1e-12
-"""Tolerance for rounding of a corner outside the box, in sizes of the box."""
+"""Distance outside the box, in sizes of the box, up to which a corner is outside only because of rounding."""
 
 
 class VoronoiCells(NamedTuple):
@@ -56,8 +56,8 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     """Voronoi cells of the grains.
 
     A side of zero length (four or more grains on one circle, as in a square lattice) does not count, and its
-    grains are not neighbours. Of grains at exactly the same point only one has a cell. Fewer than three
-    grains, or grains in a line, have no interior cell and no neighbours.
+    grains are not neighbours. If grains are at exactly the same point, only one of them has a cell. Fewer
+    than three grains, or grains in a line, have no interior cells and no neighbours.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     Returns
     -------
     VoronoiCells
-        Numbers of sides (n,), 0 for absent grains; areas [m^2] and sums of the squared sides [m^2] (n,), NaN
-        without an interior cell; whether cells are interior (n,), neighbours (m, 2), triangles (t, 3) and
+        Numbers of sides (n,), 0 for absent grains; areas [m^2] and sums of the squared sides [m^2] (n,), both
+        NaN without an interior cell; whether cells are interior (n,); neighbours (m, 2), triangles (t, 3) and
         corners [m] (t, 2).
 
     Raises
@@ -120,13 +120,13 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
 def check_cells(
     positions: Float[np.ndarray, "n 2"], cells: VoronoiCells | None
 ) -> tuple[Float[np.ndarray, "n 2"], VoronoiCells]:
-    """Check positions [m], and compute Voronoi cells or check that given ones have as many grains."""
+    """Check positions [m]; compute their Voronoi cells, or check that given cells have as many grains."""
     positions = check_vectors(positions)
     if cells is None:
         cells = voronoi_cells(positions)
     if len(cells.sides) != len(positions):
         raise InputError(
-            f"Voronoi cells of {len(cells.sides)} grains for {len(positions)} positions; give "
+            f"there are Voronoi cells of {len(cells.sides)} grains for {len(positions)} positions; pass "
             "the cells of these positions"
         )
     return positions, cells
@@ -207,7 +207,7 @@ def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
 
 
 def _delaunay_triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Delaunay triangles (t, 3), and the triangle across each side, -1 outside (t, 3)."""
+    """Return Delaunay triangles (t, 3), and the triangle across each side (t, 3), -1 outside."""
     from scipy.spatial import Delaunay, QhullError
 
     empty = np.empty((0, 3), dtype=np.intp)
@@ -239,7 +239,7 @@ def circumcentres(
 def _neighbour_pairs_and_sides(
     triangles: np.ndarray, across: np.ndarray, corners: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Neighbour pairs (m, 2), the lengths of the sides between them (m,), and which sides are infinite."""
+    """Return neighbour pairs (m, 2), lengths of the sides between them (m,), and which sides are infinite."""
     triangle = np.repeat(np.arange(len(triangles)), 3)
     opposite = across.ravel()
     pairs = np.stack([triangles[:, [1, 2, 0]].ravel(), triangles[:, [2, 0, 1]].ravel()], axis=1)

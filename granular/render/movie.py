@@ -51,7 +51,7 @@ def movie(
     """Write a movie of a run, by default in real time, as MP4 (H.264) or GIF depending on the suffix.
 
     Between two frames grains follow cubic paths through their positions and velocities in both frames. The
-    piston is drawn at its recorded height, and its height over time is plotted below the bed. The scale of
+    piston is drawn at its recorded height, and its height is plotted against time below the bed. The scale of
     the bed and the colours are constant; the colour scale ends at the 99th percentile of all values. Ctrl-C
     ends the movie after the current picture, and the file contains all pictures made so far.
 
@@ -137,13 +137,13 @@ def stage_frame_indices(run: Trajectory, stage: str | None) -> list[int]:
     if not len(inside):
         raise InputError(
             f"stage {stage!r} lasts {chosen.end - chosen.start:g} s and has no frame; reduce "
-            "output.frames, or omit the stage"
+            "the interval output.frames, or omit the argument stage"
         )
     return [int(index) for index in inside]
 
 
 def _render_images(picture: BedPicture, beds: Iterator[Frame], stop: StopRequest) -> Iterator[np.ndarray]:
-    """Pictures as bytes (height, width, 3), until the last one or Ctrl-C."""
+    """Yield pictures as bytes (height, width, 3) up to the last picture or until Ctrl-C."""
     for frame in beds:
         picture.show_frame(frame)
         yield picture.pixels()
@@ -154,11 +154,12 @@ def _render_images(picture: BedPicture, beds: Iterator[Frame], stop: StopRequest
 def _movie_writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.ndarray], float], int]:
     if path.suffix.lower() not in WRITERS:
         raise InputError(
-            f"unknown format {quote(path.suffix)} of {path.name}; a movie is {' or '.join(WRITERS)}"
+            f"unknown format {quote(path.suffix)} of {path.name}; the path of a movie must end in "
+            f"{' or '.join(WRITERS)}"
         )
     write, fastest = WRITERS[path.suffix.lower()]
     if not 0.0 < fps <= fastest:
-        raise InputError(f"fps {fps:g} is not in the range above 0 up to {fastest:g} for {path.suffix}")
+        raise InputError(f"fps = {fps:g}; a {path.suffix} movie needs a value above 0, at most {fastest:g}")
     return write
 
 
@@ -206,8 +207,7 @@ WRITERS = {".mp4": (_write_mp4, 240.0), ".gif": (_write_gif, 50.0)}
 
 
 MAXIMUM_DEVIATION = 0.25
-"""Maximum deviation [diameters] of a grain's path from a straight line between two frames before a
-warning."""
+"""Deviation [diameters] of a grain's path from a straight line, above which a warning is given."""
 
 
 def movie_picture_times(times: Float[np.ndarray, "m"], speed: float, fps: float) -> Float[np.ndarray, "n"]:
@@ -238,7 +238,7 @@ def interpolate_bed(
     if deviation > MAXIMUM_DEVIATION * run.scene.grains.diameters().max(initial=0.0):
         warnings.warn(
             f"between two frames a grain deviates from a straight line by {1e3 * deviation:.2g} mm, "
-            "so that the paths in the movie are unreliable there; reduce output.frames for "
+            "so that the paths in the movie are unreliable there; reduce the interval output.frames for "
             "accurate paths",
             stacklevel=2,
         )
@@ -253,7 +253,7 @@ def _largest_path_deviation(before: Frame, after: Frame) -> float:
 
 
 def _interpolate_between(before: Frame, after: Frame, time: float) -> Frame:
-    """Bed at a time between two frames, with the grains present in both; time [s]."""
+    """Interpolate the bed at a time [s] between two frames, with the grains present in both."""
     duration = after.time - before.time
     fraction = min(max((time - before.time) / duration, 0.0), 1.0) if duration > 0.0 else 0.0
     if fraction in (0.0, 1.0):

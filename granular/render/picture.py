@@ -143,7 +143,7 @@ CURVE = 1.5
 def new_figure_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """Make axes to scale for the bed [mm], and axes beside them; top [m], below, widest [inch]."""
+    """Make axes to scale for the bed [mm], and further axes to their right; top [m]; below, widest [inch]."""
     from matplotlib.figure import Figure
 
     edge, walls = 1.5 * wall_thickness_mm(scene), scene.effects.walls
@@ -200,11 +200,11 @@ def _outer_corner(
 
 
 MAXIMUM_CURVE_POINTS = 4000
-"""Maximum number of points of the curve, more than its pixels."""
+"""Maximum number of points of the curve; it exceeds the curve's width in pixels."""
 
 
 class PistonHeightCurve:
-    """The curve of the piston's height over the whole movie, with the past part marked."""
+    """Curve of the piston's height during the whole movie, on which the part already shown is marked."""
 
     def __init__(self, run: Trajectory, start: float, end: float, axes: Axes) -> None:
         data = run.dataset
@@ -416,7 +416,7 @@ class BedPicture:
 
 
 def colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, float]:
-    """Choose the ends of a continuous colour scale: fixed values, or percentiles of the values in frames."""
+    """Choose the ends of a continuous colour scale: fixed values, or percentiles over some frames."""
     used = colouring_by_name(colour)
     if not used.map:
         return 0.0, 1.0
@@ -430,7 +430,7 @@ def colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, float]:
 
 
 def highest_point_of_bed(run: Trajectory, frames: Iterable[Frame]) -> float:
-    """Height that contains the piston and the grains in all frames; the height of a periodic cell [m]."""
+    """Return a height [m] above piston and grains in all frames, or the height of a periodic cell."""
     if run.scene.cell.height is not None:
         return run.scene.cell.height
     radius = run.scene.grains.diameters().max(initial=0.0) / 2.0
@@ -520,8 +520,8 @@ def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -
     path = Path(path)
     if path.suffix.lower() not in FORMATS:
         raise InputError(
-            f"unknown format {quote(path.suffix)} of {path.name}; a still is one of "
-            f"{', '.join(FORMATS)}, a movie .mp4 or .gif"
+            f"unknown format {quote(path.suffix)} of {path.name}; the path of a still must end in "
+            f"{', '.join(FORMATS)}, the path of a movie in .mp4 or .gif"
         )
     # Without dates and random names, equal pictures give equal files.
     undated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}

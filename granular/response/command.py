@@ -41,20 +41,19 @@ class Drive:
     ] = ()
 
     def shake(self, scene: Scene) -> tuple[Scene, list[float] | None]:
-        """Scene with the first given drive amplitude, and all given amplitudes."""
+        """Return the scene with the first given amplitude of the drive, and all given amplitudes."""
         given = {name: list(sizes) for name, sizes in vars(self).items() if sizes}
         if len(given) > 1:
-            raise InputError(f"--{' and --'.join(given)} given together; give one of them")
+            raise InputError(f"--{' and --'.join(given)} cannot be combined; use one of them")
         host = scene.effects.host
         if host is None:
             raise InputError(
-                f"the scene {quote(scene.name)} has no host; give it effects.host, or take the "
-                "packaged scene 'machine'"
+                f"the scene {quote(scene.name)} has no host; add effects.host, or use the packaged "
+                "scene 'machine'"
             )
         if not given and host.excitation is None:
             raise InputError(
-                f"the host of {quote(scene.name)} has no drive; give --force, --acceleration or "
-                "--displacement"
+                f"the host of {quote(scene.name)} has no drive; add --force, --acceleration or --displacement"
             )
         for name, sizes in given.items():
             saved = {"kind": "sine", "frequency": 1.0, name: sizes[0]}
@@ -80,7 +79,7 @@ def response(
     changes: Changes,
     lowest: Annotated[Hertz | None, Option("lowest frequency of the sine", "F", name="--from")] = None,
     highest: Annotated[Hertz | None, Option("highest frequency of the sine", "F", name="--to")] = None,
-    points: Annotated[int | None, Option("number of frequencies (25; 200 from a sweep)", "N")] = None,
+    points: Annotated[int | None, Option("number of frequencies (25; with --sweep 200)", "N")] = None,
     drive: Drive,
     duration: Annotated[
         Seconds | None, Option("duration of each sine (20 s), or of the run after an impulse (10 s)", "T")
@@ -132,8 +131,8 @@ def response(
     count = POINTS if points is None else points
     if not 0.0 < lowest < highest or count < 2:
         raise InputError(
-            f"--from {lowest:g} --to {highest:g} --points {count}: give two frequencies, the "
-            "lower one first, and 2 points or more"
+            f"--from {lowest:g} --to {highest:g} --points {count}: give two frequencies, "
+            "the lower one first and both above 0, and 2 points or more"
         )
     if sweep is not None:
         refuse_options("a sweep, only with sines", duration=duration, workers=workers)
@@ -162,8 +161,8 @@ def _print_response(result: FrequencyResponse, swept: bool, out: str | None, out
         if figures["sweep_rate"] is not None:
             blocks.append(
                 Text(
-                    f"sweep rate at the peak: {figures['sweep_rate']:.2g} of the limit that the machine "
-                    "with its damper can follow; values far below 1 are slow enough"
+                    f"sweep rate at the peak: {figures['sweep_rate']:.2g} times the fastest rate that the "
+                    "machine with its damper can follow; it should be far below 1"
                 )
             )
     if out is not None:
@@ -178,7 +177,9 @@ def _measure_impulse(
     from granular.response.transients import run_impulse
 
     if len(forces) > 1:
-        raise InputError(f"--force is given {len(forces)} times; an impulse has one force")
+        raise InputError(
+            f"--force is given {len(forces)} times; give it once, because an impulse has one force"
+        )
     result, out = run_impulse(scene, forces[0], **settings), settings["out"]
     figures: dict[str, Any] = {
         "seconds": result.settling_time,

@@ -1,4 +1,4 @@
-"""Exact responses of linear hosts without damper and with the ideal tuned mass; equivalent dampers.
+"""Exact responses of linear hosts without damper and with the ideal tuned mass; equivalents of the damper.
 
 A body of mass M on a spring k and a dashpot c, driven by F sin(omega t), oscillates with the amplitude |F/(k
 - omega^2 M + i omega c + D)|, where D is the dynamic stiffness of the attached system: for a mass m on a
@@ -9,8 +9,8 @@ for the mass ratio mu = m/M,
 
     frequency over the host's = 1/(1 + mu),    damping ratio = sqrt(3 mu/(8 (1 + mu))),
 
-relative to the critical damping of the tuned mass at its own frequency; Den Hartog refers it to the host's
-frequency, which is higher by the factor 1 + mu.
+relative to the critical damping of the tuned mass at the frequency of the tuned mass; Den Hartog's ratio
+refers to the frequency of the host, which is higher by the factor 1 + mu.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from granular.shared.array_types import Complex, Float
 
 
 def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float]:
-    """Spring and dashpot of Den Hartog's tuned mass on the host's last body [N/m, kg/s]; mass [kg]."""
+    """Spring [N/m] and dashpot [kg/s] of Den Hartog's tuned mass on the host's last body; mass [kg]."""
     body = host.bodies[-1]
     ratio = mass / body.mass
     omega = math.sqrt(body.stiffness / body.mass) / (1.0 + ratio)
@@ -48,7 +48,7 @@ def dynamic_stiffness_of_hanging_mass(
 
 
 def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Complex[np.ndarray, "f n"]:
-    """Steady displacement (f, n) of a linear host over its base, phase from the drive [m]; attached [N/m]."""
+    """Complex displacement (f, n) of a linear host [m] with an ``attached`` dynamic stiffness (f,) [N/m]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     masses, springs, dashpots = matrices_of_chain(host)
     rates, drive = 1j * omega[:, None, None], host.excitation
@@ -67,7 +67,7 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Comple
 
 
 def slowest_decay_rate(host: Host) -> float:
-    """Decay rate of the slowest mode of the host; c/(2 M) for one weakly damped body [1/s]."""
+    """Decay rate [1/s] of the slowest mode of the host; for one weakly damped body it is c/(2 M)."""
     masses, springs, dashpots = matrices_of_chain(host)
     inertia, identity = masses[:, None], np.eye(len(masses))
     rates = np.block([[0.0 * identity, identity], [-springs / inertia, -dashpots / inertia]])
@@ -86,7 +86,7 @@ def damper_mass(scene: Scene) -> float:
 def without_damper(
     scene: Scene, host: Host, quantity: str, amplitude: float, frequencies: Any
 ) -> Float[np.ndarray, "2 f"]:
-    """Amplitudes [m] of a host without damper and with tuned mass; drive [N, m/s^2, m], frequencies [Hz]."""
+    """Amplitudes [m] of a host without damper, and with tuned mass; drive [N; m/s^2; m], frequencies [Hz]."""
     plain, mass = host.to_plain(), damper_mass(scene)
     driven = Host.from_plain(plain | {"excitation": plain["excitation"] | {quantity: amplitude}})
     spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
@@ -102,7 +102,7 @@ def linear_host_comparison(
     frequencies: Sequence[float],
     response: Complex[np.ndarray, "s f"],
 ) -> dict[str, tuple[str, str, np.ndarray]]:
-    """Amplitudes (s, f) without damper and with tuned mass, damper equivalents [m, kg, N/m, kg/s, W]."""
+    """Compute amplitudes without damper and with tuned mass, and equivalents of the damper, each (s, f)."""
     omega = math.tau * np.array(frequencies)
     curves = [without_damper(scene, host, quantity, size, frequencies) for size in amplitudes]
     alone, ideal = np.stack(curves, axis=1)
@@ -123,5 +123,5 @@ def linear_host_comparison(
         "added_stiffness": ("N/m", "stiffness that the damper adds to the host", added.real),
         "added_damping": ("kg/s", "damping that the damper adds to the host", added.imag / omega),
         "taken_power": ("W", "mean power dissipated by the damper", -power.real),
-        "loss_factor": ("1", "dissipated power over reactive power", np.abs(power.real / power.imag)),
+        "loss_factor": ("1", "ratio of dissipated to reactive power", np.abs(power.real / power.imag)),
     }

@@ -1,4 +1,4 @@
-"""The report of a response as one HTML file, with curves of small motions."""
+"""The report of a response as one HTML file, including the response predicted from small motions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _DENSE = 60
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PageComparison:
-    """A prediction to be compared with a response, such as the prediction of a law."""
+    """A predicted response, for example by a law, that the page compares with the measured response."""
 
     title: str
     words: str
@@ -50,7 +50,7 @@ class PageComparison:
 def response_page(
     response: FrequencyResponse, comparison: PageComparison | None = None, missing: str = ""
 ) -> Page:
-    """Report of a response as an HTML page: curves, peaks, effect of the damper, settings."""
+    """Make the HTML report of a response: curves, peaks, effect of the damper and settings."""
     return Page(
         f"The response of scene {response.scene.name!r}",
         peak_summary_sentence(response),
@@ -63,7 +63,9 @@ def response_page(
 def _blocks(response: FrequencyResponse, comparison: PageComparison | None, missing: str) -> Iterator[Block]:
     yield Picture(partial(_draw_curves, response, comparison), _curve_caption(response, comparison))
     if "no_linear" in response.dataset.attrs:
-        yield Text(f"No curve of small motions: {response.dataset.attrs['no_linear']}.")
+        yield Text(
+            f"The response from small motions could not be computed: {response.dataset.attrs['no_linear']}."
+        )
     yield from _peak_table(response)
     yield from steadiness_notes(response)
     if comparison is not None:
@@ -88,7 +90,7 @@ def peak_summary_sentence(response: FrequencyResponse) -> str:
     if "alone" not in row:
         return f"{words}."
     return (
-        f"{words}; {_format_in_mm(row['alone'])} mm without the damper, {row['reduction']:.3g} times as "
+        f"{words}; {_format_in_mm(row['alone'])} mm without the damper,  {row['reduction']:.3g} times as "
         f"much, and {_format_in_mm(row['ideal'])} mm with the ideal tuned mass of the same weight."
     )
 
@@ -123,7 +125,7 @@ def _draw_curves(response: FrequencyResponse, comparison: PageComparison | None)
 def _draw_comparison_curves(
     axes: Axes, response: FrequencyResponse, comparison: PageComparison | None
 ) -> Mapping[str, object]:
-    """Draw the curves to be compared; return one line per name for the legend."""
+    """Draw the predicted curves; return one line per name for the legend."""
     from matplotlib.lines import Line2D
 
     handles: dict[str, object] = {}
@@ -170,9 +172,9 @@ def _peak_table(response: FrequencyResponse) -> Iterator[Block]:
     yield Table(head, cells)
     if keys:
         yield Text(
-            "Alone: the machine without the damper. Ideal: with Den Hartog's tuned mass of the "
-            "damper's weight, on the optimal spring and dashpot. Both are exact, and evaluated "
-            "between the lowest and the highest frequency above."
+            "Alone: the machine without the damper. Ideal: the machine with Den Hartog's tuned mass, which "
+            "has the damper's weight and the optimal spring and dashpot. Both responses are exact; their "
+            "peaks are searched between the lowest and the highest frequency above."
         )
         curve = response.linear_curves(rows[-1]["amplitude"])["alone"]
         if int(curve.argmax()) in (0, len(curve) - 1):
@@ -183,15 +185,14 @@ def _peak_table(response: FrequencyResponse) -> Iterator[Block]:
 
 
 def steadiness_notes(response: FrequencyResponse) -> Iterator[Block]:
-    """Warnings about unsteady oscillations and too fast a sweep."""
+    """Make warnings about unsteady oscillations and about a sweep that is too fast."""
     data = response.dataset
     rate = sweep_rate_at_peak(response)
     if rate is not None and rate > MAX_SWEEP_RATE:
         wanted = response.settings["duration"] * rate / (0.5 * MAX_SWEEP_RATE)
         yield Caution(
-            f"The sweep was too fast for the peak: its frequency changes {rate:.2g} times as fast "
-            f"as the machine with its damper can follow. Give a sweep of {wanted:.0f} s or more, "
-            "or steady sines."
+            f"The sweep was too fast for the peak: its frequency changes {rate:.2g} times as fast as the "
+            f"machine with its damper can follow. Use a sweep of  {wanted:.0f} s or more, or steady sines."
         )
     if "unsteady" not in data:
         return
@@ -218,7 +219,7 @@ def _settings(response: FrequencyResponse) -> Iterator[Block]:
     rows.append(("frequencies", str(response.dataset.sizes["frequency"])))
     yield Table(("setting", "value"), rows)
     if table_frequency_count(response) < response.dataset.sizes["frequency"]:
-        yield Text("The tables show a selection of the frequencies; response.csv has all.")
+        yield Text("The tables show a selection of the frequencies; response.csv contains all of them.")
     yield Printout(response.scene.to_toml())
 
 
@@ -240,21 +241,21 @@ LOSSES = {
 
 
 def damper_section(response: FrequencyResponse) -> Iterator[Block]:
-    """Tables and plots of the damper's equivalent mass and damping, against frequency and displacement."""
+    """Make tables and plots of the damper's added mass and damping against frequency and displacement."""
     yield Heading("Amplitudes, and the effect of the damper on the machine")
     data = response.dataset
     if "added_damping" in data:
         yield Picture(
             partial(_draw_equivalent_damping, response),
-            "Damping and stiffness that the damper adds to the machine, against the machine's "
-            "displacement, one point per frequency. For a linear damper the values at one "
+            "Damping and stiffness that the damper adds to the machine, plotted against the machine's "
+            "displacement, with one point per frequency. For a linear damper the values at one "
             "frequency do not depend on amplitude.",
         )
         yield Text(
             "The added mass and damping are the mass and dashpot that would give the machine "
-            "the same displacement. The added stiffness is the added mass times -omega². The "
-            "loss factor is dissipated power over reactive power; it is large and not "
-            "meaningful if the reactive power is almost zero."
+            "the same displacement. The added stiffness is the added mass times -omega². The loss factor is "
+            "the ratio of dissipated to reactive power; it is large and not meaningful if the reactive power "
+            "is almost zero."
         )
     for size in data.amplitude.values.tolist():
         yield from _displacement_table(response, size)
@@ -308,7 +309,7 @@ def _format_table_number(value: float, digits: int) -> str:
 
 
 def energy_section(response: FrequencyResponse) -> Iterator[Block]:
-    """Tables of the energies dissipated per period, at each amplitude."""
+    """Make tables of the energies dissipated per period at each amplitude."""
     if "work_a_period" not in response.dataset:
         return
     yield Heading("Energy dissipated per period")
@@ -327,16 +328,16 @@ def energy_section(response: FrequencyResponse) -> Iterator[Block]:
         yield Text(f"{amplitude_phrase(response, size)}:")
         yield Table(head, rows)
     yield Text(
-        "Work is done by the drive in a period; the other columns are losses. Affine drag "
-        "is the drag of grains that follow the piston in proportion to height (a third of "
-        "the drag at the piston's speed). Rearranging is all drag beyond that, due to "
-        "grains that change places; it is negative if grains follow less. Any remaining "
-        "difference is due to oscillations that still change."
+        "'Work' is done by the drive in a period; the other columns are losses. 'Affine drag' is the drag of "
+        "grains that follow the piston in proportion to height (a third of the drag at the piston's speed). "
+        "'Rearranging' is the drag in excess of the affine drag, due to grains that change places; it is "
+        "negative if grains follow the piston less. Any remaining difference is due to oscillations that "
+        "still change."
     )
 
 
 def energy_losses_per_period(part: xarray.Dataset) -> dict[str, np.ndarray]:
-    """Energies dissipated by each cause in a period of the drive [J]; part [Hz]."""
+    """Energies dissipated by each cause in a period of the drive [J]; frequencies of ``part`` [Hz]."""
     values = {str(name): column.values for name, column in part.data_vars.items()}
     if "affine_loss_a_period" in values and "drag_loss_a_period" in values:
         values["rearranging"] = values["drag_loss_a_period"] - values["affine_loss_a_period"]
@@ -368,7 +369,7 @@ def table_frequency_count(response: FrequencyResponse) -> int:
 
 
 def response_at_table_frequencies(response: FrequencyResponse, amplitude: float) -> xarray.Dataset:
-    """Response at one amplitude and the tables' frequencies [Hz], including its peak; amplitude in SI."""
+    """Select the response at one amplitude (SI) and the tables' frequencies, including the peak."""
     part = response.dataset.sel(amplitude=amplitude)
     count = part.sizes["frequency"]
     indices = np.unique(np.linspace(0, count - 1, table_frequency_count(response)).round().astype(int))
@@ -378,7 +379,7 @@ def response_at_table_frequencies(response: FrequencyResponse, amplitude: float)
 
 
 def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
-    """Add the field ``linear``, displacements from small motions [m], or the reason ``no_linear``."""
+    """Add displacements from small motions [m] as ``linear``, or the reason for failure as ``no_linear``."""
     data = response.dataset
     quantity, frequencies = response.quantity, data.frequency.values
     try:
@@ -393,7 +394,7 @@ def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
 def linear_displacements(
     rest: Equilibrium, quantity: str, frequencies: Float[np.ndarray, "f"]
 ) -> Complex[np.ndarray, "f"]:
-    """Displacement of the last body, or of a load on the piston, per unit drive [m/N, s^2 or 1]."""
+    """Displacement of the last body, or of a load on the piston, per unit of the drive [m/N, s^2 or 1]."""
     bed = rest.pencil.bed
     piston, host = require_free_piston(rest), rest.scene.effects.host
     assert host is not None

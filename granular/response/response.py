@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 FRACTION = 0.4
-"""Final fraction of a sine's duration in which the oscillation is assumed steady."""
+"""Fraction of a sine's duration, at its end, in which the oscillation is assumed steady."""
 MINIMUM_PERIODS = 4
 
 
@@ -48,14 +48,14 @@ def _amplitude_over_phase(phase: np.ndarray, moment: np.ndarray, values: np.ndar
 
 
 def last_whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
-    """Range of the last whole periods within `FRACTION` of a drive [s]; start, end [s], frequency [Hz]."""
+    """Return start and end [s] of the last whole periods within `FRACTION` of a drive; frequency [Hz]."""
     count = max(math.floor(FRACTION * (end - start) * frequency), MINIMUM_PERIODS)
     return max(start, end - count / frequency), end
 
 
 @keep_measure_name("granular.response.response:steady_figures#88116dfe")
 def steady_figures(run: Trajectory) -> Mapping[str, Any]:
-    """Amplitudes, energies and steadiness at the end of a run whose host is driven by a sine [m, J, s]."""
+    """Measure amplitudes [m], energies [J] and steadiness at the end of a run whose host a sine drives."""
     host, data = run.scene.effects.host, run.dataset
     assert host is not None
     assert host.excitation is not None
@@ -103,13 +103,12 @@ POINTS = 200
 def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     """Amplitudes of the last body and of the piston during a sweep in one run.
 
-    Around each time, over 6 periods of the drive, the displacement is fitted by a sin(phase) + b cos(phase) +
-    c + d t with the phase of the sweep (least squares, as in the sine fit of IEEE Std 1057 in
-    `complex_amplitude`). A sweep shows the steady response if its frequency changes little within the decay
-    time of the machine: with the rate of change f' of the frequency and the decay rate delta, f' <<
-    delta^2/(2 pi). The derivation is: within the decay time 1/delta, the frequency changes by much less than
-    the half-width of the peak, delta/(2 pi). In a hardening or softening machine the jump occurs at different
-    frequencies in upward and downward sweeps.
+    Around each time, in an interval of 6 periods of the drive, a sin(phase) + b cos(phase) + c + d t is
+    fitted to the displacement by least squares, where phase is the phase of the sweep (as in the sine fit of
+    IEEE Std 1057 in `complex_amplitude`). A sweep shows the steady response if f' << delta^2/(2 pi), where f'
+    is the rate of change of the frequency and delta the decay rate of the machine: within the decay time
+    1/delta, the frequency then changes by much less than the half-width of the peak, delta/(2 pi). In a
+    hardening or softening machine the jump occurs at different frequencies in upward and downward sweeps.
 
     Parameters
     ----------
@@ -137,8 +136,8 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     drive = None if host is None else host.excitation
     if host is None or drive is None or drive.kind != "sweep" or not host.bodies:
         raise InputError(
-            f"the scene {quote(run.scene.name)} has no host under a sweep; give effects.host "
-            "bodies, and an excitation of the kind 'sweep'"
+            f"the scene {quote(run.scene.name)} has no host under a sweep; add bodies to "
+            "effects.host, and an excitation of kind 'sweep'"
         )
     low, high = float(drive.frequency or 0.0), float(drive.to or 0.0)
     length, data = float(drive.duration or 0.0), run.dataset
@@ -158,10 +157,10 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
 def swept_amplitudes(
     time: Float[np.ndarray, "n"], values: list[np.ndarray], sweep: tuple[float, float, float], points: int
 ) -> tuple[Float[np.ndarray, "p"], list[np.ndarray]]:
-    """Complex amplitudes in an exponential sweep by local least squares; time [s], sweep [Hz, Hz, s]."""
+    """Fit complex amplitudes in an exponential sweep by local least squares; time [s], sweep [Hz, Hz, s]."""
     low, high, length = sweep
     if points < 2:
-        raise InputError(f"points = {points}; give 2 or more")
+        raise InputError(f"points = {points}; 2 or more are needed")
     rate = math.log(high / low) / length
     phase = math.tau * low * np.expm1(rate * time) / rate
     middles = math.log1p(rate * 0.5 * PERIODS / low) / rate  # half the first interval
@@ -169,7 +168,8 @@ def swept_amplitudes(
     moments = np.linspace(middles, last - 0.5 * PERIODS / (low * math.exp(rate * last)), points)
     if moments[-1] <= moments[0]:
         raise InputError(
-            f"the run covers {last:g} s of the sweep, less than {PERIODS:g} of its periods; run longer"
+            f"the run covers {last:g} s of the sweep, less than {PERIODS:g} of its periods; simulate a "
+            "longer time"
         )
     frequencies = low * np.exp(rate * moments)
     amplitudes = [np.empty(points, dtype=np.complex128) for _ in values]
@@ -197,14 +197,14 @@ class FrequencyResponse:
         Scene of the damper and its host.
     dataset : xarray.Dataset
         On ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI: ``displacement`` of the
-        last body (of the load, if the cell stands on the base), ``alone`` without damper and ``ideal`` with
-        Den Hartog's tuned mass of the damper's weight; ``stroke``, the amplitude of the piston relative to
-        the cell; ``effective_mass``, ``added_damping``, ``added_stiffness`` and ``loss_factor`` of the
-        damper; ``transmissibility``; energies dissipated per period; ``unsteady``, the change of the
+        last body (of the load, if the cell stands on the base); the same without damper, ``alone``, and with
+        Den Hartog's tuned mass of the damper's weight, ``ideal``; ``stroke``, the amplitude of the piston
+        relative to the cell; ``effective_mass``, ``added_damping``, ``added_stiffness`` and ``loss_factor``
+        of the damper; ``transmissibility``; energies dissipated per period; ``unsteady``, the change of the
         amplitude during the measurement.
     settings : dict
-        Settings of the simulation: ``dt``, ``duration`` [s], and ``sweep``, the first and last frequency
-        [Hz], if it was measured by a sweep.
+        Settings of the simulation: ``dt``, ``duration`` [s] and, if the response was measured by a sweep,
+        ``sweep``: first and last frequency [Hz].
     """
 
     scene: Scene
@@ -289,8 +289,8 @@ def frequency_response(
 ) -> FrequencyResponse:
     """Measure the frequency response of a scene's host, with one run for each sine.
 
-    The sine begins at the excitation's ``start`` and lasts for ``duration``. The last 0.4 of it are assumed
-    steady; ``unsteady`` measures how well this holds.
+    The sine begins at the excitation's ``start`` and lasts for ``duration``. During the last 0.4 of this
+    duration the oscillation is assumed steady; ``unsteady`` measures its remaining change.
 
     Parameters
     ----------
@@ -304,10 +304,10 @@ def frequency_response(
     duration : float
         Duration of each sine [s], 10 periods of the lowest frequency or more.
     dt : float or str
-        Time step [s]; "auto" follows the stiffest mode that the bed can reach, "auto/2" or "auto*2" is half
+        Time step [s]; "auto" resolves the stiffest mode that the bed can reach; "auto/2" or "auto*2" is half
         or twice that step.
     out : str or Path, optional
-        Directory that keeps finished runs; repeating the same call continues from there.
+        Directory in which finished runs are stored; repeating the same call continues from there.
     workers : int, optional
         Number of processes, 1 or more; the number of processors if not given.
     progress : bool
@@ -316,7 +316,8 @@ def frequency_response(
     Returns
     -------
     FrequencyResponse
-        Amplitudes [m], phases [rad] and more, float64 (s, f) each, over the amplitudes and frequencies [Hz].
+        Amplitudes [m], phases [rad] and more, float64 (s, f) each, as functions of drive amplitude and
+        frequency [Hz].
 
     Raises
     ------
@@ -336,7 +337,7 @@ def frequency_response(
     (key,) = (name for name in AMPLITUDES if getattr(host.excitation, name) is not None)
     sizes = [getattr(host.excitation, key)] if amplitudes is None else list(amplitudes)
     if not all(size > 0.0 for size in sizes):
-        raise InputError(f"amplitudes {sizes}: each must be above 0")
+        raise InputError(f"amplitudes = {sizes}; each must be above 0")
     made = sweep(
         scene,
         measure=steady_figures,
@@ -363,16 +364,16 @@ def _require_host_under_sine(scene: Scene, frequencies: Sequence[float], duratio
     host = scene.effects.host
     if host is None or host.excitation is None or host.excitation.kind != "sine":
         raise InputError(
-            f"the scene {quote(scene.name)} has no host under a sine; give effects.host an "
-            "excitation of the kind 'sine', or take the packaged scene 'machine'"
+            f"the scene {quote(scene.name)} has no host under a sine; add an excitation of kind "
+            "'sine' to effects.host, or use the packaged scene 'machine'"
         )
     if not len(frequencies) or not all(f > 0.0 for f in frequencies):
-        raise InputError(f"frequencies {list(frequencies)}: give one or more, each above 0 Hz")
+        raise InputError(f"frequencies = {list(frequencies)}; 1 or more are needed, each above 0 Hz")
     # The last `FRACTION` of the run then has `MINIMUM_PERIODS`, from which amplitudes are determined.
     if duration * min(frequencies) < 10.0:
         raise InputError(
-            f"duration = {duration:g} s is less than 10 periods of {min(frequencies):g} Hz; give "
-            f"{10.0 / min(frequencies):g} s"
+            f"duration = {duration:g} s is less than 10 periods of {min(frequencies):g} Hz; use "
+            f"{10.0 / min(frequencies):g} s or more"
         )
     return host
 
@@ -397,7 +398,7 @@ def _steady_dataset(
         "displacement": ("m", "amplitude of the last body", np.abs(amplitude)),
         "phase": ("rad", "phase of the last body behind the drive", -np.angle(amplitude)),
         "greatest": ("m", "half the range of the last body", field("greatest")),
-        "stroke": ("m", "amplitude of the piston over the cell", np.abs(stroke)),
+        "stroke": ("m", "amplitude of the piston relative to the cell", np.abs(stroke)),
         "unsteady": ("1", "change of the amplitude during the measurement", field("unsteady")),
     }
     for name in figures[0]:
@@ -411,7 +412,7 @@ def _steady_dataset(
         shake = np.array(sizes)[:, None] * (np.ones_like(omega) if key == "acceleration" else -(omega**2))
         total = amplitude - shake / omega**2
         ratio = np.abs(total) / np.abs(shake / omega**2)
-        result["transmissibility"] = ("1", "amplitude over the base's amplitude", ratio)
+        result["transmissibility"] = ("1", "amplitude relative to the amplitude of the base", ratio)
     return response_dataset(key, sizes, frequencies, result)
 
 
@@ -421,7 +422,7 @@ def response_dataset(
     frequencies: Sequence[float],
     fields: Mapping[str, tuple[str, str, np.ndarray]],
 ) -> xarray.Dataset:
-    """Put fields (s, f) of a response into one dataset; amplitudes [N; m/s^2; m], frequencies [Hz]."""
+    """Combine fields (s, f) of a response in one dataset; amplitudes [N; m/s^2; m], frequencies [Hz]."""
     import xarray
 
     dims = ("amplitude", "frequency")
@@ -497,7 +498,7 @@ def load_response(directory: str | Path) -> FrequencyResponse:
     path = Path(directory) / FILE
     if not path.exists():
         raise InputError(
-            f"{quote(str(directory))} has no {FILE}; create it by granular-damper response SCENE -o DIR"
+            f"{quote(str(directory))} has no {FILE}; create it with: granular-damper response SCENE -o DIR"
         )
     text = read_text(path, MAXIMUM_BYTES)
     try:
@@ -505,7 +506,7 @@ def load_response(directory: str | Path) -> FrequencyResponse:
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
         kind = "" if isinstance(error, InputError) else f"{type(error).__name__} "
         raise InputError(
-            f"{sanitize(path)} cannot be read: {kind}{error}; create it again by granular-damper response"
+            f"{sanitize(path)} cannot be read: {kind}{error}; create it again with granular-damper response"
         ) from None
 
 
@@ -519,5 +520,5 @@ def _response_from_plain(plain: Any) -> FrequencyResponse:
         np.issubdtype(field.dtype, np.number) and field.size for field in fields
     )
     if not sound or not {"units", "long_name"} <= set(data["amplitude"].attrs):
-        raise InputError("it has no amplitudes over frequencies")
+        raise InputError("it contains no amplitudes as a function of frequency")
     return response

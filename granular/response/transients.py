@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from granular.effects.excitation import Excitation
 
 RUN = "run"
-"""Directory of the run, within the given directory."""
+"""Subdirectory of the given directory that holds the run."""
 LENGTH, DURATION = 0.02, 10.0
-"""Default duration of an impulse and default duration of the run [s]."""
+"""Default duration of an impulse [s], and default duration of the run [s]."""
 
 
 def run_frequency_sweep(
@@ -50,8 +50,8 @@ def run_frequency_sweep(
     """Measure the response of a scene's host in one run under a slow sweep.
 
     The drive is the scene's force on the host or motion of its base, with the same amplitude and start, as a
-    sweep. See `swept_response` for the required slowness; `sweep_rate_at_peak` gives the rate of the sweep
-    relative to this limit.
+    sweep. `swept_response` gives the rate below which a sweep is slow enough; `sweep_rate_at_peak` gives the
+    rate of a sweep relative to this limit.
 
     Parameters
     ----------
@@ -64,17 +64,17 @@ def run_frequency_sweep(
     points : int
         Number p of frequencies at which the response is given, 2 or more.
     dt : float or str
-        Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
-        "auto*2" is half or twice as long.
+        Time step [s]; "auto" resolves the stiffest mode that the bed can reach; "auto/2" or "auto*2" is half
+        or twice that step.
     out : str or Path, optional
-        Directory that keeps the run, in ``run``; repeating the same call continues from there.
+        Directory in which the run is stored, as ``run``; repeating the same call continues from there.
     progress : bool
         Show a progress bar.
 
     Returns
     -------
     FrequencyResponse
-        Amplitudes [m], phases [rad] and more, float64 (1, p) each, over the frequency [Hz].
+        Amplitudes [m], phases [rad] and more, float64 (1, p) each, as functions of frequency [Hz].
 
     Raises
     ------
@@ -87,16 +87,16 @@ def run_frequency_sweep(
     _, drive, key, size = _host_and_drive(scene)
     if not 0.0 < lowest < highest < math.inf:
         raise InputError(
-            f"a sweep from {lowest:g} Hz to {highest:g} Hz: give two frequencies above 0, the "
-            "lower one first; sweeps only increase"
+            f"a sweep cannot go from {lowest:g} Hz to {highest:g} Hz; give two frequencies above 0, the "
+            "lower one first"
         )
     if points < 2:
-        raise InputError(f"points = {points}; give 2 or more")
+        raise InputError(f"points = {points}; 2 or more are needed")
     minimum_duration = 2.0 * PERIODS / lowest
     if not minimum_duration <= duration < math.inf:
         raise InputError(
             f"a sweep of {duration:g} s is shorter than {2.0 * PERIODS:g} periods of its lowest "
-            f"frequency, {lowest:g} Hz; give {minimum_duration:.3g} s or more"
+            f"frequency, {lowest:g} Hz; use {minimum_duration:.3g} s or more"
         )
     sweep = {
         "kind": "sweep",
@@ -122,7 +122,7 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyRespons
         "phase": ("rad", "phase of the last body behind the drive", data.phase.values[None]),
     }
     if "stroke" in data:
-        label = "amplitude of the piston over the cell"
+        label = "amplitude of the piston relative to the cell"
         result["stroke"] = ("m", label, data.stroke.values[None])
     result |= linear_host_comparison(run.scene, host, key, sizes, frequencies, amplitude)
     settings = {"dt": run.settings()["dt"], "duration": drive.duration, "sweep": [drive.frequency, drive.to]}
@@ -130,7 +130,7 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyRespons
 
 
 def sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
-    """Rate f' of a sweep at its peak, over delta^2/(2 pi); it should be far below 1."""
+    """Rate f' of a sweep at the response's peak, divided by delta^2/(2 pi); it should be far below 1."""
     host, data = response.scene.effects.host, response.dataset
     if host is None or "sweep" not in response.settings or "added_damping" not in data:
         return None
@@ -181,8 +181,7 @@ class ImpulseResponse:
             else f"{self.settling_time_without_damper:.3g} s"
         )
         return (
-            f"{self.settling_time:.3g} s until the displacement stays below {self.fraction:g} of "
-            "its peak, "
+            f"{self.settling_time:.3g} s until the displacement stays below {self.fraction:g} of its peak, "
             f"{1e3 * self.peak:.3g} mm; without the damper {alone}"
         )
 
@@ -228,11 +227,11 @@ def run_impulse(
     duration : float
         Duration of the simulation from the start of the impulse [s], above ``length``.
     dt : float or str
-        Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
-        "auto*2" is half or twice as long.
+        Time step [s]; "auto" resolves the stiffest mode that the bed can reach; "auto/2" or "auto*2" is half
+        or twice that step.
     out : str or Path, optional
-        Directory that keeps the run, in ``run``; repeating the call, also with another fraction or a longer
-        duration, continues from there.
+        Directory in which the run is stored, as ``run``; repeating the call, also with another fraction or a
+        longer duration, continues from there.
     progress : bool
         Show a progress bar.
 
@@ -252,11 +251,11 @@ def run_impulse(
     host = _require_host(scene)
     check_peak_fraction(fraction)
     if not 0.0 < abs(force) < math.inf:
-        raise InputError(f"an impulse of {force:g} N; give a force that is not 0")
+        raise InputError(f"the peak force of an impulse must differ from 0 N, not be {force:g} N")
     if not 0.0 < length < duration < math.inf:
         raise InputError(
-            f"an impulse of {length:g} s in a run of {duration:g} s: give a length above 0 and a "
-            "longer duration"
+            f"length = {length:g} s, duration = {duration:g} s; the length of the impulse must be above 0, "
+            "and the duration of the run longer"
         )
     start = 0.0 if host.excitation is None else host.excitation.start
     impulse_scene = {"kind": "impulse", "force": force, "start": start, "duration": length}
@@ -271,24 +270,24 @@ def _require_host(scene: Scene) -> Host:
     host = scene.effects.host
     if host is None or not host.bodies:
         raise InputError(
-            f"the scene {quote(scene.name)} has no host of bodies; give it effects.host.bodies, "
-            "or take the packaged scene 'machine'"
+            f"the scene {quote(scene.name)} has no host with bodies; add effects.host.bodies, "
+            "or use the packaged scene 'machine'"
         )
     return host
 
 
 def _host_and_drive(scene: Scene) -> tuple[Host, Excitation, str, float]:
-    """Host and its drive, with the key of the drive's amplitude and the amplitude [N; m/s^2; m]."""
+    """Return the host, its drive, and key and value of the drive's amplitude [N; m/s^2; m]."""
     host = _require_host(scene)
     if host.excitation is None:
         raise InputError(
-            f"the host of {quote(scene.name)} has no drive; give effects.host.excitation a "
-            "force, an acceleration or a displacement"
+            f"the host of {quote(scene.name)} has no drive; add a force, an acceleration or a "
+            "displacement to effects.host.excitation"
         )
     key = next(name for name in AMPLITUDES if getattr(host.excitation, name) is not None)
     size = float(getattr(host.excitation, key))
     if size == 0.0:
-        raise InputError(f"the {key} of the host's drive is 0; give a value above 0")
+        raise InputError(f"the {key} of the host's drive is 0; choose a value above 0")
     return host, host.excitation, key, size
 
 
@@ -305,7 +304,7 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
     """Time from the end of the impulse until the last body stays within a fraction of its peak [s].
 
     The displacement is measured from equilibrium, and the peak is its maximum after the impulse. For a single
-    body with the decay rate delta, the envelope exp(-delta t) falls to a tenth after ln(10)/delta.
+    body with the decay rate delta, the envelope exp(-delta t) decreases to a tenth within ln(10)/delta.
 
     Parameters
     ----------
@@ -317,7 +316,7 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
     Returns
     -------
     float
-        Settling time [s], up to the first record after the last one above the threshold.
+        Settling time [s]; it ends at the first record after the last record above the threshold.
 
     Raises
     ------
@@ -347,8 +346,8 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
         raise InputError(f"the scene {quote(run.scene.name)} has no host with a drive")
     if host.excitation.kind != "impulse":
         raise InputError(
-            f"the host is driven by {quote(host.excitation.kind)}; give an impulse, after which "
-            "it oscillates freely"
+            f"the host is driven by {quote(host.excitation.kind)}; use an excitation of kind 'impulse', "
+            "after which the host oscillates freely"
         )
     impulse_end = host.excitation.start + (host.excitation.duration or 0.0)
     return settling_time_of_samples(
@@ -372,7 +371,7 @@ def settling_time_of_samples(
     if last >= len(sizes) - 1 or sizes.max() == 0.0:
         raise InputError(
             f"at the end of the run, {time[-1]:g} s, the body still exceeds {fraction:g} of its "
-            "peak; run longer, or give a larger fraction"
+            "peak; simulate a longer time, or choose a larger fraction"
         )
     return float(time[behind][last + 1] - impulse_end)
 
@@ -380,4 +379,4 @@ def settling_time_of_samples(
 def check_peak_fraction(fraction: float) -> None:
     """Raise an error if a value is not a fraction of the peak."""
     if not 0.0 < fraction < 1.0:
-        raise InputError(f"fraction = {fraction:g} must be above 0 and below 1; give 0.1 for a tenth")
+        raise InputError(f"fraction = {fraction:g} must be above 0 and below 1; 0.1 is a tenth of the peak")

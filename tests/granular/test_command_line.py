@@ -210,7 +210,7 @@ BAD = [
     ("granular render {run} -o {there}", "exists; give another name"),
     ("granular render {run} -o {here}/a.tiff", "unknown format '.tiff'"),
     ("granular render {run} -o {here}/a.png --colour mauve", "unknown colour 'mauve'"),
-    ("granular render {run} -o {here}/a.png --frame 99", "there is no frame 99"),
+    ("granular render {run} -o {here}/a.png --frame 99", "no frame 99"),
     ("granular render {run} -o {here}/a.png --frame first", "invalid int value"),
     ("granular render {run} -o {here}/a.png --time 9", "frames from 0 to 0.25 s"),
     ("granular render {run} -o {here}/a.png --time 0.1 --frame 1", "give one of them"),

@@ -96,7 +96,7 @@ def test_a_grain_behind_a_wall_is_refused() -> None:
     rest = at_rest(small_damper())
     at = rest.pencil.at.copy()
     at[0] = -D
-    with pytest.raises(InputError, match="give a settled state"):
+    with pytest.raises(InputError, match="start from a settled state"):
         rest.pencil.bed.forces(at)
 
 

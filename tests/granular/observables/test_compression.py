@@ -163,7 +163,7 @@ def test_absent_grains_exert_no_force(random: np.random.Generator) -> None:
 
 def test_unknown_laws_and_shapes_are_input_errors() -> None:
     law = [{"energy": "a*exp(-r/l)", "a": "1 mJ", "l": "2 mm"}]
-    with pytest.raises(InputError, match=r"effects\.pair_law: its force between grains"):
+    with pytest.raises(InputError, match=r"effects\.pair_law: the force of this effect between grains"):
         compressive_forces(bed(**{"effects.pair_law": law}), np.zeros((COUNT, 2)))
     with pytest.raises(InputError, match="7 positions for 30 grains"):
         compressive_forces(bed(), np.zeros((7, 2)))
@@ -213,7 +213,7 @@ def test_force_observables_and_distributions_of_a_run_use_the_same_forces(
     assert pooled.counts.sum() == inside.sum()
     assert pooled.edges[-1] == 1.0
     assert 0.0 < force_dip_test(frame_at(run)).p <= 1.0
-    with pytest.raises(InputError, match="there is no frame 2; the run has 2: give 0 to 1"):
+    with pytest.raises(InputError, match="the run has 2 frames, but no frame 2; use 0 to 1"):
         frame_at(run, 2)
 
 

@@ -330,7 +330,7 @@ def test_tracking_refuses_invalid_input(make_run: MakeRun) -> None:
     run = make_run(SPACING * LATTICE[None])
     with pytest.raises(InputError, match="minimum_frames = 0"):
         track_defects(run, minimum_frames=0)
-    with pytest.raises(InputError, match="reach -1"):
+    with pytest.raises(InputError, match="reach = -1"):
         link_defect_tracks([], -1.0)
     with pytest.raises(InputError, match="larger bed"):
         detect_defects(hexagonal(2, 2))

@@ -109,7 +109,7 @@ def test_a_scene_without_walls_is_an_input_error(make_run: MakeRun) -> None:
         wall_forces(run)
     with pytest.raises(InputError, match="piston force"):
         hysteresis_cycles(run)
-    with pytest.raises(InputError, match="give 3 or more"):
+    with pytest.raises(InputError, match="3 or more are needed"):
         hysteresis_energy(np.ones(2), np.ones(2))
 
 
@@ -244,7 +244,7 @@ def test_bed_under_an_oscillating_piston_responds_as_a_damped_spring(bed_under_o
 
 
 def test_stage_response_refuses_a_run_without_drive(make_run: MakeRun) -> None:
-    with pytest.raises(InputError, match="0 stages with a sinusoidal drive; give it"):
+    with pytest.raises(InputError, match="0 stages with a sinusoidal drive; add a stage"):
         stage_response(make_run(np.zeros((1, 3, 2))))
 
 

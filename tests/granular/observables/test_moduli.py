@@ -201,11 +201,11 @@ def test_moduli_refuse_invalid_input(bed: Scene) -> None:
     points = hexagonal(6, 6, SPACING)
     with pytest.raises(InputError, match="larger bed"):
         bed_moduli(scene_of(bed, 36), points)
-    with pytest.raises(InputError, match="give one for each grain"):
+    with pytest.raises(InputError, match="pass one position for each grain"):
         bed_moduli(scene_of(bed, 30), points)
-    with pytest.raises(InputError, match="density -1 is not above 0"):
+    with pytest.raises(InputError, match="density = -1 must be above 0"):
         crystal_moduli(-1.0, 1.0)
-    with pytest.raises(InputError, match="temperature 0"):
+    with pytest.raises(InputError, match="temperature = 0"):
         melting_theory_modulus(Moduli(1.0, 1.0, 1.0), 1.0, 0.0)
-    with pytest.raises(InputError, match=r"bulk \+ shear modulus 0"):
+    with pytest.raises(InputError, match=r"bulk \+ shear modulus = 0"):
         melting_theory_modulus(Moduli(1.0, 1.0, -1.0), 1.0, 1.0)

@@ -94,7 +94,7 @@ def test_frames_of_a_run_without_piston_have_nan_piston_height() -> None:
     [
         (lambda frame: frame.nothing, "fails at 0 s: AttributeError"),
         (lambda frame: "words", "fails at 0 s: ValueError"),
-        (lambda frame: np.zeros(3), r"the shape \(3,\); give one number, one per grain"),
+        (lambda frame: np.zeros(3), r"the shape \(3,\); return one number, one number per grain"),
         (lambda frame: np.zeros(1 + int(frame.time > 0.0)), "values of the shape"),
     ],
 )
@@ -108,7 +108,7 @@ def test_functions_that_fail_or_return_wrong_shapes_are_refused(
 def test_names_and_units_of_observables_are_checked(run: Trajectory) -> None:
     with pytest.raises(SceneError, match="fortnight"):
         observable("fortnight")
-    with pytest.raises(InputError, match="'two words'; give a name"):
+    with pytest.raises(InputError, match="'two words' cannot name an observable"):
         observable("N", name="two words")(lambda frame: 0.0)
     with pytest.raises(InputError, match=r"did you mean 'hexatic_order'.*--import FILE"):
         per_frame(run, "hexatic_ordre")

@@ -80,7 +80,7 @@ def test_elastic_strain_follows_lattice_strain_but_not_rotation() -> None:
     assert np.isnan(elastic_strain(lattice[None, :4])).all()
     with pytest.raises(InputError, match="0 frames"):
         elastic_strain(lattice[None][:0])
-    with pytest.raises(InputError, match="a frame has no grain"):
+    with pytest.raises(InputError, match="no grain of a frame"):
         plastic_distortion(np.array([lattice, np.nan * lattice]))
 
 
@@ -112,9 +112,9 @@ def test_plastic_events_of_a_run_and_invalid_input(make_run: MakeRun) -> None:
     force = run.dataset["piston_force"]
     found = plastic_events(force["time"].values, force.values, 0.1)
     assert found.size.tolist() == [0.5]
-    with pytest.raises(InputError, match="smallest_drop 0 is not above 0"):
+    with pytest.raises(InputError, match="smallest_drop = 0 must be above 0"):
         plastic_events(np.arange(2.0), np.arange(2.0), 0.0)
     with pytest.raises(InputError, match="not finite"):
         plastic_events(np.arange(2.0), np.array([1.0, np.nan]), 1.0)
-    with pytest.raises(InputError, match=r"drops of the shape \(2,\); give finite"):
+    with pytest.raises(InputError, match=r"drops have the shape \(2,\)"):
         drop_statistics(np.array([1.0, np.nan]), 1.0)

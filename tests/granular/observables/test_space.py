@@ -120,7 +120,7 @@ def test_area_fraction_by_depth_below_the_piston(make_run: MakeRun) -> None:
 
 def test_packing_functions_refuse_invalid_arguments(make_run: MakeRun) -> None:
     points = np.zeros((2, 2))
-    with pytest.raises(InputError, match="one per grain"):
+    with pytest.raises(InputError, match="one value per grain"):
         area_fraction_profile(points, np.ones(3), 1.0, np.array([0.0, 1.0]))
     with pytest.raises(InputError, match="increasing"):
         area_fraction_profile(points, np.ones(2), 1.0, np.array([1.0, 0.0]))

@@ -144,7 +144,7 @@ def test_colour_scale_is_constant_in_a_movie(short: Trajectory, tmp_path: Path) 
     ("name", "choice", "message"),
     [
         ("bed.avi", {}, "unknown format '.avi'"),
-        ("bed.mp4", {"fps": 0.0}, "fps 0 is not in the range above 0"),
+        ("bed.mp4", {"fps": 0.0}, "fps = 0; a .mp4 movie needs a value above 0"),
         ("bed.gif", {"fps": 60.0}, "up to 50 for .gif"),
         ("bed.mp4", {"fps": float("nan")}, "fps nan"),
         ("bed.mp4", {"speed": 0.0}, "speed 0 is not above 0"),
@@ -186,7 +186,7 @@ def test_grains_between_frames_follow_their_circular_path(circling: Trajectory) 
 
 
 def test_a_warning_is_given_if_frames_are_too_far_apart(circling: Trajectory) -> None:
-    with pytest.warns(UserWarning, match="reduce output.frames for accurate paths"):
+    with pytest.warns(UserWarning, match="reduce the interval output.frames for accurate paths"):
         list(interpolate_bed(circling, [0, 5, 10], np.linspace(0.0, 1.0, 101)))
 
 

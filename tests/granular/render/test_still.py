@@ -236,8 +236,8 @@ def test_equal_pictures_give_equal_files(run: Trajectory, tmp_path: Path, ending
 @pytest.mark.parametrize(
     ("choice", "message"),
     [
-        ({"frame": 90}, "there is no frame 90; the run has 90: give 0 to 89"),
-        ({"frame": -91}, "there is no frame -91"),
+        ({"frame": 90}, "the run has 90 frames, but no frame 90; use 0 to 89"),
+        ({"frame": -91}, "no frame -91"),
         ({"time": 1.0}, "frames from 0 to 0.0445 s"),
         ({"time": float("nan")}, "time nan s is not in the run"),
         ({"colour": "forze"}, "did you mean 'force'"),

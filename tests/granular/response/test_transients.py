@@ -76,7 +76,7 @@ def test_a_slower_sweep_is_closer_to_the_steady_response() -> None:
 
 def test_runs_with_another_drive_are_refused() -> None:
     run = cast("Trajectory", SimpleNamespace(scene=machine({"force": 1.0, "frequency": 3.0}, 0.1)))
-    with pytest.raises(InputError, match="give an impulse"):
+    with pytest.raises(InputError, match="use an excitation of kind 'impulse'"):
         settling_time(run)
     with pytest.raises(InputError, match="no host under a sweep"):
         swept_response(run)
@@ -96,7 +96,7 @@ def test_the_commands_run_and_continue(tmp_path: Path, capsys: pytest.CaptureFix
         one.name for one in (tmp_path / "swept").iterdir()
     }
     struck = ["response", str(file), "--impulse", "--force", "50N", "--quiet", "-o", str(tmp_path / "struck")]
-    with pytest.raises(InputError, match="run longer"):
+    with pytest.raises(InputError, match="simulate a longer time"):
         main([*struck, "--duration", "0.5s"])
     main([*struck, "--duration", "3s", "--json"])
     found = json.loads(capsys.readouterr().out)
